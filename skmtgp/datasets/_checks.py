@@ -247,14 +247,14 @@ def check_loads(loads, n_loads):
 
 def _load_number(load, n_loads):
     known = {f"c{m}": m for m in range(1, n_loads + 1)}
-    if isinstance(load, Integral) and not isinstance(load, bool):
-        load = f"c{load}"
-    if not isinstance(load, str) or load not in known:
+    is_number = isinstance(load, Integral) and not isinstance(load, bool)
+    name = f"c{load}" if is_number else load
+    if not isinstance(name, str) or name not in known:
         raise ValueError(
             f"loads holds {load!r}, which is none of the loads; give whole numbers "
             f"1..{n_loads} or names 'c1'..'c{n_loads}'."
         )
-    return known[load]
+    return known[name]
 
 
 def check_n_per_load(n_per_load, available, subset, hint=""):

@@ -1,0 +1,153 @@
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from skmtgp.datasets import _store as store
+
+
+@pytest.fixture
+def arrays():
+    rng = np.random.default_rng(0)
+    return {"x": rng.normal(size=(5, 3)), "labels": np.arange(4, dtype=np.uint8)}
+
+
+@pytest.fixture
+def path(tmp_path, arrays):
+    store.write(tmp_path / "folder" / "file.npz", arrays)
+    return tmp_path / "folder" / "file.npz"
+
+
+def same(first, second):
+    return first.keys() == second.keys() and all(
+        first[k].dtype == second[k].dtype and np.array_equal(first[k], second[k])
+        for k in first
+    )
+
+
+@pytest.mark.parametrize("compress", [False, True])
+def test_what_is_written_is_read(tmp_path, arrays, compress):
+    store.write(tmp_path / "a.npz", arrays, compress=compress)
+    assert same(store.read(tmp_path / "a.npz"), arrays)
+
+
+def test_writing_is_deterministic(tmp_path, path, arrays):
+    store.write(tmp_path / "again.npz", arrays)
+    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+
+
+def test_the_file_is_an_ordinary_npz_that_others_may_read(path, arrays):
+    with np.load(path) as archive:
+        np.testing.assert_array_equal(archive["x"], arrays["x"])
+    probe = path.with_name("probe")
+    probe.touch()
+    assert path.stat().st_mode == probe.stat().st_mode
+
+
+def test_a_changed_byte_is_noticed_wherever_it_matters(path, arrays):
+    content = path.read_bytes()
+    noticed = 0
+    for position in range(len(content)):
+        damaged = bytearray(content)
+        damaged[position] ^= 0x5A
+        path.write_bytes(damaged)
+        try:
+            # Some bytes, such as a date, mean nothing to the arrays.
+            assert same(store.read(path), arrays)
+        except store.DamagedFileError:
+            noticed += 1
+    assert noticed > 0.5 * len(content)
+
+
+def test_a_short_file_is_noticed(path):
+    content = path.read_bytes()
+    for length in range(0, len(content), 7):
+        path.write_bytes(content[:length])
+        with pytest.raises(store.DamagedFileError, match=r"file.npz"):
+            store.read(path)
+
+
+def test_consistent_zip_with_other_values_is_noticed(path, arrays):
+    with np.load(path) as archive:
+        content = dict(archive)
+    np.savez(path, **content | {"x": arrays["x"] + 1e-15})
+    with pytest.raises(store.DamagedFileError, match="does not have the checksum"):
+        store.read(path)
+    np.savez(path, **arrays)
+    with pytest.raises(store.DamagedFileError, match="does not have the checksum"):
+        store.read(path)
+
+
+def test_a_missing_file_is_no_damaged_one(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        store.read(tmp_path / "none.npz")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, MemoryError])
+def test_an_interruption_leaves_the_old_file_or_none(monkeypatch, path, arrays, error):
+    def broken(file, **_):
+        file.write(b"half of it")
+        raise error("interrupted")
+
+    monkeypatch.setattr(np, "savez", broken)
+    for target in (path, path.with_name("new.npz")):
+        with pytest.raises(error, match="interrupted"):
+            store.write(target, arrays | {"x": np.zeros(2)})
+    assert [file.name for file in path.parent.iterdir()] == ["file.npz"]
+    assert same(store.read(path), arrays)
+
+
+def test_an_interruption_before_the_move_leaves_nothing(monkeypatch, tmp_path, arrays):
+    def broken(*_):
+        raise KeyboardInterrupt("interrupted")
+
+    monkeypatch.setattr(store.os, "replace", broken)
+    with pytest.raises(KeyboardInterrupt, match="interrupted"):
+        store.write(tmp_path / "a.npz", arrays)
+    assert list(tmp_path.iterdir()) == []
+
+
+KILLED = """
+import os, sys
+import numpy as np
+from skmtgp.datasets import _store as store
+def half(file, **_):
+    file.write(b"half of it")
+    file.flush()
+    os._exit(7)
+np.savez = half
+store.write(sys.argv[1], {"x": np.zeros(3)})
+"""
+
+
+def test_a_killed_process_leaves_the_old_file(path, arrays):
+    done = subprocess.run([sys.executable, "-c", KILLED, path], check=False)
+    assert done.returncode == 7
+    assert same(store.read(path), arrays)
+    store.write(path, {"x": np.ones(1)})
+    assert store.read(path)["x"].tolist() == [1.0]
+
+
+WRITER = """
+import sys
+import numpy as np
+from skmtgp.datasets import _store as store
+for _ in range(40):
+    store.write(sys.argv[1], {"x": np.full(20000, float(sys.argv[2]))})
+"""
+
+
+def test_two_writers_and_a_reader_get_along(tmp_path):
+    path = tmp_path / "shared.npz"
+    store.write(path, {"x": np.full(20000, 1.0)})
+    writers = [
+        subprocess.Popen([sys.executable, "-c", WRITER, path, value])
+        for value in ("1", "2")
+    ]
+    seen = set()
+    while any(writer.poll() is None for writer in writers):
+        seen |= set(np.unique(store.read(path)["x"]))
+    assert [writer.returncode for writer in writers] == [0, 0]
+    assert seen == {1.0, 2.0}
+    assert [file.name for file in tmp_path.iterdir()] == ["shared.npz"]

@@ -72,8 +72,8 @@ def make_puma560(
         The centres of the cuboids are uniform between these x, y, z in frame 6,
         m. Default: -0.06 to 0.06, -0.06 to 0.06, 0.05 to 0.15.
     paths : array-like of shape (n_paths, 3)
-        x and z of the centre (m) and the rotation about the vertical through it
-        (deg) of each path p1, p2, ... Default: the paper's four.
+        Centre's x and z (m) and rotation about the vertical through it (deg) of
+        each path p1, p2, ... Default: the paper's four.
     speeds : array-like of shape (n_speeds,), default=(20, 15, 10, 5)
         Seconds in which s1, s2, ... finish a path.
     eight : tuple of (float, float), default=(0.05, 0.10)

@@ -4,8 +4,8 @@ import sys
 import numpy as np
 import pytest
 
-from skmtgp.datasets import _whole, fetch_puma560
 from skmtgp.datasets import _store as store
+from skmtgp.datasets import _whole, fetch_puma560
 
 # Table 1 of the paper: rows are paths, columns are speeds.
 TABLE_1 = [[1, 7, 13, 14], [6, 12, None, 5], [11, 3, 4, 10], [2, 8, 9, 15]]
@@ -164,6 +164,13 @@ def test_the_whole_data_is_kept_and_read_without_pinocchio(monkeypatch, data_hom
     files = list(data_home.iterdir())
     assert len(files) == 1
     assert files[0].stat().st_size < 56e6
+
+
+def test_making_needs_pinocchio_and_says_so(monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    with pytest.raises(ImportError, match=r'pip install "skmtgp\[puma\]"'):
+        fetch_puma560(data_home=tmp_path)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_data_home_is_scikit_learns(monkeypatch, data_home):

@@ -163,6 +163,15 @@ def test_labels_change_the_speed_first():
     assert len(set(labels)) == 16
 
 
+@pytest.mark.parametrize("degrees", [175.0, -175.0])
+def test_a_joint_that_passes_half_a_turn_is_followed(degrees):
+    q = np.tile(np.deg2rad([10.0, 60.0, -150.0, 20.0, -40.0, degrees]), (50, 1))
+    q[:, 5] += 0.3 * np.sin(np.linspace(0, 2 * np.pi, 50))
+    origins, rotations = kinematics.forward_kinematics(q)
+    found = kinematics.inverse_kinematics(origins[:, 6], rotations[:, 6])
+    np.testing.assert_allclose(found, q, atol=1e-12)
+
+
 RANGES = [(-90, 90), (20, 120), (-200, -100), (-80, 80), (-90, -10), (-170, 170)]
 
 

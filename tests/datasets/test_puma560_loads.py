@@ -108,7 +108,7 @@ def test_bad_loads_are_refused(loads, change, message):
 
 
 def test_an_impossible_inertia_is_refused(loads):
+    frame = loads[INERTIAL].copy()
+    frame.loc["c2", "I_zz"] = 1.0
     with pytest.raises(ValueError, match="inertia of c2 is that of no body"):
-        frame = loads[INERTIAL].copy()
-        frame.loc["c2", "I_zz"] = 1.0
         complete_loads(frame)

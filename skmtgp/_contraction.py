@@ -1,0 +1,410 @@
+r"""Kernels in tiles: values, and gradients contracted with a weight matrix.
+
+The gradient of a likelihood needs, for each hyperparameter theta_p of k^x, the number
+:math:`\sum_{ij} W_{ij}\, \partial K_{ij} / \partial \theta_p` only. It is summed here
+tile by tile, so that the n x n x p tensor of scikit-learn's ``eval_gradient`` is never
+built. Kernels that are not known here fall back to that tensor.
+
+A *node* stands for a kernel of the expression. ``node.bind(theta, X)`` is that kernel
+with its hyperparameters set, between the rows of X; ``bound.against(Z)`` is the same
+between the rows of Z and those of X. Both give tiles, ``block(rows, columns) ->
+(values, tape)``, and from the tape of a tile, ``contract(W, tape, rows, columns)`` gives
+one number for each element of theta.
+"""
+
+import numpy as np
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    DotProduct,
+    Exponentiation,
+    Matern,
+    Product,
+    RationalQuadratic,
+    Sum,
+    WhiteKernel,
+)
+
+from skmtgp.kernels import ARDLinear, Columns
+
+
+class Node:
+    """A kernel and the hyperparameters that theta sets.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        scikit-learn's kernel.
+
+    Attributes
+    ----------
+    n_dims : int
+        Length of theta.
+    tileable : bool
+        Whether tiles other than the whole matrix have a gradient.
+    """
+
+    tileable = True
+
+    def __init__(self, kernel):
+        self.kernel = kernel
+        self.n_dims = kernel.n_dims
+        named = [(h, getattr(kernel, h.name)) for h in kernel.hyperparameters]
+        self.free = [h for h, _ in named if not h.fixed]
+        self.fixed = {h.name: np.asarray(value) for h, value in named if h.fixed}
+
+    def values(self, theta):
+        """Hyperparameters by name, the free ones from theta."""
+        values, start = dict(self.fixed), 0
+        for h in self.free:
+            value = np.exp(theta[start : start + h.n_elements])
+            values[h.name] = value if h.n_elements > 1 else value[0]
+            start += h.n_elements
+        return values
+
+    def stack(self, gradients):
+        """The gradient in the order of theta, from one by name."""
+        return np.concatenate(
+            [np.empty(0), *(np.ravel(gradients[h.name]) for h in self.free)]
+        )
+
+
+class ConstantNode(Node):
+    """k = c."""
+
+    def bind(self, theta, X):
+        return BoundConstant(self, **self.values(theta))
+
+
+class BoundConstant:
+    def __init__(self, node, constant_value):
+        self.n_dims, self.c = node.n_dims, float(constant_value)
+
+    def against(self, Z):
+        return self
+
+    def block(self, rows, cols):
+        return self.c, None
+
+    def contract(self, W, tape, rows, cols):
+        return np.full(self.n_dims, self.c * W.sum())
+
+
+class WhiteNode(Node):
+    """k = s for a sample and itself, 0 otherwise."""
+
+    def bind(self, theta, X):
+        return BoundWhite(self, **self.values(theta))
+
+
+class BoundWhite:
+    def __init__(self, node, noise_level):
+        self.n_dims, self.s = node.n_dims, float(noise_level)
+
+    def against(self, Z):
+        return BoundZero()
+
+    def block(self, rows, cols):
+        return (self.s * np.eye(rows.stop - rows.start) if rows == cols else 0.0), None
+
+    def contract(self, W, tape, rows, cols):
+        return np.full(self.n_dims, self.s * np.trace(W) if rows == cols else 0.0)
+
+
+class BoundZero:
+    def block(self, rows, cols):
+        return 0.0, None
+
+
+class LinearNode(Node):
+    """k = b + sum_d w_d x_d x'_d, with one weight or one for each feature."""
+
+    def bind(self, theta, X):
+        return BoundLinear(self, X, X, **self.values(theta))
+
+
+class BoundLinear:
+    def __init__(self, node, X, Y, weights, bias):
+        self.node, self.w, self.b, self.Y = node, weights, bias, Y
+        self.wX = X * weights
+
+    def against(self, Z):
+        return BoundLinear(self.node, Z, self.Y, self.w, self.b)
+
+    def block(self, rows, cols):
+        K = self.wX[rows] @ self.Y[cols].T
+        K += self.b
+        return K, None
+
+    def contract(self, W, tape, rows, cols):
+        per_weight = np.einsum("id,id->d", self.wX[rows], W @ self.Y[cols])
+        return self.node.stack(
+            {
+                "bias": self.b * W.sum(),
+                "weights": per_weight if np.ndim(self.w) else per_weight.sum(),
+            }
+        )
+
+
+class DotProductNode(Node):
+    """k = sigma_0^2 + x . x', scikit-learn's."""
+
+    def bind(self, theta, X):
+        return BoundLinear(self, X, X, 1.0, self.values(theta)["sigma_0"] ** 2)
+
+    def stack(self, gradients):
+        return np.full(self.n_dims, 2.0 * gradients["bias"])  # b = sigma_0^2
+
+
+def _rbf(s):
+    K = np.multiply(s, -0.5, out=s)
+    np.exp(K, out=K)
+    return K, K
+
+
+def _matern12(s):
+    r = np.sqrt(s)
+    K = np.exp(-r)
+    return K, np.divide(K, r, out=np.zeros_like(r), where=r > 0.0)
+
+
+def _matern32(s):
+    r = np.sqrt(3.0 * s)
+    decay = np.exp(-r)
+    return (1.0 + r) * decay, 3.0 * decay
+
+
+def _matern52(s):
+    r = np.sqrt(5.0 * s)
+    decay = np.exp(-r)
+    return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
+
+
+def _rational_quadratic(s, alpha):
+    base = 1.0 + s / (2.0 * alpha)
+    K = base**-alpha
+    return K, K / base
+
+
+_MATERN = {0.5: _matern12, 1.5: _matern32, 2.5: _matern52, np.inf: _rbf}
+
+
+class StationaryNode(Node):
+    """k = g(s), s = sum_d (x_d - x'_d)^2 / l_d^2.
+
+    ``profile(s)`` returns g(s) and -2 g'(s), the factor of (x_d - x'_d)^2 / l_d^2 in
+    the derivative with respect to log l_d; it may overwrite s.
+    """
+
+    def __init__(self, kernel, profile):
+        super().__init__(kernel)
+        self.profile = profile
+
+    def bind(self, theta, X):
+        center = X.mean(axis=0)  # distances between centred rows lose fewer digits
+        return BoundStationary(self, X, None, center, **self.values(theta))
+
+
+class BoundStationary:
+    def __init__(self, node, X, train, center, length_scale, **shape):
+        self.node, self.center, self.l, self.shape = node, center, length_scale, shape
+        self.z = (X - center) / length_scale
+        self.q = np.einsum("id,id->i", self.z, self.z)
+        self.train = self if train is None else train
+
+    def against(self, Z):
+        return BoundStationary(self.node, Z, self, self.center, self.l, **self.shape)
+
+    def block(self, rows, cols):
+        s = (-2.0 * self.z[rows]) @ self.train.z[cols].T
+        s += self.q[rows, None]
+        s += self.train.q[cols]
+        np.maximum(s, 0.0, out=s)
+        if self.train is self and rows == cols:
+            np.fill_diagonal(s, 0.0)
+        K, slope = self.node.profile(s, **self.shape)
+        return K, (K, slope)
+
+    def contract(self, W, tape, rows, cols):
+        K, slope = tape
+        V = W * slope
+        # sum_ij V_ij (z_i - z_j)^2 = z^2' V 1 + 1' V z^2 - 2 z' V z for each feature
+        zi, zj = self.z[rows], self.z[cols]
+        per_scale = np.square(zi).T @ V.sum(axis=1) + np.square(zj).T @ V.sum(axis=0)
+        per_scale -= 2.0 * np.einsum("id,id->d", zi, V @ zj)
+        gradients = {"length_scale": per_scale if np.ndim(self.l) else per_scale.sum()}
+        if "alpha" in self.shape:
+            gradients["alpha"] = self._contract_alpha(W, K, slope)
+        return self.node.stack(gradients)
+
+    def _contract_alpha(self, W, K, slope):
+        """d base^-alpha / d log alpha, base = 1 + s / 2 alpha = K / slope."""
+        alpha, base = self.shape["alpha"], K / slope
+        return alpha * np.vdot(W, K * (1.0 - 1.0 / base - np.log(base)))
+
+
+class ColumnsNode(Node):
+    """A kernel of some of the features."""
+
+    def __init__(self, kernel):
+        self.select, self.inner = kernel.select, compile_kernel(kernel.kernel)
+        self.n_dims, self.tileable = kernel.n_dims, self.inner.tileable
+
+    def bind(self, theta, X):
+        return BoundColumns(self.select, self.inner.bind(theta, self.select(X)))
+
+
+class BoundColumns:
+    def __init__(self, select, inner):
+        self.select, self.inner = select, inner
+        self.block, self.contract = inner.block, inner.contract
+
+    def against(self, Z):
+        return self.inner.against(self.select(Z))
+
+
+class PairNode(Node):
+    """A sum or a product of two kernels."""
+
+    def __init__(self, kernel, bound):
+        self.bound, self.n_dims = bound, kernel.n_dims
+        self.left, self.right = compile_kernel(kernel.k1), compile_kernel(kernel.k2)
+        self.tileable = self.left.tileable and self.right.tileable
+
+    def bind(self, theta, X):
+        n = self.left.n_dims
+        return self.bound(self.left.bind(theta[:n], X), self.right.bind(theta[n:], X))
+
+
+class BoundSum:
+    def __init__(self, left, right):
+        self.left, self.right = left, right
+
+    def against(self, Z):
+        return BoundSum(self.left.against(Z), self.right.against(Z))
+
+    def block(self, rows, cols):
+        left, left_tape = self.left.block(rows, cols)
+        right, right_tape = self.right.block(rows, cols)
+        return left + right, (left_tape, right_tape)
+
+    def contract(self, W, tape, rows, cols):
+        left = self.left.contract(W, tape[0], rows, cols)
+        return np.concatenate([left, self.right.contract(W, tape[1], rows, cols)])
+
+
+class BoundProduct:
+    def __init__(self, left, right):
+        self.left, self.right = left, right
+
+    def against(self, Z):
+        return BoundProduct(self.left.against(Z), self.right.against(Z))
+
+    def block(self, rows, cols):
+        left, left_tape = self.left.block(rows, cols)
+        right, right_tape = self.right.block(rows, cols)
+        return left * right, (left, right, left_tape, right_tape)
+
+    def contract(self, W, tape, rows, cols):
+        left, right, left_tape, right_tape = tape
+        d_left = _contract_factor(self.left, W, left_tape, right, rows, cols)
+        d_right = _contract_factor(self.right, W, right_tape, left, rows, cols)
+        return np.concatenate([d_left, d_right])
+
+
+def _contract_factor(factor, W, tape, other, rows, cols):
+    """Contraction of one factor of a product, `other` being the values of the other."""
+    if np.ndim(other) == 0:  # contractions are linear in W
+        return other * factor.contract(W, tape, rows, cols)
+    if isinstance(factor, BoundConstant):
+        return np.full(factor.n_dims, factor.c * np.vdot(W, other))
+    return factor.contract(W * other, tape, rows, cols)
+
+
+class PowerNode(Node):
+    """A kernel to a fixed power."""
+
+    def __init__(self, kernel):
+        self.exponent, self.inner = kernel.exponent, compile_kernel(kernel.kernel)
+        self.n_dims, self.tileable = kernel.n_dims, self.inner.tileable
+
+    def bind(self, theta, X):
+        return BoundPower(self.inner.bind(theta, X), self.exponent)
+
+
+class BoundPower:
+    def __init__(self, inner, exponent):
+        self.inner, self.exponent = inner, exponent
+
+    def against(self, Z):
+        return BoundPower(self.inner.against(Z), self.exponent)
+
+    def block(self, rows, cols):
+        K, tape = self.inner.block(rows, cols)
+        return K**self.exponent, (K, tape)
+
+    def contract(self, W, tape, rows, cols):
+        K, inner_tape = tape
+        W = self.exponent * W * K ** (self.exponent - 1)
+        return self.inner.contract(W, inner_tape, rows, cols)
+
+
+class UnknownNode(Node):
+    """Any other kernel: its own values and its own gradient, in one tile."""
+
+    tileable = False
+
+    def __init__(self, kernel):
+        self.kernel, self.n_dims = kernel, kernel.n_dims
+
+    def bind(self, theta, X):
+        return BoundUnknown(self.kernel.clone_with_theta(theta), X, None)
+
+
+class BoundUnknown:
+    def __init__(self, kernel, X, Z):
+        self.kernel, self.X, self.Z = kernel, X, Z
+
+    def against(self, Z):
+        return BoundUnknown(self.kernel, self.X, Z)
+
+    def block(self, rows, cols):
+        if self.Z is None:
+            return self.kernel(self.X), None
+        return self.kernel(self.Z[rows], self.X[cols]), None
+
+    def contract(self, W, tape, rows, cols):
+        gradient = self.kernel(self.X, eval_gradient=True)[1]
+        return np.einsum("ij,ijp->p", W, gradient)
+
+
+_NODES = {
+    ARDLinear: LinearNode,
+    Columns: ColumnsNode,
+    ConstantKernel: ConstantNode,
+    DotProduct: DotProductNode,
+    Exponentiation: PowerNode,
+    Product: lambda kernel: PairNode(kernel, BoundProduct),
+    RBF: lambda kernel: StationaryNode(kernel, _rbf),
+    RationalQuadratic: lambda kernel: StationaryNode(kernel, _rational_quadratic),
+    Sum: lambda kernel: PairNode(kernel, BoundSum),
+    WhiteKernel: WhiteNode,
+}
+
+
+def compile_kernel(kernel):
+    """The node of a kernel.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Any kernel of scikit-learn's kind.
+
+    Returns
+    -------
+    node : Node
+        Its fast form, or one that calls the kernel where its type is not known.
+    """
+    if type(kernel) is Matern and kernel.nu in _MATERN:
+        return StationaryNode(kernel, _MATERN[kernel.nu])
+    return _NODES.get(type(kernel), UnknownNode)(kernel)

@@ -1,0 +1,102 @@
+"""Cholesky factorisations, and what happens when they fail."""
+
+import warnings
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+
+
+class NotPositiveDefiniteError(np.linalg.LinAlgError):
+    """A covariance matrix is not positive definite in floating point."""
+
+
+class JitterWarning(RuntimeWarning):
+    """A covariance matrix was factorised only after adding to its diagonal."""
+
+
+class Cholesky:
+    """The factor of K = C C^T and what is computed from it.
+
+    Parameters
+    ----------
+    K : ndarray of shape (n, n), Fortran-ordered
+        Symmetric matrix of which only the lower triangle is read. It is
+        overwritten by the factor.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If K is not finite or not positive definite.
+    """
+
+    def __init__(self, K):
+        self.factor, info = dpotrf(K, lower=1, clean=0, overwrite_a=1)
+        pivots = np.diagonal(self.factor)
+        if info != 0 or not (np.isfinite(pivots).all() and pivots.all()):
+            raise NotPositiveDefiniteError(f"pivot {info} of {len(K)} is not positive")
+
+    def log_det(self):
+        """Log-determinant of K."""
+        return 2.0 * np.log(np.diagonal(self.factor)).sum()
+
+    def solve(self, b):
+        """K^{-1} b."""
+        return dpotrs(self.factor, b, lower=1)[0]
+
+    def half_solve(self, b):
+        """C^{-1} b."""
+        return solve_triangular(self.factor, b, lower=True, check_finite=False)
+
+    def invert(self):
+        """Lower triangle of K^{-1}; it takes the place of the factor."""
+        inverse, self.factor = dpotri(self.factor, lower=1, overwrite_c=1)[0], None
+        return inverse
+
+
+def cholesky_with_jitter(build, *, first=1e-14, last=1e-4):
+    """Factorise ``build()``, adding to its diagonal only if that is needed.
+
+    Parameters
+    ----------
+    build : callable
+        Makes the matrix, of shape (n, n) and Fortran-ordered, anew.
+    first, last : float
+        Smallest and largest addition tried, relative to the mean diagonal.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the largest addition does not help either.
+
+    Warns
+    -----
+    JitterWarning
+        With the amount added.
+    """
+    try:
+        return Cholesky(build())
+    except NotPositiveDefiniteError:
+        pass
+    relative = first
+    while relative <= last:
+        K = build()
+        jitter = relative * np.diagonal(K).mean()
+        K[np.diag_indices_from(K)] += jitter
+        try:
+            cholesky = Cholesky(K)
+        except NotPositiveDefiniteError:
+            relative *= 10.0
+            continue
+        warnings.warn(
+            "The covariance matrix of the training data is not positive definite in "
+            f"floating point; {jitter:.1e} ({relative:.0e} of its mean diagonal) was "
+            "added to its diagonal. A larger noise_variance avoids this.",
+            JitterWarning,
+        )
+        return cholesky
+    raise NotPositiveDefiniteError(
+        f"The covariance matrix of the training data is not positive definite, even "
+        f"with {last:.0e} of its mean added to the diagonal. Check X and y for extreme "
+        "values, or increase noise_variance."
+    )

@@ -1,0 +1,270 @@
+"""Exact inference with the dense n x n covariance matrix."""
+
+import numpy as np
+
+from skmtgp._contraction import compile_kernel
+from skmtgp._linalg import Cholesky, NotPositiveDefiniteError, cholesky_with_jitter
+
+TILE = 288
+FISHER_ROWS = 300
+
+
+class DenseLikelihood:
+    r"""Log marginal likelihood of one output over all tasks, eq. 6.
+
+    .. math::
+        \log p(t | X) = -\tfrac12 t^T K^{-1} t - \tfrac12 \log|K| - \tfrac n2 \log 2\pi,
+        \quad K_{ij} = K^\rho_{m_i m_j} k^x(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
+
+    Parameters
+    ----------
+    kernel : Kernel
+        k^x; only its form matters, theta sets its free hyperparameters.
+    task_covariance : FixedTaskCovariance or LowRank
+        Form of K^rho.
+    X : ndarray of shape (n_samples, n_features)
+        Inputs without the task column, sorted by task.
+    tasks : ndarray of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1, ascending.
+    y : ndarray of shape (n_samples,)
+        Targets, of which the model takes the mean to be zero.
+    n_noise : int, default=1
+        1 for a noise variance shared by the tasks, n_tasks for one each.
+
+    Notes
+    -----
+    theta is the concatenation of the kernel's theta, the parameters of K^rho and the
+    logarithms of the noise variances.
+    """
+
+    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise=1):
+        self.kernel, self.node = kernel, compile_kernel(kernel)
+        self.task_covariance = task_covariance
+        self.X, self.tasks, self.y = X, tasks, y
+        self.n_noise = n_noise
+        self.noise_of_row = tasks if n_noise > 1 else np.zeros_like(tasks)
+        n = len(X)
+        side = TILE if self.node.tileable else n
+        tiles = [slice(a, min(a + side, n)) for a in range(0, n, side)]
+        self.pairs = [(I, J) for i, I in enumerate(tiles) for J in tiles[i:]]
+        self.upper = np.triu(np.ones((min(side, n),) * 2), 1)
+        np.fill_diagonal(self.upper, 0.5)
+
+    def split(self, theta):
+        """Theta's three parts: kernel, K^rho, log noise variances."""
+        return np.split(theta, [self.node.n_dims, len(theta) - self.n_noise])
+
+    def value(self, theta):
+        """Log marginal likelihood; -inf where K cannot be factorised."""
+        try:
+            cholesky = Cholesky(self.covariance(theta))
+        except NotPositiveDefiniteError:
+            return -np.inf
+        return self.log_density(cholesky, cholesky.solve(self.y))
+
+    def value_and_grad(self, theta):
+        """Log marginal likelihood and its gradient; -inf and nan where K fails.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        value : float
+            Log marginal likelihood.
+        gradient : ndarray of shape (n_theta,)
+            Its gradient.
+        """
+        kernel, rho, log_noise = self.split(theta)
+        bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
+        tapes = []
+        K = self._fill(bound, K_rho, np.exp(log_noise), tapes)
+        try:
+            cholesky = Cholesky(K)
+        except NotPositiveDefiniteError:
+            return -np.inf, np.full(len(theta), np.nan)
+        alpha = cholesky.solve(self.y)
+        value = self.log_density(cholesky, alpha)
+        inverse = cholesky.invert().T  # its upper triangle, in C order
+        d_kernel, D = self._contract(bound, K_rho, tapes, alpha, inverse)
+        d_rho = self.task_covariance.pull_back(rho, D)
+        d_noise = 0.5 * (np.square(alpha) - np.diagonal(inverse))
+        d_noise = np.bincount(self.noise_of_row, d_noise, self.n_noise)
+        return value, np.concatenate([d_kernel, d_rho, d_noise * np.exp(log_noise)])
+
+    def fisher_information(self, theta):
+        """Fisher information of theta, from at most FISHER_ROWS of the rows.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        information : ndarray of shape (n_theta, n_theta)
+            1/2 tr(K^{-1} dK_p K^{-1} dK_q), scaled to all rows.
+        """
+        kernel, rho, log_noise = self.split(theta)
+        n = len(self.X)
+        rows = np.linspace(0, n - 1, min(n, FISHER_ROWS)).astype(int)
+        tasks, noise_of_row = self.tasks[rows], self.noise_of_row[rows]
+        kernel = self.kernel.clone_with_theta(kernel)
+        K_x, dK_x = kernel(self.X[rows], eval_gradient=True)
+        between = np.ix_(tasks, tasks)
+        dK_rho = self.task_covariance.derivatives(rho)
+        noise = np.exp(log_noise)
+        d_noise = np.where(noise_of_row == np.arange(self.n_noise)[:, None], 1.0, 0.0)
+        K_rho = self.task_covariance.matrix(rho)[between]
+        derivatives = np.concatenate(
+            [
+                np.moveaxis(dK_x, 2, 0) * K_rho,
+                dK_rho[:, *between] * K_x,
+                np.einsum("pi,ij->pij", d_noise * noise[:, None], np.eye(len(rows))),
+            ]
+        )
+        K = K_x * K_rho + np.diag(noise[noise_of_row])
+        scores = np.linalg.solve(K, derivatives).reshape(len(theta), -1)
+        transposed = scores.reshape(derivatives.shape).swapaxes(1, 2)
+        information = 0.5 * scores @ transposed.reshape(len(theta), -1).T
+        return information * (n / len(rows))
+
+    def posterior(self, theta):
+        """The posterior of f given y.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        posterior : DensePosterior
+            Where the covariance is singular in floating point, a JitterWarning says
+            what was added to it.
+        """
+        return DensePosterior(self, theta)
+
+    def covariance(self, theta):
+        """K: lower triangle of an ndarray of shape (n_samples, n_samples)."""
+        kernel, rho, log_noise = self.split(theta)
+        bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
+        return self._fill(bound, K_rho, np.exp(log_noise))
+
+    def log_density(self, cholesky, alpha):
+        """Log density of y, given the factor of K and alpha = K^{-1} y."""
+        n = len(self.y)
+        return -0.5 * (self.y @ alpha + cholesky.log_det() + n * np.log(2.0 * np.pi))
+
+    def _fill(self, bound, K_rho, noise, tapes=None):
+        """K (lower triangle, Fortran order); `tapes` keeps what the gradient needs."""
+        K = np.empty((len(self.X), len(self.X)))
+        for I, J in self.pairs:
+            K_x, tape = bound.block(I, J)
+            between = K_rho[self.tasks[I]][:, self.tasks[J]]
+            np.multiply(K_x, between, out=K[I, J])
+            if tapes is not None:
+                tapes.append((K_x, tape, between))
+        K[np.diag_indices_from(K)] += noise[self.noise_of_row]
+        return K.T
+
+    def _contract(self, bound, K_rho, tapes, alpha, inverse):
+        """Gradients with respect to the kernel's theta and to K^rho.
+
+        With G = alpha alpha^T - K^{-1}, dL = 1/2 sum_ij G_ij dK_ij, summed over the
+        upper triangle alone with half the diagonal.
+        """
+        d_kernel, D = np.zeros(self.node.n_dims), np.zeros_like(K_rho)
+        for (I, J), (K_x, tape, between) in zip(self.pairs, tapes, strict=True):
+            G = np.multiply.outer(alpha[I], alpha[J])
+            G -= inverse[I, J]
+            if I == J:  # the lower half of this tile is not the inverse's
+                G *= self.upper[: len(G), : len(G)]
+            self._sum_by_task(G * K_x, I, J, D)
+            G *= between
+            d_kernel += bound.contract(G, tape, I, J)
+        return d_kernel, 0.5 * (D + D.T)
+
+    def _sum_by_task(self, H, I, J, out):
+        """Add the block sums of the tile H, rows and columns sorted by task, to out."""
+        rows, first_row = np.unique(self.tasks[I], return_index=True)
+        cols, first_col = np.unique(self.tasks[J], return_index=True)
+        sums = np.add.reduceat(np.add.reduceat(H, first_row, axis=0), first_col, axis=1)
+        out[np.ix_(rows, cols)] += sums
+
+
+class DensePosterior:
+    """Posterior of f at given parameters: the standard GP formulae with eq. 6.
+
+    Parameters
+    ----------
+    likelihood : DenseLikelihood
+        Where the data and the model's form come from.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        k^x at these parameters.
+    K_rho : ndarray of shape (n_tasks, n_tasks)
+        K^rho at these parameters.
+    log_likelihood : float
+        Log marginal likelihood of the targets.
+    """
+
+    def __init__(self, likelihood, theta):
+        kernel, rho, _ = likelihood.split(theta)
+        self.kernel = likelihood.kernel.clone_with_theta(kernel)
+        self.bound = likelihood.node.bind(kernel, likelihood.X)
+        self.K_rho = likelihood.task_covariance.matrix(rho)
+        self.tasks = likelihood.tasks
+        self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
+        alpha = self.cholesky.solve(likelihood.y)
+        self.log_likelihood = likelihood.log_density(self.cholesky, alpha)
+        self.weights = alpha[:, None] * self.K_rho[self.tasks]
+
+    def mean(self, X, tasks):
+        """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
+        present, column = np.unique(tasks, return_inverse=True)
+        return self.mean_of_tasks(X, present)[np.arange(len(X)), column]
+
+    def mean_of_tasks(self, X, tasks):
+        """Mean of f for each row of X and each of the tasks.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        tasks : ndarray of shape (n_tasks,)
+            Tasks.
+
+        Returns
+        -------
+        mean : ndarray of shape (n_samples, n_tasks)
+            f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i.
+        """
+        return self._cross_kernel(X) @ self.weights[:, tasks]
+
+    def variance(self, X, tasks):
+        """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
+        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
+        explained = np.square(self._half(X, tasks)).sum(axis=0)
+        return np.maximum(prior - explained, 0.0)
+
+    def covariance(self, X, tasks):
+        """Covariance of f, of shape (n_samples, n_samples)."""
+        half = self._half(X, tasks)
+        return self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X) - half.T @ half
+
+    def _cross_kernel(self, X):
+        everything = slice(0, len(self.tasks))
+        K_x, _ = self.bound.against(X).block(slice(0, len(X)), everything)
+        return np.broadcast_to(K_x, (len(X), len(self.tasks)))
+
+    def _half(self, X, tasks):
+        """C^{-1} K(X_train, X), where K_train = C C^T."""
+        between = self.K_rho[np.ix_(self.tasks, tasks)]
+        return self.cholesky.half_solve(between * self._cross_kernel(X).T)

@@ -51,8 +51,9 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
         Starting point.
     lower, upper : ndarray of shape (n_parameters,)
         Bounds.
-    metric : ndarray of shape (n_parameters, n_parameters), default=None
-        First guess of the Hessian, positive definite. None is a multiple of I.
+    metric : callable, default=None
+        x -> a first guess of the Hessian at x, positive definite and of shape
+        (n_parameters, n_parameters). None is a multiple of I.
     max_iter : int
         Most iterations.
     tol : float
@@ -71,37 +72,44 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
 
 class _BFGS:
     def __init__(self, fun, x, lower, upper, metric):
-        self.fun, self.lower, self.upper = fun, lower, upper
+        self.fun, self.lower, self.upper, self.metric = fun, lower, upper, metric
         self.n_evaluations = 0
         self.x = np.clip(x, lower, upper)
         self.f, self.g = self._evaluate(self.x)
-        self.B, self.guessed = metric, metric is None
 
     def run(self, max_iter, tol, report):
         n_iter = still = 0
-        converged = max_iter > 0 and np.isfinite(self.f) and not len(self.x)
-        while n_iter < max_iter and np.isfinite(self.f) and not converged:
+        expected_gain = 0.0
+        running = len(self.x) and np.isfinite(self.f)
+        if running and max_iter:
+            self._restart()
+        while running and n_iter < max_iter and still < PATIENCE:
             direction, expected_gain = self._direction()
             step = self._line_search(direction)
-            if step is None:
-                if self.guessed or expected_gain < tol:
-                    converged = expected_gain < tol
-                    break
-                self.B, self.guessed = None, True  # the model of the Hessian is lost
+            if step is None and self.fresh:
+                break
+            if step is None:  # the model of the Hessian is lost
+                self._restart()
                 continue
             n_iter += 1
             gain = self.f - step[1]
             self._update(*step)
             still = still + 1 if max(gain, expected_gain) < tol else 0
-            converged = still >= PATIENCE
             if report is not None:
                 report(n_iter, self.f)
+        converged = bool(np.isfinite(self.f)) and (still > 0 or expected_gain < tol)
         return Optimum(self.x, self.f, n_iter, self.n_evaluations, converged)
 
     def _evaluate(self, x):
         self.n_evaluations += 1
         f, g = self.fun(x)
         return (f, g) if np.isfinite(f) and np.isfinite(g).all() else (np.inf, g)
+
+    def _restart(self):
+        scale = max(np.linalg.norm(self.g), 1e-300)
+        guess = np.eye(len(self.x)) * scale
+        self.B = guess if self.metric is None else self.metric(self.x)
+        self.fresh = True
 
     def _direction(self):
         """Quasi-Newton step of the parameters not held at a bound; its gain."""
@@ -111,15 +119,7 @@ class _BFGS:
         direction = np.zeros_like(x)
         if not free.size:
             return direction, 0.0
-        try:
-            if self.B is None:
-                raise LinAlgError
-            B = cho_factor(self.B[np.ix_(free, free)])
-            direction[free] = -cho_solve(B, g[free])
-        except LinAlgError:
-            norm = np.linalg.norm(g[free])
-            self.B, self.guessed = np.eye(len(x)) * max(norm, 1e-300), True
-            direction[free] = -g[free] / max(norm, 1e-300)
+        direction[free] = -_solve(self.B[np.ix_(free, free)], g[free])
         expected_gain = -0.5 * (g @ direction)
         longest = np.abs(direction).max()
         return direction * min(1.0, LONGEST_STEP / max(longest, 1e-300)), expected_gain
@@ -133,7 +133,7 @@ class _BFGS:
         for _ in range(MAX_LINE_SEARCH):
             x = np.clip(self.x + step * direction, self.lower, self.upper)
             f, g = self._evaluate(x)
-            if not f <= self.f + ARMIJO * (self.g @ (x - self.x)):
+            if not f < self.f + ARMIJO * (self.g @ (x - self.x)):
                 high = step
                 step = low + _shrink(step - low, f_low, slope_low, f)
                 continue
@@ -155,11 +155,26 @@ class _BFGS:
         curvature = s @ y
         if curvature <= 0.0:
             return
-        if self.guessed:
-            self.B, self.guessed = np.eye(len(x)) * (y @ y) / curvature, False
+        if self.fresh and self.metric is None:
+            self.B = np.eye(len(x)) * (y @ y) / curvature
+        self.fresh = False
         Bs = self.B @ s
         if curvature >= 1e-8 * (s @ Bs):
             self.B = self.B + np.outer(y, y) / curvature - np.outer(Bs, Bs) / (s @ Bs)
+
+
+def _solve(B, g):
+    """B^{-1} g, with B made positive definite where rounding has cost it that."""
+    diagonal = np.diagonal(B)
+    scale = np.sqrt(np.maximum(diagonal, max(1e-20 * diagonal.max(), 1e-200)))
+    B = B / scale / scale[:, None]
+    for shift in (0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6):
+        try:
+            factor = cho_factor(B + shift * np.eye(len(B)), check_finite=False)
+        except LinAlgError:
+            continue
+        return cho_solve(factor, g / scale, check_finite=False) / scale
+    return g / scale**2
 
 
 def _shrink(width, f, slope, f_end):

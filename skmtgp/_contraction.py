@@ -8,8 +8,8 @@ built. Kernels that are not known here fall back to that tensor.
 A *node* stands for a kernel of the expression. ``node.bind(theta, X)`` is that kernel
 with its hyperparameters set, between the rows of X; ``bound.against(Z)`` is the same
 between the rows of Z and those of X. Both give tiles, ``block(rows, columns) ->
-(values, tape)``, and from the tape of a tile, ``contract(W, tape, rows, columns)`` gives
-one number for each element of theta.
+(values, tape)``; from a tape, ``contract(W, tape, rows, columns)`` gives one number for
+each element of theta.
 """
 
 import numpy as np
@@ -238,7 +238,7 @@ class BoundStationary:
         return self.node.stack(gradients)
 
     def _contract_alpha(self, W, K, slope):
-        """d base^-alpha / d log alpha, base = 1 + s / 2 alpha = K / slope."""
+        """Derivative of base^-alpha by log alpha; base = 1 + s / 2 alpha."""
         alpha, base = self.shape["alpha"], K / slope
         return alpha * np.vdot(W, K * (1.0 - 1.0 / base - np.log(base)))
 

@@ -286,5 +286,5 @@ def inverse_dynamics_kernel(n_joints):
         raise ValueError(f"n_joints={n_joints!r} must be a positive integer.")
     wide = np.exp([-14.0, 5.0])
     linear = ARDLinear(np.ones(4 * n_joints), 1.0, wide, wide)
-    rbf = RBF(np.full(3 * n_joints, np.exp(1.0)), np.exp([-2.0, 8.0]))
+    rbf = RBF(np.full(3 * n_joints, np.exp(2.0)), np.exp([-2.0, 8.0]))
     return linear + ConstantKernel(1.0, wide) * Columns(rbf, range(3 * n_joints))

@@ -46,7 +46,7 @@ class DenseLikelihood:
         n = len(X)
         side = TILE if self.node.tileable else n
         tiles = [slice(a, min(a + side, n)) for a in range(0, n, side)]
-        self.pairs = [(I, J) for i, I in enumerate(tiles) for J in tiles[i:]]
+        self.pairs = [(a, b) for i, a in enumerate(tiles) for b in tiles[i:]]
         self.upper = np.triu(np.ones((min(side, n),) * 2), 1)
         np.fill_diagonal(self.upper, 0.5)
 
@@ -77,22 +77,16 @@ class DenseLikelihood:
         gradient : ndarray of shape (n_theta,)
             Its gradient.
         """
-        kernel, rho, log_noise = self.split(theta)
-        bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
-        tapes = []
-        K = self._fill(bound, K_rho, np.exp(log_noise), tapes)
         try:
-            cholesky = Cholesky(K)
+            value, d_kernel, D, d_noise = self._differentiate(theta)
         except NotPositiveDefiniteError:
             return -np.inf, np.full(len(theta), np.nan)
-        alpha = cholesky.solve(self.y)
-        value = self.log_density(cholesky, alpha)
-        inverse = cholesky.invert().T  # its upper triangle, in C order
-        d_kernel, D = self._contract(bound, K_rho, tapes, alpha, inverse)
-        d_rho = self.task_covariance.pull_back(rho, D)
-        d_noise = 0.5 * (np.square(alpha) - np.diagonal(inverse))
-        d_noise = np.bincount(self.noise_of_row, d_noise, self.n_noise)
-        return value, np.concatenate([d_kernel, d_rho, d_noise * np.exp(log_noise)])
+        d_rho = self.task_covariance.pull_back(self.split(theta)[1], D)
+        return value, np.concatenate([d_kernel, d_rho, d_noise])
+
+    def task_gradient(self, theta):
+        """Derivative of the value with respect to K^rho, (n_tasks, n_tasks)."""
+        return self._differentiate(theta)[2]
 
     def fisher_information(self, theta):
         """Fisher information of theta, from at most FISHER_ROWS of the rows.
@@ -158,13 +152,27 @@ class DenseLikelihood:
         n = len(self.y)
         return -0.5 * (self.y @ alpha + cholesky.log_det() + n * np.log(2.0 * np.pi))
 
+    def _differentiate(self, theta):
+        """The value and its gradients by kernel theta, K^rho and log noise."""
+        kernel, rho, log_noise = self.split(theta)
+        bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
+        tapes, noise = [], np.exp(log_noise)
+        cholesky = Cholesky(self._fill(bound, K_rho, noise, tapes))
+        alpha = cholesky.solve(self.y)
+        value = self.log_density(cholesky, alpha)
+        inverse = cholesky.invert().T  # its upper triangle, in C order
+        d_kernel, D = self._contract(bound, K_rho, tapes, alpha, inverse)
+        d_row = 0.5 * (np.square(alpha) - np.diagonal(inverse))
+        d_noise = noise * np.bincount(self.noise_of_row, d_row, self.n_noise)
+        return value, d_kernel, D, d_noise
+
     def _fill(self, bound, K_rho, noise, tapes=None):
         """K (lower triangle, Fortran order); `tapes` keeps what the gradient needs."""
         K = np.empty((len(self.X), len(self.X)))
-        for I, J in self.pairs:
-            K_x, tape = bound.block(I, J)
-            between = K_rho[self.tasks[I]][:, self.tasks[J]]
-            np.multiply(K_x, between, out=K[I, J])
+        for rows, cols in self.pairs:
+            K_x, tape = bound.block(rows, cols)
+            between = K_rho[self.tasks[rows]][:, self.tasks[cols]]
+            np.multiply(K_x, between, out=K[rows, cols])
             if tapes is not None:
                 tapes.append((K_x, tape, between))
         K[np.diag_indices_from(K)] += noise[self.noise_of_row]
@@ -177,22 +185,22 @@ class DenseLikelihood:
         upper triangle alone with half the diagonal.
         """
         d_kernel, D = np.zeros(self.node.n_dims), np.zeros_like(K_rho)
-        for (I, J), (K_x, tape, between) in zip(self.pairs, tapes, strict=True):
-            G = np.multiply.outer(alpha[I], alpha[J])
-            G -= inverse[I, J]
-            if I == J:  # the lower half of this tile is not the inverse's
+        for (rows, cols), (K_x, tape, between) in zip(self.pairs, tapes, strict=True):
+            G = np.multiply.outer(alpha[rows], alpha[cols])
+            G -= inverse[rows, cols]
+            if rows == cols:  # the lower half of this tile is not the inverse's
                 G *= self.upper[: len(G), : len(G)]
-            self._sum_by_task(G * K_x, I, J, D)
+            self._sum_by_task(G * K_x, rows, cols, D)
             G *= between
-            d_kernel += bound.contract(G, tape, I, J)
+            d_kernel += bound.contract(G, tape, rows, cols)
         return d_kernel, 0.5 * (D + D.T)
 
-    def _sum_by_task(self, H, I, J, out):
-        """Add the block sums of the tile H, rows and columns sorted by task, to out."""
-        rows, first_row = np.unique(self.tasks[I], return_index=True)
-        cols, first_col = np.unique(self.tasks[J], return_index=True)
+    def _sum_by_task(self, H, rows, cols, out):
+        """Add the block sums of the tile H, sorted by task, to out."""
+        above, first_row = np.unique(self.tasks[rows], return_index=True)
+        left, first_col = np.unique(self.tasks[cols], return_index=True)
         sums = np.add.reduceat(np.add.reduceat(H, first_row, axis=0), first_col, axis=1)
-        out[np.ix_(rows, cols)] += sums
+        out[np.ix_(above, left)] += sums
 
 
 class DensePosterior:

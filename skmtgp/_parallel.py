@@ -1,0 +1,43 @@
+"""Independent pieces of work, one after another or side by side."""
+
+import contextlib
+
+from sklearn.utils.parallel import Parallel, delayed
+from threadpoolctl import threadpool_limits
+
+SMALL = 600
+
+
+def run(function, jobs, *, n_jobs=None, report=None):
+    """``[function(*job) for job in jobs]``, on `n_jobs` processes.
+
+    Parameters
+    ----------
+    function : callable
+        What to do; can be pickled.
+    jobs : sequence of tuple
+        Its arguments.
+    n_jobs : int, default=None
+        As in scikit-learn: None is 1 unless in a ``joblib.parallel_config`` context.
+    report : callable, default=None
+        Called with a job's position and its result, in the order of the jobs, as soon
+        as they are there.
+
+    Returns
+    -------
+    results : list
+        In the order of the jobs.
+    """
+    tasks = (delayed(function)(*job) for job in jobs)
+    if report is None:
+        return Parallel(n_jobs=n_jobs)(tasks)
+    results = []
+    for result in Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
+        report(len(results), result)
+        results.append(result)
+    return results
+
+
+def limit_threads(n_samples):
+    """Context in which small matrices are not spread over threads, which slows them."""
+    return threadpool_limits(1) if n_samples < SMALL else contextlib.nullcontext()

@@ -1,0 +1,238 @@
+"""The task column: found, cut from the features, checked and encoded."""
+
+import numbers
+
+import numpy as np
+import pandas as pd
+
+EXACT = 2.0**53  # the integers up to here are exact in float64
+
+
+def locate_task_column(task_feature, n_features, feature_names=None):
+    """Position of the task column.
+
+    Parameters
+    ----------
+    task_feature : int or str
+        Position, negative ones from the right, or name of the column.
+    n_features : int
+        Number of columns, the task column counted.
+    feature_names : sequence of str, default=None
+        Names of the columns, if they have any.
+
+    Returns
+    -------
+    position : int
+        0 to n_features - 1.
+
+    Raises
+    ------
+    TypeError
+        If `task_feature` is neither an int nor a str.
+    ValueError
+        If there is no such column.
+    """
+    if isinstance(task_feature, str):
+        if feature_names is None:
+            raise ValueError(
+                f"task_feature={task_feature!r} names a column, but X has no column "
+                "names. Pass a DataFrame, or the position of the column."
+            )
+        names = list(feature_names)
+        if task_feature not in names:
+            raise ValueError(f"task_feature={task_feature!r} is not a column: {names}.")
+        return names.index(task_feature)
+    if isinstance(task_feature, (bool, np.bool_)) or not isinstance(
+        task_feature, numbers.Integral
+    ):
+        raise TypeError(
+            f"task_feature={task_feature!r} must be the position (int) or the name "
+            f"(str) of the task column, not {type(task_feature).__name__}."
+        )
+    if not -n_features <= task_feature < n_features:
+        raise ValueError(
+            f"task_feature={task_feature} is out of range: X has {n_features} columns."
+        )
+    return int(task_feature) % n_features
+
+
+def split_tasks(original, checked, position):
+    """Cut the task column from the features.
+
+    Parameters
+    ----------
+    original : array-like of shape (n_samples, n_features)
+        X as the user passed it; a frame's labels keep their type.
+    checked : ndarray of shape (n_samples, n_features)
+        X after scikit-learn's validation.
+    position : int
+        Position of the task column.
+
+    Returns
+    -------
+    features : ndarray of shape (n_samples, n_features - 1)
+        The other columns.
+    labels : ndarray of shape (n_samples,)
+        The task of each row; int, str or bool.
+
+    Raises
+    ------
+    ValueError
+        If a label is missing or is a number that is not an integer.
+    """
+    column = original.iloc[:, position] if isinstance(original, pd.DataFrame) else None
+    labels = checked[:, position] if column is None else column
+    return np.delete(checked, position, axis=1), check_labels(labels)
+
+
+def task_labels(X, task_feature=-1):
+    """The task of each row of X.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, n_features)
+        Data as the user has them.
+    task_feature : int or str, default=-1
+        Position or name of the task column.
+
+    Returns
+    -------
+    labels : ndarray of shape (n_samples,)
+        Int, str or bool.
+
+    Raises
+    ------
+    ValueError
+        If X is not two-dimensional, has no such column, or a label is missing or is a
+        number that is not an integer.
+    """
+    if isinstance(X, pd.DataFrame):
+        position = locate_task_column(task_feature, X.shape[1], X.columns)
+        return check_labels(X.iloc[:, position])
+    X = X if hasattr(X, "dtype") else np.asarray(X, dtype=object)
+    if X.ndim != 2:
+        raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")
+    return check_labels(X[:, locate_task_column(task_feature, X.shape[1])])
+
+
+def check_labels(labels):
+    """Task labels as an array without missing ones.
+
+    Parameters
+    ----------
+    labels : array-like of shape (n_samples,)
+        Integers, strings or bools; floats that are integers.
+
+    Returns
+    -------
+    labels : ndarray of shape (n_samples,)
+        Int, str or bool.
+
+    Raises
+    ------
+    ValueError
+        If a label is missing, is a number that is not an integer, is of another type,
+        or if the types are mixed.
+    """
+    labels = _flatten(labels)
+    missing = pd.isna(labels)
+    if np.any(missing):
+        first = int(np.flatnonzero(missing)[0])
+        raise ValueError(
+            f"The task column has {int(np.sum(missing))} missing labels (NaN, None or "
+            f"NA), the first in row {first}. Every row needs its task."
+        )
+    if labels.dtype.kind in "OT":
+        labels = _unify(labels)
+    if labels.dtype.kind == "f":
+        return _as_integers(labels)
+    if labels.dtype.kind not in "iubU":
+        raise ValueError(
+            f"Task labels must be integers or strings, not {labels.dtype}. Does "
+            "task_feature name the task column?"
+        )
+    return labels
+
+
+def _flatten(labels):
+    kept = hasattr(labels, "dtype")  # a list ["a", NaN] would become strings
+    labels = np.asarray(labels, dtype=None if kept else object)
+    if labels.ndim != 1:
+        raise ValueError(
+            f"Task labels must be one-dimensional, but have shape {labels.shape}."
+        )
+    return labels
+
+
+def _unify(labels):
+    """An object array of labels of one type, as an array of that type."""
+    if all(isinstance(label, str) for label in labels):
+        return np.array(labels.tolist(), dtype=str)
+    if all(isinstance(label, (bool, np.bool_)) for label in labels):
+        return labels.astype(bool)
+    if all(isinstance(label, numbers.Integral) for label in labels):
+        return labels.astype(np.int64)
+    if all(isinstance(label, numbers.Real) for label in labels):
+        return labels.astype(np.float64)
+    kinds = sorted({type(label).__name__ for label in labels})
+    raise ValueError(
+        f"Task labels must all be integers or all be strings, not a mixture: {kinds}."
+    )
+
+
+def _as_integers(labels):
+    """Labels that came as floats, as integers."""
+    inexact = ~(np.abs(labels) <= EXACT)
+    if inexact.any():
+        raise ValueError(
+            "Task labels that are floats must lie within 2**53, where integers are "
+            f"exact, but {inexact.sum()} of {len(labels)} do not, such as "
+            f"{labels[inexact][0]!s}. Pass them as integers or as strings."
+        )
+    fractional = np.mod(labels, 1.0) != 0.0
+    if fractional.any():
+        raise ValueError(
+            f"Task labels must be integers or strings, but {fractional.sum()} of "
+            f"{len(labels)} are fractional numbers such as {labels[fractional][0]!s}. "
+            "Does task_feature name the task column? A ColumnTransformer moves it: set "
+            "remainder='passthrough', and task_feature to where it ends up."
+        )
+    return labels.astype(np.int64)
+
+
+def encode_tasks(labels, tasks):
+    """Index in `tasks` of each label.
+
+    Parameters
+    ----------
+    labels : ndarray of shape (n_samples,)
+        Task of each row.
+    tasks : ndarray of shape (n_tasks,)
+        Known tasks, sorted.
+
+    Returns
+    -------
+    codes : ndarray of shape (n_samples,)
+        0 to n_tasks - 1.
+
+    Raises
+    ------
+    ValueError
+        Naming up to five labels that are not known, and those that are.
+    """
+    if (labels.dtype.kind == "U") != (tasks.dtype.kind == "U"):
+        unknown = np.unique(labels)
+    else:
+        unknown = np.setdiff1d(labels, tasks)
+    if unknown.size:
+        known = _enumerate(tasks)
+        raise ValueError(
+            f"Unknown tasks {_enumerate(unknown)}: the model knows {known}. Fit with "
+            "samples of every task, or add new ones with add_task."
+        )
+    return np.searchsorted(tasks, labels)
+
+
+def _enumerate(labels, most=5):
+    listed = ", ".join(repr(label) for label in labels[:most].tolist())
+    return listed + (f", ... ({len(labels)} in all)" if len(labels) > most else "")

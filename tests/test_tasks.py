@@ -1,0 +1,213 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from skmtgp._tasks import (
+    check_labels,
+    encode_tasks,
+    locate_task_column,
+    split_tasks,
+    task_labels,
+)
+
+
+@pytest.mark.parametrize(
+    ("task_feature", "position"),
+    [(0, 0), (2, 2), (-1, 2), (-3, 0), (np.int64(1), 1), ("load", 1)],
+)
+def test_column_is_found(task_feature, position):
+    found = locate_task_column(task_feature, 3, np.array(["a", "load", "b"], object))
+    assert found == position
+    assert type(found) is int
+
+
+@pytest.mark.parametrize("task_feature", [3, -4])
+def test_column_out_of_range(task_feature):
+    with pytest.raises(ValueError, match=f"{task_feature} is out of range: X has 3 co"):
+        locate_task_column(task_feature, 3)
+
+
+@pytest.mark.parametrize(
+    ("task_feature", "kind"),
+    [(True, "bool"), (np.False_, "bool"), (1.0, "float"), (None, "NoneType")],
+)
+def test_column_of_another_type(task_feature, kind):
+    with pytest.raises(TypeError, match=rf"position \(int\) or the name .* not {kind}"):
+        locate_task_column(task_feature, 3)
+
+
+def test_column_name_without_names():
+    with pytest.raises(ValueError, match=r"'load' names a column, .*Pass a DataFrame"):
+        locate_task_column("load", 3)
+
+
+def test_column_name_that_is_not_there():
+    with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
+        locate_task_column("load", 2, ["a", "b"])
+
+
+LABELS = {
+    "int": ([3, 1, 3], "i"),
+    "int8": (np.array([3, 1, 3], np.int8), "i"),
+    "uint8": (np.array([3, 1, 3], np.uint8), "u"),
+    "float": (np.array([3.0, -1.0, 3.0]), "i"),
+    "float32": (np.array([3.0, -1.0, 3.0], np.float32), "i"),
+    "bool": (np.array([True, False, True]), "b"),
+    "str": (["b", "a", "b"], "U"),
+    "fixed-width str": (np.array(["b", "a", "b"]), "U"),
+    "object of int": (np.array([3, 1, 3], object), "i"),
+    "object of float": (np.array([3.0, 1, 3.0], object), "i"),
+    "object of bool": (np.array([True, False, True], object), "b"),
+    "object of NumPy bool": (np.array([np.True_, np.False_, np.True_], object), "b"),
+    "Series": (pd.Series([3, 1, 3]), "i"),
+    "Series of str": (pd.Series(["b", "a", "b"]), "U"),
+    "string": (pd.Series(["b", "a", "b"], dtype="string"), "U"),
+    "category of str": (pd.Series(["b", "a", "b"], dtype="category"), "U"),
+    "category of int": (pd.Series([3, 1, 3], dtype="category"), "i"),
+    "ordered category": (pd.Series(pd.Categorical([3, 1, 3], [3, 1], True)), "i"),
+    "Int64": (pd.Series([3, 1, 3], dtype="Int64"), "i"),
+    "UInt8": (pd.Series([3, 1, 3], dtype="UInt8"), "u"),
+    "Float64": (pd.Series([3, 1, 3], dtype="Float64"), "i"),
+    "boolean": (pd.Series([True, False, True], dtype="boolean"), "b"),
+}
+
+
+@pytest.mark.parametrize(("labels", "kind"), LABELS.values(), ids=LABELS)
+def test_labels_keep_their_type_and_value(labels, kind):
+    found = check_labels(labels)
+    assert type(found) is np.ndarray
+    assert found.dtype.kind in (kind, "i" if kind == "u" else kind)
+    assert found.tolist() == list(labels)
+
+
+@pytest.mark.skipif(not hasattr(np.dtypes, "StringDType"), reason="needs NumPy 2")
+def test_labels_of_numpys_variable_width_strings():
+    found = check_labels(np.array(["b", "a", "b"], np.dtypes.StringDType()))
+    assert found.dtype.kind == "U"
+    assert found.tolist() == ["b", "a", "b"]
+
+
+def test_an_unused_category_is_no_task():
+    labels = pd.Series(pd.Categorical(["a", "b"], ["a", "b", "c"]))
+    assert check_labels(labels).tolist() == ["a", "b"]
+
+
+MISSING = {
+    "NaN": np.array([1.0, np.nan, 2.0]),
+    "None": np.array(["a", None, "b"], object),
+    "NaN in a list of str": ["a", np.nan, "b"],
+    "NaN among str": np.array(["a", np.nan, "b"], object),
+    "NA in Int64": pd.Series([1, pd.NA, 2], dtype="Int64"),
+    "NA in boolean": pd.Series([True, pd.NA, False], dtype="boolean"),
+    "NA in string": pd.Series(["a", pd.NA, "b"], dtype="string"),
+    "missing category": pd.Series(["a", None, "b"], dtype="category"),
+}
+
+
+@pytest.mark.parametrize("labels", MISSING.values(), ids=MISSING)
+def test_missing_labels(labels):
+    with pytest.raises(ValueError, match=r"1 missing labels .* first in row 1"):
+        check_labels(labels)
+
+
+def test_continuous_labels():
+    message = r"2 of 3 are fractional numbers such as 0\.5.*remainder='passthrough'"
+    with pytest.raises(ValueError, match=message):
+        check_labels(np.array([1.0, 0.5, 2.25]))
+
+
+@pytest.mark.parametrize("label", [np.inf, -np.inf, 1e300, 2.0**53 + 2])
+def test_floats_that_are_not_exact_integers(label):
+    with pytest.raises(ValueError, match=r"within 2\*\*53.*1 of 2 do not, such as"):
+        check_labels(np.array([1.0, label]))
+
+
+def test_large_integers_are_kept():
+    labels = np.array([2**60, 2**60 + 1])
+    assert check_labels(labels).tolist() == labels.tolist()
+    assert check_labels(np.array([2.0**53, -(2.0**53)])).tolist() == [2**53, -(2**53)]
+
+
+@pytest.mark.parametrize(
+    ("labels", "kinds"), [([1, "a"], r"\['int', 'str'\]"), ([(1, 2), "a"], "tuple")]
+)
+def test_labels_of_several_types(labels, kinds):
+    mixed = np.empty(2, object)
+    mixed[:] = labels
+    with pytest.raises(ValueError, match=f"not a mixture: .*{kinds}"):
+        check_labels(mixed)
+
+
+@pytest.mark.parametrize("dtype", ["datetime64[D]", "S1", "complex128"])
+def test_labels_of_a_type_that_is_none(dtype):
+    with pytest.raises(ValueError, match=r"integers or strings, not .*task_feature"):
+        check_labels(np.array([1, 2]).astype(dtype))
+
+
+def test_labels_that_are_not_a_column():
+    with pytest.raises(ValueError, match=r"one-dimensional, .* shape \(2, 1\)"):
+        check_labels(np.array([[1], [2]]))
+
+
+def test_split_of_an_array():
+    X = np.array([[0.5, 2.0, 1.5], [0.25, 1.0, 2.5]])
+    features, labels = split_tasks(X, X, 1)
+    np.testing.assert_array_equal(features, X[:, [0, 2]])
+    assert labels.tolist() == [2, 1]
+
+
+@pytest.mark.parametrize("labels", [["b", "a"], [True, False], [2, 1]])
+def test_split_of_a_frame_keeps_the_type(labels):
+    X = pd.DataFrame({"x": [0.5, 0.25], "load": labels})
+    features, found = split_tasks(X, X.to_numpy(), 1)
+    np.testing.assert_array_equal(features, [[0.5], [0.25]])
+    assert found.tolist() == labels
+    assert found.dtype.kind == np.array(labels).dtype.kind
+
+
+FRAME = pd.DataFrame({"load": ["b", "a"], "x": [0.5, 0.25]})
+
+
+@pytest.mark.parametrize(
+    ("X", "task_feature", "expected"),
+    [
+        (FRAME, "load", ["b", "a"]),
+        (FRAME, -2, ["b", "a"]),
+        (FRAME.to_numpy(), 0, ["b", "a"]),
+        (FRAME.to_numpy().tolist(), 0, ["b", "a"]),
+        ([[0.5, 2], [0.25, 1]], -1, [2, 1]),
+        (np.array([[0.5, 2.0], [0.25, 1.0]]), -1, [2, 1]),
+    ],
+)
+def test_labels_of_a_table(X, task_feature, expected):
+    assert task_labels(X, task_feature).tolist() == expected
+
+
+def test_labels_of_a_table_that_is_none():
+    with pytest.raises(ValueError, match="two-dimensional, but has 1 dimensions"):
+        task_labels([1, 2])
+
+
+@pytest.mark.parametrize("tasks", [[1, 3, 5], ["a", "b", "long"], [False, True]])
+def test_codes_are_positions(tasks):
+    tasks = np.array(tasks)
+    codes = np.array([1, 0, 1, len(tasks) - 1])
+    np.testing.assert_array_equal(encode_tasks(tasks[codes], tasks), codes)
+
+
+@pytest.mark.parametrize(
+    ("labels", "message"),
+    [
+        ([1, 4, 9, 4], "Unknown tasks 4, 9: the model knows 1, 2, 3.*add_task"),
+        (["1", "2"], "Unknown tasks '1', '2': the model knows 1, 2, 3"),
+        (range(10, 17), r"10, 11, 12, 13, 14, \.\.\. \(7 in all\): the model knows"),
+    ],
+)
+def test_unknown_tasks(labels, message):
+    with pytest.raises(ValueError, match=message):
+        encode_tasks(np.array(labels), np.array([1, 2, 3]))
+
+
+def test_a_number_is_no_known_string():
+    with pytest.raises(ValueError, match="Unknown tasks 1: the model knows '1', 'a'"):
+        encode_tasks(np.array([1]), np.array(["1", "a"]))

@@ -1,0 +1,274 @@
+"""Metrics of multi-task regression, as the paper reports them."""
+
+from functools import partial
+from numbers import Real
+
+import numpy as np
+from scipy.special import ndtri
+from sklearn.utils import check_array, check_consistent_length, column_or_1d
+
+from ._tasks import check_labels, task_labels
+
+__all__ = [
+    "coverage",
+    "make_normalized_mse_scorer",
+    "mean_standardized_log_loss",
+    "normalized_mean_squared_error",
+]
+
+
+def normalized_mean_squared_error(
+    y_true, y_pred, *, tasks=None, multioutput="uniform_average"
+):
+    r"""Mean squared error over the variance of the targets, averaged over tasks.
+
+    .. math::
+        \mathrm{nMSE} = \frac1M \sum_{m=1}^M
+        \frac{\langle (y - \hat y)^2 \rangle_m}{\mathrm{Var}_m[y]}
+
+    Parameters
+    ----------
+    y_true : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets.
+    y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Predictions.
+    tasks : array-like of shape (n_samples,), default=None
+        Task of each sample. None is one task.
+    multioutput : {"raw_values", "uniform_average"}, default="uniform_average"
+        Whether to return one number for each output or their mean.
+
+    Returns
+    -------
+    nmse : float or ndarray of shape (n_outputs,)
+        0 is perfect, 1 is what the mean of each task's own test targets reaches.
+
+    Raises
+    ------
+    ValueError
+        If the targets of a task are constant, so that nothing can be normalised.
+
+    Notes
+    -----
+    Chai, Williams, Klanke and Vijayakumar (2008), section 6: "dividing the MSE by the
+    variance of the test data. The nMSEs are then averaged over the 15 contexts".
+
+    Examples
+    --------
+    >>> from skmtgp.metrics import normalized_mean_squared_error
+    >>> normalized_mean_squared_error([0.0, 2.0, 10.0, 30.0], [0.0, 1.0, 10.0, 30.0],
+    ...                               tasks=["a", "a", "b", "b"])
+    0.25
+    """
+    y_true, y_pred, masks = _check(y_true, y_pred, tasks)
+    per_task = []
+    for task, mask in masks.items():
+        variance = y_true[mask].var(axis=0)
+        if _constant(y_true[mask]).any():
+            raise ValueError(
+                f"The targets of task {task!r} are constant, so their errors cannot be "
+                "normalised by their variance. Leave that task out."
+            )
+        per_task.append(np.square(y_true - y_pred)[mask].mean(axis=0) / variance)
+    return _average(np.mean(per_task, axis=0), multioutput)
+
+
+def mean_standardized_log_loss(
+    y_true, y_pred, y_std, *, y_train, tasks=None, multioutput="uniform_average"
+):
+    r"""Negative log predictive density, less that of a trivial model.
+
+    .. math::
+        \tfrac12 \log 2 \pi s^2 + \frac{(y - \hat y)^2}{2 s^2}
+
+    for a sample with predictive standard deviation s, less the same with the mean and
+    the standard deviation of the training targets, averaged within each task and then
+    over tasks.
+
+    Parameters
+    ----------
+    y_true, y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets and predictive means.
+    y_std : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Predictive standard deviations of the targets (noise included), positive.
+    y_train : array-like of shape (n_train,) or (n_train, n_outputs)
+        Training targets, the trivial model.
+    tasks : array-like of shape (n_samples,), default=None
+        Task of each sample. None is one task.
+    multioutput : {"raw_values", "uniform_average"}, default="uniform_average"
+        Whether to return one number for each output or their mean.
+
+    Returns
+    -------
+    msll : float or ndarray of shape (n_outputs,)
+        In nats: 0 is the trivial model, less is better.
+
+    Raises
+    ------
+    ValueError
+        If a standard deviation is not positive, or an output is constant in training.
+
+    Notes
+    -----
+    Rasmussen and Williams (2006), section 2.5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp.metrics import mean_standardized_log_loss
+    >>> y = np.array([-1.0, 1.0])
+    >>> mean_standardized_log_loss(y, [0.0, 0.0], [1.0, 1.0], y_train=y)
+    0.0
+    """
+    y_true, y_pred, masks = _check(y_true, y_pred, tasks)
+    y_std = _check_std(y_std, y_true)
+    y_train = _columns(y_train, "y_train")
+    _check_outputs(y_true, y_train, "y_train")
+    if _constant(y_train).any():
+        raise ValueError("y_train is constant, so there is no trivial model.")
+    trivial = _log_loss(y_true, y_train.mean(axis=0), y_train.std(axis=0))
+    loss = _log_loss(y_true, y_pred, y_std) - trivial
+    per_task = [loss[mask].mean(axis=0) for mask in masks.values()]
+    return _average(np.mean(per_task, axis=0), multioutput)
+
+
+def coverage(
+    y_true, y_pred, y_std, *, level=0.95, tasks=None, multioutput="uniform_average"
+):
+    r"""Share of the targets inside the central interval of the predictive normal.
+
+    .. math::
+        \frac1M \sum_{m=1}^M \bigl\langle \,
+        |y - \hat y| \le s\, \Phi^{-1}\bigl(\tfrac{1 + p}{2}\bigr)
+        \,\bigr\rangle_m
+
+    for a level p and predictive standard deviations s.
+
+    Parameters
+    ----------
+    y_true, y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets and predictive means.
+    y_std : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Predictive standard deviations of the targets (noise included), positive.
+    level : float, default=0.95
+        Probability p of the interval, between 0 and 1.
+    tasks : array-like of shape (n_samples,), default=None
+        Task of each sample. None is one task.
+    multioutput : {"raw_values", "uniform_average"}, default="uniform_average"
+        Whether to return one number for each output or their mean.
+
+    Returns
+    -------
+    share : float or ndarray of shape (n_outputs,)
+        0 to 1, averaged within each task and then over tasks. About `level` where the
+        model knows its errors, less where it is overconfident.
+
+    Raises
+    ------
+    ValueError
+        If `level` is not between 0 and 1 or a standard deviation is not positive.
+
+    Examples
+    --------
+    >>> from skmtgp.metrics import coverage
+    >>> coverage([0.0, 1.0, 3.0, 0.5], [0.0] * 4, [1.0] * 4)
+    0.75
+    """
+    if not isinstance(level, Real) or not 0.0 < level < 1.0:
+        raise ValueError(f"level={level!r} must be a number between 0 and 1.")
+    y_true, y_pred, masks = _check(y_true, y_pred, tasks)
+    y_std = _check_std(y_std, y_true)
+    inside = np.abs(y_true - y_pred) <= y_std * ndtri(0.5 + 0.5 * level)
+    per_task = [inside[mask].mean(axis=0) for mask in masks.values()]
+    return _average(np.mean(per_task, axis=0), multioutput)
+
+
+def make_normalized_mse_scorer(task_feature=-1):
+    """Scorer for model selection: minus the nMSE, averaged over tasks and outputs.
+
+    Parameters
+    ----------
+    task_feature : int or str, default=-1
+        Position or name of the task column of X.
+
+    Returns
+    -------
+    scorer : callable
+        ``scorer(estimator, X, y)`` returns minus
+        :func:`normalized_mean_squared_error` of ``estimator.predict(X)``, so that
+        greater is better and 0 is perfect. Pass it as `scoring`.
+
+    Notes
+    -----
+    Every task in a test fold must have at least two different targets: split the rows
+    within tasks.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.linear_model import LinearRegression
+    >>> from sklearn.model_selection import cross_val_score
+    >>> from skmtgp.metrics import make_normalized_mse_scorer
+    >>> X = np.column_stack([np.arange(12.0), np.tile([1, 2], 6)])
+    >>> y = X[:, 0] + X[:, 1]
+    >>> scorer = make_normalized_mse_scorer()
+    >>> scores = cross_val_score(LinearRegression(), X, y, scoring=scorer, cv=3)
+    >>> bool(np.all(scores > -1e-12))
+    True
+    """
+    return partial(_minus_nmse, task_feature=task_feature)
+
+
+def _minus_nmse(estimator, X, y, *, task_feature):
+    tasks = task_labels(X, task_feature)
+    return -normalized_mean_squared_error(y, estimator.predict(X), tasks=tasks)
+
+
+def _log_loss(y, mean, std):
+    return 0.5 * np.square((y - mean) / std) + np.log(std) + 0.5 * np.log(2.0 * np.pi)
+
+
+def _columns(y, name):
+    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name=name)
+    return y[:, None] if y.ndim == 1 else y
+
+
+def _constant(y):
+    return y.min(axis=0) == y.max(axis=0)  # a variance would hold rounding errors
+
+
+def _check_outputs(y_true, other, name):
+    if y_true.shape[1] != other.shape[1]:
+        raise ValueError(
+            f"y_true has {y_true.shape[1]} outputs and {name} has {other.shape[1]}."
+        )
+
+
+def _check_std(y_std, y_true):
+    y_std = _columns(y_std, "y_std")
+    check_consistent_length(y_true, y_std)
+    _check_outputs(y_true, y_std, "y_std")
+    if not (y_std > 0.0).all():
+        raise ValueError(f"y_std must be positive; its minimum is {y_std.min()!s}.")
+    return y_std
+
+
+def _check(y_true, y_pred, tasks):
+    """Targets and predictions as columns, and the rows of each task."""
+    y_true, y_pred = _columns(y_true, "y_true"), _columns(y_pred, "y_pred")
+    check_consistent_length(y_true, y_pred)
+    _check_outputs(y_true, y_pred, "y_pred")
+    if tasks is None:
+        return y_true, y_pred, {"all": slice(None)}
+    tasks = check_labels(column_or_1d(tasks))
+    check_consistent_length(y_true, tasks)
+    return y_true, y_pred, {task: tasks == task for task in np.unique(tasks).tolist()}
+
+
+def _average(per_output, multioutput):
+    if multioutput == "raw_values":
+        return per_output
+    if multioutput == "uniform_average":
+        return float(per_output.mean())
+    raise ValueError(
+        f"multioutput={multioutput!r} must be 'raw_values' or 'uniform_average'."
+    )

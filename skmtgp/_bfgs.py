@@ -79,8 +79,8 @@ class _BFGS:
 
     def run(self, max_iter, tol, report):
         n_iter = still = 0
-        expected_gain = 0.0
-        running = len(self.x) and np.isfinite(self.f)
+        running = bool(len(self.x) and np.isfinite(self.f))
+        expected_gain = np.inf if running else 0.0
         if running and max_iter:
             self._restart()
         while running and n_iter < max_iter and still < PATIENCE:
@@ -113,16 +113,26 @@ class _BFGS:
 
     def _direction(self):
         """Quasi-Newton step of the parameters not held at a bound; its gain."""
-        x, g = self.x, self.g
-        held = ((x <= self.lower) & (g > 0.0)) | ((x >= self.upper) & (g < 0.0))
-        free = np.flatnonzero(~held)
-        direction = np.zeros_like(x)
-        if not free.size:
-            return direction, 0.0
-        direction[free] = -_solve(self.B[np.ix_(free, free)], g[free])
-        expected_gain = -0.5 * (g @ direction)
+        held = self._outward(-self.g)
+        direction = self._newton_step(held)
+        while (leaving := self._outward(direction)).any():  # led there by the others
+            held |= leaving
+            direction = self._newton_step(held)
+        expected_gain = -0.5 * (self.g @ direction)
         longest = np.abs(direction).max()
         return direction * min(1.0, LONGEST_STEP / max(longest, 1e-300)), expected_gain
+
+    def _outward(self, step):
+        """Whether a step takes a parameter that is at a bound beyond it."""
+        below, above = self.x <= self.lower, self.x >= self.upper
+        return (below & (step < 0.0)) | (above & (step > 0.0))
+
+    def _newton_step(self, held):
+        free = np.flatnonzero(~held)
+        step = np.zeros_like(self.x)
+        if free.size:
+            step[free] = -_solve(self.B[np.ix_(free, free)], self.g[free])
+        return step
 
     def _line_search(self, direction):
         """A point of sufficient decrease (Armijo) and, if it can be, curvature."""
@@ -133,7 +143,8 @@ class _BFGS:
         for _ in range(MAX_LINE_SEARCH):
             x = np.clip(self.x + step * direction, self.lower, self.upper)
             f, g = self._evaluate(x)
-            if not f < self.f + ARMIJO * (self.g @ (x - self.x)):
+            # clipping can turn a descent direction into one of ascent
+            if not f < self.f + ARMIJO * min(self.g @ (x - self.x), 0.0):
                 high = step
                 step = low + _shrink(step - low, f_low, slope_low, f)
                 continue

@@ -239,7 +239,8 @@ class BoundStationary:
 
     def _contract_alpha(self, W, K, slope):
         """Derivative of base^-alpha by log alpha; base = 1 + s / 2 alpha."""
-        alpha, base = self.shape["alpha"], K / slope
+        alpha = self.shape["alpha"]
+        base = np.divide(K, slope, out=np.ones_like(K), where=slope > 0.0)
         return alpha * np.vdot(W, K * (1.0 - 1.0 / base - np.log(base)))
 
 

@@ -102,7 +102,7 @@ class ARDLinear(Kernel):
             slices.append(np.full((len(X), len(X), 1), float(self.bias)))
         if not self.hyperparameter_weights.fixed:
             terms = X[:, None, :] * X[None, :, :] * np.asarray(self.weights)
-            ard = np.iterable(self.weights)
+            ard = self.hyperparameter_weights.n_elements > 1
             slices.append(terms if ard else terms.sum(axis=2, keepdims=True))
         return np.concatenate([np.empty((len(X), len(X), 0)), *slices], axis=2)
 

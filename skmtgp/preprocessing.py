@@ -10,7 +10,7 @@ from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted, validate_data
 
 from ._sklearn_compat import check_feature_names_in, wants_pandas
-from ._tasks import EXACT, locate_task_column, split_tasks
+from ._tasks import EXACT, check_labels, locate_task_column
 
 __all__ = ["InverseDynamicsFeatures"]
 
@@ -98,13 +98,13 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             If X does not have 3 J + 1 columns or no column `task_feature`, if a number
             is missing or infinite, or if a task label is missing or fractional.
         """
-        checked = self._validate(X, reset=True)
+        table = self._validate(X, reset=True)
         n_features = self.n_features_in_
         self._task_position = locate_task_column(
             self.task_feature, n_features, getattr(self, "feature_names_in_", None)
         )
         self.n_joints_ = self._count_joints(n_features)
-        scaler = StandardScaler().fit(self._split(X, checked)[0])
+        scaler = StandardScaler().fit(self._split(table)[0])
         self.mean_, self.scale_ = scaler.mean_, scaler.scale_
         return self
 
@@ -129,7 +129,7 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             If X has other columns than in `fit`, or as for `fit`.
         """
         check_is_fitted(self)
-        states, labels = self._split(X, self._validate(X, reset=False))
+        states, labels = self._split(self._validate(X, reset=False))
         velocities = states[:, self.n_joints_ : 2 * self.n_joints_]
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))
         features = np.column_stack([(states - self.mean_) / self.scale_, signs])
@@ -165,7 +165,9 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
         return np.array([*states, *signs, names[self._task_position]], dtype=object)
 
     def _validate(self, X, *, reset):
-        # Missing task labels and missing numbers are told apart later, in _split.
+        """X as a table whose states and labels are still to be checked."""
+        if isinstance(X, pd.DataFrame):  # as an array it might lose the labels' type
+            return validate_data(self, X, reset=reset, skip_check_array=True)
         return validate_data(
             self,
             X,
@@ -197,11 +199,13 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             raise ValueError(f"n_joints={self.n_joints} must be at least 1.")
         return self.n_joints
 
-    def _split(self, X, checked):
-        """States and labels, the latter of the type they have in X."""
-        states = np.delete(checked, self._task_position, axis=1)
+    def _split(self, table):
+        """The states, as float64, and the labels, of the type they have in X."""
+        rest = np.delete(np.arange(table.shape[1]), self._task_position)
+        columns = table.iloc if isinstance(table, pd.DataFrame) else table
+        states, labels = columns[:, rest], columns[:, self._task_position]
         states = check_array(states, dtype=np.float64, input_name="X", estimator=self)
-        return states, split_tasks(X, checked, self._task_position)[1]
+        return states, check_labels(labels)
 
     def _to_frame(self, features, labels, X):
         index = None

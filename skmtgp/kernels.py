@@ -215,7 +215,23 @@ class Columns(Kernel):
         return self.kernel(self.select(X), Y, eval_gradient=eval_gradient)
 
     def select(self, X):
-        """The features that the kernel sees, of shape (n_samples, n_columns)."""
+        """Cut the features that the kernel sees.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            All features, without the task column.
+
+        Returns
+        -------
+        selected : ndarray of shape (n_samples, n_columns)
+            Those in `columns`.
+
+        Raises
+        ------
+        ValueError
+            If X has too few features.
+        """
         X = np.atleast_2d(X)
         columns = np.asarray(self.columns)
         if columns.size and columns.max() >= X.shape[1]:

@@ -1,0 +1,59 @@
+# Every target sets up what it needs in .venv, once, and again when pyproject.toml
+# changes. Needed beforehand: make and Python 3.11 or newer (another: PYTHON=python3.12).
+
+PYTHON ?= python3
+WORKERS ?= 2
+PYTESTFLAGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -q
+# Parallel tests share the cores: one thread each for linear algebra.
+ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
+
+unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
+.DEFAULT_GOAL := help
+.PHONY: help demo demo-short test lint clean
+
+help:
+	@echo 'make demo        learn a robot arm under many loads and compare the models'
+	@echo 'make demo-short  the same, smaller'
+	@echo 'make test        run all tests'
+	@echo 'make lint        check style and formatting'
+	@echo 'make clean       remove .venv, caches and build products'
+
+demo: $(VENV)/ready-to-run
+	$(BIN)/python examples/puma560_loads.py
+
+demo-short: $(VENV)/ready-to-run
+	$(BIN)/python examples/puma560_loads.py --short
+
+test: $(VENV)/ready-to-test
+	$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) $(PYTESTFLAGS)
+
+lint: $(VENV)/ready-to-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+# The stamps are written last, so that an interrupted installation is done again.
+$(VENV)/ready-to-run: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	    echo "skmtgp needs Python 3.11 or newer, but $(PYTHON) is:" \
+	        "$$($(PYTHON) --version 2>&1). Try: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; \
+	    exit 1; }
+	@echo 'Installing into $(VENV) (about a minute)'
+	@$(PYTHON) -m venv --clear $(VENV) || { \
+	    echo "$(PYTHON) cannot make a virtual environment." \
+	        "On Debian and Ubuntu: apt install python3-venv" >&2; \
+	    exit 1; }
+	@$(PIP) -e '.[plot]'
+	@touch $@
+
+$(VENV)/ready-to-test: $(VENV)/ready-to-run
+	@echo 'Installing the tools of the tests into $(VENV) (about a minute)'
+	@$(PIP) -e '.[test]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist htmlcov .coverage .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -17,7 +17,7 @@ LAYERS = [
     {"inference"},
     {"learning"},
     {"_base", "multitask", "baselines"},
-    {"model_selection", "preprocessing", "pipelines", "inspection"},
+    {"model_selection", "preprocessing", "pipeline", "inspection"},
     {"__init__"},
 ]
 LEVELS = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -1,0 +1,239 @@
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    CompoundKernel,
+    ConstantKernel,
+    DotProduct,
+    Exponentiation,
+    ExpSineSquared,
+    Matern,
+    PairwiseKernel,
+    RationalQuadratic,
+    WhiteKernel,
+)
+
+from skmtgp._contraction import UnknownNode, compile_kernel
+from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+
+EPS = np.finfo(float).eps
+FIXED = "fixed"
+ARD = (0.7, 1.1, 1.9, 0.9)
+
+
+class TwiceRBF(RBF):
+    """A user's kernel, which only its type tells from an RBF."""
+
+    def __call__(self, X, Y=None, eval_gradient=False):
+        if eval_gradient:
+            K, gradient = super().__call__(X, eval_gradient=True)
+            return 2.0 * K, 2.0 * gradient
+        return 2.0 * super().__call__(X, Y)
+
+
+KNOWN = {
+    "constant": ConstantKernel(1.3),
+    "white": WhiteKernel(0.3),
+    "linear": ARDLinear(0.6, 0.4),
+    "linear, list of one": ARDLinear([0.6], 0.4),
+    "linear ARD": ARDLinear(ARD, 0.4),
+    "linear ARD, fixed bias": ARDLinear(ARD, 0.0, bias_bounds=FIXED),
+    "linear ARD, fixed weights": ARDLinear(ARD, 0.4, weights_bounds=FIXED),
+    "dot product": DotProduct(0.8),
+    "dot product, fixed": DotProduct(0.8, FIXED),
+    "rbf": RBF(1.2),
+    "rbf, list of one": RBF([1.2]),
+    "rbf ARD": RBF(ARD),
+    "rbf ARD, fixed": RBF(ARD, FIXED),
+    "matern 1/2": Matern(1.2, nu=0.5),
+    "matern 1/2 ARD": Matern(ARD, nu=0.5),
+    "matern 3/2": Matern(1.2, nu=1.5),
+    "matern 3/2 ARD": Matern(ARD, nu=1.5),
+    "matern 5/2": Matern(1.2, nu=2.5),
+    "matern 5/2 ARD": Matern(ARD, nu=2.5),
+    "matern inf ARD": Matern(ARD, nu=np.inf),
+    "rational quadratic": RationalQuadratic(1.2, 0.6),
+    "rational quadratic, fixed alpha": RationalQuadratic(1.2, 0.6, alpha_bounds=FIXED),
+    "rational quadratic, fixed scale": RationalQuadratic(1.2, 0.6, FIXED),
+    "power": Exponentiation(RBF(ARD) + ConstantKernel(0.5), 3.0),
+    "power of a constant": ConstantKernel(1.3) ** 2,
+    "sum": RBF(ARD) + DotProduct(0.8),
+    "sum of scalars": ConstantKernel(1.3) + WhiteKernel(0.3),
+    "product": RBF(ARD) * ARDLinear(ARD, 0.4),
+    "constant times": ConstantKernel(1.3) * RBF(1.2),
+    "times constant": RBF(1.2) * ConstantKernel(1.3),
+    "fixed constant times": ConstantKernel(1.3, FIXED) * RBF(1.2),
+    "constants": ConstantKernel(1.3) * ConstantKernel(0.4),
+    "white times": WhiteKernel(0.3) * RBF(1.2),
+    "times white": RBF(1.2) * WhiteKernel(0.3),
+    "constant times white": ConstantKernel(1.3) * WhiteKernel(0.3),
+    "three factors": ConstantKernel(1.3) * RBF(1.2) * Matern(ARD, nu=2.5),
+    "nested": (RBF(1.2) + ConstantKernel(0.3)) * (DotProduct(0.8) + WhiteKernel(0.1)),
+    "columns": Columns(RBF([0.7, 1.9]), [2, 0]),
+    "columns of columns": Columns(Columns(RBF(1.2), [1]) * ARDLinear(), [0, 2, 3]),
+    "columns, fixed": Columns(RBF(0.7, FIXED), [1]),
+    "inverse dynamics": inverse_dynamics_kernel(1),
+}
+UNKNOWN = {
+    "matern 0.9": Matern(1.2, nu=0.9),
+    "sine": Columns(ExpSineSquared(1.2, 2.0), [1]),
+    "sine, fixed": Columns(ExpSineSquared(1.2, 2.0, FIXED), [1]),
+    "pairwise": PairwiseKernel(0.3, metric="rbf"),
+    "user's": TwiceRBF(ARD),
+    "unknown in a sum": ConstantKernel(1.3) * TwiceRBF(1.2) + ARDLinear(ARD),
+    "unknown in a power": TwiceRBF(ARD) ** 2,
+}
+KERNELS = KNOWN | UNKNOWN
+every_kernel = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
+
+
+@pytest.fixture
+def X():
+    return np.random.default_rng(0).standard_normal((9, 4))
+
+
+@pytest.fixture
+def Z():
+    return np.random.default_rng(1).standard_normal((5, 4))
+
+
+def moved(kernel):
+    """Theta away from the kernel's own values, which must not be used."""
+    return kernel.theta + np.linspace(-0.3, 0.4, kernel.n_dims)
+
+
+def tiles(node, n, side=4):
+    side = side if node.tileable else n
+    edges = [slice(a, min(a + side, n)) for a in range(0, n, side)]
+    return [(rows, cols) for rows in edges for cols in edges]
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_tileable_if_known(name):
+    assert compile_kernel(KERNELS[name]).tileable == (name in KNOWN)
+
+
+def test_subclasses_are_unknown():
+    assert isinstance(compile_kernel(TwiceRBF()), UnknownNode)
+    assert isinstance(compile_kernel(CompoundKernel([RBF()])), UnknownNode)
+
+
+@every_kernel
+def test_values(kernel, X):
+    node, theta = compile_kernel(kernel), moved(kernel)
+    bound, K = node.bind(theta, X), np.full((9, 9), np.nan)
+    for rows, cols in tiles(node, 9):
+        K[rows, cols] = bound.block(rows, cols)[0]
+    expected = kernel.clone_with_theta(theta)(X)
+    np.testing.assert_allclose(K, expected, rtol=1e-13, atol=1e-14)
+
+
+@every_kernel
+def test_values_against_other_rows(kernel, X, Z):
+    theta = moved(kernel)
+    against = compile_kernel(kernel).bind(theta, X).against(Z)
+    expected = kernel.clone_with_theta(theta)(Z, X)
+    for rows in (slice(0, 5), slice(1, 4)):
+        K = np.broadcast_to(against.block(rows, slice(2, 9))[0], (len(Z[rows]), 7))
+        np.testing.assert_allclose(K, expected[rows, 2:], rtol=1e-13, atol=1e-14)
+
+
+@every_kernel
+def test_white_noise_is_not_shared_with_equal_rows(kernel, X):
+    theta = moved(kernel)
+    K, _ = compile_kernel(kernel).bind(theta, X).against(X).block(*[slice(0, 9)] * 2)
+    expected = kernel.clone_with_theta(theta)(X, X)
+    atol = 1e-7 if getattr(kernel, "nu", None) == 0.5 else 1e-13  # see below
+    np.testing.assert_allclose(np.broadcast_to(K, (9, 9)), expected, atol=atol)
+
+
+@every_kernel
+@pytest.mark.parametrize("twins", [False, True])
+def test_contraction(kernel, X, twins):
+    if twins:  # tasks that share inputs
+        X[5:8] = X[1:4]
+    node, theta = compile_kernel(kernel), moved(kernel)
+    bound, W = node.bind(theta, X), np.random.default_rng(2).standard_normal((9, 9))
+    total = np.zeros(kernel.n_dims)
+    for rows, cols in tiles(node, 9):
+        tape = bound.block(rows, cols)[1]
+        part = bound.contract(W[rows, cols], tape, rows, cols)
+        assert part.shape == total.shape
+        total += part
+    gradient = kernel.clone_with_theta(theta)(X, eval_gradient=True)[1]
+    expected = np.einsum("ij,ijp->p", W, gradient)
+    atol = 1e-7 if twins and getattr(kernel, "nu", None) == 0.5 else 1e-12
+    np.testing.assert_allclose(total, expected, rtol=1e-11, atol=atol)
+
+
+def test_contraction_leaves_the_weights_alone(X):
+    W = np.random.default_rng(2).standard_normal((9, 9))
+    before, everything = W.copy(), slice(0, 9)
+    for kernel in KERNELS.values():
+        bound = compile_kernel(kernel).bind(kernel.theta, X)
+        tape = bound.block(everything, everything)[1]
+        bound.contract(W, tape, everything, everything)
+        np.testing.assert_array_equal(W, before)
+
+
+@pytest.mark.parametrize("spread", [1e2, 1e4, 1e10])
+def test_far_rows_underflow_quietly(spread):
+    X = spread * np.arange(4.0)[:, None] * np.ones(4)
+    everything = slice(0, 4)
+    for kernel in [RBF(ARD), Matern(ARD, nu=0.5), RationalQuadratic(1.0, 500.0)]:
+        bound = compile_kernel(kernel).bind(kernel.theta, X)
+        K, tape = bound.block(everything, everything)
+        np.testing.assert_allclose(K, kernel(X), rtol=1e-10, atol=1e-40)
+        gradient = bound.contract(np.ones((4, 4)), tape, everything, everything)
+        expected = kernel(X, eval_gradient=True)[1].sum(axis=(0, 1))
+        np.testing.assert_allclose(gradient, expected, rtol=1e-6, atol=1e-40)
+
+
+def rbf_by_differences(X, length_scale):
+    difference = (X[:, None] - X[None]) / length_scale
+    s = np.square(difference)
+    K = np.exp(-0.5 * s.sum(axis=2))
+    return K, K[:, :, None] * s
+
+
+def largest_square(X, length_scale):
+    return np.square((X - X.mean(axis=0)) / length_scale).sum(axis=1).max()
+
+
+rows = st.integers(0, 2**32 - 1).map(
+    lambda seed: np.random.default_rng(seed).standard_normal((8, 3))
+)
+offsets = st.sampled_from([0.0, 1.0, -1e3, 1e6, 1e12])
+scales = st.sampled_from([1e-6, 1e-2, 1.0, 1e5])
+lengths = st.floats(0.05, 20.0)
+
+
+@given(rows, offsets, scales, lengths)
+@settings(max_examples=60, deadline=None)
+def test_distances_are_as_accurate_as_the_spread_allows(X, offset, scale, length):
+    # |k - exact| < 10 eps max |z|^2, z = (x - mean) / l: the offset costs nothing
+    X, length_scale = offset + scale * X, scale * length * np.array([1.0, 2.0, 0.5])
+    bound = compile_kernel(RBF(length_scale)).bind(np.log(length_scale), X)
+    everything = slice(0, 8)
+    K, tape = bound.block(everything, everything)
+    expected, terms = rbf_by_differences(X, length_scale)
+    size = 1.0 + largest_square(X, length_scale)
+    np.testing.assert_allclose(K, expected, rtol=0.0, atol=10.0 * EPS * size)
+    W = np.ones((8, 8))
+    gradient = bound.contract(W, tape, everything, everything)
+    np.testing.assert_allclose(
+        gradient, terms.sum(axis=(0, 1)), rtol=0.0, atol=64.0 * 10.0 * EPS * size
+    )
+
+
+@pytest.mark.parametrize(("nu", "power"), [(0.5, 0.5), (1.5, 1.0), (2.5, 1.0)])
+def test_twins_of_matern(nu, power):
+    # r = sqrt(s): rounding of s by eps |z|^2 shows to its root where nu = 1/2
+    X = np.random.default_rng(0).standard_normal((40, 6))
+    X = np.repeat(X, 2, axis=0)
+    bound = compile_kernel(Matern(0.5, nu=nu)).bind(np.log([0.5]), X)
+    K = bound.block(slice(0, 80), slice(0, 80))[0]
+    accuracy = (4.0 * EPS * largest_square(X, 0.5)) ** power
+    np.testing.assert_allclose(K[::2, 1::2].diagonal(), 1.0, rtol=0.0, atol=accuracy)

@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+
+from skmtgp._linalg import (
+    Cholesky,
+    JitterWarning,
+    NotPositiveDefiniteError,
+    cholesky_with_jitter,
+)
+
+
+@pytest.fixture
+def K():
+    A = np.random.default_rng(0).standard_normal((8, 12))
+    return np.asfortranarray(A @ A.T)
+
+
+@pytest.fixture
+def cholesky(K):
+    lower = np.asfortranarray(np.tril(K) + np.triu(np.full_like(K, np.nan), 1))
+    return Cholesky(lower)  # only the lower triangle is read
+
+
+def test_log_det(K, cholesky):
+    np.testing.assert_allclose(cholesky.log_det(), np.linalg.slogdet(K)[1], rtol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(8,), (8, 1), (8, 3)])
+def test_solve(K, cholesky, shape):
+    b = np.random.default_rng(1).standard_normal(shape)
+    x = cholesky.solve(b)
+    assert x.shape == shape
+    np.testing.assert_allclose(x, np.linalg.solve(K, b), rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize("shape", [(8,), (8, 3)])
+def test_half_solve(K, cholesky, shape):
+    b = np.random.default_rng(1).standard_normal(shape)
+    expected = np.linalg.solve(np.linalg.cholesky(K), b)
+    np.testing.assert_allclose(cholesky.half_solve(b), expected, rtol=1e-12, atol=1e-14)
+
+
+def test_invert(K, cholesky):
+    inverse = np.tril(cholesky.invert())
+    expected = np.tril(np.linalg.inv(K))
+    np.testing.assert_allclose(inverse, expected, rtol=1e-11, atol=1e-13)
+    assert cholesky.factor is None
+
+
+def test_log_det_where_the_determinant_overflows():
+    scale = 1e300
+    cholesky = Cholesky(np.asfortranarray(scale * np.eye(5)))
+    np.testing.assert_allclose(cholesky.log_det(), 5.0 * np.log(scale), rtol=1e-15)
+
+
+BAD = {
+    "singular": [[1.0, 1.0], [1.0, 1.0]],
+    "zero": [[0.0, 0.0], [0.0, 0.0]],
+    "indefinite": [[1.0, 2.0], [2.0, 1.0]],
+    "negative": [[-1.0, 0.0], [0.0, 1.0]],
+    "nan on the diagonal": [[1.0, 0.0], [0.0, np.nan]],
+    "nan beside it": [[1.0, np.nan], [np.nan, 1.0]],
+    "infinite": [[np.inf, 0.0], [0.0, 1.0]],
+    "infinite beside the diagonal": [[1.0, np.inf], [np.inf, 1.0]],
+}
+
+
+@pytest.mark.parametrize("K", BAD.values(), ids=BAD.keys())
+def test_not_positive_definite(K):
+    with pytest.raises(NotPositiveDefiniteError, match="of 2 is not positive"):
+        Cholesky(np.array(K, order="F"))
+
+
+def test_error_is_a_linear_algebra_error():
+    assert issubclass(NotPositiveDefiniteError, np.linalg.LinAlgError)
+
+
+def diagonal(*values):
+    return lambda: np.asfortranarray(np.diag(values))
+
+
+def test_no_jitter_unless_needed(K):
+    cholesky = cholesky_with_jitter(K.copy)  # a warning would be an error
+    assert cholesky.log_det() == Cholesky(K).log_det()
+
+
+def test_jitter_is_reported():
+    message = r"6\.7e-09 \(1e-08 of its mean diagonal\).* larger noise_variance"
+    with pytest.warns(JitterWarning, match=message):
+        cholesky = cholesky_with_jitter(diagonal(1.0, 1.0, -1e-9))
+    jitter = 1e-8 * (2.0 - 1e-9) / 3.0
+    pivots = np.square(np.diagonal(cholesky.factor))
+    expected = [1.0 + jitter, 1.0 + jitter, jitter - 1e-9]
+    np.testing.assert_allclose(pivots, expected, rtol=1e-7)
+
+
+@pytest.mark.parametrize(("relative", "needed"), [("1e-14", 0.0), ("1e-04", 7e-5)])
+def test_smallest_and_largest_jitter(relative, needed):
+    with pytest.warns(JitterWarning, match=rf"\({relative} of"):
+        cholesky_with_jitter(diagonal(1.0, 1.0, 1.0, -needed))
+
+
+@pytest.mark.parametrize("last", [np.nan, -1.0, -1.1e-4])
+def test_jitter_cannot_help(last):
+    with pytest.raises(NotPositiveDefiniteError, match="even with 1e-04 of its mean"):
+        cholesky_with_jitter(diagonal(1.0, 1.0, last))

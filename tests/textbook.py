@@ -1,0 +1,115 @@
+"""Gaussian processes by the book: small, plain and independent of skmtgp.
+
+Rasmussen and Williams (2006), eqs. 2.23 to 2.30, with the covariance of eq. 6. The
+``exact_*`` functions do it again with fifty digits.
+"""
+
+from decimal import Decimal, getcontext
+
+import numpy as np
+
+getcontext().prec = 50
+
+
+def cross_covariance(kernel, K_rho, X, tasks, Z, tasks_of_Z):
+    """cov(f(X), f(Z))."""
+    return K_rho[np.ix_(tasks, tasks_of_Z)] * kernel(X, Z)
+
+
+def prior_covariance(kernel, K_rho, X, tasks):
+    """cov(f(X))."""
+    return K_rho[np.ix_(tasks, tasks)] * kernel(X)
+
+
+def covariance(kernel, K_rho, noise, X, tasks):
+    """cov(y); `noise` is one variance or one for each task."""
+    noise = np.ravel(noise)
+    noise = noise[tasks] if len(noise) > 1 else np.repeat(noise, len(tasks))
+    return prior_covariance(kernel, K_rho, X, tasks) + np.diag(noise)
+
+
+def log_marginal_likelihood(K, y):
+    """log N(y | 0, K)."""
+    sign, log_det = np.linalg.slogdet(K)
+    assert sign > 0
+    return -0.5 * (y @ np.linalg.solve(K, y) + log_det + len(y) * np.log(2.0 * np.pi))
+
+
+def posterior(kernel, K_rho, noise, X, tasks, y, Z, tasks_of_Z):
+    """Mean and covariance of f(Z) given y."""
+    K = covariance(kernel, K_rho, noise, X, tasks)
+    K_star = cross_covariance(kernel, K_rho, X, tasks, Z, tasks_of_Z)
+    prior = prior_covariance(kernel, K_rho, Z, tasks_of_Z)
+    mean = K_star.T @ np.linalg.solve(K, y)
+    return mean, prior - K_star.T @ np.linalg.solve(K, K_star)
+
+
+def low_rank(F, kappa=None):
+    """sum_r F_r F_r^T (+ diag(kappa)), entry by entry."""
+    M, rank = F.shape
+    K = np.zeros((M, M))
+    for m in range(M):
+        for n in range(M):
+            K[m, n] = sum(F[m, r] * F[n, r] for r in range(rank))
+            K[m, n] += kappa[m] if kappa is not None and m == n else 0.0
+    return K
+
+
+def derivative(f, x, step=1e-3):
+    """df / dx_p by central differences of fourth order; f may return an array."""
+
+    def along(e):
+        near = np.asarray(f(x + e)) - np.asarray(f(x - e))
+        far = np.asarray(f(x + 2 * e)) - np.asarray(f(x - 2 * e))
+        return (8.0 * near - far) / (12.0 * step)
+
+    return np.array([along(e) for e in step * np.eye(len(x))])
+
+
+def exact_covariance(K_rho, noise, X, tasks, Z, tasks_of_Z):
+    """Rows of Decimals: K^rho exp(-|x - z|^2 / 2), and noise where Z is X."""
+
+    def k(x, m, z, o):
+        s = sum((Decimal(a) - Decimal(b)) ** 2 for a, b in zip(x, z, strict=True))
+        return Decimal(K_rho[m, o]) * (-s / 2).exp()
+
+    K = [
+        [k(x, m, z, o) for z, o in zip(Z.tolist(), tasks_of_Z, strict=True)]
+        for x, m in zip(X.tolist(), tasks, strict=True)
+    ]
+    for i in range(len(K) if Z is X else 0):
+        K[i][i] += Decimal(noise)
+    return K
+
+
+def exact_solve(K, b):
+    """K^{-1} b and the log-determinant of K, by Gaussian elimination."""
+    K, b = [list(row) for row in K], [Decimal(value) for value in b]
+    n = len(K)
+    for i in range(n):
+        for j in range(i + 1, n):
+            ratio = K[j][i] / K[i][i]
+            K[j] = [u - ratio * v for u, v in zip(K[j], K[i], strict=True)]
+            b[j] -= ratio * b[i]
+    log_det = sum(K[i][i].ln() for i in range(n))
+    for i in reversed(range(n)):
+        b[i] = (b[i] - sum(K[i][j] * b[j] for j in range(i + 1, n))) / K[i][i]
+    return b, log_det
+
+
+def exact_log_marginal_likelihood(K_rho, noise, X, tasks, y):
+    """log N(y | 0, K) with k^x = exp(-|x - x'|^2 / 2)."""
+    K = exact_covariance(K_rho, noise, X, tasks, X, tasks)
+    alpha, log_det = exact_solve(K, y.tolist())
+    fit = sum(Decimal(t) * a for t, a in zip(y.tolist(), alpha, strict=True))
+    return float(-(fit + log_det) / 2) - 0.5 * len(y) * np.log(2.0 * np.pi)
+
+
+def exact_mean(K_rho, noise, X, tasks, y, Z, tasks_of_Z):
+    """Posterior mean of f(Z) with k^x = exp(-|x - x'|^2 / 2)."""
+    K = exact_covariance(K_rho, noise, X, tasks, X, tasks)
+    alpha, _ = exact_solve(K, y.tolist())
+    K_star = exact_covariance(K_rho, noise, Z, tasks_of_Z, X, tasks)
+    return np.array(
+        [float(sum(k * a for k, a in zip(row, alpha, strict=True))) for row in K_star]
+    )

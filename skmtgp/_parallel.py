@@ -38,6 +38,13 @@ def run(function, jobs, *, n_jobs=None, report=None):
     return results
 
 
+def printer(verbose, describe):
+    """A report that prints ``describe(position, result)``, or None if not verbose."""
+    if not verbose:
+        return None
+    return lambda i, result: print(f"[skmtgp] {describe(i, result)}", flush=True)
+
+
 def limit_threads(n_samples):
     """Context in which small matrices are not spread over threads, which slows them."""
     return threadpool_limits(1) if n_samples < SMALL else contextlib.nullcontext()

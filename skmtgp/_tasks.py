@@ -175,6 +175,10 @@ def _unify(labels):
     if all(isinstance(label, numbers.Real) for label in labels):
         return labels.astype(np.float64)
     kinds = sorted({type(label).__name__ for label in labels})
+    if not all(isinstance(label, (str, numbers.Real)) for label in labels):
+        raise TypeError(
+            f"A task label as an argument must be a string or a number, not {kinds}."
+        )
     raise ValueError(
         f"Task labels must all be integers or all be strings, not a mixture: {kinds}."
     )

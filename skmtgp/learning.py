@@ -15,6 +15,7 @@ ends below a lower one, it is learned again from the lower one's mode.
 """
 
 from dataclasses import dataclass
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -22,7 +23,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp import task_covariance
 from skmtgp._bfgs import minimize
-from skmtgp._parallel import limit_threads, run
+from skmtgp._parallel import limit_threads, printer, run
 from skmtgp.inference.dense import DenseLikelihood
 
 RELAXED = 5.0  # standard deviation of the log parameters of k^x in stage 1
@@ -59,6 +60,8 @@ class Settings:
     ----------
     kernel : Kernel
         k^x with the starting values theta_0^x.
+    scale : float
+        Standard deviation of the targets.
     log_noise : ndarray of shape (n_noise,)
         Logarithm of sigma_0^2, shared or for each task.
     log_noise_bounds : pair of floats
@@ -70,6 +73,7 @@ class Settings:
     """
 
     kernel: Kernel
+    scale: float
     log_noise: np.ndarray
     log_noise_bounds: tuple
     max_iter: int
@@ -86,7 +90,7 @@ class Settings:
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
         noise = np.tile(self.log_noise_bounds, (len(self.log_noise), 1))
         kernel = self.kernel.bounds.reshape(-1, 2)
-        return np.concatenate([kernel, form.bounds, noise]).T
+        return np.concatenate([kernel, form.bounds(self.scale), noise]).T
 
 
 class Mode(NamedTuple):
@@ -104,6 +108,8 @@ class Mode(NamedTuple):
         Likelihoods and gradients that it took.
     converged : bool
         Whether it ended by its tolerance.
+    seconds : float
+        Time that was spent on it and on the modes that it was preferred to.
     """
 
     theta: np.ndarray
@@ -111,6 +117,7 @@ class Mode(NamedTuple):
     n_iter: int
     n_evaluations: int
     converged: bool
+    seconds: float
 
 
 def climb(data, settings, form, theta, relaxed=None):
@@ -153,6 +160,7 @@ def climb(data, settings, form, theta, relaxed=None):
         penalty = precision * away
         return 0.5 * (away @ penalty) - value, penalty - gradient
 
+    begin = perf_counter()
     with limit_threads(len(data.X)):
         best = minimize(
             objective,
@@ -165,7 +173,14 @@ def climb(data, settings, form, theta, relaxed=None):
         )
         away = best.x - centre
         value = 0.5 * (precision * away) @ away - best.value
-    return Mode(best.x, value, best.n_iter, best.n_evaluations, best.converged)
+    seconds = perf_counter() - begin
+    return Mode(best.x, value, *best[2:], seconds)
+
+
+def best_of(modes):
+    """The best mode, with the time of all."""
+    best = max(modes, key=lambda mode: mode.value)
+    return best._replace(seconds=sum(mode.seconds for mode in modes))
 
 
 def learn_fixed(data, settings, form):
@@ -229,7 +244,7 @@ def second_stage(data, settings, form, starts):
         rho = form.parameters(start.K_rho)
         theta = np.concatenate([start.kernel_theta, rho, settings.log_noise])
         modes.append(climb(data, settings, form, theta))
-    return max(modes, key=lambda mode: mode.value)
+    return best_of(modes)
 
 
 def perturbed(start, seed):
@@ -265,8 +280,8 @@ def nest(data, settings, forms, modes):
         if modes[k].value < modes[k - 1].value:
             embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], modes[k - 1])
             regrown = climb(data, settings, forms[k], grown)
-            lower = modes[k - 1]._replace(theta=embedded)
-            modes[k] = max(modes[k], regrown, lower, key=lambda mode: mode.value)
+            lower = modes[k - 1]._replace(theta=embedded, seconds=0.0)
+            modes[k] = best_of([modes[k], regrown, lower])
     return modes
 
 
@@ -292,7 +307,7 @@ def _embed(data, settings, forms, mode):
     return with_columns(0.0), max(candidates, key=likelihood.value)
 
 
-def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, report=None):
+def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     """Learn models of several ranks for several outputs.
 
     Parameters
@@ -305,8 +320,8 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, report=None):
         Seeds of additional, perturbed starts.
     n_jobs : int, default=None
         Processes.
-    report : callable, default=None
-        Called with a line of text whenever a piece of work is done.
+    verbose : int, default=0
+        Whether to print a line for each rank and output.
 
     Returns
     -------
@@ -328,11 +343,11 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, report=None):
 
     def describe(i, mode):
         j, k = divmod(i, n)
-        report(
+        return (
             f"output {j + 1} of {len(pairs)}, rank {forms[k].rank}: log marginal "
             f"likelihood {mode.value:.2f} after {mode.n_iter} iterations"
         )
 
-    modes = run(second_stage, jobs, n_jobs=n_jobs, report=report and describe)
+    modes = run(second_stage, jobs, n_jobs=n_jobs, report=printer(verbose, describe))
     jobs = [(*pair, forms, modes[n * j : n * j + n]) for j, pair in enumerate(pairs)]
     return run(nest, jobs, n_jobs=n_jobs)

@@ -7,7 +7,8 @@ inputs or likelihoods.
 
 import numpy as np
 
-KAPPA_BOUNDS = (-25.0, 10.0)
+FACTOR_BOUND = 30.0
+KAPPA_BOUNDS = (1e-11, 1e4)
 
 
 class FixedTaskCovariance:
@@ -20,11 +21,14 @@ class FixedTaskCovariance:
     """
 
     n_parameters = n_free = 0
-    bounds = np.empty((0, 2))
 
     def __init__(self, matrix):
         self._matrix = matrix
         self.n_tasks = len(matrix)
+
+    def bounds(self, scale):
+        """Bounds of the parameters: none."""
+        return np.empty((0, 2))
 
     def matrix(self, parameters):
         """K^rho, of shape (n_tasks, n_tasks)."""
@@ -74,8 +78,6 @@ class LowRank:
     n_free : int
         r (2 M + 1 - r) / 2, the count of an incomplete Cholesky decomposition in
         eq. 8, and M more with the diagonal.
-    bounds : ndarray of shape (n_parameters, 2)
-        None for F.
 
     Notes
     -----
@@ -90,8 +92,23 @@ class LowRank:
         self.n_factor = n_tasks * rank
         self.n_parameters = self.n_factor + n_tasks * diagonal
         self.n_free = rank * (2 * n_tasks + 1 - rank) // 2 + n_tasks * diagonal
-        self.bounds = np.tile([-np.inf, np.inf], (self.n_parameters, 1))
-        self.bounds[self.n_factor :] = KAPPA_BOUNDS
+
+    def bounds(self, scale):
+        """Bounds of the parameters, of shape (n_parameters, 2).
+
+        They are wide, but keep K^rho from growing without end where an amplitude of the
+        kernel can shrink with it, at the cost of the digits of small noise variances.
+
+        Parameters
+        ----------
+        scale : float
+            Standard deviation of the targets.
+        """
+        bounds = np.tile(
+            [-FACTOR_BOUND * scale, FACTOR_BOUND * scale], (self.n_parameters, 1)
+        )
+        bounds[self.n_factor :] = np.log(np.multiply(KAPPA_BOUNDS, scale**2))
+        return bounds
 
     def _split(self, parameters):
         F = parameters[: self.n_factor].reshape(self.n_tasks, self.rank)
@@ -139,11 +156,11 @@ class LowRank:
         if not self.diagonal:
             return F.ravel()
         rest = np.diagonal(K) - np.square(F).sum(axis=1)
-        floor = max(1e-6 * np.trace(K) / len(K), np.exp(KAPPA_BOUNDS[0]))
+        floor = 1e-6 * np.trace(K) / len(K) + np.finfo(float).tiny
         return np.concatenate([F.ravel(), np.log(np.maximum(rest, floor))])
 
-    def grown(self, parameters, rank, columns):
-        """Parameters of the model of a higher rank, with these columns added to F."""
+    def grown(self, parameters, columns):
+        """Parameters of the model of a higher rank: F with these columns added."""
         F, _ = self._split(parameters)
         F = np.hstack([F, columns])
         return np.concatenate([F.ravel(), parameters[self.n_factor :]])

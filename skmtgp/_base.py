@@ -1,0 +1,454 @@
+"""What the estimators share: checking, learning, storing, predicting."""
+
+import contextlib
+import warnings
+from abc import ABCMeta, abstractmethod
+from numbers import Integral, Real
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.gaussian_process.kernels import RBF, Kernel
+from sklearn.utils import check_array, check_random_state
+from sklearn.utils.validation import check_is_fitted, validate_data
+
+from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
+from skmtgp._tasks import encode_tasks, locate_task_column, split_tasks
+from skmtgp.learning import Data, Settings
+
+BLOCK_SIZE = 2**22  # elements of the cross-covariance that predict holds at a time
+
+
+@contextlib.contextmanager
+def unchanged_on_failure(estimator):
+    """Context in which an exception leaves the estimator as it was before."""
+    before = vars(estimator).copy()
+    try:
+        yield
+    except BaseException:
+        vars(estimator).clear()
+        vars(estimator).update(before)
+        raise
+
+
+def check_training(estimator, X, y):
+    """Features without the task column, labels and targets from what the user passed.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Gets n_features_in_ and feature_names_in_; names the task column.
+    X : array-like of shape (n_samples, n_features)
+        Inputs with the task column.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets.
+
+    Returns
+    -------
+    features : ndarray of shape (n_samples, n_features - 1)
+        Numbers.
+    labels : ndarray of shape (n_samples,)
+        Task of each row.
+    y : ndarray of the shape of y
+        Numbers.
+    """
+    checked, y = validate_data(
+        estimator,
+        X,
+        y,
+        dtype=None,
+        multi_output=True,
+        y_numeric=True,
+        ensure_min_features=2,
+    )
+    features, labels = _split(estimator, X, checked)
+    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
+    return features, labels, y
+
+
+def check_test(estimator, X):
+    """Features and positions of the tasks in `tasks_`, from what the user passed."""
+    checked = validate_data(estimator, X, dtype=None, reset=False)
+    features, labels = _split(estimator, X, checked)
+    return features, encode_tasks(labels, estimator.tasks_)
+
+
+def _split(estimator, X, checked):
+    names = getattr(estimator, "feature_names_in_", None)
+    position = locate_task_column(estimator.task_feature, checked.shape[1], names)
+    features, labels = split_tasks(X, checked, position)
+    return check_array(features, dtype=np.float64, input_name="X"), labels
+
+
+def default_kernel(features):
+    """A squared exponential scaled to the features.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_features)
+        Training inputs.
+
+    Returns
+    -------
+    kernel : RBF
+        Length-scales start at the square root of n_features times the standard
+        deviation of their feature, between a hundredth and a thousand times that.
+    """
+    deviation = features.std(axis=0)
+    scale = np.where(deviation > 0.0, deviation, 1.0) * np.sqrt(features.shape[1])
+    return RBF(scale, np.outer(scale, [1e-2, 1e3]))
+
+
+class Training(NamedTuple):
+    """Training data, checked.
+
+    Attributes
+    ----------
+    features : ndarray of shape (n_samples, n_features - 1)
+        X without the task column.
+    codes : ndarray of shape (n_samples,)
+        Position in `tasks` of each row's task.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    Y : ndarray of shape (n_samples, n_outputs)
+        Targets.
+    y_mean, y_scale : ndarray of shape (n_outputs,)
+        Y is taken off this mean and divided by this scale.
+    single_output : bool
+        Whether y was one-dimensional.
+    """
+
+    features: np.ndarray
+    codes: np.ndarray
+    tasks: np.ndarray
+    Y: np.ndarray
+    y_mean: np.ndarray
+    y_scale: np.ndarray
+    single_output: bool
+
+    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, max_iter, tol):
+        """The data and the settings of each output, rows sorted by task."""
+        order = np.argsort(self.codes, kind="stable")
+        X, tasks = self.features[order], self.codes[order]
+        for y in ((self.Y - self.y_mean) / self.y_scale)[order].T:
+            scale = y.std() or 1.0
+            fixed = isinstance(noise_bounds, str)
+            bounds = (noise_variance,) * 2 if fixed else noise_bounds
+            settings = Settings(
+                kernel=kernel,
+                scale=scale,
+                log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
+                log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
+                max_iter=max_iter,
+                tol=tol,
+            )
+            y = np.ascontiguousarray(y)
+            yield Data(X, tasks, y, len(self.tasks)), settings
+
+
+class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
+    """Base of the Gaussian process regressors with a task column."""
+
+    _parameter_constraints = {
+        "kernel": [Kernel, None],
+        "task_feature": [Integral, str],
+        "noise": [StrOptions({"shared", "per_task"})],
+        "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
+        "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
+        "normalize_y": ["boolean"],
+        "inference": [StrOptions({"auto", "dense"})],
+        "max_iter": [Interval(Integral, 0, None, closed="left")],
+        "tol": [Interval(Real, 0.0, None, closed="left")],
+        "n_jobs": [Integral, None],
+        "verbose": ["verbose"],
+    }
+
+    @abstractmethod
+    def _learn(self, training):
+        """The form of K^rho and the mode of each output."""
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X, y):
+        """Learn the hyperparameters by maximising the marginal likelihood.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets. Outputs are learned separately.
+
+        Returns
+        -------
+        self : object
+            Fitted estimator.
+
+        Raises
+        ------
+        ValueError
+            If a parameter, a feature, a label or a target cannot be used. The estimator
+            is then as it was before.
+        """
+        with unchanged_on_failure(self):
+            features, labels, Y = check_training(self, X, y)
+            training = self._scale(features, labels, Y)
+            self._store(training, *self._learn(training))
+        return self
+
+    def predict(self, X, return_std=False, return_cov=False, include_noise=False):
+        """Predict the mean of f and, if asked, its uncertainty.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        return_std : bool, default=False
+            Whether to return the standard deviation of each prediction too.
+        return_cov : bool, default=False
+            Whether to return the covariance of the predictions of an output too.
+        include_noise : bool, default=False
+            Whether the uncertainty is that of a new observation, f plus noise, rather
+            than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Predictive mean, in the units of y.
+        y_std : ndarray of the shape of y_mean
+            Predictive standard deviation. Only if `return_std`.
+        y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
+            Predictive covariance. Only if `return_cov`.
+
+        Raises
+        ------
+        ValueError
+            If a task was not seen in fit.
+        """
+        if return_std and return_cov:
+            raise ValueError("Set return_std or return_cov, not both.")
+        check_is_fitted(self)
+        features, codes = check_test(self, X)
+        mean = self._join(self._means(features, codes) * self._scales + self._centres)
+        if return_std:
+            return mean, self._join(
+                np.sqrt(self._variances(features, codes, include_noise))
+            )
+        if return_cov:
+            return mean, self._join(self._covariances(features, codes, include_noise))
+        return mean
+
+    def sample_y(self, X, n_samples=1, random_state=0):
+        """Draw f from its posterior.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples_X, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        n_samples : int, default=1
+            Number of draws.
+        random_state : int, RandomState instance or None, default=0
+            Source of randomness.
+
+        Returns
+        -------
+        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
+            Draws.
+        """
+        rng = check_random_state(random_state)
+        mean, cov = self.predict(X, return_cov=True)
+        mean, cov = mean.reshape(len(mean), -1), cov.reshape(*cov.shape[:2], -1)
+        draws = [
+            rng.multivariate_normal(mean[:, j], cov[..., j], n_samples).T
+            for j in range(mean.shape[1])
+        ]
+        return draws[0] if self._single_output else np.stack(draws, axis=1)
+
+    def log_marginal_likelihood(self, theta=None, eval_gradient=False):
+        """Log marginal likelihood of the training targets, in their own units.
+
+        Parameters
+        ----------
+        theta : array-like of shape (n_theta,), default=None
+            Parameters, as in the attribute `theta_`. None is the learned ones.
+        eval_gradient : bool, default=False
+            Whether to return the gradient too.
+
+        Returns
+        -------
+        log_likelihood : float
+            Summed over the outputs; minus infinity where the covariance of the targets
+            cannot be factorised.
+        gradient : ndarray of shape (n_theta,)
+            Its gradient. Only if `eval_gradient`.
+        """
+        check_is_fitted(self)
+        theta = self.theta_ if theta is None else check_array(theta, ensure_2d=False)
+        if theta.shape != self.theta_.shape:
+            raise ValueError(
+                f"theta has shape {theta.shape}; the model has {self.theta_.shape}."
+            )
+        parts = np.split(theta, len(self._likelihoods))
+        change_of_units = -len(self.X_train_) * np.log(self._scales).sum()
+        if not eval_gradient:
+            values = [o.value(t) for o, t in zip(self._likelihoods, parts, strict=True)]
+            return float(np.sum(values) + change_of_units)
+        values, gradients = zip(
+            *[
+                o.value_and_grad(t)
+                for o, t in zip(self._likelihoods, parts, strict=True)
+            ],
+            strict=True,
+        )
+        return float(np.sum(values) + change_of_units), np.concatenate(gradients)
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.categorical = True
+        tags.target_tags.multi_output = True
+        return tags
+
+    def _default_kernel(self, features):
+        return default_kernel(features)
+
+    def _scale(self, features, labels, Y):
+        tasks, codes = np.unique(labels, return_inverse=True)
+        single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
+        mean, scale = np.zeros(Y.shape[1]), np.ones(Y.shape[1])
+        if self.normalize_y:
+            mean, deviation = Y.mean(axis=0), Y.std(axis=0)
+            scale[deviation > 0.0] = deviation[deviation > 0.0]
+        return Training(features, codes, tasks, Y, mean, scale, single_output)
+
+    def _pairs(self, training):
+        """Data and settings of each output."""
+        kernel = self.kernel
+        if kernel is None:
+            kernel = self._default_kernel(training.features)
+        n_noise = len(training.tasks) if self.noise == "per_task" else 1
+        pairs = training.pairs(
+            kernel,
+            self.noise_variance,
+            self._check_noise_bounds(),
+            n_noise,
+            self.max_iter,
+            self.tol,
+        )
+        return list(pairs)
+
+    def _check_noise_bounds(self):
+        bounds = self.noise_variance_bounds
+        if isinstance(bounds, str):
+            return bounds
+        bounds = np.asarray(bounds, dtype=np.float64)
+        if bounds.shape != (2,) or not 0.0 < bounds[0] <= bounds[1] < np.inf:
+            raise ValueError(
+                f"noise_variance_bounds={self.noise_variance_bounds!r} must be a pair "
+                "of positive numbers, the smaller one first, or 'fixed'."
+            )
+        return bounds
+
+    def _store(self, training, form, modes):
+        """Set the fitted attributes, in the target's own units."""
+        pairs = self._pairs(training)
+        self._likelihoods = [s.likelihood(data, form) for data, s in pairs]
+        self._posteriors = [
+            likelihood.posterior(mode.theta)
+            for likelihood, mode in zip(self._likelihoods, modes, strict=True)
+        ]
+        self._centres, self._scales = training.y_mean, training.y_scale
+        self._single_output = training.single_output
+        self.tasks_, self.X_train_ = training.tasks, training.features
+        self.tasks_train_, self.y_train_ = training.codes, training.Y
+        if training.single_output:
+            self.y_train_ = training.Y[:, 0]
+        self.theta_ = np.concatenate([mode.theta for mode in modes])
+        self._store_parameters(form, modes)
+        self._store_summary(modes)
+        self.n_hyperparameters_ = self._count(training, form)
+
+    def _store_parameters(self, form, modes):
+        square, L = np.square(self._scales), self._likelihoods
+        parts = [o.split(mode.theta) for o, mode in zip(L, modes, strict=True)]
+        kernels = [posterior.kernel for posterior in self._posteriors]
+        rho = [form.matrix(p[1]) * s for p, s in zip(parts, square, strict=True)]
+        factor = [
+            form.factor(p[1]) * s for p, s in zip(parts, self._scales, strict=True)
+        ]
+        noise = [np.exp(p[2]) * s for p, s in zip(parts, square, strict=True)]
+        noise = np.array(noise if self.noise == "per_task" else [n[0] for n in noise])
+        single = self._single_output
+        self.kernel_ = kernels[0] if single else kernels
+        self.task_covariance_ = rho[0] if single else np.array(rho)
+        self.task_factor_ = factor[0] if single else np.array(factor)
+        self.noise_variance_ = noise[0] if single else noise
+        self.y_mean_ = float(self._centres[0]) if single else self._centres
+        self.y_scale_ = float(self._scales[0]) if single else self._scales
+
+    def _store_summary(self, modes):
+        n = len(self.X_train_)
+        values = np.array([posterior.log_likelihood for posterior in self._posteriors])
+        self.log_marginal_likelihoods_ = values - n * np.log(self._scales)
+        self.log_marginal_likelihood_value_ = float(
+            self.log_marginal_likelihoods_.sum()
+        )
+        self.n_iter_ = max(mode.n_iter for mode in modes)
+        failed = [j for j, mode in enumerate(modes) if not mode.converged]
+        if failed and self.max_iter > 0:
+            warnings.warn(
+                f"The likelihood of {len(failed)} of {len(modes)} outputs was still "
+                f"growing after max_iter={self.max_iter} iterations, or could not be "
+                "followed further. Increase max_iter, or tol.",
+                ConvergenceWarning,
+            )
+
+    def _count(self, training, form):
+        """Number of hyperparameters as eq. 8 counts them, summed over the outputs."""
+        pairs = self._pairs(training)
+        noise_is_fixed = isinstance(self.noise_variance_bounds, str)
+        return sum(
+            settings.kernel.n_dims
+            + form.n_free
+            + (0 if noise_is_fixed else len(settings.log_noise))
+            for _, settings in pairs
+        )
+
+    def _join(self, values):
+        """Without the axis of the outputs where y was one-dimensional."""
+        return values[..., 0] if self._single_output else values
+
+    def _means(self, features, codes):
+        """Means of the scaled outputs, of shape (n_samples, n_outputs)."""
+        means = np.empty((len(features), len(self._posteriors)))
+        for rows in _blocks(len(features), len(self.X_train_)):
+            for j, posterior in enumerate(self._posteriors):
+                means[rows, j] = posterior.mean(features[rows], codes[rows])
+        return means
+
+    def _variances(self, features, codes, include_noise):
+        variances = np.empty((len(features), len(self._posteriors)))
+        for rows in _blocks(len(features), len(self.X_train_)):
+            for j, posterior in enumerate(self._posteriors):
+                variances[rows, j] = posterior.variance(features[rows], codes[rows])
+        variances *= np.square(self._scales)
+        return variances + (self._noise(codes) if include_noise else 0.0)
+
+    def _covariances(self, features, codes, include_noise):
+        covariances = [p.covariance(features, codes) for p in self._posteriors]
+        covariances = np.stack(covariances, axis=2) * np.square(self._scales)
+        if include_noise:
+            rows = np.arange(len(features))
+            covariances[rows, rows] += self._noise(codes)
+        return covariances
+
+    def _noise(self, codes):
+        """Noise variances, of shape (n_samples, n_outputs)."""
+        noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
+        per_task = noise.shape[1] > 1
+        return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
+
+
+def _blocks(n_samples, n_train):
+    """Slices of the samples for which the cross-covariance is not too large."""
+    size = max(1, BLOCK_SIZE // max(1, n_train))
+    return [slice(a, a + size) for a in range(0, n_samples, size)]

@@ -1,0 +1,268 @@
+"""Choosing the rank of the task covariance by an information criterion."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._base import check_training, unchanged_on_failure
+from skmtgp._sklearn_compat import StrOptions, fit_context
+from skmtgp.multitask import MultiTaskGPRegressor
+from skmtgp.task_covariance import LowRank
+
+__all__ = ["RankSearchIC"]
+
+
+class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+    r"""Multi-task GP whose rank is chosen by an information criterion.
+
+    One rank is chosen for all outputs, the one that minimises
+
+    .. math::
+        \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
+        + \Bigl(\sum_j d_j + \tfrac J2 r (2 M + 1 - r) + J\Bigr) \log n
+
+    over J outputs and M tasks, with :math:`L_{jr}` the likelihood learned for output j
+    at rank r, :math:`d_j` the number of hyperparameters of its kernel and n the number
+    of observations, those of all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
+    and 2 log log n in place of log n.
+
+    Parameters
+    ----------
+    estimator : MultiTaskGPRegressor, default=None
+        The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
+    ranks : sequence of int, default=(2, 4, 5, 6, 8, 10)
+        Ranks to compare. Those above the number of tasks count as that number.
+    criterion : {"bic", "aic", "hqc"}, default="bic"
+        Which criterion chooses.
+    n_jobs : int, default=None
+        Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
+    verbose : int, default=0
+        Whether to print a line for each output and rank.
+
+    Attributes
+    ----------
+    best_rank_ : int
+        The chosen rank.
+    best_estimator_ : MultiTaskGPRegressor
+        The model of that rank, fitted.
+    results_ : dict of ndarrays of shape (n_ranks,)
+        rank, log_marginal_likelihood (of y in its own units, summed over outputs),
+        n_hyperparameters, bic, aic, hqc, and fit_time: seconds of computing spent on
+        that rank, without the first stage that all ranks share.
+        ``pandas.DataFrame(results_)`` is a table.
+    n_features_in_ : int
+        Number of columns of X, the task column counted.
+    feature_names_in_ : ndarray of shape (n_features_in_,)
+        Their names, if X has any.
+
+    See Also
+    --------
+    MultiTaskGPRegressor : The model at a given rank.
+
+    Notes
+    -----
+    Section 4 and eq. 8 of Chai, Williams, Klanke and Vijayakumar (2008). The stages of
+    learning that do not depend on the rank are done once, and no rank ends below a
+    lower one, see :mod:`skmtgp.learning`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp import RankSearchIC
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 80), np.repeat([0, 1, 2, 3], 20)
+    >>> y = np.array([1, 2, -1, 3])[task] * np.sin(x) + task * np.cos(x)
+    >>> X = np.column_stack([x, task])
+    >>> search = RankSearchIC(ranks=(1, 2, 3)).fit(X, y - y.mean())
+    >>> search.best_rank_ <= 3
+    True
+    """
+
+    _parameter_constraints = {
+        "estimator": [MultiTaskGPRegressor, None],
+        "ranks": ["array-like"],
+        "criterion": [StrOptions({"bic", "aic", "hqc"})],
+        "n_jobs": [Integral, None],
+        "verbose": ["verbose"],
+    }
+
+    def __init__(
+        self,
+        estimator=None,
+        *,
+        ranks=(2, 4, 5, 6, 8, 10),
+        criterion="bic",
+        n_jobs=None,
+        verbose=0,
+    ):
+        self.estimator = estimator
+        self.ranks = ranks
+        self.criterion = criterion
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X, y):
+        """Learn the model at each rank and keep the best one.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in the estimator's column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets. Outputs are learned separately and share the rank.
+
+        Returns
+        -------
+        self : object
+            Fitted estimator.
+
+        Raises
+        ------
+        ValueError
+            If a rank, a feature, a label or a target cannot be used.
+        """
+        with unchanged_on_failure(self):
+            self._fit(X, y)
+        return self
+
+    def _fit(self, X, y):
+        model = clone(self.estimator) if self.estimator else MultiTaskGPRegressor()
+        model.set_params(
+            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
+            verbose=max(model.verbose, self.verbose),
+        )
+        training = model._scale(*check_training(model, X, y))
+        M = len(training.tasks)
+        forms = [LowRank(M, r, model.diagonal) for r in self._check_ranks(M)]
+        modes = model._learn_ranks(training, forms)
+        self.results_ = _results(model, training, forms, modes)
+        best = int(np.argmin(self.results_[self.criterion]))
+        self.best_rank_ = forms[best].rank
+        model.set_params(rank=self.best_rank_)
+        model._store(training, forms[best], modes[best])
+        self.best_estimator_ = model
+
+    def _check_ranks(self, n_tasks):
+        ranks = np.asarray(self.ranks)
+        if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
+            raise ValueError(
+                f"ranks={self.ranks!r} must be a sequence of one or more integers."
+            )
+        if ranks.min() < 1:
+            raise ValueError(f"ranks={self.ranks!r} must be 1 or more.")
+        return np.unique(np.minimum(ranks, n_tasks)).tolist()
+
+    def predict(self, X, return_std=False, return_cov=False, include_noise=False):
+        """Predict with the best model, see :meth:`MultiTaskGPRegressor.predict`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in the estimator's column `task_feature`.
+        return_std : bool, default=False
+            Whether to return the standard deviation of each prediction too.
+        return_cov : bool, default=False
+            Whether to return the covariance of the predictions of an output too.
+        include_noise : bool, default=False
+            Whether the uncertainty is that of a new observation rather than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Predictive mean, in the units of y.
+        y_std : ndarray of the shape of y_mean
+            Predictive standard deviation. Only if `return_std`.
+        y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
+            Predictive covariance. Only if `return_cov`.
+        """
+        check_is_fitted(self)
+        return self.best_estimator_.predict(
+            X,
+            return_std=return_std,
+            return_cov=return_cov,
+            include_noise=include_noise,
+        )
+
+    def sample_y(self, X, n_samples=1, random_state=0):
+        """Draw f from the best model's posterior.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples_X, n_features)
+            Inputs, with the task labels in the estimator's column `task_feature`.
+        n_samples : int, default=1
+            Number of draws.
+        random_state : int, RandomState instance or None, default=0
+            Source of randomness.
+
+        Returns
+        -------
+        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
+            Draws.
+        """
+        check_is_fitted(self)
+        return self.best_estimator_.sample_y(X, n_samples, random_state)
+
+    def log_marginal_likelihood(self, theta=None, eval_gradient=False):
+        """Log marginal likelihood of the best model.
+
+        Parameters
+        ----------
+        theta : array-like of shape (n_theta,), default=None
+            Parameters, as in ``best_estimator_.theta_``. None is the learned ones.
+        eval_gradient : bool, default=False
+            Whether to return the gradient too.
+
+        Returns
+        -------
+        log_likelihood : float
+            Summed over the outputs.
+        gradient : ndarray of shape (n_theta,)
+            Its gradient. Only if `eval_gradient`.
+        """
+        check_is_fitted(self)
+        return self.best_estimator_.log_marginal_likelihood(theta, eval_gradient)
+
+    @property
+    def n_features_in_(self):
+        """Number of columns of X, the task column counted."""
+        check_is_fitted(self)
+        return self.best_estimator_.n_features_in_
+
+    @property
+    def feature_names_in_(self):
+        """Names of the columns of X."""
+        check_is_fitted(self)
+        return self.best_estimator_.feature_names_in_
+
+    def __sklearn_is_fitted__(self):
+        return "best_estimator_" in vars(self)
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.categorical = True
+        tags.target_tags.multi_output = True
+        return tags
+
+
+def _results(model, training, forms, modes):
+    """The table of criteria, one entry for each form."""
+    n, n_outputs = training.Y.shape
+    change_of_units = -n * np.log(training.y_scale).sum()
+    values = np.array([sum(mode.value for mode in of_rank) for of_rank in modes])
+    log_likelihood = values + change_of_units
+    count = np.array([model._count(training, form) for form in forms])
+    n_observations = n * n_outputs
+    deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
+    return {
+        "rank": np.array([form.rank for form in forms]),
+        "log_marginal_likelihood": log_likelihood,
+        "n_hyperparameters": count,
+        "bic": deviance + count * log_n,  # eq. 8
+        "aic": deviance + count * 2.0,
+        "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
+        "fit_time": np.array([sum(m.seconds for m in of_rank) for of_rank in modes]),
+    }

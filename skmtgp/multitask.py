@@ -1,0 +1,207 @@
+"""The multi-task Gaussian process of the paper."""
+
+from numbers import Integral
+
+import numpy as np
+from sklearn.utils import check_random_state
+
+from skmtgp._base import BaseMultiTaskGP
+from skmtgp._sklearn_compat import Interval
+from skmtgp.learning import learn_ranks
+from skmtgp.task_covariance import LowRank
+
+
+class MultiTaskGPRegressor(BaseMultiTaskGP):
+    r"""Multi-task Gaussian process regression with a learned task covariance.
+
+    The tasks are related functions of the same inputs; one column of X says which task
+    a row belongs to. For each output alone,
+
+    .. math::
+        \mathrm{cov}(f^m(x), f^{m'}(x')) = K^\rho_{mm'}\, k^x(x, x'), \qquad
+        t^m(x) \sim \mathcal N(f^m(x), \sigma^2)
+
+    with a positive semi-definite task covariance :math:`K^\rho` of the given rank, a
+    kernel :math:`k^x` over the inputs and a noise variance, all of them learned by
+    maximising the marginal likelihood. Any task may be observed at any inputs.
+
+    Parameters
+    ----------
+    kernel : Kernel, default=None
+        :math:`k^x` over the columns of X without the task column: any kernel of
+        :mod:`sklearn.gaussian_process.kernels` or :mod:`skmtgp.kernels`. Its values are
+        where learning starts, its bounds are kept. None is a squared exponential with
+        one length-scale for each feature, started and bounded relative to the feature's
+        standard deviation; the task covariance is its amplitude.
+    rank : int, default=None
+        Rank of the task covariance, 1 to the number of tasks. None is full rank.
+    diagonal : bool, default=False
+        Whether to add a learned diagonal to the task covariance: variation that a task
+        shares with no other.
+    task_feature : int or str, default=-1
+        Position or name of the column of X with the task labels (int or str).
+    noise : {"shared", "per_task"}, default="shared"
+        Whether the tasks share one noise variance or have one each.
+    noise_variance : float, default=1e-2
+        Where learning starts, relative to the variance of the target.
+    noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
+        Bounds of the noise variance, relative to the variance of the target.
+    normalize_y : bool, default=True
+        Whether to take each output off its mean and to divide it by its standard
+        deviation before learning. The model's mean is zero otherwise.
+    inference : {"auto", "dense"}, default="auto"
+        How the likelihood is computed. "auto" is dense and exact.
+    n_restarts_optimizer : int, default=0
+        Number of additional random starts.
+    max_iter : int, default=2000
+        Most iterations of each maximisation; 0 keeps the starting values.
+    tol : float, default=1e-2
+        Gain in the log likelihood, in nats, under which a maximisation ends.
+    n_jobs : int, default=None
+        Number of outputs learned at the same time, see :term:`n_jobs`.
+    random_state : int, RandomState instance or None, default=None
+        Source of the random starts. Not used if `n_restarts_optimizer` is 0.
+    verbose : int, default=0
+        Whether to print a line for each piece of work that is done.
+
+    Attributes
+    ----------
+    tasks_ : ndarray of shape (n_tasks,)
+        Task labels, sorted.
+    kernel_ : Kernel, or list of n_outputs of them
+        :math:`k^x` as learned.
+    task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
+        :math:`K^\rho` as learned, in squared units of y.
+    task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
+        Its lower trapezoidal factor: ``L @ L.T``, without the diagonal.
+    noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
+        Noise variance in squared units of y.
+    y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
+        Mean and standard deviation that `normalize_y` uses.
+    log_marginal_likelihood_value_ : float
+        Log density of y in its own units, summed over the outputs.
+    log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
+        The same for each output.
+    n_hyperparameters_ : int
+        Number of hyperparameters as eq. 8 counts them, summed over the outputs: those
+        of the kernel, r (2 M + 1 - r) / 2 of the task covariance, and the noise. The
+        scale of the task covariance and an amplitude of the kernel count both, as in
+        the paper.
+    theta_ : ndarray of shape (n_theta,)
+        All parameters as learned, for each output: the kernel's theta, the factor of
+        the task covariance of the scaled output row by row, logarithms of its diagonal,
+        logarithms of the noise variances of the scaled output.
+    rank_ : int
+        Rank of the task covariance.
+    n_iter_ : int
+        Iterations of the longest of the maximisations that ended at the best modes.
+    X_train_ : ndarray of shape (n_samples, n_features - 1)
+        Training inputs without the task column.
+    tasks_train_ : ndarray of shape (n_samples,)
+        Position in `tasks_` of each training sample's task.
+    y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+        Training targets.
+    n_features_in_ : int
+        Number of columns of X, the task column counted.
+    feature_names_in_ : ndarray of shape (n_features_in_,)
+        Their names, if X has any.
+
+    See Also
+    --------
+    RankSearchIC : Chooses the rank by an information criterion.
+    IndependentGP : Tasks that share the kernel only.
+    PooledGP : Tasks that are one and the same function.
+    SingleTaskGP : Each task alone.
+
+    Notes
+    -----
+    The model is eq. 6 of [1]_, the rank-constrained model of its section 3, learned in
+    stages as there, with additions that :mod:`skmtgp.learning` describes. In units of
+    y, ``y - y_mean_`` has covariance ``task_covariance_[t, t'] * kernel_(X, X')``, plus
+    ``noise_variance_`` for a sample with itself. Time grows with the cube of the number
+    of samples, memory with its square.
+
+    References
+    ----------
+    .. [1] K. M. A. Chai, C. K. I. Williams, S. Klanke and S. Vijayakumar, "Multi-task
+       Gaussian Process Learning of Robot Inverse Dynamics", NIPS 21, 2008.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 60), np.repeat([0, 1, 2], 20)
+    >>> y = np.array([1.0, -2.0, 0.5])[task] * np.sin(x)
+    >>> model = MultiTaskGPRegressor(rank=2).fit(np.column_stack([x, task]), y)
+    >>> model.predict([[1.5, 0], [1.5, 1]]).round(3)
+    array([ 0.997, -1.995])
+    """
+
+    _parameter_constraints = {
+        **BaseMultiTaskGP._parameter_constraints,
+        "rank": [Interval(Integral, 1, None, closed="left"), None],
+        "diagonal": ["boolean"],
+        "n_restarts_optimizer": [Interval(Integral, 0, None, closed="left")],
+        "random_state": ["random_state"],
+    }
+
+    def __init__(
+        self,
+        kernel=None,
+        *,
+        rank=None,
+        diagonal=False,
+        task_feature=-1,
+        noise="shared",
+        noise_variance=1e-2,
+        noise_variance_bounds=(1e-10, 1e3),
+        normalize_y=True,
+        inference="auto",
+        n_restarts_optimizer=0,
+        max_iter=2000,
+        tol=1e-2,
+        n_jobs=None,
+        random_state=None,
+        verbose=0,
+    ):
+        self.kernel = kernel
+        self.rank = rank
+        self.diagonal = diagonal
+        self.task_feature = task_feature
+        self.noise = noise
+        self.noise_variance = noise_variance
+        self.noise_variance_bounds = noise_variance_bounds
+        self.normalize_y = normalize_y
+        self.inference = inference
+        self.n_restarts_optimizer = n_restarts_optimizer
+        self.max_iter = max_iter
+        self.tol = tol
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.verbose = verbose
+
+    def _learn(self, training):
+        M = len(training.tasks)
+        if self.rank is not None and self.rank > M:
+            raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
+        form = LowRank(M, self.rank or M, self.diagonal)
+        (modes,) = self._learn_ranks(training, [form])
+        return form, modes
+
+    def _learn_ranks(self, training, forms):
+        """Modes for each form and output."""
+        rng = check_random_state(self.random_state)
+        seeds = rng.randint(np.iinfo(np.int32).max, size=self.n_restarts_optimizer)
+        modes = learn_ranks(
+            self._pairs(training),
+            forms,
+            seeds=seeds.tolist(),
+            n_jobs=self.n_jobs,
+            verbose=self.verbose,
+        )
+        return list(zip(*modes, strict=True))
+
+    def _store(self, training, form, modes):
+        super()._store(training, form, modes)
+        self.rank_ = form.rank

@@ -1,0 +1,465 @@
+from typing import NamedTuple
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import textbook
+from hypothesis import given, settings
+from sklearn.base import clone
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    DotProduct,
+    ExpSineSquared,
+    Matern,
+    RationalQuadratic,
+    WhiteKernel,
+)
+
+from skmtgp._linalg import JitterWarning, NotPositiveDefiniteError
+from skmtgp.inference import dense
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.task_covariance import LowRank, identity, ones
+
+M, D = 4, 4
+COUNTS = (6, 1, 9, 7)  # rows of each task
+ARD = (0.7, 1.1, 1.9, 0.9)
+LOG_2_PI = np.log(2.0 * np.pi)
+
+
+class OwnRBF(RBF):
+    """A user's kernel, which takes the slow path."""
+
+
+KERNELS = {
+    "paper": inverse_dynamics_kernel(1),
+    "rbf": RBF(1.2),
+    "fixed": ConstantKernel(1.3, "fixed") * RBF(ARD, "fixed"),
+    "matern": ConstantKernel(0.6) * Matern(ARD, nu=1.5) + DotProduct(0.8),
+    "columns": Columns(RationalQuadratic(1.2, 0.6), [0, 2]) + WhiteKernel(0.1),
+    "unknown": Columns(ExpSineSquared(1.2, 2.0), [1]) + ARDLinear(ARD, 0.4),
+    "user's": ConstantKernel(0.6) * OwnRBF(ARD),
+}
+FORMS = {
+    "identity": identity(M),
+    "ones": ones(M),
+    "rank 1": LowRank(M, 1),
+    "rank 2, diagonal": LowRank(M, 2, diagonal=True),
+    "full rank": LowRank(M, M),
+}
+every_kernel = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
+every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
+every_noise = pytest.mark.parametrize("n_noise", [1, M], ids=["shared", "per task"])
+
+
+class Sample(NamedTuple):
+    X: np.ndarray
+    tasks: np.ndarray
+    y: np.ndarray
+
+
+def draw(seed=0, counts=COUNTS):
+    rng = np.random.default_rng(seed)
+    tasks = np.repeat(np.arange(len(counts)), counts)
+    X = rng.standard_normal((len(tasks), D))
+    X[-3:] = X[:3]  # tasks that share inputs
+    return Sample(X, tasks, np.sin(X.sum(axis=1)) + tasks + rng.standard_normal(len(X)))
+
+
+def parameters(kernel, form, n_noise=1, seed=0):
+    rng = np.random.default_rng(seed)
+    rho = rng.standard_normal(form.n_parameters)
+    return np.concatenate([kernel.theta + 0.2, rho, np.log(0.05 + rng.random(n_noise))])
+
+
+def parts(likelihood, theta):
+    """What theta stands for: the kernel, K^rho and the noise variances."""
+    n_kernel = likelihood.kernel.n_dims
+    n_rho = likelihood.task_covariance.n_parameters
+    kernel = likelihood.kernel.clone_with_theta(theta[:n_kernel])
+    K_rho = likelihood.task_covariance.matrix(theta[n_kernel : n_kernel + n_rho])
+    return kernel, K_rho, np.exp(theta[n_kernel + n_rho :])
+
+
+def textbook_covariance(likelihood, theta):
+    return textbook.covariance(*parts(likelihood, theta), *draw()[:2])
+
+
+def textbook_value(likelihood, theta):
+    K = textbook_covariance(likelihood, theta)
+    return textbook.log_marginal_likelihood(K, likelihood.y)
+
+
+@pytest.fixture(params=[7, 288], ids=["small tiles", "one tile"])
+def tile(request, monkeypatch):
+    monkeypatch.setattr(dense, "TILE", request.param)
+
+
+@pytest.mark.usefixtures("tile")
+@every_kernel
+@every_form
+@every_noise
+def test_value(kernel, form, n_noise):
+    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    theta = parameters(kernel, form, n_noise)
+    value, _ = likelihood.value_and_grad(theta)
+    np.testing.assert_allclose(value, textbook_value(likelihood, theta), rtol=1e-11)
+    assert likelihood.value(theta) == value
+
+
+@pytest.mark.usefixtures("tile")
+@every_kernel
+@every_form
+@every_noise
+def test_gradient(kernel, form, n_noise):
+    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    theta = parameters(kernel, form, n_noise)
+    gradient = likelihood.value_and_grad(theta)[1]
+    expected = textbook.derivative(lambda t: textbook_value(likelihood, t), theta)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-7, atol=1e-7)
+
+
+@every_kernel
+def test_tiles_do_not_matter(kernel, monkeypatch):
+    form, results = LowRank(M, 2), []
+    for size in (1, 2, 7, 22, 23, 24):
+        monkeypatch.setattr(dense, "TILE", size)
+        likelihood = DenseLikelihood(kernel, form, *draw())
+        value, gradient = likelihood.value_and_grad(parameters(kernel, form))
+        results.append(np.r_[value, gradient])
+    expected = np.tile(results[-1], (6, 1))
+    np.testing.assert_allclose(results, expected, rtol=1e-10, atol=1e-10)
+
+
+@every_kernel
+@every_noise
+def test_task_gradient(kernel, n_noise):
+    class Symmetric:
+        """K^rho whose parameters are its entries."""
+
+        n_parameters = M * M
+
+        def matrix(self, entries):
+            A = entries.reshape(M, M)
+            return 0.5 * (A + A.T)
+
+    form = LowRank(M, M)
+    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    theta = parameters(kernel, form, n_noise)
+    n = kernel.n_dims
+    K_rho = form.matrix(theta[n : n + M * M])
+    by_entries = DenseLikelihood(kernel, Symmetric(), *draw(), n_noise)
+
+    def value(entries):
+        return textbook_value(by_entries, np.r_[theta[:n], entries, theta[n + M * M :]])
+
+    expected = textbook.derivative(value, K_rho.ravel()).reshape(M, M)
+    actual = likelihood.task_gradient(theta)
+    np.testing.assert_array_equal(actual, actual.T)
+    np.testing.assert_allclose(actual, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_split():
+    likelihood = DenseLikelihood(RBF(ARD), LowRank(M, 2), *draw(), M)
+    lengths = [len(part) for part in likelihood.split(np.zeros(4 + 8 + 4))]
+    assert lengths == [4, 8, 4]
+
+
+@every_kernel
+@every_form
+@every_noise
+def test_fisher_information(kernel, form, n_noise):
+    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    theta = parameters(kernel, form, n_noise)
+    inverse = np.linalg.inv(textbook_covariance(likelihood, theta))
+    dK = textbook.derivative(lambda t: textbook_covariance(likelihood, t), theta)
+    expected = [[0.5 * np.trace(inverse @ p @ inverse @ q) for q in dK] for p in dK]
+    actual = likelihood.fisher_information(theta)
+    atol = 1e-8 * np.abs(expected).max()
+    np.testing.assert_allclose(actual, expected, rtol=1e-8, atol=atol)
+
+
+@pytest.mark.parametrize("n_rows", [1, 5, 10])
+def test_fisher_information_of_some_rows(n_rows, monkeypatch):
+    form, X, tasks, y = LowRank(M, 2), *draw()
+    rows = np.linspace(0, len(y) - 1, n_rows).astype(int)
+    theta = parameters(RBF(ARD), form, M)
+    few = DenseLikelihood(RBF(ARD), form, X[rows], tasks[rows], y[rows], M)
+    expected = len(y) / n_rows * few.fisher_information(theta)
+    monkeypatch.setattr(dense, "FISHER_ROWS", n_rows)
+    actual = DenseLikelihood(RBF(ARD), form, *draw(), M).fisher_information(theta)
+    np.testing.assert_allclose(actual, expected, rtol=1e-12)
+
+
+def test_fisher_information_is_the_covariance_of_the_score():
+    kernel, form, n = ConstantKernel(1.3) * RBF(1.2), LowRank(M, 1), 3000
+    likelihood = DenseLikelihood(kernel, form, *draw())
+    theta = parameters(kernel, form)
+    rng = np.random.default_rng(0)
+    C = np.linalg.cholesky(textbook_covariance(likelihood, theta))
+    scores = []
+    for noise in rng.standard_normal((n, len(C))):
+        likelihood.y = C @ noise
+        scores.append(likelihood.value_and_grad(theta)[1])
+    information = likelihood.fisher_information(theta)
+    scale = np.sqrt(np.diagonal(information))
+    standardised = np.array(scores) / scale
+    mean_error = np.abs(standardised.mean(axis=0)).max()
+    assert mean_error < 4.0 / np.sqrt(n)
+    covariance = np.cov(standardised.T)
+    expected = information / scale / scale[:, None]
+    assert np.abs(covariance - expected).max() < 12.0 / np.sqrt(n)
+
+
+def new_rows():
+    rng = np.random.default_rng(5)
+    Z = rng.standard_normal((8, D))
+    Z[0] = draw().X[0]
+    return Z, np.array([2, 0, 0, 3, 1, 2, 3, 3])
+
+
+@pytest.mark.usefixtures("tile")
+@every_kernel
+@every_form
+@every_noise
+def test_posterior(kernel, form, n_noise):
+    likelihood, (Z, tasks) = DenseLikelihood(kernel, form, *draw(), n_noise), new_rows()
+    theta = parameters(kernel, form, n_noise)
+    posterior = likelihood.posterior(theta)
+    mean, covariance = textbook.posterior(*parts(likelihood, theta), *draw(), Z, tasks)
+    close = {"rtol": 1e-10, "atol": 1e-11}
+    np.testing.assert_allclose(posterior.mean(Z, tasks), mean, **close)
+    np.testing.assert_allclose(posterior.covariance(Z, tasks), covariance, **close)
+    np.testing.assert_allclose(
+        posterior.variance(Z, tasks), np.diagonal(covariance), **close
+    )
+    value = textbook_value(likelihood, theta)
+    np.testing.assert_allclose(posterior.log_likelihood, value, rtol=1e-11)
+
+
+def test_mean_of_tasks():
+    form, (Z, _) = LowRank(M, 2), new_rows()
+    posterior = DenseLikelihood(RBF(ARD), form, *draw()).posterior(
+        parameters(RBF(ARD), form)
+    )
+    means = posterior.mean_of_tasks(Z, np.array([3, 0]))
+    for column, task in enumerate([3, 0]):
+        one = posterior.mean(Z, np.full(len(Z), task))
+        np.testing.assert_allclose(means[:, column], one, rtol=1e-13)
+
+
+def test_posterior_describes_itself():
+    form = LowRank(M, 2)
+    theta = parameters(RBF(ARD), form)
+    posterior = DenseLikelihood(RBF(ARD), form, *draw()).posterior(theta)
+    assert posterior.kernel == RBF(ARD).clone_with_theta(theta[:4])
+    np.testing.assert_array_equal(posterior.K_rho, form.matrix(theta[4:12]))
+
+
+def test_variance_is_never_negative():
+    X = np.linspace(0.0, 1.0, 30)[:, None]
+    tasks = np.zeros(30, dtype=int)
+    likelihood = DenseLikelihood(RBF(), ones(1), X, tasks, np.sin(X[:, 0]))
+    variance = likelihood.posterior(np.array([0.0, np.log(1e-10)])).variance(X, tasks)
+    assert (variance >= 0.0).all()
+    assert variance.max() < 1e-10
+
+
+class TestAgainstScikitLearn:
+    """One task, or tasks that cannot be told apart, are scikit-learn's GP."""
+
+    @pytest.fixture(params=KERNELS)
+    def kernel(self, request):
+        return KERNELS[request.param]
+
+    @pytest.fixture
+    def gp(self, kernel):
+        X, _, y = draw()
+        gp = GaussianProcessRegressor(clone(kernel), alpha=0.1, optimizer=None)
+        return gp.fit(X, y)
+
+    @pytest.mark.parametrize("n_tasks", [1, M])
+    def test_likelihood(self, kernel, gp, n_tasks):
+        X, tasks, y = draw()
+        likelihood = DenseLikelihood(kernel, ones(n_tasks), X, tasks % n_tasks, y)
+        theta = kernel.theta + 0.1
+        value, gradient = likelihood.value_and_grad(np.r_[theta, np.log(0.1)])
+        expected = gp.log_marginal_likelihood(theta, eval_gradient=True)
+        np.testing.assert_allclose(value, expected[0], rtol=1e-11)
+        np.testing.assert_allclose(gradient[:-1], expected[1], rtol=1e-9, atol=1e-10)
+
+    def test_posterior(self, kernel, gp):
+        likelihood, (Z, tasks) = DenseLikelihood(kernel, ones(M), *draw()), new_rows()
+        posterior = likelihood.posterior(np.r_[kernel.theta, np.log(0.1)])
+        mean, std = gp.predict(Z, return_std=True)
+        _, covariance = gp.predict(Z, return_cov=True)
+        close = {"rtol": 1e-9, "atol": 1e-10}
+        np.testing.assert_allclose(posterior.mean(Z, tasks), mean, **close)
+        np.testing.assert_allclose(posterior.variance(Z, tasks), std**2, **close)
+        np.testing.assert_allclose(posterior.covariance(Z, tasks), covariance, **close)
+
+    def test_independent_tasks(self, kernel):
+        X, tasks, y = draw()
+        theta = np.r_[kernel.theta, np.log(0.1)]
+        value = DenseLikelihood(kernel, identity(M), X, tasks, y).value(theta)
+        gp = GaussianProcessRegressor(clone(kernel), alpha=0.1, optimizer=None)
+        each = [
+            gp.fit(X[tasks == m], y[tasks == m]).log_marginal_likelihood()
+            for m in range(M)
+        ]
+        np.testing.assert_allclose(value, sum(each), rtol=1e-11)
+
+
+@pytest.mark.parametrize("noise", [1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
+def test_accuracy_of_small_noise(noise):
+    # K's condition number is above 1 / noise: the likelihood loses as many digits, the
+    # mean half of them (5e-11 at a noise of 1e-10)
+    rng, tasks = np.random.default_rng(0), np.repeat([0, 1], 12)
+    X = np.sort(rng.uniform(0.0, 4.0, (24, 1)), axis=0)
+    F = np.array([[1.0], [0.7]])
+    y = np.ravel(F[tasks, 0] * np.sin(2.0 * X[:, 0]))
+    Z, tasks_of_Z = rng.uniform(0.0, 4.0, (4, 1)), np.array([0, 1, 0, 1])
+    likelihood = DenseLikelihood(RBF(), LowRank(2, 1), X, tasks, y)
+    theta = np.r_[0.0, F.ravel(), np.log(noise)]
+    K_rho, noise = F @ F.T, np.exp(theta[-1])
+    eps = np.finfo(float).eps
+    exact = textbook.exact_log_marginal_likelihood(K_rho, noise, X, tasks, y)
+    np.testing.assert_allclose(likelihood.value(theta), exact, rtol=0.2 * eps / noise)
+    mean = textbook.exact_mean(K_rho, noise, X, tasks, y, Z, tasks_of_Z)
+    actual = likelihood.posterior(theta).mean(Z, tasks_of_Z)
+    np.testing.assert_allclose(actual, mean, rtol=0.0, atol=20.0 * eps / noise**0.5)
+
+
+@pytest.fixture
+def singular():
+    """A likelihood and parameters at which K = 1 1^T in floating point."""
+    X, tasks, y = draw()
+    return DenseLikelihood(ConstantKernel(), ones(M), X, tasks, y), np.array([0, -50.0])
+
+
+def test_singular_covariance(singular):
+    likelihood, theta = singular
+    assert likelihood.value(theta) == -np.inf
+    value, gradient = likelihood.value_and_grad(theta)
+    assert value == -np.inf
+    np.testing.assert_array_equal(gradient, [np.nan, np.nan])
+    with pytest.raises(NotPositiveDefiniteError, match="is not positive"):
+        likelihood.task_gradient(theta)
+
+
+def test_posterior_with_singular_covariance(singular):
+    likelihood, theta = singular
+    with pytest.warns(JitterWarning, match=r"was added to its diagonal"):
+        posterior = likelihood.posterior(theta)
+    X, tasks, y = draw()
+    loss = len(y) * np.finfo(float).eps / 1e-14  # of what is left of K's digits
+    mean = posterior.mean(X, tasks)
+    np.testing.assert_allclose(mean, y.mean(), rtol=0.0, atol=loss * y.std())
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("position", range(4))
+def test_parameters_that_are_not_finite(bad, position):
+    likelihood = DenseLikelihood(ConstantKernel(), LowRank(M, 2), *draw())
+    theta = parameters(ConstantKernel(), LowRank(M, 2))
+    theta[[0, 1, 5, 9][position]] = bad
+    with np.errstate(invalid="ignore"):
+        value, gradient = likelihood.value_and_grad(theta)
+    assert value == -np.inf
+    assert np.isnan(gradient).all()
+
+
+seeds = st.integers(0, 2**32 - 1)
+names = st.sampled_from(sorted(KERNELS))
+quick = settings(max_examples=40, deadline=None)
+
+
+def value_and_kernel_gradient(kernel, F, noise, X, tasks, y):
+    form = LowRank(*F.shape)
+    theta = np.concatenate([kernel.theta, F.ravel(), np.log(noise)])
+    likelihood = DenseLikelihood(kernel, form, X, tasks, y, len(noise))
+    value, gradient = likelihood.value_and_grad(theta)
+    return np.r_[value, gradient[: kernel.n_dims]]
+
+
+def random_model(seed):
+    rng = np.random.default_rng(seed)
+    return rng, rng.standard_normal((M, 2)), 0.05 + rng.random(M), draw(seed)
+
+
+@given(names, seeds)
+@quick
+def test_order_within_a_task_does_not_matter(name, seed):
+    rng, F, noise, (X, tasks, y) = random_model(seed)
+    order = np.lexsort([rng.random(len(y)), tasks])
+    expected = value_and_kernel_gradient(KERNELS[name], F, noise, X, tasks, y)
+    actual = value_and_kernel_gradient(
+        KERNELS[name], F, noise, X[order], tasks[order], y[order]
+    )
+    np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(names, seeds)
+@quick
+def test_labels_of_tasks_do_not_matter(name, seed):
+    rng, F, noise, (X, tasks, y) = random_model(seed)
+    label = rng.permutation(M)  # of each task
+    order = np.argsort(label[tasks], kind="stable")
+    new = np.argsort(label)  # the task of each label
+    expected = value_and_kernel_gradient(KERNELS[name], F, noise, X, tasks, y)
+    actual = value_and_kernel_gradient(
+        KERNELS[name], F[new], noise[new], X[order], label[tasks][order], y[order]
+    )
+    np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(names, seeds, st.integers(0, M - 1))
+@quick
+def test_a_task_may_be_two_equal_ones(name, seed, task):
+    rng, F, noise, (X, tasks, y) = random_model(seed)
+    expected = value_and_kernel_gradient(KERNELS[name], F, noise, X, tasks, y)
+    twin = np.where((tasks == task) & (rng.random(len(y)) < 0.5), M, tasks)
+    order = np.argsort(twin, kind="stable")
+    actual = value_and_kernel_gradient(
+        KERNELS[name],
+        np.vstack([F, F[task]]),
+        np.r_[noise, noise[task]],
+        X[order],
+        twin[order],
+        y[order],
+    )
+    np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(names, seeds, st.sampled_from([1e-6, 0.3, 1e5]))
+@quick
+def test_units_of_the_targets(name, seed, unit):
+    _, F, noise, (X, tasks, y) = random_model(seed)
+    expected = value_and_kernel_gradient(KERNELS[name], F, noise, X, tasks, y)
+    expected[0] -= len(y) * np.log(unit)
+    actual = value_and_kernel_gradient(
+        KERNELS[name], unit * F, unit**2 * noise, X, tasks, unit * y
+    )
+    np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-9)
+
+
+@given(seeds)
+@quick
+def test_rotations_of_the_factor_do_not_matter(seed):
+    rng, F, noise, sample = random_model(seed)
+    rotation = np.linalg.qr(rng.standard_normal((2, 2)))[0]
+    expected = value_and_kernel_gradient(RBF(ARD), F, noise, *sample)
+    actual = value_and_kernel_gradient(RBF(ARD), F @ rotation, noise, *sample)
+    np.testing.assert_allclose(actual, expected, rtol=1e-10, atol=1e-10)
+
+
+def test_one_sample():
+    X, tasks, y = np.ones((1, 2)), np.zeros(1, dtype=int), np.array([2.0])
+    likelihood = DenseLikelihood(ConstantKernel(3.0), ones(1), X, tasks, y)
+    value, gradient = likelihood.value_and_grad(np.log([3.0, 0.5]))
+    expected = -0.5 * (4.0 / 3.5 + np.log(3.5) + LOG_2_PI)
+    np.testing.assert_allclose(value, expected, rtol=1e-14)
+    slope = 0.5 * (4.0 / 3.5**2 - 1.0 / 3.5)
+    np.testing.assert_allclose(gradient, [3.0 * slope, 0.5 * slope], rtol=1e-13)

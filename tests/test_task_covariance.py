@@ -1,0 +1,230 @@
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+import textbook
+from hypothesis import given, settings
+
+from skmtgp.task_covariance import (
+    LowRank,
+    identity,
+    lower_trapezoid,
+    ones,
+)
+
+SHAPES = [
+    (M, r, diagonal) for M in (1, 2, 5) for r in range(1, M + 1) for diagonal in (0, 1)
+]
+every_form = pytest.mark.parametrize(
+    "form", [LowRank(*shape) for shape in SHAPES], ids=[str(s) for s in SHAPES]
+)
+
+
+def draw(form, seed=0):
+    return np.random.default_rng(seed).standard_normal(form.n_parameters)
+
+
+def factor_and_kappa(form, parameters):
+    F = parameters[: form.n_tasks * form.rank].reshape(form.n_tasks, form.rank)
+    kappa = np.exp(parameters[form.n_tasks * form.rank :])
+    return F, kappa if form.diagonal else None
+
+
+def positive_semi_definite(M, seed=0):
+    A = np.random.default_rng(seed).standard_normal((M, M + 2))
+    return A @ A.T
+
+
+@every_form
+def test_matrix(form):
+    parameters = draw(form)
+    expected = textbook.low_rank(*factor_and_kappa(form, parameters))
+    np.testing.assert_allclose(
+        form.matrix(parameters), expected, rtol=1e-14, atol=1e-15
+    )
+
+
+@every_form
+def test_matrix_is_positive_semi_definite_of_its_rank(form):
+    K = form.matrix(draw(form))
+    np.testing.assert_array_equal(K, K.T)
+    values = np.linalg.eigvalsh(K)
+    assert values[0] > -1e-14 * values[-1]
+    rank = form.n_tasks if form.diagonal else form.rank
+    assert np.linalg.matrix_rank(K, hermitian=True) == rank
+
+
+@every_form
+def test_number_of_free_parameters_is_the_dimension_of_the_model(form):
+    tangents = form.derivatives(draw(form)).reshape(form.n_parameters, -1)
+    of_factor = tangents[: form.n_tasks * form.rank]
+    r, M = form.rank, form.n_tasks
+    assert np.linalg.matrix_rank(of_factor) == r * (2 * M + 1 - r) / 2  # eq. 8
+    assert form.n_free == r * (2 * M + 1 - r) / 2 + M * form.diagonal
+    assert isinstance(form.n_free, int)
+
+
+@every_form
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 50.0])
+def test_bounds_are_in_units_of_the_targets(form, scale):
+    n, bounds = form.n_tasks * form.rank, form.bounds(scale)
+    assert bounds.shape == (form.n_parameters, 2)
+    np.testing.assert_allclose(bounds[:n], [[-30.0 * scale, 30.0 * scale]] * n)
+    kappa = [np.log([1e-11 * scale**2, 1e4 * scale**2])] * (form.n_parameters - n)
+    np.testing.assert_allclose(bounds[n:], np.reshape(kappa, (-1, 2)))
+
+
+@every_form
+def test_derivatives(form):
+    parameters = draw(form)
+    expected = textbook.derivative(form.matrix, parameters)
+    np.testing.assert_allclose(form.derivatives(parameters), expected, atol=1e-10)
+
+
+@every_form
+def test_pull_back(form):
+    parameters, target = draw(form), positive_semi_definite(form.n_tasks)
+
+    def loss(parameters):  # dL / dK = K - target
+        return 0.5 * np.square(form.matrix(parameters) - target).sum()
+
+    gradient = form.pull_back(parameters, form.matrix(parameters) - target)
+    expected = textbook.derivative(loss, parameters)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-9, atol=1e-9)
+
+
+@every_form
+def test_pull_back_contracts_the_derivatives(form):
+    parameters, D = draw(form), positive_semi_definite(form.n_tasks)
+    expected = np.einsum("pij,ij->p", form.derivatives(parameters), D)
+    actual = form.pull_back(parameters, D)
+    np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12)
+
+
+@every_form
+def test_factor_is_a_lower_trapezoid(form):
+    parameters = draw(form)
+    L, (F, _) = form.factor(parameters), factor_and_kappa(form, parameters)
+    assert L.shape == F.shape
+    np.testing.assert_allclose(L @ L.T, F @ F.T, rtol=1e-13, atol=1e-13)
+    np.testing.assert_array_equal(np.triu(L, 1), 0.0)
+    assert (np.diagonal(L) > 0.0).all()
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3, 4, 5])
+def test_best_approximation_of_its_rank(rank):
+    K, form = positive_semi_definite(5), LowRank(5, rank)
+    approximation = form.matrix(form.parameters(K))
+    error = np.linalg.norm(K - approximation, 2)
+    next_singular_value = np.r_[np.linalg.svd(K, compute_uv=False), 0.0][rank]
+    np.testing.assert_allclose(error, next_singular_value, rtol=1e-12, atol=1e-13)
+    frobenius = np.sqrt(np.square(np.linalg.svd(K, compute_uv=False)[rank:]).sum())
+    np.testing.assert_allclose(
+        np.linalg.norm(K - approximation), frobenius, rtol=1e-12, atol=1e-13
+    )
+
+
+def test_approximation_of_a_matrix_that_rounding_has_made_indefinite():
+    K = np.ones((4, 4))
+    K[0, 0] -= 1e-15
+    form = LowRank(4, 4)
+    parameters = form.parameters(K)
+    np.testing.assert_allclose(form.matrix(parameters), K, rtol=1e-14)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_parameters_of_its_own_matrix(rank):
+    form = LowRank(5, rank)
+    K = form.matrix(draw(form))
+    np.testing.assert_allclose(
+        form.matrix(form.parameters(K)), K, rtol=1e-13, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("rank", [1, 2, 4])
+def test_what_is_cut_from_the_diagonal_becomes_kappa(rank):
+    K, form = positive_semi_definite(5), LowRank(5, rank, diagonal=True)
+    parameters = form.parameters(K)
+    np.testing.assert_allclose(np.diagonal(form.matrix(parameters)), np.diagonal(K))
+    plain = LowRank(5, rank)
+    np.testing.assert_array_equal(parameters[: 5 * rank], plain.parameters(K))
+
+
+def test_kappa_starts_above_zero_where_nothing_is_cut():
+    K, form = positive_semi_definite(3), LowRank(3, 3, diagonal=True)
+    kappa = np.exp(form.parameters(K)[9:])
+    np.testing.assert_allclose(kappa, 1e-6 * np.trace(K) / 3.0)
+    assert np.isfinite(form.parameters(np.zeros((3, 3)))).all()
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+def test_grown(diagonal):
+    lower, higher = LowRank(5, 2, diagonal), LowRank(5, 4, diagonal)
+    parameters, columns = draw(lower), np.random.default_rng(1).standard_normal((5, 2))
+    same = higher.matrix(lower.grown(parameters, np.zeros((5, 2))))
+    np.testing.assert_array_equal(same, lower.matrix(parameters))
+    grown = higher.matrix(lower.grown(parameters, columns))
+    np.testing.assert_allclose(
+        grown - same, columns @ columns.T, rtol=1e-12, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize("M", [1, 2, 5])
+@pytest.mark.parametrize(
+    ("make", "expected", "rank"),
+    [(identity, np.eye, lambda M: M), (ones, lambda M: np.ones((M, M)), lambda M: 1)],
+)
+def test_fixed(M, make, expected, rank):
+    form, nothing = make(M), np.empty(0)
+    np.testing.assert_array_equal(form.matrix(nothing), expected(M))
+    assert form.n_tasks == M
+    assert form.n_parameters == form.n_free == len(form.bounds(1.0)) == 0
+    assert form.pull_back(nothing, np.ones((M, M))).shape == (0,)
+    assert form.derivatives(nothing).shape == (0, M, M)
+    L = form.factor(nothing)
+    assert L.shape == (M, rank(M))
+    np.testing.assert_allclose(L @ L.T, expected(M), rtol=1e-14, atol=1e-14)
+    np.testing.assert_array_equal(np.triu(L, 1), 0.0)
+
+
+shapes = st.integers(1, 7).flatmap(lambda M: st.tuples(st.just(M), st.integers(1, M)))
+seeds = st.integers(0, 2**32 - 1)
+scales = st.sampled_from([1e-8, 1.0, 1e8])
+
+
+@given(shapes, seeds, scales)
+@settings(max_examples=60, deadline=None)
+def test_lower_trapezoid(shape, seed, scale):
+    F = scale * np.random.default_rng(seed).standard_normal(shape)
+    L = lower_trapezoid(F)
+    atol = 1e-13 * np.square(F).sum()
+    np.testing.assert_allclose(L @ L.T, F @ F.T, rtol=0.0, atol=atol)
+    np.testing.assert_array_equal(np.triu(L, 1), 0.0)
+    assert (np.diagonal(L) >= 0.0).all()
+    np.testing.assert_allclose(
+        np.abs(lower_trapezoid(L)), np.abs(L), atol=1e-12 * scale
+    )
+
+
+def test_lower_trapezoid_of_dependent_rows():
+    F = np.array([[0.0, 0.0], [1.0, 2.0], [-1.0, -2.0], [3.0, 1.0]])
+    L = lower_trapezoid(F)
+    np.testing.assert_allclose(L @ L.T, F @ F.T, rtol=1e-14, atol=1e-14)
+    np.testing.assert_array_equal(np.triu(L, 1), 0.0)
+    assert (np.diagonal(L) >= 0.0).all()
+
+
+@given(shapes, seeds, st.booleans(), st.randoms(use_true_random=False))
+@settings(max_examples=60, deadline=None)
+def test_relabelled_tasks(shape, seed, diagonal, random):
+    form, M = LowRank(*shape, diagonal), shape[0]
+    parameters, order = draw(form, seed), random.sample(range(M), M)
+    F, kappa = factor_and_kappa(form, parameters)
+    relabelled = F[order].ravel()
+    if diagonal:
+        relabelled = np.r_[relabelled, np.log(kappa[order])]
+    K, between = form.matrix(parameters), np.ix_(order, order)
+    atol = 1e-13 * np.trace(K)
+    np.testing.assert_allclose(form.matrix(relabelled), K[between], atol=atol)
+    truncated = form.matrix(form.parameters(K))
+    again = form.matrix(form.parameters(K[between]))
+    np.testing.assert_allclose(again, truncated[between], atol=1e3 * atol)

@@ -3,8 +3,9 @@ Learn the inverse dynamics of a robot arm under many loads
 ==========================================================
 
 A Puma 560 carries 14 loads, one after another. For each of them 20 samples of joint
-positions, velocities, accelerations and torques are known, from two trajectories that
-are not the same for any two loads. Four models learn the torques from these 280 samples:
+positions, velocities, accelerations and torques are known, from a trajectory common to
+all loads and from another that is the load's own. Four models learn the torques from
+these 280 samples:
 
 - sGP, each load alone;
 - iGP, loads that share the kernel only;
@@ -14,7 +15,7 @@ are not the same for any two loads. Four models learn the torques from these 280
 and predict them on the trajectories that they saw (interpolation) and on all 16
 (extrapolation). Chai, Williams, Klanke and Vijayakumar (2008), section 6, at n = 280.
 
-Run ``python examples/puma560_loads.py``, or with ``--short`` for two joints and two ranks.
+Run ``python examples/puma560_loads.py``; ``--short`` takes two joints and two ranks.
 """
 
 import argparse
@@ -90,7 +91,9 @@ def likelihoods(models, joints):
         name: _fitted(models[name]).log_marginal_likelihoods_
         for name in ("iGP", "pGP", "mGP-BIC")
     }
-    table["sGP"] = sum(e.log_marginal_likelihoods_ for e in models["sGP"][-1].estimators_)
+    table["sGP"] = sum(
+        e.log_marginal_likelihoods_ for e in models["sGP"][-1].estimators_
+    )
     return pd.DataFrame(table, index=_joint_names(joints))[list(models)]
 
 
@@ -122,15 +125,14 @@ def compare(table):
 
 
 def plot(models, table, joints, path):
-    """Draw the errors and the correlations of the tasks."""
+    """Draw the errors and the task covariances."""
     import matplotlib.pyplot as plt
 
-    regressor = _fitted(models["mGP-BIC"])
     n = len(joints)
     figure = plt.figure(figsize=(max(9.0, 2.1 * n), 7.2), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=[1.25, 1.0])
+    above, below = figure.subfigures(2, 1, height_ratios=[1.35, 1.0])
     _plot_errors(above, list(models), table, joints)
-    _plot_correlations(below, regressor, joints)
+    _plot_task_covariances(below, _fitted(models["mGP-BIC"]), joints)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
     plt.close(figure)
@@ -139,33 +141,40 @@ def plot(models, table, joints, path):
 
 def _plot_errors(figure, names, table, joints):
     axes = figure.subplots(1, 2, sharey=True)
+    figure.suptitle(f"Error of the torques after {N_PER_LOAD} samples of each load")
     colors = ["#999999", "#56b4e9", "#e69f00", "#d55e00"]
     for ax, subset in zip(axes, ("interpolation", "extrapolation"), strict=True):
         wide = table[table["test"] == subset].pivot(
             index="joint", columns="model", values="nMSE"
         )
         for k, (name, color) in enumerate(zip(names, colors, strict=True)):
-            x = np.arange(len(joints)) + 0.2 * (k - 1.5)
+            x = np.arange(len(joints)) + 0.17 * (k - 1.5)
             ax.plot(x, wide[name], "o", ms=8, color=color, label=name)
         ax.set_yscale("log")
         ax.set_xticks(range(len(joints)), [f"joint {j + 1}" for j in joints])
-        ax.set_title(f"{subset.capitalize()} error after {N_PER_LOAD} samples a load")
+        ax.set_title(subset.capitalize())
         ax.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("nMSE, averaged over 14 loads")
-    axes[0].legend(loc="upper left", ncols=2)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(names))
 
 
-def _plot_correlations(figure, regressor, joints):
+def _plot_task_covariances(figure, regressor, joints):
+    """K^rho of each joint, of the loads' deviations from their average."""
     axes = figure.subplots(1, len(joints), squeeze=False)[0]
-    figure.suptitle(f"Learned task correlations, rank {regressor.rank_}")
+    figure.suptitle(
+        f"Learned task covariance, rank {regressor.rank_}: how the loads, from 0.2 to "
+        "2.8 kg, deviate from their average"
+    )
+    ticks = [0, len(regressor.tasks_) - 1]
+    labels = [f"c{regressor.tasks_[t]}" for t in ticks]
     for ax, joint, K in zip(axes, joints, regressor.task_covariance_, strict=True):
-        scale = np.sqrt(np.diagonal(K))
-        image = ax.imshow(K / scale / scale[:, None], vmin=-1, vmax=1, cmap="RdBu_r")
+        K = K - K.mean(axis=0) - K.mean(axis=1)[:, None] + K.mean()
+        image = ax.imshow(K / np.abs(K).max(), vmin=-1, vmax=1, cmap="RdBu_r")
         ax.set_title(f"joint {joint + 1}")
-        ticks = [0, len(K) - 1]
-        ax.set_xticks(ticks, [f"c{regressor.tasks_[t]}" for t in ticks])
-        ax.set_yticks(ticks, [f"c{regressor.tasks_[t]}" for t in ticks])
-    figure.colorbar(image, ax=axes, shrink=0.8, label="correlation")
+        ax.set_xticks(ticks, labels)
+        ax.set_yticks(ticks, labels)
+    figure.colorbar(image, ax=axes, shrink=0.8, label="relative to the largest")
 
 
 def _fitted(pipeline):

@@ -10,11 +10,16 @@ import numpy as np
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF, Kernel
-from sklearn.utils import check_array, check_random_state
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils import check_array, check_consistent_length, check_random_state
+from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
-from skmtgp._tasks import encode_tasks, locate_task_column, split_tasks
+from skmtgp._tasks import (
+    encode_tasks,
+    locate_task_column,
+    read_table,
+    split_table,
+)
 from skmtgp.learning import Data, Settings
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance that predict holds at a time
@@ -53,32 +58,27 @@ def check_training(estimator, X, y):
     y : ndarray of the shape of y
         Numbers.
     """
-    checked, y = validate_data(
-        estimator,
-        X,
-        y,
-        dtype=None,
-        multi_output=True,
-        y_numeric=True,
-        ensure_min_features=2,
-    )
-    features, labels = _split(estimator, X, checked)
+    table = read_table(estimator, X, reset=True)
+    if y is None:
+        raise ValueError(
+            f"{type(estimator).__name__} requires y to be passed, but the target y is "
+            "None."
+        )
     y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
-    return features, labels, y
+    check_consistent_length(table, y)
+    return *_split(estimator, table), y
 
 
 def check_test(estimator, X):
     """Features and positions of the tasks in `tasks_`, from what the user passed."""
-    checked = validate_data(estimator, X, dtype=None, reset=False)
-    features, labels = _split(estimator, X, checked)
+    features, labels = _split(estimator, read_table(estimator, X, reset=False))
     return features, encode_tasks(labels, estimator.tasks_)
 
 
-def _split(estimator, X, checked):
+def _split(estimator, table):
     names = getattr(estimator, "feature_names_in_", None)
-    position = locate_task_column(estimator.task_feature, checked.shape[1], names)
-    features, labels = split_tasks(X, checked, position)
-    return check_array(features, dtype=np.float64, input_name="X"), labels
+    position = locate_task_column(estimator.task_feature, table.shape[1], names)
+    return split_table(table, position, estimator)
 
 
 def default_kernel(features):

@@ -4,6 +4,8 @@ import numbers
 
 import numpy as np
 import pandas as pd
+from sklearn.utils import check_array
+from sklearn.utils.validation import validate_data
 
 EXACT = 2.0**53  # the integers up to here are exact in float64
 
@@ -56,33 +58,66 @@ def locate_task_column(task_feature, n_features, feature_names=None):
     return int(task_feature) % n_features
 
 
-def split_tasks(original, checked, position):
-    """Cut the task column from the features.
+def read_table(estimator, X, *, reset):
+    """X as a table whose features and labels are still to be checked.
 
     Parameters
     ----------
-    original : array-like of shape (n_samples, n_features)
-        X as the user passed it; a frame's labels keep their type.
-    checked : ndarray of shape (n_samples, n_features)
-        X after scikit-learn's validation.
+    estimator : estimator
+        Has n_features_in_ and feature_names_in_, or gets them.
+    X : array-like of shape (n_samples, n_features)
+        What the user passed.
+    reset : bool
+        Whether the estimator gets them, in fit, or X is compared with them.
+
+    Returns
+    -------
+    table : ndarray or DataFrame of shape (n_samples, n_features)
+        A frame of pandas stays one: as an array it might lose the labels' type.
+    """
+    if isinstance(X, pd.DataFrame):
+        return validate_data(estimator, X, reset=reset, skip_check_array=True)
+    return validate_data(
+        estimator,
+        X,
+        reset=reset,
+        dtype=None,
+        ensure_all_finite=False,
+        ensure_min_features=2 if reset else 1,
+    )
+
+
+def split_table(table, position, estimator=None):
+    """Cut the task column from the features and check both.
+
+    Parameters
+    ----------
+    table : ndarray or DataFrame of shape (n_samples, n_features)
+        As `read_table` returns it.
     position : int
         Position of the task column.
+    estimator : estimator, default=None
+        Is named in errors.
 
     Returns
     -------
     features : ndarray of shape (n_samples, n_features - 1)
-        The other columns.
+        The other columns, as float64.
     labels : ndarray of shape (n_samples,)
-        The task of each row; int, str or bool.
+        The task of each row; int, str or bool, as in a frame.
 
     Raises
     ------
     ValueError
-        If a label is missing or is a number that is not an integer.
+        If a feature is missing, infinite or not a number, or if a label is missing or
+        is a number that is not an integer.
     """
-    column = original.iloc[:, position] if isinstance(original, pd.DataFrame) else None
-    labels = checked[:, position] if column is None else column
-    return np.delete(checked, position, axis=1), check_labels(labels)
+    rest = np.delete(np.arange(table.shape[1]), position)
+    columns = table.iloc if isinstance(table, pd.DataFrame) else table
+    features = check_array(
+        columns[:, rest], dtype=np.float64, input_name="X", estimator=estimator
+    )
+    return features, check_labels(columns[:, position])
 
 
 def task_labels(X, task_feature=-1):

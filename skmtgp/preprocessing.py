@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils import check_array
-from sklearn.utils.validation import check_is_fitted, validate_data
+from sklearn.utils.validation import check_is_fitted
 
 from ._sklearn_compat import check_feature_names_in, wants_pandas
-from ._tasks import EXACT, check_labels, locate_task_column
+from ._tasks import EXACT, locate_task_column, read_table, split_table
 
 __all__ = ["InverseDynamicsFeatures"]
 
@@ -98,7 +97,7 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             If X does not have 3 J + 1 columns or no column `task_feature`, if a number
             is missing or infinite, or if a task label is missing or fractional.
         """
-        table = self._validate(X, reset=True)
+        table = read_table(self, X, reset=True)
         n_features = self.n_features_in_
         self._task_position = locate_task_column(
             self.task_feature, n_features, getattr(self, "feature_names_in_", None)
@@ -129,7 +128,7 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             If X has other columns than in `fit`, or as for `fit`.
         """
         check_is_fitted(self)
-        states, labels = self._split(self._validate(X, reset=False))
+        states, labels = self._split(read_table(self, X, reset=False))
         velocities = states[:, self.n_joints_ : 2 * self.n_joints_]
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))
         features = np.column_stack([(states - self.mean_) / self.scale_, signs])
@@ -164,19 +163,6 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
         signs = [f"sgn({name})" for name in velocities]
         return np.array([*states, *signs, names[self._task_position]], dtype=object)
 
-    def _validate(self, X, *, reset):
-        """X as a table whose states and labels are still to be checked."""
-        if isinstance(X, pd.DataFrame):  # as an array it might lose the labels' type
-            return validate_data(self, X, reset=reset, skip_check_array=True)
-        return validate_data(
-            self,
-            X,
-            reset=reset,
-            dtype=None,
-            ensure_all_finite=False,
-            ensure_min_features=2 if reset else 1,
-        )
-
     def _count_joints(self, n_features):
         if self.n_joints is None:
             n_joints, rest = divmod(n_features - 1, 3)
@@ -201,11 +187,7 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
 
     def _split(self, table):
         """The states, as float64, and the labels, of the type they have in X."""
-        rest = np.delete(np.arange(table.shape[1]), self._task_position)
-        columns = table.iloc if isinstance(table, pd.DataFrame) else table
-        states, labels = columns[:, rest], columns[:, self._task_position]
-        states = check_array(states, dtype=np.float64, input_name="X", estimator=self)
-        return states, check_labels(labels)
+        return split_table(table, self._task_position, self)
 
     def _to_frame(self, features, labels, X):
         index = None

@@ -6,7 +6,7 @@ from skmtgp._tasks import (
     check_labels,
     encode_tasks,
     locate_task_column,
-    split_tasks,
+    split_table,
     task_labels,
 )
 
@@ -155,18 +155,26 @@ def test_labels_that_are_not_a_column():
 
 def test_split_of_an_array():
     X = np.array([[0.5, 2.0, 1.5], [0.25, 1.0, 2.5]])
-    features, labels = split_tasks(X, X, 1)
+    features, labels = split_table(X, 1)
     np.testing.assert_array_equal(features, X[:, [0, 2]])
     assert labels.tolist() == [2, 1]
 
 
 @pytest.mark.parametrize("labels", [["b", "a"], [True, False], [2, 1]])
-def test_split_of_a_frame_keeps_the_type(labels):
-    X = pd.DataFrame({"x": [0.5, 0.25], "load": labels})
-    features, found = split_tasks(X, X.to_numpy(), 1)
+@pytest.mark.parametrize("dtype", ["float64", "float32", "Float64", "object"])
+def test_split_of_a_frame_keeps_the_type(labels, dtype):
+    X = pd.DataFrame({"x": [0.5, 0.25], "load": labels}).astype({"x": dtype})
+    features, found = split_table(X, 1)
+    assert features.dtype == np.float64
     np.testing.assert_array_equal(features, [[0.5], [0.25]])
     assert found.tolist() == labels
     assert found.dtype.kind == np.array(labels).dtype.kind
+
+
+def test_split_with_a_missing_feature():
+    X = pd.DataFrame({"x": pd.array([0.5, None], dtype="Float64"), "load": ["a", "b"]})
+    with pytest.raises(ValueError, match="X contains NaN"):
+        split_table(X, 1)
 
 
 FRAME = pd.DataFrame({"load": ["b", "a"], "x": [0.5, 0.25]})

@@ -93,7 +93,8 @@ class ARDLinear(Kernel):
         X = np.atleast_2d(X)
         if eval_gradient and Y is not None:
             raise ValueError("The gradient can only be evaluated when Y is None.")
-        K = self.bias + (X * np.asarray(self.weights)) @ (X if Y is None else Y).T
+        Y = X if Y is None else np.atleast_2d(Y)
+        K = self.bias + (X * np.asarray(self.weights)) @ Y.T
         return (K, self._gradient(X)) if eval_gradient else K
 
     def _gradient(self, X):

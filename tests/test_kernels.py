@@ -68,6 +68,11 @@ def test_nested_columns_count_within_the_outer_ones(X):
 
 
 @every_kernel
+def test_rows_may_be_lists(kernel, X, Z):
+    np.testing.assert_array_equal(kernel(X.tolist(), Z.tolist()), kernel(X, Z))
+
+
+@every_kernel
 def test_diagonal(kernel, X):
     np.testing.assert_allclose(kernel.diag(X), np.diagonal(kernel(X)), rtol=1e-14)
 

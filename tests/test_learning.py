@@ -1,0 +1,454 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import textbook
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from skmtgp import learning
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.kernels import ARDLinear
+from skmtgp.learning import (
+    Data,
+    Mode,
+    Settings,
+    Start,
+    augmented_task_covariance,
+    best_of,
+    climb,
+    first_stage,
+    learn_fixed,
+    learn_ranks,
+    nest,
+    perturbed,
+    second_stage,
+)
+from skmtgp.task_covariance import LowRank, identity, ones
+
+M = 3
+FACTOR = np.array([[1.0, 0.0], [0.6, 0.8], [-0.5, 0.9]])
+KERNEL = ARDLinear([1.0, 1.0], 1.0, (1e-6, 1e3)) + ConstantKernel(1.0) * RBF([1.0, 1.0])
+TRUTH = np.log([0.5, 0.8, 0.1, 1.5, 0.7, 2.0])  # theta^x of what is drawn
+NOISE = 0.01
+
+
+def draw(K_rho, seed=0, per_task=12, kernel=None, M=M):
+    """Data of the model itself."""
+    rng = np.random.default_rng(seed)
+    tasks = np.repeat(np.arange(M), per_task)
+    X = rng.uniform(-2.0, 2.0, (len(tasks), 2))
+    X[-5:] = X[:5]  # tasks that share inputs
+    kernel = kernel or KERNEL.clone_with_theta(TRUTH)
+    C = np.linalg.cholesky(textbook.covariance(kernel, K_rho, NOISE, X, tasks))
+    return Data(X, tasks, C @ rng.standard_normal(len(X)), M)
+
+
+def configure(**changes):
+    settings = Settings(
+        kernel=KERNEL,
+        scale=1.0,
+        log_noise=np.log([0.1]),
+        log_noise_bounds=tuple(np.log([1e-10, 1e3])),
+        max_iter=200,
+        tol=1e-3,
+    )
+    return replace(settings, **changes)
+
+
+@pytest.fixture(scope="module")
+def data():
+    return draw(FACTOR @ FACTOR.T)
+
+
+def start_of(settings, form, seed=0):
+    rho = 0.5 * np.random.default_rng(seed).standard_normal(form.n_parameters)
+    return np.concatenate([settings.kernel.theta, rho, settings.log_noise])
+
+
+def is_stationary(data, settings, form, theta):
+    """Whether no step within the bounds gains much, by the Fisher information."""
+    likelihood = settings.likelihood(data, form)
+    gradient = likelihood.value_and_grad(theta)[1]
+    lower, upper = settings.bounds(form)
+    free = (lower < theta) & (theta < upper)
+    information = likelihood.fisher_information(theta)[np.ix_(free, free)]
+    information += 1e-6 * np.eye(free.sum())
+    return 0.5 * gradient[free] @ np.linalg.solve(information, gradient[free]) < 0.05
+
+
+FORMS = [identity(M), ones(M), LowRank(M, 1), LowRank(M, 2, True), LowRank(M, M)]
+every_form = pytest.mark.parametrize(
+    "form", FORMS, ids=["identity", "ones", "rank 1", "rank 2, diagonal", "full rank"]
+)
+
+
+class TestSettings:
+    @pytest.mark.parametrize("n_noise", [1, M])
+    @every_form
+    def test_bounds_are_in_the_order_of_theta(self, form, n_noise):
+        settings = configure(scale=2.0, log_noise=np.zeros(n_noise))
+        lower, upper = settings.bounds(form)
+        expected = [
+            KERNEL.bounds,
+            form.bounds(2.0),
+            [settings.log_noise_bounds] * n_noise,
+        ]
+        np.testing.assert_array_equal(np.c_[lower, upper], np.concatenate(expected))
+
+    def test_bounds_of_a_kernel_without_hyperparameters(self):
+        settings = configure(kernel=RBF(length_scale_bounds="fixed"))
+        assert settings.bounds(ones(M)).shape == (2, 1)
+
+    def test_likelihood(self, data):
+        likelihood = configure(log_noise=np.zeros(M)).likelihood(data, LowRank(M, 1))
+        theta = np.concatenate([KERNEL.theta, np.ones(3), np.log([0.1, 0.2, 0.3])])
+        K = textbook.covariance(
+            KERNEL, np.ones((3, 3)), [0.1, 0.2, 0.3], data.X, data.tasks
+        )
+        expected = textbook.log_marginal_likelihood(K, data.y)
+        np.testing.assert_allclose(likelihood.value(theta), expected, rtol=1e-11)
+
+
+class TestClimb:
+    @every_form
+    @pytest.mark.parametrize("seed", range(3))
+    def test_never_ends_below_its_start(self, data, form, seed):
+        settings = configure(max_iter=10)
+        theta = start_of(settings, form, seed)
+        mode = climb(data, settings, form, theta)
+        value = settings.likelihood(data, form).value
+        assert mode.value > value(theta)
+        np.testing.assert_allclose(mode.value, value(mode.theta), rtol=1e-12)
+        lower, upper = settings.bounds(form)
+        assert (lower <= mode.theta).all()
+        assert (mode.theta <= upper).all()
+
+    @every_form
+    def test_ends_at_a_mode(self, data, form):
+        settings = configure(tol=1e-6, max_iter=1000)
+        mode = climb(data, settings, form, start_of(settings, form))
+        assert mode.converged
+        assert is_stationary(data, settings, form, mode.theta)
+        assert not is_stationary(data, settings, form, start_of(settings, form))
+
+    def test_budget(self, data):
+        settings, form = configure(max_iter=3), LowRank(M, 2)
+        mode = climb(data, settings, form, start_of(settings, form))
+        assert mode.n_iter == 3 < mode.n_evaluations
+        assert not mode.converged
+        assert mode.seconds > 0.0
+
+    def test_start_beyond_the_bounds(self, data):
+        settings, form = configure(max_iter=5), ones(M)
+        theta = np.r_[np.full(6, 50.0), 50.0]
+        mode = climb(data, settings, form, theta)
+        clipped = np.clip(theta, *settings.bounds(form))
+        assert mode.value > settings.likelihood(data, form).value(clipped)
+
+    @pytest.mark.parametrize("relaxed", [None, 5.0])
+    def test_start_where_the_likelihood_fails(self, data, monkeypatch, relaxed):
+        def fail(self, theta):
+            return -np.inf, np.full(len(theta), np.nan)
+
+        monkeypatch.setattr(DenseLikelihood, "value_and_grad", fail)
+        settings = configure()
+        mode = climb(data, settings, ones(M), start_of(settings, ones(M)), relaxed)
+        assert mode.value == -np.inf
+        assert not mode.converged
+
+    def test_relaxed_climb_climbs_the_penalised_likelihood(self, data):
+        settings, form = configure(), identity(M)
+        likelihood = settings.likelihood(data, form)
+
+        def penalised(theta):
+            away = theta[:6] - KERNEL.theta
+            return likelihood.value(theta) - 0.5 * away @ away / 0.3**2
+
+        theta = start_of(settings, form) + 0.5
+        mode = climb(data, settings, form, theta, relaxed=0.3)
+        assert penalised(mode.theta) > penalised(theta)
+        np.testing.assert_allclose(mode.value, likelihood.value(mode.theta), rtol=1e-12)
+        slope = textbook.derivative(penalised, mode.theta)
+        assert (
+            np.abs(slope).max()
+            < 1.0
+            < np.abs(textbook.derivative(penalised, theta)).max()
+        )
+
+    def test_penalty_holds_the_kernel_alone(self, data):
+        settings, form = configure(), LowRank(M, 2)
+        theta = start_of(settings, form)
+        mode = climb(data, settings, form, theta, relaxed=1e-5)
+        away = np.abs(mode.theta - theta)
+        assert away[:6].max() < 1e-6
+        assert away[6:-1].min() > 1e-3
+        assert away[-1] > 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+@pytest.mark.parametrize("n_noise", [1, M])
+def test_learn_fixed_is_no_worse_than_the_truth(form, seed, n_noise):
+    data = draw(form.matrix(np.empty(0)), seed)
+    settings = configure(log_noise=np.full(n_noise, np.log(0.1)))
+    mode = learn_fixed(data, settings, form)
+    truth = np.r_[TRUTH, np.full(n_noise, np.log(NOISE))]
+    assert mode.value >= settings.likelihood(data, form).value(truth)
+    assert is_stationary(data, settings, form, mode.theta)
+
+
+def literal_augmented_task_covariance(data, kernel, K_rho, noise):
+    """Section 3.2, word by word."""
+    X_hat = []  # "distinct x-configurations observed over all M contexts"
+    for x in data.X.tolist():
+        if x not in X_hat:
+            X_hat.append(x)
+    N, M = len(X_hat), data.n_tasks
+    T_aug = np.empty((N, M))
+    for i, x in enumerate(X_hat):
+        for m in range(M):
+            observed = data.y[(x == data.X).all(axis=1) & (data.tasks == m)]
+            T_aug[i, m] = (
+                np.mean(observed)
+                if len(observed)
+                else textbook.posterior(
+                    kernel, K_rho, noise, data.X, data.tasks, data.y, [x], [m]
+                )[0].item()
+            )
+    eta_squared = np.trace(T_aug.T @ T_aug) / (M * N)
+    K_x = kernel(np.array(X_hat))
+    return T_aug.T @ np.linalg.inv(K_x + eta_squared * np.eye(N)) @ T_aug / N
+
+
+class TestAugmentedTaskCovariance:
+    def posterior(self, data, form, kernel=KERNEL):
+        likelihood = DenseLikelihood(kernel, form, data.X, data.tasks, data.y)
+        return likelihood.posterior(np.r_[kernel.theta, np.log(0.1)])
+
+    @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+    @pytest.mark.parametrize("kernel", [KERNEL, RBF() + WhiteKernel(0.2)], ids=repr)
+    @pytest.mark.parametrize("rows", ["shared", "all shared", "distinct", "repeated"])
+    def test_section_3_2(self, data, form, kernel, rows):
+        X = data.X.copy()
+        if rows == "all shared":
+            X = np.tile(X[:12], (3, 1))
+        elif rows == "distinct":
+            X += np.linspace(0.0, 0.1, len(X))[:, None]
+        elif rows == "repeated":  # several observations of a task at one x
+            X[1] = X[0]
+        data = replace(data, X=X)
+        actual = augmented_task_covariance(data, self.posterior(data, form, kernel))
+        K_rho = form.matrix(np.empty(0))
+        expected = literal_augmented_task_covariance(data, kernel, K_rho, 0.1)
+        np.testing.assert_allclose(actual, expected, rtol=1e-9)
+
+    def test_trace_where_the_kernel_vanishes(self, data):
+        # "so that tr(K_aug^rho) = M if K_1^x were the zero matrix"
+        kernel = ConstantKernel(1e-14) * RBF()
+        posterior = self.posterior(data, ones(M), kernel)
+        trace = np.trace(augmented_task_covariance(data, posterior))
+        np.testing.assert_allclose(trace, M, rtol=1e-10)
+
+    def test_rank_is_not_that_of_the_initial_choice(self, data):
+        K_rho = augmented_task_covariance(data, self.posterior(data, ones(M)))
+        values = np.linalg.eigvalsh(K_rho)
+        assert values[0] > 0.01 * values[-1]
+
+    def test_does_not_change_the_data(self, data):
+        y = data.y.copy()
+        augmented_task_covariance(data, self.posterior(data, ones(M)))
+        np.testing.assert_array_equal(data.y, y)
+
+
+@pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+def test_first_stage(data, form):
+    settings = configure()
+    start = first_stage(data, settings, form)
+    theta = start_of(settings, form)
+    mode = climb(data, settings, form, theta, relaxed=5.0)
+    np.testing.assert_array_equal(start.kernel_theta, mode.theta[:6])
+    expected = literal_augmented_task_covariance(
+        data,
+        KERNEL.clone_with_theta(mode.theta[:6]),
+        form.matrix(np.empty(0)),
+        np.exp(mode.theta[-1]),
+    )
+    np.testing.assert_allclose(start.K_rho, expected, rtol=1e-7)
+
+
+def test_second_stage_follows_every_start_and_keeps_the_best(data):
+    settings, form = configure(max_iter=20), LowRank(M, 2)
+    starts = [
+        Start(KERNEL.theta, np.ones((M, M))),
+        Start(TRUTH, FACTOR @ FACTOR.T),
+        Start(KERNEL.theta + 1.0, np.eye(M)),
+    ]
+    each = [second_stage(data, settings, form, [start]) for start in starts]
+    best = second_stage(data, settings, form, starts)
+    assert best.value == max(mode.value for mode in each)
+    first = np.concatenate(
+        [TRUTH, form.parameters(FACTOR @ FACTOR.T), settings.log_noise]
+    )
+    expected = climb(data, settings, form, first)
+    np.testing.assert_array_equal(each[1].theta, expected.theta)
+
+
+def test_best_of():
+    modes = [Mode(np.zeros(1), value, 3, 4, True, 0.5) for value in (1.0, 3.0, 2.0)]
+    assert best_of(modes) == modes[1]._replace(seconds=1.5)
+
+
+def test_perturbed():
+    start = Start(KERNEL.theta, FACTOR @ FACTOR.T)
+    one, same, other = perturbed(start, 0), perturbed(start, 0), perturbed(start, 1)
+    np.testing.assert_array_equal(one.K_rho, same.K_rho)
+    np.testing.assert_array_equal(one.kernel_theta, same.kernel_theta)
+    assert not np.allclose(one.kernel_theta, other.kernel_theta)
+    assert not np.allclose(one.kernel_theta, start.kernel_theta)
+    np.testing.assert_array_equal(start.kernel_theta, KERNEL.theta)
+    assert np.linalg.matrix_rank(one.K_rho) == 2
+    assert np.linalg.eigvalsh(one.K_rho)[0] > -1e-12
+
+
+def mode_at(data, settings, form, theta):
+    value = settings.likelihood(data, form).value(theta)
+    return Mode(theta, value, 7, 8, True, 0.5)
+
+
+@pytest.fixture(scope="module", params=[False, True], ids=["plain", "diagonal"])
+def forms(request):
+    return [LowRank(M, rank, request.param) for rank in (1, 2, 3)]
+
+
+@pytest.fixture(scope="module")
+def modes(data, forms):
+    settings = configure()
+    good = climb(data, settings, forms[0], start_of(settings, forms[0]))
+    bad = [
+        mode_at(data, settings, form, np.r_[start_of(settings, form)[:-1], 5.0])
+        for form in forms[1:]
+    ]
+    assert all(mode.value < good.value for mode in bad)
+    return [good, *bad]
+
+
+class TestNest:
+    """The higher ranks' modes are deliberately bad."""
+
+    @pytest.mark.parametrize("max_iter", [0, 1, 200])
+    @pytest.mark.parametrize("ranks", [(0, 1, 2), (0, 2)], ids=["steps", "leap"])
+    def test_values_do_not_fall(self, data, forms, modes, max_iter, ranks):
+        settings = configure(max_iter=max_iter)
+        forms, modes = [forms[k] for k in ranks], [modes[k] for k in ranks]
+        before = list(modes)
+        nested = nest(data, settings, forms, modes)
+        assert all(a is b for a, b in zip(modes, before, strict=True))
+        assert nested[0] is modes[0]
+        assert (np.diff([mode.value for mode in nested]) >= 0.0).all()
+        for form, mode in zip(forms, nested, strict=True):
+            value = settings.likelihood(data, form).value(mode.theta)
+            np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+
+    def test_higher_rank_is_learned_from_the_lower_one(self, data, forms, modes):
+        settings = configure(tol=1e-6, max_iter=1000)
+        nested = nest(data, settings, forms[:2], modes[:2])
+        assert nested[1].value > nested[0].value + 1.0
+        assert nested[1].seconds > modes[1].seconds
+        assert is_stationary(data, settings, forms[1], nested[1].theta)
+
+    def test_good_modes_are_kept(self, data, forms, modes):
+        rising = [mode._replace(value=float(k)) for k, mode in enumerate(modes)]
+        nested = nest(data, configure(), forms, rising)
+        assert all(a is b for a, b in zip(nested, rising, strict=True))
+
+
+RANKS = [LowRank(M, 1), LowRank(M, 2), LowRank(M, 3)]
+
+
+@pytest.fixture(scope="module")
+def pairs(data):
+    other = draw(FACTOR @ FACTOR.T, seed=1)
+    return [(data, configure()), (other, configure(log_noise=np.full(M, -2.0)))]
+
+
+@pytest.fixture(scope="module")
+def learned(pairs):
+    return learn_ranks(pairs, RANKS)
+
+
+class TestLearnRanks:
+    def test_no_worse_than_the_truth(self, pairs, learned):
+        for (data, settings), modes in zip(pairs, learned, strict=True):
+            n_noise = len(settings.log_noise)
+            noise = np.full(n_noise, np.log(NOISE))
+            theta = np.concatenate([TRUTH, FACTOR.ravel(), noise])
+            truth = settings.likelihood(data, RANKS[1]).value(theta)
+            assert modes[1].value > truth
+
+    def test_values_do_not_fall_with_the_rank(self, learned):
+        for modes in learned:
+            assert (np.diff([mode.value for mode in modes]) >= 0.0).all()
+
+    def test_values_are_those_of_the_parameters(self, pairs, learned):
+        for (data, settings), modes in zip(pairs, learned, strict=True):
+            for form, mode in zip(RANKS, modes, strict=True):
+                value = settings.likelihood(data, form).value(mode.theta)
+                np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+
+    def test_outputs_are_learned_separately(self, pairs, learned):
+        alone = learn_ranks(pairs[1:], RANKS)
+        self.assert_same(alone, learned[1:])
+
+    @pytest.mark.parametrize("n_jobs", [1, 2])
+    def test_processes_do_not_matter(self, pairs, learned, n_jobs):
+        self.assert_same(learn_ranks(pairs, RANKS, n_jobs=n_jobs), learned)
+
+    def assert_same(self, one, other):
+        for modes, others in zip(one, other, strict=True):
+            for a, b in zip(modes, others, strict=True):
+                assert a.value == b.value
+                np.testing.assert_array_equal(a.theta, b.theta)
+                assert a[2:5] == b[2:5]
+
+    def test_starts(self, data, monkeypatch):
+        followed = []
+
+        def follow(data, settings, form, starts):
+            followed.append(starts)
+            return second_stage(data, settings, form, starts)
+
+        monkeypatch.setattr(learning, "second_stage", follow)
+        settings = configure(max_iter=3)
+        learn_ranks([(data, settings)], RANKS[:2], seeds=(5, 6))
+        plain = [first_stage(data, settings, form) for form in (identity(M), ones(M))]
+        expected = [*plain, perturbed(plain[0], 5), perturbed(plain[0], 6)]
+        for starts in followed:
+            for start, other in zip(starts, expected, strict=True):
+                np.testing.assert_array_equal(start.kernel_theta, other.kernel_theta)
+                np.testing.assert_array_equal(start.K_rho, other.K_rho)
+        assert len(followed) == 2
+
+    @pytest.mark.parametrize("n_jobs", [1, 2])
+    def test_report(self, pairs, capsys, n_jobs):
+        pairs = [(data, replace(settings, max_iter=1)) for data, settings in pairs]
+        learn_ranks(pairs, RANKS, n_jobs=n_jobs, verbose=1)
+        lines = capsys.readouterr().out.splitlines()
+        pattern = (
+            r"\[skmtgp\] output (\d) of 2, rank (\d): "
+            r"log marginal likelihood -?\d+\.\d\d after 1 iterations"
+        )
+        found = [re.fullmatch(pattern, line).groups() for line in lines]
+        assert found == [(j, r) for j in "12" for r in "123"]
+
+    def test_quiet(self, pairs, capsys):
+        pairs = [(pairs[0][0], configure(max_iter=1))]
+        learn_ranks(pairs, [LowRank(M, 1)])
+        assert capsys.readouterr() == ("", "")
+
+    def test_one_task(self):
+        data = draw(np.ones((1, 1)), M=1, per_task=20)
+        settings, form = configure(), LowRank(1, 1)
+        [[mode]] = learn_ranks([(data, settings)], [form])
+        truth = np.r_[TRUTH, 1.0, np.log(NOISE)]
+        assert mode.value > settings.likelihood(data, form).value(truth)

@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import Bounds, lsq_linear
 from scipy.optimize import minimize as scipy_minimize
 
-from skmtgp._bfgs import minimize
+from skmtgp._bfgs import _solve, minimize
 
 
 def free(n):
@@ -293,3 +293,42 @@ def test_scale_of_the_values(scale):
 
     best = minimize(fun, np.zeros(4), *free(4), max_iter=300, tol=1e-12 * scale)
     np.testing.assert_allclose(best.x, 1.0, rtol=1e-4)
+
+
+def test_start_where_the_function_is_concave():
+    def fun(x):
+        bump = np.exp(-0.5 * x @ x)
+        return -bump, x * bump
+
+    best = minimize(fun, np.array([2.0, -1.5]), *free(2), max_iter=100, tol=1e-14)
+    assert best.converged
+    np.testing.assert_allclose(best.x, 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("metric", [np.ones((8, 8)), np.eye(8) * 1e-15])
+def test_metric_that_is_almost_singular(metric):
+    fun = LeastSquares(0)
+    best = minimize(
+        fun, fun.x0, *free(8), metric=lambda x: metric, max_iter=500, tol=1e-13
+    )
+    assert best.value < 1e-10
+
+
+@pytest.mark.parametrize(
+    ("B", "expected"),
+    [
+        ([[4.0, 1.0], [1.0, 2.0]], np.linalg.solve([[4.0, 1.0], [1.0, 2.0]], [8, 1])),
+        ([[1e8, 1.0], [1.0, 1e-6]], np.linalg.solve([[1e8, 1.0], [1.0, 1e-6]], [8, 1])),
+        ([[4.0, 8.0], [8.0, 2.0]], [2.0, 0.5]),  # indefinite: its diagonal alone
+    ],
+)
+def test_solve(B, expected):
+    actual = _solve(np.array(B), np.array([8.0, 1.0]))
+    np.testing.assert_allclose(actual, expected, rtol=1e-12)
+
+
+def test_solve_where_rounding_made_the_matrix_singular():
+    B, g = np.ones((3, 3)) - 1e-13 * np.eye(3), np.array([1.0, 0.0, -1.0])
+    step = _solve(B, g)
+    assert np.isfinite(step).all()
+    assert g @ step > 0.0  # minus it is a direction of descent

@@ -100,6 +100,17 @@ def default_kernel(features):
     return RBF(scale, np.outer(scale, [1e-2, 1e3]))
 
 
+def check_kernel(kernel, features):
+    """Raise a ValueError where the kernel is not one for these features."""
+    try:
+        kernel(features[:1])
+    except (ValueError, IndexError) as error:
+        raise ValueError(
+            f"kernel={kernel!r} cannot take X, which has {features.shape[1]} features "
+            f"beside the task column: {error}"
+        ) from error
+
+
 class Training(NamedTuple):
     """Training data, checked.
 
@@ -325,6 +336,7 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
         kernel = self.kernel
         if kernel is None:
             kernel = self._default_kernel(training.features)
+        check_kernel(kernel, training.features)
         n_noise = len(training.tasks) if self.noise == "per_task" else 1
         pairs = training.pairs(
             kernel,

@@ -112,6 +112,8 @@ def split_table(table, position, estimator=None):
         If a feature is missing, infinite or not a number, or if a label is missing or
         is a number that is not an integer.
     """
+    if table.shape[1] < 2:
+        raise ValueError("X has 0 feature(s) beside the task column; give at least 1.")
     rest = np.delete(np.arange(table.shape[1]), position)
     columns = table.iloc if isinstance(table, pd.DataFrame) else table
     features = check_array(

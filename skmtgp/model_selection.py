@@ -134,6 +134,7 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
             verbose=max(model.verbose, self.verbose),
         )
+        model._validate_params()
         training = model._scale(*check_training(model, X, y))
         M = len(training.tasks)
         forms = [LowRank(M, r, model.diagonal) for r in self._check_ranks(M)]

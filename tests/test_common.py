@@ -1,0 +1,29 @@
+"""scikit-learn's own checks of its estimators; none is expected to fail."""
+
+import pytest
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+)
+
+ALONE = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
+DEFAULT = [cls() for cls in (*ALONE, RankSearchIC)]
+# How the first column is cut does not depend on how long learning lasts.
+FIRST = [cls(task_feature=0, max_iter=10) for cls in ALONE]
+SEARCH = RankSearchIC(MultiTaskGPRegressor(task_feature=0, max_iter=10), ranks=(1, 2))
+
+
+@parametrize_with_checks(DEFAULT)
+def test_task_in_the_last_column(estimator, check):
+    check(estimator)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@parametrize_with_checks([*FIRST, SEARCH])
+def test_task_in_the_first_column(estimator, check):
+    check(estimator)

@@ -1,0 +1,292 @@
+"""What the estimators take, and what they say to what they do not."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from samples import draw
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+)
+from skmtgp.kernels import ARDLinear, Columns
+
+QUICK = {"task_feature": "load", "max_iter": 0}
+ESTIMATORS = {
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(**QUICK),
+    "IndependentGP": IndependentGP(**QUICK),
+    "PooledGP": PooledGP(**QUICK),
+    "SingleTaskGP": SingleTaskGP(**QUICK),
+    "RankSearchIC": RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2)),
+}
+LABELS = {
+    "int": ([3, 1, 2], None),
+    "uint8": ([3, 1, 2], "uint8"),
+    "float of integers": ([3.0, 1.0, 2.0], None),
+    "bool": ([True, False, False], None),
+    "str": (["b", "c", "a"], None),
+    "object": (["b", "c", "a"], object),
+    "category": (["b", "c", "a"], "category"),
+    "int category": ([3, 1, 2], "category"),
+    "Int64": ([3, 1, 2], "Int64"),
+    "Float64": ([3, 1, 2], "Float64"),
+    "string": (["b", "c", "a"], "string"),
+    "boolean": ([True, False, False], "boolean"),
+}
+X, y = draw(per_task=6)
+TASKS = X[:, -1].astype(int)
+
+
+def frame(labels="str", features="float64"):
+    values, dtype = LABELS[labels]
+    load = pd.Series(np.array(values)[TASKS]).astype(dtype or np.array(values).dtype)
+    table = pd.DataFrame(X[:, :2], columns=["a", "b"]).astype(features)
+    return table.assign(load=load)[["a", "load", "b"]]  # the task in the middle
+
+
+def coded(labels):
+    """The same as an array, tasks as numbers in the order of their labels."""
+    values = LABELS[labels][0]
+    codes = np.unique(np.array(values), return_inverse=True)[1]
+    return np.column_stack([X[:, 0], codes[TASKS], X[:, 1]])
+
+
+def by_position(estimator):
+    nested = "estimator__" if isinstance(estimator, RankSearchIC) else ""
+    return estimator.set_params(**{f"{nested}task_feature": 1})
+
+
+@pytest.fixture(params=ESTIMATORS.values(), ids=ESTIMATORS)
+def estimator(request):
+    return clone(request.param)
+
+
+@pytest.mark.parametrize("features", ["float64", "Float64", "float32", "object"])
+@pytest.mark.parametrize("labels", LABELS)
+def test_frames(estimator, labels, features):
+    table = frame(labels, features)
+    found = estimator.fit(table, y).predict(table)
+    assert estimator.feature_names_in_.tolist() == ["a", "load", "b"]
+    model = getattr(estimator, "best_estimator_", estimator)
+    assert model.tasks_.tolist() == sorted(set(LABELS[labels][0]))
+    array = coded(labels)
+    expected = by_position(estimator).fit(array, y).predict(array)
+    rtol = 1e-3 if features == "float32" else 1e-9
+    np.testing.assert_allclose(found, expected, rtol=rtol)
+
+
+@pytest.mark.parametrize("labels", ["int", "str", "bool", "category"])
+def test_polars_frames(estimator, labels):
+    polars = pytest.importorskip("polars")
+    values = np.array(LABELS[labels][0])[TASKS]
+    load = polars.Series(values.tolist())
+    if labels == "category":
+        load = load.cast(polars.Categorical)
+    table = polars.DataFrame({"a": X[:, 0], "load": load, "b": X[:, 1]})
+    found = estimator.fit(table, y).predict(table)
+    assert estimator.feature_names_in_.tolist() == ["a", "load", "b"]
+    expected = estimator.fit(frame(labels), y).predict(frame(labels))
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("target", ["Float64", "Int64", "list", "frame"])
+def test_targets(estimator, target):
+    targets = {
+        "Float64": pd.Series(y, dtype="Float64"),
+        "Int64": pd.Series(y.round().astype(int), dtype="Int64"),
+        "list": y.tolist(),
+        "frame": pd.DataFrame({"u": y, "v": -y}),
+    }
+    given = targets[target]
+    found = estimator.fit(frame(), given).predict(frame())
+    plain = np.array(given, dtype=float)
+    assert found.shape == plain.shape
+    expected = estimator.fit(frame(), plain).predict(frame())
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_negative_position_and_name_are_the_same_column():
+    table = frame()[["a", "b", "load"]]
+    named = MultiTaskGPRegressor(**QUICK).fit(table, y).predict(table)
+    last = MultiTaskGPRegressor(max_iter=0).fit(table, y).predict(table)
+    np.testing.assert_array_equal(named, last)
+
+
+def test_some_of_the_tasks_can_be_predicted(estimator):
+    table = frame()
+    whole = estimator.fit(table, y).predict(table)
+    rows = table["load"] == "c"
+    found = estimator.predict(table[rows])
+    np.testing.assert_allclose(found, whole[rows], rtol=1e-9)
+
+
+def changed(values):
+    """The frame with a column of other values."""
+    return frame().assign(**values)
+
+
+def with_first(column, value):
+    table = frame().astype({"load": object})
+    table.loc[0, column] = value
+    return table
+
+
+BAD_DATA = {
+    "missing label": (with_first("load", None), y, "task column has 1 missing labels"),
+    "NaN label": (with_first("load", np.nan), y, "1 missing labels.*Every row needs"),
+    "NA label": (with_first("load", pd.NA), y, "missing labels .* first in row 0"),
+    "NaN label in an array": (
+        np.where(X[0, -1] == X, np.nan, X)[:, [0, 2, 1]],
+        y,
+        "6 missing labels",
+    ),
+    "continuous labels": (changed({"load": X[:, 0]}), y, "18 of 18 are fractional"),
+    "mixed labels": (with_first("load", 1), y, r"mixture: \['int', 'str'\]"),
+    "NaN feature": (with_first("a", np.nan), y, "Input X contains NaN"),
+    "infinite feature": (with_first("a", np.inf), y, "X contains infinity"),
+    "NA feature": (
+        changed({"a": pd.array([pd.NA, *X[1:, 0]], dtype="Float64")}),
+        y,
+        "X contains NaN",
+    ),
+    "text feature": (changed({"a": "text"}), y, "could not convert string to float"),
+    "no feature": (frame()[["load"]], y, r"0 feature\(s\)"),
+    "no feature in an array": (X[:, -1:], y, r"1 feature\(s\).*minimum of 2"),
+    "no rows": (frame()[:0], y[:0], r"0 sample\(s\)"),
+    "one dimension": (X[:, 0], y, "Expected 2D array"),
+    "no target": (frame(), None, "requires y to be passed, but the target y is None"),
+    "NaN target": (frame(), np.full(18, np.nan), "Input y contains NaN"),
+    "text target": (frame(), ["text"] * 18, "could not convert string to float"),
+    "short target": (frame(), y[:-1], r"inconsistent numbers of samples: \[18, 17\]"),
+    "three axes of the target": (frame(), np.ones((18, 1, 1)), "y with dim 3"),
+}
+
+
+@pytest.mark.parametrize(("table", "target", "match"), BAD_DATA.values(), ids=BAD_DATA)
+def test_bad_data(estimator, table, target, match):
+    if not isinstance(table, pd.DataFrame):
+        by_position(estimator)
+    with pytest.raises(ValueError, match=match):
+        estimator.fit(table, target)
+    with pytest.raises(NotFittedError):
+        estimator.predict(frame())
+
+
+NOISE_BOUNDS = "must be a pair of positive numbers, the smaller one first, or 'fixed'"
+BAD_PARAMETERS = {
+    "kernel of another type": ({"kernel": "rbf"}, ValueError, "must be an instance of"),
+    "kernel class": ({"kernel": RBF}, ValueError, "'kernel' parameter .* must be"),
+    "length-scales": (
+        {"kernel": RBF([1.0] * 3)},
+        ValueError,
+        r"kernel=RBF\(length_scale=\[1, 1, 1\]\) cannot take X, which has 2 features",
+    ),
+    "weights": (
+        {"kernel": ARDLinear([1.0] * 3)},
+        ValueError,
+        r"kernel=ARDLinear\(.*\) cannot take X, which has 2 features",
+    ),
+    "columns": (
+        {"kernel": Columns(RBF(), [0, 2])},
+        ValueError,
+        r"kernel=Columns\(.*which has 2 features beside the task column",
+    ),
+    "reversed bounds": (
+        {"noise_variance_bounds": (1.0, 0.1)},
+        ValueError,
+        rf"noise_variance_bounds=\(1.0, 0.1\) {NOISE_BOUNDS}",
+    ),
+    "bounds at zero": ({"noise_variance_bounds": (0, 1)}, ValueError, NOISE_BOUNDS),
+    "three bounds": ({"noise_variance_bounds": (1, 2, 3)}, ValueError, NOISE_BOUNDS),
+    "bounds of text": ({"noise_variance_bounds": "none"}, ValueError, "array-like or"),
+    "no noise": ({"noise_variance": 0.0}, ValueError, r"range \(0.0, inf\)"),
+    "inference": ({"inference": "exact"}, ValueError, "must be a str among"),
+    "iterations": ({"max_iter": -1}, ValueError, r"'max_iter' .* range \[0, inf\)"),
+    "tolerance": ({"tol": -1.0}, ValueError, r"'tol' .* range \[0.0, inf\)"),
+    "name": ({"task_feature": "task"}, ValueError, "'task' is not a column: .*'load'"),
+    "position": ({"task_feature": 3}, ValueError, "3 is out of range: X has 3 columns"),
+    "fraction": ({"task_feature": 1.0}, ValueError, "an instance of 'int' or .*'str'"),
+    "truth": ({"task_feature": True}, TypeError, r"True must be the position \(int\)"),
+}
+
+
+@pytest.mark.parametrize(
+    ("params", "error", "match"), BAD_PARAMETERS.values(), ids=BAD_PARAMETERS
+)
+def test_bad_parameters(estimator, params, error, match):
+    if isinstance(estimator, RankSearchIC):
+        params = {f"estimator__{name}": value for name, value in params.items()}
+    estimator.set_params(**params)
+    with pytest.raises(error, match=match):
+        estimator.fit(frame(), y)
+
+
+@pytest.mark.parametrize(
+    ("params", "match"),
+    [
+        ({"rank": 0}, r"'rank' .* must be an int in the range \[1, inf\) or None"),
+        ({"rank": 2.0}, r"'rank' .* must be an int in the range \[1, inf\) or None"),
+        ({"rank": 4}, "rank=4 is above the number of tasks, 3"),
+        ({"noise": "each"}, "'noise' .* must be a str among"),
+        ({"diagonal": "yes"}, "'diagonal' .* must be"),
+        ({"n_restarts_optimizer": -1}, "'n_restarts_optimizer' .* range"),
+        ({"random_state": "x"}, "'random_state' .* must be"),
+    ],
+)
+def test_bad_parameters_of_the_multi_task_model(params, match):
+    with pytest.raises(ValueError, match=match):
+        MultiTaskGPRegressor(**QUICK).set_params(**params).fit(frame(), y)
+
+
+def test_name_of_the_task_column_of_an_array(estimator):
+    with pytest.raises(ValueError, match="'load' names a column, but X has no column"):
+        estimator.fit(X, y)
+
+
+NEW = {
+    "unknown task": (changed({"load": "d"}), "Unknown tasks 'd': the model knows 'a'"),
+    "number for text": (changed({"load": 1}), "Unknown tasks 1: the model knows 'a'"),
+    "missing label": (with_first("load", None), "1 missing labels"),
+    "NaN feature": (with_first("b", np.nan), "Input X contains NaN"),
+    "other columns": (
+        frame()[["b", "load", "a"]],
+        "feature names should match those that were passed during fit",
+    ),
+    "too wide": (
+        changed({"c": 1.0}).to_numpy(),
+        "X has 4 features, but .* is expecting 3 features",
+    ),
+}
+
+
+@pytest.mark.filterwarnings("ignore:X does not have valid feature names")
+@pytest.mark.parametrize(("table", "match"), NEW.values(), ids=NEW)
+def test_bad_data_at_predict(estimator, table, match):
+    estimator.fit(frame(), y)
+    with pytest.raises(ValueError, match=match):
+        estimator.predict(table)
+
+
+def test_spreads_are_of_one_kind(estimator):
+    estimator.fit(frame(), y)
+    with pytest.raises(ValueError, match="Set return_std or return_cov, not both"):
+        estimator.predict(frame(), return_std=True, return_cov=True)
+
+
+@pytest.mark.parametrize("name", ["predict", "sample_y"])
+def test_methods_of_what_is_not_fitted(estimator, name):
+    if hasattr(estimator, name):
+        with pytest.raises(NotFittedError):
+            getattr(estimator, name)(frame())
+
+
+def test_theta_of_another_length():
+    model = MultiTaskGPRegressor(**QUICK).fit(frame(), y)
+    with pytest.raises(ValueError, match=r"theta has shape \(3,\); the model has"):
+        model.log_marginal_likelihood([0.0, 0.0, 0.0])

@@ -19,12 +19,18 @@ from skmtgp.task_covariance import identity, ones
 
 
 class _FixedTaskCovarianceGP(BaseMultiTaskGP):
-    """A Gaussian process whose task covariance is not learned."""
+    """A Gaussian process whose task covariance is fixed, but for a diagonal."""
+
+    _parameter_constraints = {
+        **BaseMultiTaskGP._parameter_constraints,
+        "diagonal": ["boolean"],
+    }
 
     def __init__(
         self,
         kernel=None,
         *,
+        diagonal=False,
         task_feature=-1,
         noise="shared",
         noise_variance=1e-2,
@@ -37,6 +43,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         verbose=0,
     ):
         self.kernel = kernel
+        self.diagonal = diagonal
         self.task_feature = task_feature
         self.noise = noise
         self.noise_variance = noise_variance
@@ -52,7 +59,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         return ConstantKernel(1.0, (1e-3, 1e3)) * default_kernel(features)
 
     def _learn(self, training):
-        form = self._form(len(training.tasks))
+        form = self._form(len(training.tasks), self.diagonal)
         pairs = self._pairs(training)
 
         def describe(j, mode):
@@ -79,6 +86,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
         and bounds. None is an amplitude times a squared exponential with one
         length-scale for each feature, started and bounded relative to the feature's
         standard deviation.
+    diagonal : bool, default=False
+        Whether to add a learned diagonal to the task covariance, one variance for each
+        task: how much more the functions of some tasks vary than those of others.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
     noise : {"shared", "per_task"}, default="shared"
@@ -108,7 +118,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
     kernel_ : Kernel, or list of n_outputs of them
         The kernel as learned.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
-        The identity times the squared scale of y.
+        The identity (plus the diagonal) times the squared scale of y.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
@@ -120,10 +130,10 @@ class IndependentGP(_FixedTaskCovarianceGP):
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
-        Number of hyperparameters of the kernels and the noise.
+        Number of hyperparameters of the kernels, the diagonals and the noise.
     theta_ : ndarray of shape (n_theta,)
-        Theta of the kernel and logarithms of the noise variances of the scaled target,
-        for each output.
+        Theta of the kernel, logarithms of the diagonal and of the noise variances of
+        the scaled target, for each output.
     n_iter_ : int
         Iterations of the longest maximisation.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
@@ -157,9 +167,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
     array([ 0.997, -0.997])
     """
 
-    @staticmethod
-    def _form(n_tasks):
-        return identity(n_tasks)
+    _form = staticmethod(identity)
 
 
 class PooledGP(_FixedTaskCovarianceGP):
@@ -175,6 +183,9 @@ class PooledGP(_FixedTaskCovarianceGP):
         and bounds. None is an amplitude times a squared exponential with one
         length-scale for each feature, started and bounded relative to the feature's
         standard deviation.
+    diagonal : bool, default=False
+        Whether to add a learned diagonal to the task covariance, one variance for each
+        task: how much its function deviates from the common one.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
     noise : {"shared", "per_task"}, default="shared"
@@ -204,7 +215,7 @@ class PooledGP(_FixedTaskCovarianceGP):
     kernel_ : Kernel, or list of n_outputs of them
         The kernel as learned.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
-        The matrix of ones times the squared scale of y.
+        The matrix of ones (plus the diagonal) times the squared scale of y.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
@@ -216,10 +227,10 @@ class PooledGP(_FixedTaskCovarianceGP):
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
-        Number of hyperparameters of the kernels and the noise.
+        Number of hyperparameters of the kernels, the diagonals and the noise.
     theta_ : ndarray of shape (n_theta,)
-        Theta of the kernel and logarithms of the noise variances of the scaled target,
-        for each output.
+        Theta of the kernel, logarithms of the diagonal and of the noise variances of
+        the scaled target, for each output.
     n_iter_ : int
         Iterations of the longest maximisation.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
@@ -253,9 +264,7 @@ class PooledGP(_FixedTaskCovarianceGP):
     array([0.997, 0.997])
     """
 
-    @staticmethod
-    def _form(n_tasks):
-        return ones(n_tasks)
+    _form = staticmethod(ones)
 
 
 class SingleTaskGP(RegressorMixin, BaseEstimator):

@@ -185,7 +185,8 @@ def best_of(modes):
 
 def learn_fixed(data, settings, form):
     """Learn theta^x and sigma^2 with K^rho fixed: the models iGP and pGP."""
-    theta = np.concatenate([settings.kernel.theta, settings.log_noise])
+    kappa = form.parameters(1.1 * np.eye(data.n_tasks))  # 0.1, if it is learned
+    theta = np.concatenate([settings.kernel.theta, kappa, settings.log_noise])
     relaxed = climb(data, settings, form, theta, RELAXED)
     return climb(data, settings, form, relaxed.theta)
 

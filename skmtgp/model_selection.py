@@ -9,7 +9,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._base import check_training, unchanged_on_failure
 from skmtgp._sklearn_compat import StrOptions, fit_context
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.task_covariance import LowRank
+from skmtgp.task_covariance import low_rank
 
 __all__ = ["RankSearchIC"]
 
@@ -137,7 +137,7 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         model._validate_params()
         training = model._scale(*check_training(model, X, y))
         M = len(training.tasks)
-        forms = [LowRank(M, r, model.diagonal) for r in self._check_ranks(M)]
+        forms = [low_rank(M, r, model.diagonal) for r in self._check_ranks(M)]
         modes = model._learn_ranks(training, forms)
         self.results_ = _results(model, training, forms, modes)
         best = int(np.argmin(self.results_[self.criterion]))

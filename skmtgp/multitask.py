@@ -8,7 +8,7 @@ from sklearn.utils import check_random_state
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp._sklearn_compat import Interval
 from skmtgp.learning import learn_ranks
-from skmtgp.task_covariance import LowRank
+from skmtgp.task_covariance import low_rank
 
 
 class MultiTaskGPRegressor(BaseMultiTaskGP):
@@ -185,7 +185,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         M = len(training.tasks)
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
-        form = LowRank(M, self.rank or M, self.diagonal)
+        form = low_rank(M, self.rank or M, self.diagonal)
         (modes,) = self._learn_ranks(training, [form])
         return form, modes
 

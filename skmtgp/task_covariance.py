@@ -48,19 +48,13 @@ class FixedTaskCovariance:
         """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
         return np.empty((0, self.n_tasks, self.n_tasks))
 
-
-def identity(n_tasks):
-    """K^rho = I: tasks that are independent given the kernel (iGP)."""
-    return FixedTaskCovariance(np.eye(n_tasks))
-
-
-def ones(n_tasks):
-    """K^rho = 1 1^T: tasks that cannot be told apart (pGP)."""
-    return FixedTaskCovariance(np.ones((n_tasks, n_tasks)))
+    def parameters(self, K):
+        """Parameters of the member nearest to K: none."""
+        return np.empty(0)
 
 
 class LowRank:
-    """K^rho = F F^T (+ diag(kappa)) with F of shape (n_tasks, rank).
+    """K^rho = F F^T with F of shape (n_tasks, rank).
 
     Parameters
     ----------
@@ -68,16 +62,14 @@ class LowRank:
         Number of tasks M.
     rank : int
         Rank r of F F^T, 1 to M.
-    diagonal : bool, default=False
-        Whether to add diag(kappa).
 
     Attributes
     ----------
     n_parameters : int
-        M r numbers of F, row by row, and M logarithms of kappa with the diagonal.
+        The M r numbers of F, row by row.
     n_free : int
         r (2 M + 1 - r) / 2, the count of an incomplete Cholesky decomposition in
-        eq. 8, and M more with the diagonal.
+        eq. 8.
 
     Notes
     -----
@@ -87,11 +79,13 @@ class LowRank:
     the same start ends at worse modes.
     """
 
-    def __init__(self, n_tasks, rank, diagonal=False):
-        self.n_tasks, self.rank, self.diagonal = n_tasks, rank, diagonal
-        self.n_factor = n_tasks * rank
-        self.n_parameters = self.n_factor + n_tasks * diagonal
-        self.n_free = rank * (2 * n_tasks + 1 - rank) // 2 + n_tasks * diagonal
+    def __init__(self, n_tasks, rank):
+        self.n_tasks, self.rank = n_tasks, rank
+        self.n_parameters = n_tasks * rank
+        self.n_free = rank * (2 * n_tasks + 1 - rank) // 2
+
+    def _factor(self, parameters):
+        return parameters.reshape(self.n_tasks, self.rank)
 
     def bounds(self, scale):
         """Bounds of the parameters, of shape (n_parameters, 2).
@@ -104,66 +98,122 @@ class LowRank:
         scale : float
             Standard deviation of the targets.
         """
-        bounds = np.tile(
-            [-FACTOR_BOUND * scale, FACTOR_BOUND * scale], (self.n_parameters, 1)
-        )
-        bounds[self.n_factor :] = np.log(np.multiply(KAPPA_BOUNDS, scale**2))
-        return bounds
-
-    def _split(self, parameters):
-        F = parameters[: self.n_factor].reshape(self.n_tasks, self.rank)
-        return F, np.exp(parameters[self.n_factor :])
+        most = FACTOR_BOUND * scale
+        return np.tile([-most, most], (self.n_parameters, 1))
 
     def matrix(self, parameters):
         """K^rho, of shape (n_tasks, n_tasks)."""
-        F, kappa = self._split(parameters)
-        K = F @ F.T
-        if self.diagonal:
-            K[np.diag_indices_from(K)] += kappa
-        return K
+        F = self._factor(parameters)
+        return F @ F.T
 
     def factor(self, parameters):
         """F rotated to a lower trapezoid, of shape (n_tasks, rank)."""
-        return lower_trapezoid(self._split(parameters)[0])
+        return lower_trapezoid(self._factor(parameters))
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
-        F, kappa = self._split(parameters)
-        gradient = (2.0 * D @ F).ravel()
-        if self.diagonal:
-            gradient = np.concatenate([gradient, np.diagonal(D) * kappa])
-        return gradient
+        return (2.0 * D @ self._factor(parameters)).ravel()
 
     def derivatives(self, parameters):
         """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
-        F, kappa = self._split(parameters)
-        unit = np.eye(self.n_tasks)
-        half = np.einsum("mi,jr->mrij", unit, F)
-        dF = (half + half.swapaxes(2, 3)).reshape(-1, self.n_tasks, self.n_tasks)
-        d_kappa = np.einsum("mi,mj,m->mij", unit, unit, kappa) if self.diagonal else []
-        return np.concatenate([dF, *([d_kappa] if self.diagonal else [])])
+        half = np.einsum("mi,jr->mrij", np.eye(self.n_tasks), self._factor(parameters))
+        symmetric = half + half.swapaxes(2, 3)
+        return symmetric.reshape(-1, self.n_tasks, self.n_tasks)
 
     def parameters(self, K):
         """Parameters from the leading `rank` eigenvectors of K.
 
         Section 3.2: "the eigen-decomposition of K_aug^rho and keeping only the top r
-        eigenvectors/values". What is cut from the diagonal of K becomes kappa, if
-        there is one.
+        eigenvectors/values".
         """
         values, vectors = np.linalg.eigh(K)
         F = vectors * np.sqrt(np.maximum(values, 0.0))
-        F = F[:, : -self.rank - 1 : -1]
-        if not self.diagonal:
-            return F.ravel()
-        rest = np.diagonal(K) - np.square(F).sum(axis=1)
-        floor = 1e-6 * np.trace(K) / len(K) + np.finfo(float).tiny
-        return np.concatenate([F.ravel(), np.log(np.maximum(rest, floor))])
+        return F[:, : -self.rank - 1 : -1].ravel()
 
     def grown(self, parameters, columns):
         """Parameters of the model of a higher rank: F with these columns added."""
-        F, _ = self._split(parameters)
-        F = np.hstack([F, columns])
-        return np.concatenate([F.ravel(), parameters[self.n_factor :]])
+        return np.hstack([self._factor(parameters), columns]).ravel()
+
+
+class WithDiagonal:
+    """Another task covariance + diag(kappa), kappa one positive number for each task.
+
+    Parameters
+    ----------
+    form : FixedTaskCovariance or LowRank
+        The other one. Its parameters come first, the logarithms of kappa last.
+    """
+
+    def __init__(self, form):
+        self.form, self.n_tasks = form, form.n_tasks
+        self.n_parameters = form.n_parameters + form.n_tasks
+        self.n_free = form.n_free + form.n_tasks
+
+    @property
+    def rank(self):
+        """Rank of the other one."""
+        return self.form.rank
+
+    def _split(self, parameters):
+        parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
+        return parameters, np.exp(log_kappa)
+
+    def bounds(self, scale):
+        """Bounds of the parameters, of shape (n_parameters, 2)."""
+        kappa = np.log(np.multiply(KAPPA_BOUNDS, scale**2))
+        return np.vstack([self.form.bounds(scale), np.tile(kappa, (self.n_tasks, 1))])
+
+    def matrix(self, parameters):
+        """K^rho, of shape (n_tasks, n_tasks)."""
+        parameters, kappa = self._split(parameters)
+        return self.form.matrix(parameters) + np.diag(kappa)
+
+    def factor(self, parameters):
+        """The other one's factor, of shape (n_tasks, rank)."""
+        return self.form.factor(self._split(parameters)[0])
+
+    def pull_back(self, parameters, D):
+        """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
+        parameters, kappa = self._split(parameters)
+        gradient = self.form.pull_back(parameters, D)
+        return np.concatenate([gradient, np.diagonal(D) * kappa])
+
+    def derivatives(self, parameters):
+        """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
+        parameters, kappa = self._split(parameters)
+        unit = np.eye(self.n_tasks)
+        d_kappa = np.einsum("mi,mj,m->mij", unit, unit, kappa)
+        return np.concatenate([self.form.derivatives(parameters), d_kappa])
+
+    def parameters(self, K):
+        """Parameters from K: what the other one leaves of its diagonal is kappa."""
+        parameters = self.form.parameters(K)
+        rest = np.diagonal(K - self.form.matrix(parameters))
+        floor = 1e-6 * np.trace(K) / len(K) + np.finfo(float).tiny
+        return np.concatenate([parameters, np.log(np.maximum(rest, floor))])
+
+    def grown(self, parameters, columns):
+        """Parameters of the model of a higher rank: F with these columns added."""
+        parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
+        return np.concatenate([self.form.grown(parameters, columns), log_kappa])
+
+
+def identity(n_tasks, diagonal=False):
+    """K^rho = I: tasks that are independent given the kernel (iGP)."""
+    form = FixedTaskCovariance(np.eye(n_tasks))
+    return WithDiagonal(form) if diagonal else form
+
+
+def ones(n_tasks, diagonal=False):
+    """K^rho = 1 1^T: tasks that cannot be told apart (pGP)."""
+    form = FixedTaskCovariance(np.ones((n_tasks, n_tasks)))
+    return WithDiagonal(form) if diagonal else form
+
+
+def low_rank(n_tasks, rank, diagonal=False):
+    """K^rho = F F^T of the given rank (mGP)."""
+    form = LowRank(n_tasks, rank)
+    return WithDiagonal(form) if diagonal else form
 
 
 def lower_trapezoid(F):

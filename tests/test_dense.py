@@ -21,7 +21,7 @@ from skmtgp._linalg import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference import dense
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
-from skmtgp.task_covariance import LowRank, identity, ones
+from skmtgp.task_covariance import identity, low_rank, ones
 
 M, D = 4, 4
 COUNTS = (6, 1, 9, 7)  # rows of each task
@@ -45,9 +45,9 @@ KERNELS = {
 FORMS = {
     "identity": identity(M),
     "ones": ones(M),
-    "rank 1": LowRank(M, 1),
-    "rank 2, diagonal": LowRank(M, 2, diagonal=True),
-    "full rank": LowRank(M, M),
+    "rank 1": low_rank(M, 1),
+    "rank 2, diagonal": low_rank(M, 2, diagonal=True),
+    "full rank": low_rank(M, M),
 }
 every_kernel = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
 every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
@@ -123,7 +123,7 @@ def test_gradient(kernel, form, n_noise):
 
 @every_kernel
 def test_tiles_do_not_matter(kernel, monkeypatch):
-    form, results = LowRank(M, 2), []
+    form, results = low_rank(M, 2), []
     for size in (1, 2, 7, 22, 23, 24):
         monkeypatch.setattr(dense, "TILE", size)
         likelihood = DenseLikelihood(kernel, form, *draw())
@@ -145,7 +145,7 @@ def test_task_gradient(kernel, n_noise):
             A = entries.reshape(M, M)
             return 0.5 * (A + A.T)
 
-    form = LowRank(M, M)
+    form = low_rank(M, M)
     likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     n = kernel.n_dims
@@ -162,7 +162,7 @@ def test_task_gradient(kernel, n_noise):
 
 
 def test_split():
-    likelihood = DenseLikelihood(RBF(ARD), LowRank(M, 2), *draw(), M)
+    likelihood = DenseLikelihood(RBF(ARD), low_rank(M, 2), *draw(), M)
     lengths = [len(part) for part in likelihood.split(np.zeros(4 + 8 + 4))]
     assert lengths == [4, 8, 4]
 
@@ -183,7 +183,7 @@ def test_fisher_information(kernel, form, n_noise):
 
 @pytest.mark.parametrize("n_rows", [1, 5, 10])
 def test_fisher_information_of_some_rows(n_rows, monkeypatch):
-    form, X, tasks, y = LowRank(M, 2), *draw()
+    form, X, tasks, y = low_rank(M, 2), *draw()
     rows = np.linspace(0, len(y) - 1, n_rows).astype(int)
     theta = parameters(RBF(ARD), form, M)
     few = DenseLikelihood(RBF(ARD), form, X[rows], tasks[rows], y[rows], M)
@@ -194,7 +194,7 @@ def test_fisher_information_of_some_rows(n_rows, monkeypatch):
 
 
 def test_fisher_information_is_the_covariance_of_the_score():
-    kernel, form, n = ConstantKernel(1.3) * RBF(1.2), LowRank(M, 1), 3000
+    kernel, form, n = ConstantKernel(1.3) * RBF(1.2), low_rank(M, 1), 3000
     likelihood = DenseLikelihood(kernel, form, *draw())
     theta = parameters(kernel, form)
     rng = np.random.default_rng(0)
@@ -240,7 +240,7 @@ def test_posterior(kernel, form, n_noise):
 
 
 def test_mean_of_tasks():
-    form, (Z, _) = LowRank(M, 2), new_rows()
+    form, (Z, _) = low_rank(M, 2), new_rows()
     posterior = DenseLikelihood(RBF(ARD), form, *draw()).posterior(
         parameters(RBF(ARD), form)
     )
@@ -251,7 +251,7 @@ def test_mean_of_tasks():
 
 
 def test_posterior_describes_itself():
-    form = LowRank(M, 2)
+    form = low_rank(M, 2)
     theta = parameters(RBF(ARD), form)
     posterior = DenseLikelihood(RBF(ARD), form, *draw()).posterior(theta)
     assert posterior.kernel == RBF(ARD).clone_with_theta(theta[:4])
@@ -321,7 +321,7 @@ def test_accuracy_of_small_noise(noise):
     F = np.array([[1.0], [0.7]])
     y = np.ravel(F[tasks, 0] * np.sin(2.0 * X[:, 0]))
     Z, tasks_of_Z = rng.uniform(0.0, 4.0, (4, 1)), np.array([0, 1, 0, 1])
-    likelihood = DenseLikelihood(RBF(), LowRank(2, 1), X, tasks, y)
+    likelihood = DenseLikelihood(RBF(), low_rank(2, 1), X, tasks, y)
     theta = np.r_[0.0, F.ravel(), np.log(noise)]
     K_rho, noise = F @ F.T, np.exp(theta[-1])
     eps = np.finfo(float).eps
@@ -362,8 +362,8 @@ def test_posterior_with_singular_covariance(singular):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("position", range(4))
 def test_parameters_that_are_not_finite(bad, position):
-    likelihood = DenseLikelihood(ConstantKernel(), LowRank(M, 2), *draw())
-    theta = parameters(ConstantKernel(), LowRank(M, 2))
+    likelihood = DenseLikelihood(ConstantKernel(), low_rank(M, 2), *draw())
+    theta = parameters(ConstantKernel(), low_rank(M, 2))
     theta[[0, 1, 5, 9][position]] = bad
     with np.errstate(invalid="ignore"):
         value, gradient = likelihood.value_and_grad(theta)
@@ -377,7 +377,7 @@ quick = settings(max_examples=40, deadline=None)
 
 
 def value_and_kernel_gradient(kernel, F, noise, X, tasks, y):
-    form = LowRank(*F.shape)
+    form = low_rank(*F.shape)
     theta = np.concatenate([kernel.theta, F.ravel(), np.log(noise)])
     likelihood = DenseLikelihood(kernel, form, X, tasks, y, len(noise))
     value, gradient = likelihood.value_and_grad(theta)

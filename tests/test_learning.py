@@ -24,7 +24,7 @@ from skmtgp.learning import (
     perturbed,
     second_stage,
 )
-from skmtgp.task_covariance import LowRank, identity, ones
+from skmtgp.task_covariance import identity, low_rank, ones
 
 M = 3
 FACTOR = np.array([[1.0, 0.0], [0.6, 0.8], [-0.5, 0.9]])
@@ -77,7 +77,7 @@ def is_stationary(data, settings, form, theta):
     return 0.5 * gradient[free] @ np.linalg.solve(information, gradient[free]) < 0.05
 
 
-FORMS = [identity(M), ones(M), LowRank(M, 1), LowRank(M, 2, True), LowRank(M, M)]
+FORMS = [identity(M), ones(M), low_rank(M, 1), low_rank(M, 2, True), low_rank(M, M)]
 every_form = pytest.mark.parametrize(
     "form", FORMS, ids=["identity", "ones", "rank 1", "rank 2, diagonal", "full rank"]
 )
@@ -101,7 +101,7 @@ class TestSettings:
         assert settings.bounds(ones(M)).shape == (2, 1)
 
     def test_likelihood(self, data):
-        likelihood = configure(log_noise=np.zeros(M)).likelihood(data, LowRank(M, 1))
+        likelihood = configure(log_noise=np.zeros(M)).likelihood(data, low_rank(M, 1))
         theta = np.concatenate([KERNEL.theta, np.ones(3), np.log([0.1, 0.2, 0.3])])
         K = textbook.covariance(
             KERNEL, np.ones((3, 3)), [0.1, 0.2, 0.3], data.X, data.tasks
@@ -133,7 +133,7 @@ class TestClimb:
         assert not is_stationary(data, settings, form, start_of(settings, form))
 
     def test_budget(self, data):
-        settings, form = configure(max_iter=3), LowRank(M, 2)
+        settings, form = configure(max_iter=3), low_rank(M, 2)
         mode = climb(data, settings, form, start_of(settings, form))
         assert mode.n_iter == 3 < mode.n_evaluations
         assert not mode.converged
@@ -177,7 +177,7 @@ class TestClimb:
         )
 
     def test_penalty_holds_the_kernel_alone(self, data):
-        settings, form = configure(), LowRank(M, 2)
+        settings, form = configure(), low_rank(M, 2)
         theta = start_of(settings, form)
         mode = climb(data, settings, form, theta, relaxed=1e-5)
         away = np.abs(mode.theta - theta)
@@ -278,7 +278,7 @@ def test_first_stage(data, form):
 
 
 def test_second_stage_follows_every_start_and_keeps_the_best(data):
-    settings, form = configure(max_iter=20), LowRank(M, 2)
+    settings, form = configure(max_iter=20), low_rank(M, 2)
     starts = [
         Start(KERNEL.theta, np.ones((M, M))),
         Start(TRUTH, FACTOR @ FACTOR.T),
@@ -318,7 +318,7 @@ def mode_at(data, settings, form, theta):
 
 @pytest.fixture(scope="module", params=[False, True], ids=["plain", "diagonal"])
 def forms(request):
-    return [LowRank(M, rank, request.param) for rank in (1, 2, 3)]
+    return [low_rank(M, rank, request.param) for rank in (1, 2, 3)]
 
 
 @pytest.fixture(scope="module")
@@ -363,7 +363,7 @@ class TestNest:
         assert all(a is b for a, b in zip(nested, rising, strict=True))
 
 
-RANKS = [LowRank(M, 1), LowRank(M, 2), LowRank(M, 3)]
+RANKS = [low_rank(M, 1), low_rank(M, 2), low_rank(M, 3)]
 
 
 @pytest.fixture(scope="module")
@@ -443,12 +443,12 @@ class TestLearnRanks:
 
     def test_quiet(self, pairs, capsys):
         pairs = [(pairs[0][0], configure(max_iter=1))]
-        learn_ranks(pairs, [LowRank(M, 1)])
+        learn_ranks(pairs, [low_rank(M, 1)])
         assert capsys.readouterr() == ("", "")
 
     def test_one_task(self):
         data = draw(np.ones((1, 1)), M=1, per_task=20)
-        settings, form = configure(), LowRank(1, 1)
+        settings, form = configure(), low_rank(1, 1)
         [[mode]] = learn_ranks([(data, settings)], [form])
         truth = np.r_[TRUTH, 1.0, np.log(NOISE)]
         assert mode.value > settings.likelihood(data, form).value(truth)

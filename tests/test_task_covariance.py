@@ -5,8 +5,9 @@ import textbook
 from hypothesis import given, settings
 
 from skmtgp.task_covariance import (
-    LowRank,
+    WithDiagonal,
     identity,
+    low_rank,
     lower_trapezoid,
     ones,
 )
@@ -15,7 +16,7 @@ SHAPES = [
     (M, r, diagonal) for M in (1, 2, 5) for r in range(1, M + 1) for diagonal in (0, 1)
 ]
 every_form = pytest.mark.parametrize(
-    "form", [LowRank(*shape) for shape in SHAPES], ids=[str(s) for s in SHAPES]
+    "form", [low_rank(*shape) for shape in SHAPES], ids=[str(s) for s in SHAPES]
 )
 
 
@@ -26,7 +27,7 @@ def draw(form, seed=0):
 def factor_and_kappa(form, parameters):
     F = parameters[: form.n_tasks * form.rank].reshape(form.n_tasks, form.rank)
     kappa = np.exp(parameters[form.n_tasks * form.rank :])
-    return F, kappa if form.diagonal else None
+    return F, kappa if isinstance(form, WithDiagonal) else None
 
 
 def positive_semi_definite(M, seed=0):
@@ -49,7 +50,7 @@ def test_matrix_is_positive_semi_definite_of_its_rank(form):
     np.testing.assert_array_equal(K, K.T)
     values = np.linalg.eigvalsh(K)
     assert values[0] > -1e-14 * values[-1]
-    rank = form.n_tasks if form.diagonal else form.rank
+    rank = form.n_tasks if isinstance(form, WithDiagonal) else form.rank
     assert np.linalg.matrix_rank(K, hermitian=True) == rank
 
 
@@ -59,7 +60,7 @@ def test_number_of_free_parameters_is_the_dimension_of_the_model(form):
     of_factor = tangents[: form.n_tasks * form.rank]
     r, M = form.rank, form.n_tasks
     assert np.linalg.matrix_rank(of_factor) == r * (2 * M + 1 - r) / 2  # eq. 8
-    assert form.n_free == r * (2 * M + 1 - r) / 2 + M * form.diagonal
+    assert form.n_free == r * (2 * M + 1 - r) / 2 + M * isinstance(form, WithDiagonal)
     assert isinstance(form.n_free, int)
 
 
@@ -112,7 +113,7 @@ def test_factor_is_a_lower_trapezoid(form):
 
 @pytest.mark.parametrize("rank", [1, 2, 3, 4, 5])
 def test_best_approximation_of_its_rank(rank):
-    K, form = positive_semi_definite(5), LowRank(5, rank)
+    K, form = positive_semi_definite(5), low_rank(5, rank)
     approximation = form.matrix(form.parameters(K))
     error = np.linalg.norm(K - approximation, 2)
     next_singular_value = np.r_[np.linalg.svd(K, compute_uv=False), 0.0][rank]
@@ -126,14 +127,14 @@ def test_best_approximation_of_its_rank(rank):
 def test_approximation_of_a_matrix_that_rounding_has_made_indefinite():
     K = np.ones((4, 4))
     K[0, 0] -= 1e-15
-    form = LowRank(4, 4)
+    form = low_rank(4, 4)
     parameters = form.parameters(K)
     np.testing.assert_allclose(form.matrix(parameters), K, rtol=1e-14)
 
 
 @pytest.mark.parametrize("rank", [1, 2, 3])
 def test_parameters_of_its_own_matrix(rank):
-    form = LowRank(5, rank)
+    form = low_rank(5, rank)
     K = form.matrix(draw(form))
     np.testing.assert_allclose(
         form.matrix(form.parameters(K)), K, rtol=1e-13, atol=1e-13
@@ -142,15 +143,15 @@ def test_parameters_of_its_own_matrix(rank):
 
 @pytest.mark.parametrize("rank", [1, 2, 4])
 def test_what_is_cut_from_the_diagonal_becomes_kappa(rank):
-    K, form = positive_semi_definite(5), LowRank(5, rank, diagonal=True)
+    K, form = positive_semi_definite(5), low_rank(5, rank, diagonal=True)
     parameters = form.parameters(K)
     np.testing.assert_allclose(np.diagonal(form.matrix(parameters)), np.diagonal(K))
-    plain = LowRank(5, rank)
+    plain = low_rank(5, rank)
     np.testing.assert_array_equal(parameters[: 5 * rank], plain.parameters(K))
 
 
 def test_kappa_starts_above_zero_where_nothing_is_cut():
-    K, form = positive_semi_definite(3), LowRank(3, 3, diagonal=True)
+    K, form = positive_semi_definite(3), low_rank(3, 3, diagonal=True)
     kappa = np.exp(form.parameters(K)[9:])
     np.testing.assert_allclose(kappa, 1e-6 * np.trace(K) / 3.0)
     assert np.isfinite(form.parameters(np.zeros((3, 3)))).all()
@@ -158,7 +159,7 @@ def test_kappa_starts_above_zero_where_nothing_is_cut():
 
 @pytest.mark.parametrize("diagonal", [False, True])
 def test_grown(diagonal):
-    lower, higher = LowRank(5, 2, diagonal), LowRank(5, 4, diagonal)
+    lower, higher = low_rank(5, 2, diagonal), low_rank(5, 4, diagonal)
     parameters, columns = draw(lower), np.random.default_rng(1).standard_normal((5, 2))
     same = higher.matrix(lower.grown(parameters, np.zeros((5, 2))))
     np.testing.assert_array_equal(same, lower.matrix(parameters))
@@ -184,6 +185,22 @@ def test_fixed(M, make, expected, rank):
     assert L.shape == (M, rank(M))
     np.testing.assert_allclose(L @ L.T, expected(M), rtol=1e-14, atol=1e-14)
     np.testing.assert_array_equal(np.triu(L, 1), 0.0)
+
+
+@pytest.mark.parametrize("make", [identity, ones])
+def test_fixed_with_a_diagonal(make):
+    form, plain = make(3, diagonal=True), make(3)
+    kappa, D = np.array([0.1, 2.0, 30.0]), positive_semi_definite(3)
+    parameters = np.log(kappa)
+    K = plain.matrix(np.empty(0)) + np.diag(kappa)
+    np.testing.assert_allclose(form.matrix(parameters), K, rtol=1e-14)
+    np.testing.assert_allclose(form.parameters(K), parameters, rtol=1e-12)
+    np.testing.assert_allclose(form.pull_back(parameters, D), np.diagonal(D) * kappa)
+    expected = textbook.derivative(form.matrix, parameters)
+    np.testing.assert_allclose(form.derivatives(parameters), expected, atol=1e-8)
+    assert form.n_parameters == form.n_free == len(form.bounds(1.0)) == 3
+    L = form.factor(parameters)
+    np.testing.assert_allclose(L @ L.T, plain.matrix(np.empty(0)), atol=1e-14)
 
 
 shapes = st.integers(1, 7).flatmap(lambda M: st.tuples(st.just(M), st.integers(1, M)))
@@ -216,7 +233,7 @@ def test_lower_trapezoid_of_dependent_rows():
 @given(shapes, seeds, st.booleans(), st.randoms(use_true_random=False))
 @settings(max_examples=60, deadline=None)
 def test_relabelled_tasks(shape, seed, diagonal, random):
-    form, M = LowRank(*shape, diagonal), shape[0]
+    form, M = low_rank(*shape, diagonal), shape[0]
     parameters, order = draw(form, seed), random.sample(range(M), M)
     F, kappa = factor_and_kappa(form, parameters)
     relabelled = F[order].ravel()

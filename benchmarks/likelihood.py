@@ -1,0 +1,86 @@
+"""Time of one likelihood and gradient over its floor, LAPACK's potrf and potri.
+
+``python benchmarks/likelihood.py`` prints a table for the paper's kernel, 14 tasks and
+rank 4. Both are timed in turns in one process, with the same threads; the ratio of the
+best times is what counts.
+"""
+
+import argparse
+import time
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri
+from threadpoolctl import threadpool_limits
+
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.task_covariance import LowRank
+
+N_TASKS, RANK = 14, 4
+
+
+def make_problem(n, seed=0):
+    """A likelihood over random data, and parameters at which to evaluate it."""
+    rng = np.random.default_rng(seed)
+    x = rng.standard_normal((n, 18))
+    X = np.hstack([x, np.sign(x[:, 6:12])])
+    tasks = np.sort(np.arange(n) % N_TASKS)
+    kernel, form = inverse_dynamics_kernel(6), LowRank(N_TASKS, RANK)
+    likelihood = DenseLikelihood(kernel, form, X, tasks, rng.standard_normal(n))
+    F = rng.standard_normal(form.n_parameters)
+    return likelihood, np.concatenate([kernel.theta, F, [np.log(1e-2)]])
+
+
+def floor(K, invert=True):
+    """Seconds of potrf and, if asked, potri."""
+    K = K.copy(order="F")
+    begin = time.perf_counter()
+    factor, _ = dpotrf(K, lower=1, clean=0, overwrite_a=1)
+    if invert:
+        dpotri(factor, lower=1, overwrite_c=1)
+    return time.perf_counter() - begin
+
+
+def seconds(function, *arguments):
+    """Seconds of one call."""
+    begin = time.perf_counter()
+    function(*arguments)
+    return time.perf_counter() - begin
+
+
+def measure(n, repeats):
+    """Best times: floor, value and gradient, potrf, value."""
+    likelihood, theta = make_problem(n)
+    K = likelihood.covariance(theta)
+    likelihood.value_and_grad(theta)
+    rows = [
+        (
+            floor(K),
+            seconds(likelihood.value_and_grad, theta),
+            floor(K, invert=False),
+            seconds(likelihood.value, theta),
+        )
+        for _ in range(repeats)
+    ]
+    return np.min(rows, axis=0)
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=int, nargs="+", default=[280, 1400, 2800, 4000])
+    parser.add_argument("--threads", type=int, default=None)
+    arguments = parser.parse_args()
+    print("    n   floor ms  value+grad ms  ratio   potrf ms  value ms  ratio")
+    with threadpool_limits(arguments.threads):
+        for n in arguments.n:
+            a, b, c, d = measure(n, repeats=max(3, 60_000 // n))
+            print(
+                f"{n:5d} {1e3 * a:10.2f} {1e3 * b:14.2f} {b / a:6.2f} "
+                f"{1e3 * c:10.2f} {1e3 * d:9.2f} {d / c:6.2f}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -115,8 +115,14 @@ def test_tileable_if_known(name):
     assert compile_kernel(KERNELS[name]).tileable == (name in KNOWN)
 
 
-def test_subclasses_are_unknown():
-    assert isinstance(compile_kernel(TwiceRBF()), UnknownNode)
+@pytest.mark.parametrize("known", [RBF, Matern, ConstantKernel, ARDLinear, DotProduct])
+def test_subclasses_are_unknown(known):
+    subclass = type("Own", (known,), {})
+    assert isinstance(compile_kernel(subclass()), UnknownNode)
+    assert not isinstance(compile_kernel(known()), UnknownNode)
+
+
+def test_compound_kernels_are_unknown():
     assert isinstance(compile_kernel(CompoundKernel([RBF()])), UnknownNode)
 
 

@@ -142,8 +142,16 @@ def test_parameters_of_columns():
     assert kernel.get_params()["kernel__length_scale"] == 0.8
     kernel.set_params(kernel__length_scale=2.0)
     assert inner.length_scale == 2.0
-    names = [h.name for h in kernel.hyperparameters]
-    assert names == ["kernel__length_scale"]
+
+
+def test_hyperparameters_of_columns():
+    bounds = (1e-2, 1e2)
+    (inner,) = RBF([0.8, 1.3], bounds).hyperparameters
+    (outer,) = Columns(RBF([0.8, 1.3], bounds), [0, 2]).hyperparameters
+    assert outer.name == "kernel__length_scale"
+    np.testing.assert_array_equal(outer.bounds, inner.bounds)
+    assert (outer.n_elements, outer.fixed) == (2, False)
+    assert Columns(RBF(0.8, FIXED), [1]).hyperparameters[0].fixed
 
 
 @pytest.mark.parametrize(

@@ -357,6 +357,19 @@ class TestNest:
         assert nested[1].seconds > modes[1].seconds
         assert is_stationary(data, settings, forms[1], nested[1].theta)
 
+    def test_new_columns_are_those_that_the_gradient_asks_for(self, data, forms, modes):
+        settings = configure(max_iter=0)  # the start alone
+        nested = nest(data, settings, forms[:2], modes[:2])
+        assert nested[1].value > nested[0].value + 0.01
+
+    def test_the_lower_mode_is_the_last_resort(self, data, forms, modes, monkeypatch):
+        monkeypatch.setattr(learning, "climb", lambda *args: modes[1])
+        nested = nest(data, configure(), forms[:2], modes[:2])
+        assert nested[1].value == modes[0].value
+        likelihood = configure().likelihood(data, forms[1])
+        value = likelihood.value(nested[1].theta)
+        np.testing.assert_allclose(value, modes[0].value, rtol=1e-12)
+
     def test_good_modes_are_kept(self, data, forms, modes):
         rising = [mode._replace(value=float(k)) for k, mode in enumerate(modes)]
         nested = nest(data, configure(), forms, rising)

@@ -60,9 +60,10 @@ def test_independent_is_one_of_scikit_learns_for_each_task():
 
 @BOTH
 @pytest.mark.parametrize("target", [y, Y], ids=["one output", "two outputs"])
+@pytest.mark.parametrize("diagonal", [False, True])
 @pytest.mark.parametrize("noise", ["shared", "per_task"])
-def test_attributes_reproduce_likelihood_and_predictions(cls, target, noise):
-    model = cls(noise=noise).fit(X, target)
+def test_attributes_reproduce_likelihood_and_predictions(cls, target, noise, diagonal):
+    model = cls(noise=noise, diagonal=diagonal).fit(X, target)
     expected = log_densities(model, X, target)
     np.testing.assert_allclose(model.log_marginal_likelihoods_, expected)
     mean, std = model.predict(Z, return_std=True)
@@ -71,7 +72,8 @@ def test_attributes_reproduce_likelihood_and_predictions(cls, target, noise):
         variances = std.reshape(len(Z), -1)[:, j] ** 2
         np.testing.assert_allclose(variances, np.diag(K), atol=1e-9 * K.max())
     n_noise = 3 if noise == "per_task" else 1
-    assert model.n_hyperparameters_ == len(expected) * (3 + n_noise)
+    per_output = 3 + n_noise + (3 if diagonal else 0)
+    assert model.n_hyperparameters_ == len(expected) * per_output
 
 
 def test_task_covariances():
@@ -82,6 +84,14 @@ def test_task_covariances():
     pooled = PooledGP(max_iter=0).fit(X, y)
     np.testing.assert_allclose(pooled.task_covariance_, np.full((3, 3), square))
     np.testing.assert_allclose(pooled.task_factor_, np.full((3, 1), np.sqrt(square)))
+
+
+@BOTH
+def test_task_covariance_with_a_diagonal(cls):
+    model = cls(diagonal=True).fit(X, y)
+    rest = model.task_covariance_ - cls(max_iter=0).fit(X, y).task_covariance_
+    np.testing.assert_allclose(rest, np.diag(np.diag(rest)), atol=1e-9 * y.var())
+    assert (np.diag(rest) > 0.0).all()
 
 
 def best_of_scikit_learn(features, y):

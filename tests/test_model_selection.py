@@ -1,0 +1,229 @@
+import numpy as np
+import pandas as pd
+import pytest
+from samples import draw, log_densities
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, learning
+
+MODEL = MultiTaskGPRegressor(max_iter=10)
+CRITERIA = ("bic", "aic", "hqc")
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+@pytest.fixture(scope="module", params=[None, 2], ids=["one output", "two outputs"])
+def data(request):
+    return draw(n_tasks=4, per_task=8, n_outputs=request.param)
+
+
+@pytest.fixture(scope="module")
+def search(data):
+    with pytest.warns(ConvergenceWarning):
+        return RankSearchIC(MODEL, ranks=(1, 2, 3, 4)).fit(*data)
+
+
+def likelihoods(search):
+    """Without the times, which differ."""
+    return {k: v for k, v in search.results_.items() if k != "fit_time"}
+
+
+@pytest.mark.parametrize("params", [{}, {"diagonal": True, "noise": "per_task"}])
+def test_criteria_are_those_of_eq_8(data, params):
+    X, y = data
+    search = RankSearchIC(clone(MODEL).set_params(**params), ranks=(1, 2, 3, 4))
+    found = search.fit(X, y).results_
+    n, J, M = y.size, y.size // len(y), 4
+    for i, r in enumerate(found["rank"]):
+        kernel = 2  # a length-scale for each feature
+        each = kernel + r * (2 * M + 1 - r) / 2 + (2 * M if params else 1)
+        assert found["n_hyperparameters"][i] == J * each
+        deviance = -2.0 * found["log_marginal_likelihood"][i]
+        assert found["bic"][i] == pytest.approx(deviance + J * each * np.log(n))
+        assert found["aic"][i] == pytest.approx(deviance + 2 * J * each)
+        hannan_quinn = 2 * J * each * np.log(np.log(n))
+        assert found["hqc"][i] == pytest.approx(deviance + hannan_quinn)
+
+
+def test_results_are_a_table(search):
+    table = pd.DataFrame(search.results_)
+    columns = ["rank", "log_marginal_likelihood", "n_hyperparameters", *CRITERIA]
+    assert table.columns.tolist() == [*columns, "fit_time"]
+    assert table["rank"].tolist() == [1, 2, 3, 4]
+    assert (table["fit_time"] > 0.0).all()
+
+
+def test_best_estimator_is_that_of_the_results(search, data):
+    best = search.best_estimator_
+    i = search.results_["rank"].tolist().index(search.best_rank_)
+    value = search.results_["log_marginal_likelihood"][i]
+    assert best.log_marginal_likelihood_value_ == pytest.approx(value, rel=1e-10)
+    assert best.n_hyperparameters_ == search.results_["n_hyperparameters"][i]
+    assert best.rank == best.rank_ == search.best_rank_
+    assert sum(log_densities(best, *data)) == pytest.approx(value)
+
+
+@pytest.mark.parametrize("criterion", CRITERIA)
+def test_criterion_chooses(data, criterion):
+    search = RankSearchIC(MODEL, ranks=(1, 2, 3, 4), criterion=criterion).fit(*data)
+    best = search.results_[criterion].argmin()
+    assert search.best_rank_ == search.results_["rank"][best]
+
+
+def test_criteria_differ(search):
+    """So that the test above can fail."""
+    assert len({int(search.results_[c].argmin()) for c in CRITERIA}) > 1
+
+
+def related(rank, M=5, per_task=20):
+    """Nearly noise-free data of the model itself."""
+    rng = np.random.default_rng(0)
+    tasks, x = np.repeat(np.arange(M), per_task), rng.uniform(0.0, 6.0, M * per_task)
+    K = RBF(1.0)(x[:, None]) + 1e-10 * np.eye(len(x))
+    latent = np.linalg.cholesky(K) @ rng.standard_normal((len(x), rank))
+    y = np.einsum("nr,nr->n", latent, rng.standard_normal((M, rank))[tasks])
+    y += 1e-2 * rng.standard_normal(len(y))
+    return np.column_stack([x, tasks]), y
+
+
+@pytest.mark.filterwarnings("error")
+def test_bic_finds_the_rank_of_the_data():
+    model = MultiTaskGPRegressor(normalize_y=False)
+    search = RankSearchIC(model, ranks=(1, 2, 3, 4, 5)).fit(*related(2))
+    assert search.best_rank_ == 2
+
+
+def test_likelihoods_do_not_fall_as_the_rank_grows(search):
+    values = search.results_["log_marginal_likelihood"]
+    assert (np.diff(values) >= -1e-9 * np.abs(values[1:])).all()
+    assert values[-1] > values[0] + 1.0
+
+
+def test_lowest_rank_is_learned_as_alone(search, data):
+    alone = clone(MODEL).set_params(rank=1).fit(*data)
+    value = search.results_["log_marginal_likelihood"][0]
+    assert alone.log_marginal_likelihood_value_ == pytest.approx(value, rel=1e-9)
+
+
+def test_ranks_are_merged_and_sorted(search, data):
+    other = RankSearchIC(MODEL, ranks=[9, 3, 1, 3, 2, 4, 10]).fit(*data)
+    for name, values in likelihoods(search).items():
+        np.testing.assert_array_equal(other.results_[name], values, err_msg=name)
+
+
+def test_default_ranks_are_capped():
+    search = RankSearchIC(clone(MODEL).set_params(max_iter=0)).fit(*draw(n_tasks=3))
+    assert search.results_["rank"].tolist() == [2, 3]
+
+
+def test_rank_of_the_estimator_does_not_matter(search, data):
+    model = clone(MODEL).set_params(rank=99)
+    other = RankSearchIC(model, ranks=(1, 2, 3, 4)).fit(*data)
+    assert other.best_rank_ == search.best_rank_
+    assert model.rank == 99
+    assert not hasattr(model, "rank_")
+
+
+def test_two_jobs_find_what_one_does(search, data):
+    other = RankSearchIC(MODEL, ranks=(1, 2, 3, 4), n_jobs=2).fit(*data)
+    for name, values in likelihoods(search).items():
+        np.testing.assert_allclose(other.results_[name], values, rtol=1e-6)
+
+
+def test_methods_are_the_best_estimators(search, data):
+    X, y = data
+    best = search.best_estimator_
+    np.testing.assert_array_equal(search.predict(X), best.predict(X))
+    for options in ({"return_std": True}, {"return_cov": True}):
+        options["include_noise"] = True
+        for found, expected in zip(
+            search.predict(X, **options), best.predict(X, **options), strict=True
+        ):
+            np.testing.assert_array_equal(found, expected)
+    assert search.score(X, y) == best.score(X, y)
+    samples = search.sample_y(X[:3], 2, random_state=1)
+    np.testing.assert_array_equal(samples, best.sample_y(X[:3], 2, random_state=1))
+    theta = best.theta_ + 0.1
+    value, gradient = search.log_marginal_likelihood(theta, eval_gradient=True)
+    expected = best.log_marginal_likelihood(theta, eval_gradient=True)
+    assert value == expected[0]
+    np.testing.assert_array_equal(gradient, expected[1])
+    assert search.log_marginal_likelihood() == best.log_marginal_likelihood()
+
+
+def test_names_of_features_are_the_best_estimators():
+    X, y = draw()
+    table = pd.DataFrame(X, columns=["a", "b", "load"])
+    search = RankSearchIC(clone(MODEL).set_params(max_iter=0), ranks=[1])
+    assert not hasattr(search, "n_features_in_")
+    assert not hasattr(search, "feature_names_in_")
+    search.fit(table, y)
+    assert search.n_features_in_ == 3
+    assert search.feature_names_in_.tolist() == ["a", "b", "load"]
+    assert not hasattr(search.fit(X, y), "feature_names_in_")
+
+
+def test_verbosity(capsys, data):
+    quiet = RankSearchIC(clone(MODEL).set_params(max_iter=0), ranks=(1, 2))
+    quiet.fit(*data)
+    assert capsys.readouterr() == ("", "")
+    clone(quiet).set_params(verbose=1).fit(*data)
+    n_outputs = data[1].size // len(data[1])
+    lines = capsys.readouterr().out.splitlines()
+    starts = [line.split(": log marginal")[0] for line in lines]
+    assert starts == [
+        f"[skmtgp] output {j} of {n_outputs}, rank {r}"
+        for j in range(1, n_outputs + 1)
+        for r in (1, 2)
+    ]
+
+
+@pytest.mark.parametrize("method", ["predict", "sample_y"])
+def test_methods_of_what_is_not_fitted(method):
+    with pytest.raises(NotFittedError):
+        getattr(RankSearchIC(), method)(draw()[0])
+
+
+def test_likelihood_of_what_is_not_fitted():
+    with pytest.raises(NotFittedError):
+        RankSearchIC().log_marginal_likelihood()
+
+
+@pytest.mark.parametrize(
+    ("params", "match"),
+    [
+        ({"ranks": []}, r"ranks=\[\] must be a sequence of one or more integers"),
+        ({"ranks": [1.0, 2.0]}, "must be a sequence of one or more integers"),
+        ({"ranks": [[1, 2]]}, "must be a sequence of one or more integers"),
+        ({"ranks": [True]}, "must be a sequence of one or more integers"),
+        ({"ranks": (2, 0)}, r"ranks=\(2, 0\) must be 1 or more"),
+        ({"ranks": 2}, "'ranks' parameter of RankSearchIC must be an array-like"),
+        ({"criterion": "dic"}, "'criterion' parameter .* must be a str among"),
+        (
+            {"estimator": PooledGP()},
+            r"'estimator' parameter .*\.MultiTaskGPRegressor' or None",
+        ),
+        ({"estimator__noise": "each"}, "'noise' parameter of MultiTaskGPRegressor"),
+        ({"estimator__noise_variance_bounds": (2, 1)}, "the smaller one first"),
+    ],
+)
+def test_bad_parameters(params, match):
+    search = RankSearchIC(clone(MODEL)).set_params(**params)
+    with pytest.raises(ValueError, match=match):
+        search.fit(*draw())
+
+
+def test_failed_fit_changes_nothing(monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    X, y = draw()
+    search = RankSearchIC(clone(MODEL).set_params(max_iter=0), ranks=(1, 2)).fit(X, y)
+    before = dict(vars(search))
+    monkeypatch.setattr(learning, "second_stage", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        search.fit(np.insert(X, 0, 1.0, axis=1), y)
+    assert vars(search).keys() == before.keys()
+    assert all(vars(search)[name] is value for name, value in before.items())
+    assert search.n_features_in_ == 3

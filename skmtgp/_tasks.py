@@ -146,10 +146,11 @@ def task_labels(X, task_feature=-1):
     if isinstance(X, pd.DataFrame):
         position = locate_task_column(task_feature, X.shape[1], X.columns)
         return check_labels(X.iloc[:, position])
+    names = getattr(X, "columns", None)  # of polars, say
     X = X if hasattr(X, "dtype") else np.asarray(X, dtype=object)
     if X.ndim != 2:
         raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")
-    return check_labels(X[:, locate_task_column(task_feature, X.shape[1])])
+    return check_labels(X[:, locate_task_column(task_feature, X.shape[1], names)])
 
 
 def check_labels(labels):

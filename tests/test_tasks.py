@@ -195,6 +195,12 @@ def test_labels_of_a_table(X, task_feature, expected):
     assert task_labels(X, task_feature).tolist() == expected
 
 
+@pytest.mark.parametrize("labels", [["b", "a"], [2, 1]])
+def test_labels_of_a_frame_of_polars(labels):
+    X = pytest.importorskip("polars").DataFrame({"load": labels, "x": [0.5, 0.25]})
+    assert task_labels(X, "load").tolist() == task_labels(X, 0).tolist() == labels
+
+
 def test_labels_of_a_table_that_is_none():
     with pytest.raises(ValueError, match="two-dimensional, but has 1 dimensions"):
         task_labels([1, 2])

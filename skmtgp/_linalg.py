@@ -54,7 +54,7 @@ class Cholesky:
         return inverse
 
 
-def cholesky_with_jitter(build, *, first=1e-14, last=1e-4):
+def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
     """Factorise ``build()``, adding to its diagonal only if that is needed.
 
     Parameters

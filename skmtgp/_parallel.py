@@ -1,11 +1,14 @@
 """Independent pieces of work, one after another or side by side."""
 
 import contextlib
+from concurrent.futures import ThreadPoolExecutor
 
+import scipy.linalg.lapack  # noqa: F401  its BLAS is to be found below
 from sklearn.utils.parallel import Parallel, delayed
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
-SMALL = 600
+SMALL = 600  # samples
+BLAS = ThreadpoolController().select(user_api="blas")
 
 
 def run(function, jobs, *, n_jobs=None, report=None):
@@ -47,4 +50,28 @@ def printer(verbose, describe):
 
 def limit_threads(n_samples):
     """Context in which small matrices are not spread over threads, which slows them."""
-    return threadpool_limits(1) if n_samples < SMALL else contextlib.nullcontext()
+    return BLAS.limit(limits=1) if n_samples < SMALL else contextlib.nullcontext()
+
+
+def map_threads(function, jobs):
+    """``[function(*job) for job in jobs]``, on as many threads as BLAS may use.
+
+    Parameters
+    ----------
+    function : callable
+        Spends its time in numpy, which lets other threads run.
+    jobs : sequence of tuple
+        Its arguments.
+
+    Returns
+    -------
+    results : list
+        In the order of the jobs.
+    """
+    n_threads = max(
+        (library.num_threads for library in BLAS.lib_controllers), default=1
+    )
+    if n_threads == 1:
+        return [function(*job) for job in jobs]
+    with BLAS.limit(limits=1), ThreadPoolExecutor(n_threads) as pool:
+        return list(pool.map(lambda job: function(*job), jobs))

@@ -23,7 +23,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp import task_covariance
 from skmtgp._bfgs import minimize
-from skmtgp._parallel import limit_threads, printer, run
+from skmtgp._parallel import printer, run
 from skmtgp.inference.dense import DenseLikelihood
 
 RELAXED = 5.0  # standard deviation of the log parameters of k^x in stage 1
@@ -161,18 +161,17 @@ def climb(data, settings, form, theta, relaxed=None):
         return 0.5 * (away @ penalty) - value, penalty - gradient
 
     begin = perf_counter()
-    with limit_threads(len(data.X)):
-        best = minimize(
-            objective,
-            theta,
-            lower,
-            upper,
-            metric=metric,
-            max_iter=settings.max_iter,
-            tol=settings.tol if relaxed is None else RELAXED_TOL,
-        )
-        away = best.x - centre
-        value = 0.5 * (precision * away) @ away - best.value
+    best = minimize(
+        objective,
+        theta,
+        lower,
+        upper,
+        metric=metric,
+        max_iter=settings.max_iter,
+        tol=settings.tol if relaxed is None else RELAXED_TOL,
+    )
+    away = best.x - centre
+    value = 0.5 * (precision * away) @ away - best.value
     seconds = perf_counter() - begin
     return Mode(best.x, value, *best[2:], seconds)
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from skmtgp._contraction import compile_kernel
 from skmtgp._linalg import Cholesky, NotPositiveDefiniteError, cholesky_with_jitter
+from skmtgp._parallel import limit_threads, map_threads
 
 TILE = 288
 FISHER_ROWS = 300
@@ -47,6 +48,9 @@ class DenseLikelihood:
         side = TILE if self.node.tileable else n
         tiles = [slice(a, min(a + side, n)) for a in range(0, n, side)]
         self.pairs = [(a, b) for i, a in enumerate(tiles) for b in tiles[i:]]
+        self.present = {
+            tile.start: np.unique(tasks[tile], return_index=True) for tile in tiles
+        }
         self.upper = np.triu(np.ones((min(side, n),) * 2), 1)
         np.fill_diagonal(self.upper, 0.5)
 
@@ -56,11 +60,12 @@ class DenseLikelihood:
 
     def value(self, theta):
         """Log marginal likelihood; -inf where K cannot be factorised."""
-        try:
-            cholesky = Cholesky(self.covariance(theta))
-        except NotPositiveDefiniteError:
-            return -np.inf
-        return self.log_density(cholesky, cholesky.solve(self.y))
+        with limit_threads(len(self.X)):
+            try:
+                cholesky = Cholesky(self.covariance(theta))
+            except NotPositiveDefiniteError:
+                return -np.inf
+            return self.log_density(cholesky, cholesky.solve(self.y))
 
     def value_and_grad(self, theta):
         """Log marginal likelihood and its gradient; -inf and nan where K fails.
@@ -154,6 +159,10 @@ class DenseLikelihood:
 
     def _differentiate(self, theta):
         """The value and its gradients by kernel theta, K^rho and log noise."""
+        with limit_threads(len(self.X)):
+            return self._differentiate_here(theta)
+
+    def _differentiate_here(self, theta):
         kernel, rho, log_noise = self.split(theta)
         bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
         tapes, noise = [], np.exp(log_noise)
@@ -169,14 +178,21 @@ class DenseLikelihood:
     def _fill(self, bound, K_rho, noise, tapes=None):
         """K (lower triangle, Fortran order); `tapes` keeps what the gradient needs."""
         K = np.empty((len(self.X), len(self.X)))
-        for rows, cols in self.pairs:
+
+        def fill(rows, cols):
             K_x, tape = bound.block(rows, cols)
-            between = K_rho[self.tasks[rows]][:, self.tasks[cols]]
-            np.multiply(K_x, between, out=K[rows, cols])
-            if tapes is not None:
-                tapes.append((K_x, tape, between))
+            np.multiply(K_x, self._between(K_rho, rows, cols), out=K[rows, cols])
+            return None if tapes is None else (K_x, tape)
+
+        kept = map_threads(fill, self.pairs)
+        if tapes is not None:
+            tapes.extend(kept)
         K[np.diag_indices_from(K)] += noise[self.noise_of_row]
         return K.T
+
+    def _between(self, K_rho, rows, cols):
+        """K^rho for each pair of samples of a tile."""
+        return K_rho[self.tasks[rows]][:, self.tasks[cols]]
 
     def _contract(self, bound, K_rho, tapes, alpha, inverse):
         """Gradients with respect to the kernel's theta and to K^rho.
@@ -184,23 +200,30 @@ class DenseLikelihood:
         With G = alpha alpha^T - K^{-1}, dL = 1/2 sum_ij G_ij dK_ij, summed over the
         upper triangle alone with half the diagonal.
         """
-        d_kernel, D = np.zeros(self.node.n_dims), np.zeros_like(K_rho)
-        for (rows, cols), (K_x, tape, between) in zip(self.pairs, tapes, strict=True):
+
+        def contract(pair, kept):
+            (rows, cols), (K_x, tape) = pair, kept
             G = np.multiply.outer(alpha[rows], alpha[cols])
             G -= inverse[rows, cols]
             if rows == cols:  # the lower half of this tile is not the inverse's
                 G *= self.upper[: len(G), : len(G)]
-            self._sum_by_task(G * K_x, rows, cols, D)
-            G *= between
-            d_kernel += bound.contract(G, tape, rows, cols)
+            H = self._sum_by_task(G * K_x, rows, cols)
+            G *= self._between(K_rho, rows, cols)
+            return bound.contract(G, tape, rows, cols), H
+
+        jobs = list(zip(self.pairs, tapes, strict=True))
+        d_kernel, D = np.zeros(self.node.n_dims), np.zeros_like(K_rho)
+        for (rows, cols), (d_tile, H) in zip(
+            self.pairs, map_threads(contract, jobs), strict=True
+        ):
+            d_kernel += d_tile
+            D[np.ix_(self.present[rows.start][0], self.present[cols.start][0])] += H
         return d_kernel, 0.5 * (D + D.T)
 
-    def _sum_by_task(self, H, rows, cols, out):
-        """Add the block sums of the tile H, sorted by task, to out."""
-        above, first_row = np.unique(self.tasks[rows], return_index=True)
-        left, first_col = np.unique(self.tasks[cols], return_index=True)
-        sums = np.add.reduceat(np.add.reduceat(H, first_row, axis=0), first_col, axis=1)
-        out[np.ix_(above, left)] += sums
+    def _sum_by_task(self, H, rows, cols):
+        """Block sums of the tile H, whose rows and columns are sorted by task."""
+        H = np.add.reduceat(H, self.present[rows.start][1], axis=0)
+        return np.add.reduceat(H, self.present[cols.start][1], axis=1)
 
 
 class DensePosterior:

@@ -94,7 +94,7 @@ def test_jitter_is_reported():
     np.testing.assert_allclose(pivots, expected, rtol=1e-7)
 
 
-@pytest.mark.parametrize(("relative", "needed"), [("1e-14", 0.0), ("1e-04", 7e-5)])
+@pytest.mark.parametrize(("relative", "needed"), [("1e-12", 0.0), ("1e-04", 7e-5)])
 def test_smallest_and_largest_jitter(relative, needed):
     with pytest.warns(JitterWarning, match=rf"\({relative} of"):
         cholesky_with_jitter(diagonal(1.0, 1.0, 1.0, -needed))

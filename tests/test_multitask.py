@@ -11,7 +11,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp import MultiTaskGPRegressor, _base, learning, multitask
+from skmtgp import MultiTaskGPRegressor, RankSearchIC, _base, learning, multitask
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 QUICK = {"max_iter": 10}
@@ -303,6 +303,20 @@ def test_two_jobs_find_what_one_does():
         MultiTaskGPRegressor(rank=2, n_jobs=k, **QUICK).fit(X, y) for k in (1, 2)
     )
     np.testing.assert_allclose(two.theta_, one.theta_, rtol=1e-6, atol=1e-8)
+
+
+def test_number_of_jobs_is_passed_on(monkeypatch):
+    given = []
+
+    def spy(*args, **kwargs):
+        given.append(kwargs["n_jobs"])
+        return learning.learn_ranks(*args, **kwargs | {"n_jobs": 1})
+
+    monkeypatch.setattr(multitask, "learn_ranks", spy)
+    model = MultiTaskGPRegressor(max_iter=0, n_jobs=3).fit(*draw())
+    RankSearchIC(model, ranks=[1]).fit(*draw())
+    RankSearchIC(model, ranks=[1], n_jobs=2).fit(*draw())
+    assert given == [3, 3, 2]
 
 
 def test_restarts_are_drawn_from_the_random_state(monkeypatch):

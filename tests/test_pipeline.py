@@ -92,6 +92,19 @@ def test_task_in_another_column():
     np.testing.assert_allclose(named.fit(frame, Y[:, 0]).predict(frame), expected)
 
 
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        PooledGP(task_feature=0, **QUICK),
+        RankSearchIC(MultiTaskGPRegressor(task_feature="load", **QUICK), ranks=[1]),
+    ],
+)
+def test_task_is_last_for_the_regressor(estimator):
+    model = make_inverse_dynamics_regressor(estimator).fit(X, Y[:, 0])
+    fitted = getattr(model[-1], "best_estimator_", model[-1])
+    assert fitted.tasks_.tolist() == [1, 2, 5]
+
+
 def test_another_number_of_joints():
     two = X[:, [0, 1, 6, 7, 12, 13, 18]]
     model = make_inverse_dynamics_regressor(PooledGP(**QUICK), n_joints=2)

@@ -270,7 +270,7 @@ def encode_tasks(labels, tasks):
         known = _enumerate(tasks)
         raise ValueError(
             f"Unknown tasks {_enumerate(unknown)}: the model knows {known}. Fit with "
-            "samples of every task, or add new ones with add_task."
+            "samples of every task."
         )
     return np.searchsorted(tasks, labels)
 

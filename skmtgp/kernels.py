@@ -4,7 +4,11 @@ Every :class:`sklearn.gaussian_process.kernels.Kernel` can be used; this module 
 two of its own and builds the kernel of the paper.
 """
 
+from collections.abc import Sequence
+from typing import Any, Literal
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.gaussian_process.kernels import (
     RBF,
     ConstantKernel,
@@ -47,30 +51,35 @@ class ARDLinear(Kernel):
 
     def __init__(
         self,
-        weights=1.0,
-        bias=1.0,
-        weights_bounds=(1e-7, 1e3),
-        bias_bounds=(1e-7, 1e3),
-    ):
+        weights: ArrayLike = 1.0,
+        bias: float = 1.0,
+        weights_bounds: ArrayLike | Literal["fixed"] = (1e-7, 1e3),
+        bias_bounds: ArrayLike | Literal["fixed"] = (1e-7, 1e3),
+    ) -> None:
         self.weights = weights
         self.bias = bias
         self.weights_bounds = weights_bounds
         self.bias_bounds = bias_bounds
 
     @property
-    def hyperparameter_bias(self):
+    def hyperparameter_bias(self) -> Hyperparameter:
         """The intercept's variance, as a hyperparameter."""
         return Hyperparameter("bias", "numeric", self.bias_bounds)
 
     @property
-    def hyperparameter_weights(self):
+    def hyperparameter_weights(self) -> Hyperparameter:
         """The weights, as a hyperparameter."""
         if np.iterable(self.weights):
             n = len(self.weights)
             return Hyperparameter("weights", "numeric", self.weights_bounds, n)
         return Hyperparameter("weights", "numeric", self.weights_bounds)
 
-    def __call__(self, X, Y=None, eval_gradient=False):
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Covariance of X and Y, and its gradient with respect to theta.
 
         Parameters
@@ -107,15 +116,15 @@ class ARDLinear(Kernel):
             slices.append(terms if ard else terms.sum(axis=2, keepdims=True))
         return np.concatenate([np.empty((len(X), len(X), 0)), *slices], axis=2)
 
-    def diag(self, X):
+    def diag(self, X: NDArray[Any]) -> NDArray[np.float64]:
         """Diagonal of ``self(X)``, of shape (n_samples_X,)."""
         return self.bias + np.square(X) @ np.broadcast_to(self.weights, X.shape[1])
 
-    def is_stationary(self):
+    def is_stationary(self) -> bool:
         """Whether the kernel depends on x - x' only: no."""
         return False
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         weights = np.array2string(np.asarray(self.weights), precision=3, threshold=10)
         return f"ARDLinear(weights={weights}, bias={self.bias:.3g})"
 
@@ -141,11 +150,11 @@ class Columns(Kernel):
            [1., 1.]])
     """
 
-    def __init__(self, kernel, columns):
+    def __init__(self, kernel: Kernel, columns: Sequence[int]) -> None:
         self.kernel = kernel
         self.columns = columns
 
-    def get_params(self, deep=True):
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
         """Parameters of this kernel and, if `deep`, of the kernel inside.
 
         Parameters
@@ -165,7 +174,7 @@ class Columns(Kernel):
         return params
 
     @property
-    def hyperparameters(self):
+    def hyperparameters(self) -> list[Hyperparameter]:
         """The hyperparameters of the kernel inside."""
         return [
             Hyperparameter(f"kernel__{h.name}", h.value_type, h.bounds, h.n_elements)
@@ -173,27 +182,32 @@ class Columns(Kernel):
         ]
 
     @property
-    def theta(self):
+    def theta(self) -> NDArray[np.float64]:
         """Log of the free hyperparameters, of shape (n_dims,)."""
         return self.kernel.theta
 
     @theta.setter
-    def theta(self, theta):
+    def theta(self, theta: NDArray[np.float64]) -> None:
         self.kernel.theta = theta
 
     @property
-    def bounds(self):
+    def bounds(self) -> NDArray[np.float64]:
         """Log of the bounds of theta, of shape (n_dims, 2)."""
         return self.kernel.bounds
 
-    def __eq__(self, other):
+    def __eq__(self, other: object) -> bool:
         return (
             type(self) is type(other)
             and self.kernel == other.kernel
             and list(self.columns) == list(other.columns)
         )
 
-    def __call__(self, X, Y=None, eval_gradient=False):
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Covariance of X and Y, and its gradient with respect to theta.
 
         Parameters
@@ -215,7 +229,7 @@ class Columns(Kernel):
         Y = None if Y is None else self.select(Y)
         return self.kernel(self.select(X), Y, eval_gradient=eval_gradient)
 
-    def select(self, X):
+    def select(self, X: ArrayLike) -> NDArray[Any]:
         """Cut the features that the kernel sees.
 
         Parameters
@@ -242,24 +256,24 @@ class Columns(Kernel):
             )
         return X[:, columns]
 
-    def diag(self, X):
+    def diag(self, X: NDArray[Any]) -> NDArray[np.float64]:
         """Diagonal of ``self(X)``, of shape (n_samples_X,)."""
         return self.kernel.diag(self.select(X))
 
-    def is_stationary(self):
+    def is_stationary(self) -> bool:
         """Whether the kernel inside is stationary."""
         return self.kernel.is_stationary()
 
     @property
-    def requires_vector_input(self):
+    def requires_vector_input(self) -> bool:
         """Whether the kernel is defined on vectors only: yes."""
         return True
 
-    def __repr__(self):
+    def __repr__(self) -> str:
         return f"Columns({self.kernel!r}, {list(self.columns)})"
 
 
-def inverse_dynamics_kernel(n_joints):
+def inverse_dynamics_kernel(n_joints: int) -> Kernel:
     r"""Kernel of the paper, section 6, for features (x, sgn(qd)).
 
     .. math::

@@ -1,9 +1,12 @@
 """Metrics of multi-task regression, as the paper reports them."""
 
+from collections.abc import Callable
 from functools import partial
 from numbers import Real
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 from sklearn.utils import check_array, check_consistent_length, column_or_1d
 
@@ -18,8 +21,12 @@ __all__ = [
 
 
 def normalized_mean_squared_error(
-    y_true, y_pred, *, tasks=None, multioutput="uniform_average"
-):
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    *,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["raw_values", "uniform_average"] = "uniform_average",
+) -> float | NDArray[np.float64]:
     r"""Mean squared error over the variance of the targets, averaged over tasks.
 
     .. math::
@@ -73,8 +80,14 @@ def normalized_mean_squared_error(
 
 
 def mean_standardized_log_loss(
-    y_true, y_pred, y_std, *, y_train, tasks=None, multioutput="uniform_average"
-):
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    y_std: ArrayLike,
+    *,
+    y_train: ArrayLike,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["raw_values", "uniform_average"] = "uniform_average",
+) -> float | NDArray[np.float64]:
     r"""Negative log predictive density, less that of a trivial model.
 
     .. math::
@@ -132,8 +145,14 @@ def mean_standardized_log_loss(
 
 
 def coverage(
-    y_true, y_pred, y_std, *, level=0.95, tasks=None, multioutput="uniform_average"
-):
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    y_std: ArrayLike,
+    *,
+    level: float = 0.95,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["raw_values", "uniform_average"] = "uniform_average",
+) -> float | NDArray[np.float64]:
     r"""Share of the targets inside the central interval of the predictive normal.
 
     .. math::
@@ -182,7 +201,9 @@ def coverage(
     return _average(np.mean(per_task, axis=0), multioutput)
 
 
-def make_normalized_mse_scorer(task_feature=-1):
+def make_normalized_mse_scorer(
+    task_feature: int | str = -1,
+) -> Callable[[Any, ArrayLike, ArrayLike], float]:
     """Scorer for model selection: minus the nMSE, averaged over tasks and outputs.
 
     Parameters
@@ -227,7 +248,7 @@ def _log_loss(y, mean, std):
     return 0.5 * np.square((y - mean) / std) + np.log(std) + 0.5 * np.log(2.0 * np.pi)
 
 
-def _columns(y, name):
+def _columns(y, name) -> NDArray[np.float64]:
     y = check_array(y, ensure_2d=False, dtype=np.float64, input_name=name)
     return y[:, None] if y.ndim == 1 else y
 
@@ -243,7 +264,7 @@ def _check_outputs(y_true, other, name):
         )
 
 
-def _check_std(y_std, y_true):
+def _check_std(y_std, y_true) -> NDArray[np.float64]:
     y_std = _columns(y_std, "y_std")
     check_consistent_length(y_true, y_std)
     _check_outputs(y_true, y_std, "y_std")
@@ -252,7 +273,9 @@ def _check_std(y_std, y_true):
     return y_std
 
 
-def _check(y_true, y_pred, tasks):
+def _check(
+    y_true, y_pred, tasks
+) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[Any, Any]]:
     """Targets and predictions as columns, and the rows of each task."""
     y_true, y_pred = _columns(y_true, "y_true"), _columns(y_pred, "y_pred")
     check_consistent_length(y_true, y_pred)

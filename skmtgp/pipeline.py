@@ -1,6 +1,6 @@
 """The paper's model of a robot, from joint states to torques, in one Pipeline."""
 
-from sklearn.base import clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from skmtgp.kernels import inverse_dynamics_kernel
@@ -11,7 +11,12 @@ from skmtgp.preprocessing import InverseDynamicsFeatures
 __all__ = ["make_inverse_dynamics_regressor"]
 
 
-def make_inverse_dynamics_regressor(estimator=None, *, n_joints=6, task_feature=-1):
+def make_inverse_dynamics_regressor(
+    estimator: BaseEstimator | None = None,
+    *,
+    n_joints: int = 6,
+    task_feature: int | str = -1,
+) -> Pipeline:
     """Pipeline of the inverse dynamics features, the paper's kernel and a model.
 
     Parameters

@@ -1,9 +1,11 @@
 """Features of inverse dynamics from positions, velocities and accelerations."""
 
 from numbers import Integral
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
@@ -69,11 +71,13 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
            [ 1.,  1.,  1.,  0.,  2.]])
     """
 
-    def __init__(self, n_joints=None, *, task_feature=-1):
+    def __init__(
+        self, n_joints: int | None = None, *, task_feature: int | str = -1
+    ) -> None:
         self.n_joints = n_joints
         self.task_feature = task_feature
 
-    def fit(self, X, y=None):
+    def fit(self, X: ArrayLike, y: Any = None) -> Self:
         """Learn the mean and the scale of each column of the states.
 
         Parameters
@@ -107,7 +111,7 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
         self.mean_, self.scale_ = scaler.mean_, scaler.scale_
         return self
 
-    def transform(self, X):
+    def transform(self, X: ArrayLike) -> NDArray[Any] | pd.DataFrame:
         """Standardise the states, add the signs, move the task to the end.
 
         Parameters
@@ -136,7 +140,9 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             return self._to_frame(features, labels, X)
         return np.column_stack([features, _as_column(labels)])
 
-    def get_feature_names_out(self, input_features=None):
+    def get_feature_names_out(
+        self, input_features: ArrayLike | None = None
+    ) -> NDArray[np.object_]:
         """Names of the columns of the output.
 
         Parameters

@@ -3,6 +3,7 @@
 from numbers import Integral
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ._split import SUBSETS
 
@@ -91,7 +92,9 @@ def check_seed(seed):
     return int(seed)
 
 
-def check_numbers(name, value, shape, positive=False, repeat=False):
+def check_numbers(
+    name, value, shape, positive=False, repeat=False
+) -> NDArray[np.float64]:
     """Finite numbers of a shape.
 
     Parameters

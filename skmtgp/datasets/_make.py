@@ -1,7 +1,11 @@
 """Make inverse dynamics data of the Puma 560 with loads of one's own choice."""
 
+from typing import Any, Literal
+
 import numpy as np
-from sklearn.utils import check_random_state
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils import Bunch, check_random_state
 
 from ._bunch import Rows, package
 from ._checks import check_count, check_flag, check_numbers, check_ranges
@@ -29,24 +33,24 @@ from ._trajectories import (
 
 def make_puma560(
     *,
-    n_samples=N_SAMPLES,
-    n_loads=None,
-    masses=None,
-    loads=None,
-    side_range=SIDE_RANGE,
-    centre_range=CENTRE_RANGE,
-    paths=PATHS,
-    speeds=SPEEDS,
-    eight=EIGHT,
-    tool="fixed",
-    tool_pitch=TOOL_PITCH,
-    tool_swing=TOOL_SWING,
-    friction=True,
-    noise=0.0,
-    random_state=0,
-    return_X_y=False,
-    as_frame=False,
-):
+    n_samples: int = N_SAMPLES,
+    n_loads: int | None = None,
+    masses: ArrayLike | None = None,
+    loads: pd.DataFrame | None = None,
+    side_range: ArrayLike = SIDE_RANGE,
+    centre_range: ArrayLike = CENTRE_RANGE,
+    paths: ArrayLike = PATHS,
+    speeds: ArrayLike = SPEEDS,
+    eight: ArrayLike = EIGHT,
+    tool: Literal["fixed", "moving"] = "fixed",
+    tool_pitch: float = TOOL_PITCH,
+    tool_swing: ArrayLike = TOOL_SWING,
+    friction: bool = True,
+    noise: ArrayLike = 0.0,
+    random_state: np.random.RandomState | int | None = 0,
+    return_X_y: bool = False,
+    as_frame: bool = False,
+) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Make inverse dynamics data of a Puma 560 that holds different loads.
 
     Every load is carried along every path at every speed. With the default
@@ -259,7 +263,7 @@ def _check_swing(tool, tool_swing):
     return swing if tool == "moving" else np.zeros(3)
 
 
-def _check_noise(noise):
+def _check_noise(noise) -> NDArray[np.float64]:
     noise = check_numbers("noise", noise, (N_JOINTS,), repeat=True)
     if (noise < 0).any():
         raise ValueError(

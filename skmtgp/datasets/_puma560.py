@@ -1,8 +1,12 @@
 """The paper's Puma 560 data: the whole of it, and the part that is bundled."""
 
+from collections.abc import Sequence
 from importlib import resources
+from os import PathLike
+from typing import Any, Literal
 
 import numpy as np
+from sklearn.utils import Bunch
 
 from . import _store as store
 from ._bunch import Rows, package
@@ -15,14 +19,14 @@ from ._whole import LABELS, loads_table, select_rows, stored_arrays
 
 def fetch_puma560(
     *,
-    subset="train",
-    n_per_load=None,
-    loads=None,
-    data_home=None,
-    random_state=0,
-    return_X_y=False,
-    as_frame=False,
-):
+    subset: Literal["train", "interpolation", "extrapolation"] = "train",
+    n_per_load: int | None = None,
+    loads: Sequence[int | str] | None = None,
+    data_home: str | PathLike[str] | None = None,
+    random_state: int = 0,
+    return_X_y: bool = False,
+    as_frame: bool = False,
+) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Fetch the Puma 560 inverse dynamics data (multi-task regression).
 
     The 960,000 samples of [1]_, section 6: 15 loads, 16 trajectories, 4000 samples
@@ -129,8 +133,13 @@ def fetch_puma560(
 
 
 def load_puma560(
-    *, subset="train", n_per_load=None, loads=None, return_X_y=False, as_frame=False
-):
+    *,
+    subset: Literal["train", "interpolation", "extrapolation"] = "train",
+    n_per_load: int | None = None,
+    loads: Sequence[int | str] | None = None,
+    return_X_y: bool = False,
+    as_frame: bool = False,
+) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Load the bundled part of the Puma 560 inverse dynamics data.
 
     The first rows of each set of ``fetch_puma560(random_state=0)``, row for row.

@@ -4,9 +4,10 @@ import contextlib
 import warnings
 from abc import ABCMeta, abstractmethod
 from numbers import Integral, Real
-from typing import NamedTuple
+from typing import Literal, NamedTuple, Self, overload
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF, Kernel
@@ -180,7 +181,7 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
         """The form of K^rho and the mode of each output."""
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y):
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the hyperparameters by maximising the marginal likelihood.
 
         Parameters
@@ -207,7 +208,31 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             self._store(training, *self._learn(training))
         return self
 
-    def predict(self, X, return_std=False, return_cov=False, include_noise=False):
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = False,
+        return_cov: Literal[False] = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict the mean of f and, if asked, its uncertainty.
 
         Parameters
@@ -249,7 +274,12 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             return mean, self._join(self._covariances(features, codes, include_noise))
         return mean
 
-    def sample_y(self, X, n_samples=1, random_state=0):
+    def sample_y(
+        self,
+        X: ArrayLike,
+        n_samples: int = 1,
+        random_state: np.random.RandomState | int | None = 0,
+    ) -> NDArray[np.float64]:
         """Draw f from its posterior.
 
         Parameters
@@ -275,7 +305,9 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
         ]
         return draws[0] if self._single_output else np.stack(draws, axis=1)
 
-    def log_marginal_likelihood(self, theta=None, eval_gradient=False):
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: bool = False
+    ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
 
         Parameters
@@ -294,16 +326,13 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             Its gradient. Only if `eval_gradient`.
         """
         check_is_fitted(self)
-        theta = self.theta_ if theta is None else check_array(theta, ensure_2d=False)
-        if theta.shape != self.theta_.shape:
-            raise ValueError(
-                f"theta has shape {theta.shape}; the model has {self.theta_.shape}."
-            )
-        parts = np.split(theta, len(self._likelihoods))
+        parts = np.split(self._check_theta(theta), len(self._likelihoods))
         change_of_units = -len(self.X_train_) * np.log(self._scales).sum()
         if not eval_gradient:
-            values = [o.value(t) for o, t in zip(self._likelihoods, parts, strict=True)]
-            return float(np.sum(values) + change_of_units)
+            value = sum(
+                o.value(t) for o, t in zip(self._likelihoods, parts, strict=True)
+            )
+            return float(value + change_of_units)
         values, gradients = zip(
             *[
                 o.value_and_grad(t)
@@ -318,6 +347,14 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
         tags.input_tags.categorical = True
         tags.target_tags.multi_output = True
         return tags
+
+    def _check_theta(self, theta):
+        theta = self.theta_ if theta is None else check_array(theta, ensure_2d=False)
+        if theta.shape != self.theta_.shape:
+            raise ValueError(
+                f"theta has shape {theta.shape}; the model has {self.theta_.shape}."
+            )
+        return theta
 
     def _default_kernel(self, features):
         return default_kernel(features)

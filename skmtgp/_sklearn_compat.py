@@ -1,6 +1,9 @@
 """Every private import of scikit-learn, in one place."""
 
-from sklearn.base import _fit_context as fit_context
+from collections.abc import Callable
+from typing import TypeVar
+
+from sklearn.base import _fit_context
 from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils._set_output import _get_output_config
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
@@ -12,6 +15,9 @@ __all__ = [
     "fit_context",
     "wants_pandas",
 ]
+
+Method = TypeVar("Method", bound=Callable)
+fit_context: Callable[..., Callable[[Method], Method]] = _fit_context  # keeps the hints
 
 
 def wants_pandas(transformer):

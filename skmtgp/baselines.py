@@ -1,8 +1,11 @@
 """The models that the paper compares with: iGP, pGP and sGP."""
 
+from typing import Literal, Self, overload
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
-from sklearn.gaussian_process.kernels import ConstantKernel
+from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import (
@@ -28,20 +31,20 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
 
     def __init__(
         self,
-        kernel=None,
+        kernel: Kernel | None = None,
         *,
-        diagonal=False,
-        task_feature=-1,
-        noise="shared",
-        noise_variance=1e-2,
-        noise_variance_bounds=(1e-10, 1e3),
-        normalize_y=True,
-        inference="auto",
-        max_iter=2000,
-        tol=1e-2,
-        n_jobs=None,
-        verbose=0,
-    ):
+        diagonal: bool = False,
+        task_feature: int | str = -1,
+        noise: Literal["shared", "per_task"] = "shared",
+        noise_variance: float = 1e-2,
+        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
+        normalize_y: bool = True,
+        inference: Literal["auto", "dense"] = "auto",
+        max_iter: int = 2000,
+        tol: float = 1e-2,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
         self.kernel = kernel
         self.diagonal = diagonal
         self.task_feature = task_feature
@@ -346,18 +349,18 @@ class SingleTaskGP(RegressorMixin, BaseEstimator):
 
     def __init__(
         self,
-        kernel=None,
+        kernel: Kernel | None = None,
         *,
-        task_feature=-1,
-        noise_variance=1e-2,
-        noise_variance_bounds=(1e-10, 1e3),
-        normalize_y=True,
-        inference="auto",
-        max_iter=2000,
-        tol=1e-2,
-        n_jobs=None,
-        verbose=0,
-    ):
+        task_feature: int | str = -1,
+        noise_variance: float = 1e-2,
+        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
+        normalize_y: bool = True,
+        inference: Literal["auto", "dense"] = "auto",
+        max_iter: int = 2000,
+        tol: float = 1e-2,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
         self.kernel = kernel
         self.task_feature = task_feature
         self.noise_variance = noise_variance
@@ -370,7 +373,7 @@ class SingleTaskGP(RegressorMixin, BaseEstimator):
         self.verbose = verbose
 
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X, y):
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the hyperparameters of each task.
 
         Parameters
@@ -414,7 +417,31 @@ class SingleTaskGP(RegressorMixin, BaseEstimator):
             f"{estimator.log_marginal_likelihood_value_:.2f}"
         )
 
-    def predict(self, X, return_std=False, return_cov=False, include_noise=False):
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = False,
+        return_cov: Literal[False] = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict the mean of f and, if asked, its uncertainty.
 
         Parameters

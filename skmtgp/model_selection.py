@@ -1,8 +1,10 @@
 """Choosing the rank of the task covariance by an information criterion."""
 
 from numbers import Integral
+from typing import Literal, Self, overload
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
@@ -90,13 +92,13 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     def __init__(
         self,
-        estimator=None,
+        estimator: MultiTaskGPRegressor | None = None,
         *,
-        ranks=(2, 4, 5, 6, 8, 10),
-        criterion="bic",
-        n_jobs=None,
-        verbose=0,
-    ):
+        ranks: ArrayLike = (2, 4, 5, 6, 8, 10),
+        criterion: Literal["bic", "aic", "hqc"] = "bic",
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
         self.estimator = estimator
         self.ranks = ranks
         self.criterion = criterion
@@ -104,7 +106,7 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         self.verbose = verbose
 
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X, y):
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the model at each rank and keep the best one.
 
         Parameters
@@ -156,7 +158,31 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             raise ValueError(f"ranks={self.ranks!r} must be 1 or more.")
         return np.unique(np.minimum(ranks, n_tasks)).tolist()
 
-    def predict(self, X, return_std=False, return_cov=False, include_noise=False):
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = False,
+        return_cov: Literal[False] = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict with the best model, see :meth:`MultiTaskGPRegressor.predict`.
 
         Parameters
@@ -187,7 +213,12 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             include_noise=include_noise,
         )
 
-    def sample_y(self, X, n_samples=1, random_state=0):
+    def sample_y(
+        self,
+        X: ArrayLike,
+        n_samples: int = 1,
+        random_state: np.random.RandomState | int | None = 0,
+    ) -> NDArray[np.float64]:
         """Draw f from the best model's posterior.
 
         Parameters
@@ -207,7 +238,9 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         check_is_fitted(self)
         return self.best_estimator_.sample_y(X, n_samples, random_state)
 
-    def log_marginal_likelihood(self, theta=None, eval_gradient=False):
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: bool = False
+    ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the best model.
 
         Parameters
@@ -228,13 +261,13 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
         return self.best_estimator_.log_marginal_likelihood(theta, eval_gradient)
 
     @property
-    def n_features_in_(self):
+    def n_features_in_(self) -> int:
         """Number of columns of X, the task column counted."""
         check_is_fitted(self)
         return self.best_estimator_.n_features_in_
 
     @property
-    def feature_names_in_(self):
+    def feature_names_in_(self) -> NDArray[np.object_]:
         """Names of the columns of X."""
         check_is_fitted(self)
         return self.best_estimator_.feature_names_in_

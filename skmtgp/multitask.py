@@ -1,8 +1,11 @@
 """The multi-task Gaussian process of the paper."""
 
 from numbers import Integral
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_random_state
 
 from skmtgp._base import BaseMultiTaskGP
@@ -148,23 +151,23 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def __init__(
         self,
-        kernel=None,
+        kernel: Kernel | None = None,
         *,
-        rank=None,
-        diagonal=False,
-        task_feature=-1,
-        noise="shared",
-        noise_variance=1e-2,
-        noise_variance_bounds=(1e-10, 1e3),
-        normalize_y=True,
-        inference="auto",
-        n_restarts_optimizer=0,
-        max_iter=2000,
-        tol=1e-2,
-        n_jobs=None,
-        random_state=None,
-        verbose=0,
-    ):
+        rank: int | None = None,
+        diagonal: bool = False,
+        task_feature: int | str = -1,
+        noise: Literal["shared", "per_task"] = "shared",
+        noise_variance: float = 1e-2,
+        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
+        normalize_y: bool = True,
+        inference: Literal["auto", "dense"] = "auto",
+        n_restarts_optimizer: int = 0,
+        max_iter: int = 2000,
+        tol: float = 1e-2,
+        n_jobs: int | None = None,
+        random_state: np.random.RandomState | int | None = None,
+        verbose: int = 0,
+    ) -> None:
         self.kernel = kernel
         self.rank = rank
         self.diagonal = diagonal

@@ -1,0 +1,88 @@
+"""Everything public has type hints: the package ships py.typed."""
+
+import importlib
+import inspect
+
+import pytest
+
+MODULES = [
+    "skmtgp",
+    "skmtgp.datasets",
+    "skmtgp.kernels",
+    "skmtgp.metrics",
+    "skmtgp.preprocessing",
+]
+
+
+def public_names():
+    """Dotted names of the public callables and the objects themselves."""
+    for path in MODULES:
+        module = importlib.import_module(path)
+        for name in module.__all__:
+            yield f"{path}.{name}", getattr(module, name)
+
+
+def methods(cls):
+    """Names and functions of what the package defines of a class, its bases too."""
+    for name, _ in inspect.getmembers(cls):
+        item = inspect.getattr_static(cls, name)
+        item = item.fget if isinstance(item, property) else item
+        public = not name.startswith("_") or name in ("__init__", "__call__")
+        if public and inspect.isfunction(item) and item.__module__.startswith("skmtgp"):
+            yield name, item
+
+
+def callables():
+    for path, item in public_names():
+        if inspect.isclass(item):
+            yield from ((f"{path}.{name}", method) for name, method in methods(item))
+        else:
+            yield path, item
+
+
+CALLABLES = dict(callables())
+
+
+def unhinted(function):
+    """Names of the parameters without a hint, and "return"."""
+    signature = inspect.signature(function)
+    found = [
+        name
+        for name, parameter in signature.parameters.items()
+        if name != "self" and parameter.annotation is parameter.empty
+    ]
+    without = signature.return_annotation is signature.empty
+    return found + ["return"] * (without and function.__name__ != "__init__")
+
+
+@pytest.mark.parametrize("path", CALLABLES)
+def test_hints(path):
+    assert not unhinted(CALLABLES[path])
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "skmtgp.RankSearchIC.__init__",
+        "skmtgp.MultiTaskGPRegressor.sample_y",  # of a base class
+        "skmtgp.SingleTaskGP.fit",  # behind a decorator
+        "skmtgp.make_inverse_dynamics_regressor",
+        "skmtgp.datasets.load_puma560",
+        "skmtgp.kernels.Columns.__call__",
+        "skmtgp.kernels.Columns.theta",  # a property
+    ],
+)
+def test_every_kind_of_callable_is_found(path):
+    assert path in CALLABLES
+
+
+def test_missing_hints_are_found():
+    class Example:
+        def __init__(self, number: int, other=None):
+            pass
+
+        def method(self, number: int, *, other: str):
+            pass
+
+    assert unhinted(Example.__init__) == ["other"]
+    assert unhinted(Example.method) == ["return"]

@@ -21,6 +21,7 @@ from skmtgp._tasks import (
     read_table,
     split_table,
 )
+from skmtgp.exceptions import PrecisionWarning
 from skmtgp.learning import Data, Settings
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance that predict holds at a time
@@ -442,14 +443,7 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             self.log_marginal_likelihoods_.sum()
         )
         self.n_iter_ = max(mode.n_iter for mode in modes)
-        failed = [j for j, mode in enumerate(modes) if not mode.converged]
-        if failed and self.max_iter > 0:
-            warnings.warn(
-                f"The likelihood of {len(failed)} of {len(modes)} outputs was still "
-                f"growing after max_iter={self.max_iter} iterations, or could not be "
-                "followed further. Increase max_iter, or tol.",
-                ConvergenceWarning,
-            )
+        _warn_of_unfinished(modes, self.max_iter)
 
     def _count(self, training, form):
         """Number of hyperparameters as eq. 8 counts them, summed over the outputs."""
@@ -501,3 +495,23 @@ def _blocks(n_samples, n_train):
     """Slices of the samples for which the cross-covariance is not too large."""
     size = max(1, BLOCK_SIZE // max(1, n_train))
     return [slice(a, a + size) for a in range(0, n_samples, size)]
+
+
+def _warn_of_unfinished(modes, max_iter):
+    """Say where learning ended before the likelihood stopped growing."""
+    stalled = [j + 1 for j, mode in enumerate(modes) if mode.stalled]
+    if stalled:
+        warnings.warn(
+            f"Learning of output {stalled} ended for lack of digits: the prior "
+            "variance is so much larger than the noise variance that the likelihood "
+            "cannot be resolved further. The model is the best one found; a larger lower "
+            "bound in noise_variance_bounds avoids this.",
+            PrecisionWarning,
+        )
+    unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
+    if unfinished and max_iter > 0:
+        warnings.warn(
+            f"The likelihood of output {unfinished} was still growing after "
+            f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
+            ConvergenceWarning,
+        )

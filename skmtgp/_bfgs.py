@@ -12,6 +12,7 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 ARMIJO, CURVATURE = 1e-4, 0.9
 LONGEST_STEP = 3.0
+GROWTH = 1.5  # of the trial step over the last accepted one, up to 1
 PATIENCE = 20
 MAX_LINE_SEARCH = 20
 
@@ -30,7 +31,10 @@ class Optimum(NamedTuple):
     n_evaluations : int
         Calls of the objective.
     converged : bool
-        Whether no more gain was expected, rather than the budget spent.
+        Whether no more gain was expected.
+    stalled : bool
+        Whether more gain was expected but no step brought any, or the starting point
+        has no finite value. If neither, the budget was spent.
     """
 
     x: np.ndarray
@@ -38,6 +42,7 @@ class Optimum(NamedTuple):
     n_iter: int
     n_evaluations: int
     converged: bool
+    stalled: bool
 
 
 def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
@@ -73,12 +78,12 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
 class _BFGS:
     def __init__(self, fun, x, lower, upper, metric):
         self.fun, self.lower, self.upper, self.metric = fun, lower, upper, metric
-        self.n_evaluations = 0
+        self.n_evaluations, self.step = 0, 1.0
         self.x = np.clip(x, lower, upper)
         self.f, self.g = self._evaluate(self.x)
 
     def run(self, max_iter, tol, report):
-        n_iter = still = 0
+        n_iter, still, stuck = 0, 0, False
         running = bool(len(self.x) and np.isfinite(self.f))
         expected_gain = np.inf if running else 0.0
         if running and max_iter:
@@ -86,7 +91,8 @@ class _BFGS:
         while running and n_iter < max_iter and still < PATIENCE:
             direction, expected_gain = self._direction()
             step = self._line_search(direction)
-            if step is None and self.fresh:
+            stuck = step is None and self.fresh
+            if stuck:
                 break
             if step is None:  # the model of the Hessian is lost
                 self._restart()
@@ -98,7 +104,8 @@ class _BFGS:
             if report is not None:
                 report(n_iter, self.f)
         converged = bool(np.isfinite(self.f)) and (still > 0 or expected_gain < tol)
-        return Optimum(self.x, self.f, n_iter, self.n_evaluations, converged)
+        stalled = not converged and (stuck or not np.isfinite(self.f))
+        return Optimum(self.x, self.f, n_iter, self.n_evaluations, converged, stalled)
 
     def _evaluate(self, x):
         self.n_evaluations += 1
@@ -109,7 +116,7 @@ class _BFGS:
         scale = max(np.linalg.norm(self.g), 1e-300)
         guess = np.eye(len(self.x)) * scale
         self.B = guess if self.metric is None else self.metric(self.x)
-        self.fresh = True
+        self.fresh, self.step = True, 1.0
 
     def _direction(self):
         """Quasi-Newton step of the parameters not held at a bound; its gain."""
@@ -135,11 +142,17 @@ class _BFGS:
         return step
 
     def _line_search(self, direction):
-        """A point of sufficient decrease (Armijo) and, if it can be, curvature."""
+        """A point of sufficient decrease (Armijo) and, if it can be, curvature.
+
+        The first trial is a little longer than the last accepted step: along a valley
+        that narrows as the noise falls, the model of the Hessian lags behind, and unit
+        steps would be too long again and again.
+        """
         slope = self.g @ direction
         if slope >= 0.0:
             return None
-        low, high, f_low, slope_low, step, best = 0.0, np.inf, self.f, slope, 1.0, None
+        low, high, f_low, slope_low, best = 0.0, np.inf, self.f, slope, None
+        step = min(1.0, GROWTH * self.step)
         for _ in range(MAX_LINE_SEARCH):
             x = np.clip(self.x + step * direction, self.lower, self.upper)
             f, g = self._evaluate(x)
@@ -148,7 +161,7 @@ class _BFGS:
                 high = step
                 step = low + _shrink(step - low, f_low, slope_low, f)
                 continue
-            best = x, f, g
+            best, self.step = (x, f, g), step
             if g @ direction >= CURVATURE * slope or self._clipped(step, direction):
                 break
             low, f_low, slope_low = step, f, g @ direction

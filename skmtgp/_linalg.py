@@ -6,13 +6,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
-
-class NotPositiveDefiniteError(np.linalg.LinAlgError):
-    """A covariance matrix is not positive definite in floating point."""
-
-
-class JitterWarning(RuntimeWarning):
-    """A covariance matrix was factorised only after adding to its diagonal."""
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 
 class Cholesky:

@@ -108,6 +108,8 @@ class Mode(NamedTuple):
         Likelihoods and gradients that it took.
     converged : bool
         Whether it ended by its tolerance.
+    stalled : bool
+        Whether it ended for lack of digits: more gain was expected, no step gained.
     seconds : float
         Time that was spent on it and on the modes that it was preferred to.
     """
@@ -117,6 +119,7 @@ class Mode(NamedTuple):
     n_iter: int
     n_evaluations: int
     converged: bool
+    stalled: bool
     seconds: float
 
 
@@ -243,8 +246,22 @@ def second_stage(data, settings, form, starts):
     for start in starts:
         rho = form.parameters(start.K_rho)
         theta = np.concatenate([start.kernel_theta, rho, settings.log_noise])
-        modes.append(climb(data, settings, form, theta))
+        mode = climb(data, settings, form, theta)
+        modes.append(reheat(data, settings, form, mode) if mode.stalled else mode)
     return best_of(modes)
+
+
+def reheat(data, settings, form, mode):
+    """Learn again from a mode, with sigma_0^2 for its noise and k^x relaxed.
+
+    Where the prior variance has grown to 1e14 times the noise variance, neither the
+    likelihood nor its gradient has the digits to go on. With the noise back at its
+    start there is a way out, as a rule to a better mode.
+    """
+    theta = np.concatenate([mode.theta[: -len(settings.log_noise)], settings.log_noise])
+    relaxed = climb(data, settings, form, theta, RELAXED)
+    again = climb(data, settings, form, relaxed.theta)
+    return best_of([mode, again])
 
 
 def perturbed(start, seed):

@@ -169,6 +169,7 @@ def test_gradients_that_are_not_finite_are_rejected():
     best = minimize(fun, np.zeros(2), *free(2), max_iter=50, tol=1e-6)
     assert np.isfinite(best.value)
     assert (best.x <= 2.0).all()
+    assert best.stalled
     assert not best.converged
 
 
@@ -231,6 +232,7 @@ def test_budget(max_iter):
     )
     assert best.n_iter == max_iter == len(steps)
     assert not best.converged
+    assert not best.stalled
     assert [i for i, _ in steps] == list(range(1, max_iter + 1))
     if max_iter:
         assert steps[-1][1] == best.value
@@ -257,6 +259,7 @@ def test_start_that_is_not_finite(value):
         lambda x: (value, np.zeros(2)), np.ones(2), *free(2), max_iter=10, tol=1e-6
     )
     assert best.value == np.inf
+    assert best.stalled
     assert not best.converged
     assert best.n_evaluations == 1
     np.testing.assert_array_equal(best.x, 1.0)

@@ -17,7 +17,7 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp._linalg import JitterWarning, NotPositiveDefiniteError
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference import dense
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel

@@ -10,7 +10,7 @@ import skmtgp
 
 ROOT = Path(skmtgp.__file__).parent
 LAYERS = [
-    {"_linalg", "_bfgs", "_tasks", "_sklearn_compat", "_parallel"},
+    {"exceptions", "_linalg", "_bfgs", "_tasks", "_sklearn_compat", "_parallel"},
     {"metrics"},
     {"kernels", "task_covariance"},
     {"_contraction"},

@@ -295,7 +295,9 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
 
 
 def test_best_of():
-    modes = [Mode(np.zeros(1), value, 3, 4, True, 0.5) for value in (1.0, 3.0, 2.0)]
+    modes = [
+        Mode(np.zeros(1), value, 3, 4, True, False, 0.5) for value in (1.0, 3.0, 2.0)
+    ]
     assert best_of(modes) == modes[1]._replace(seconds=1.5)
 
 
@@ -313,7 +315,7 @@ def test_perturbed():
 
 def mode_at(data, settings, form, theta):
     value = settings.likelihood(data, form).value(theta)
-    return Mode(theta, value, 7, 8, True, 0.5)
+    return Mode(theta, value, 7, 8, True, False, 0.5)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["plain", "diagonal"])
@@ -465,3 +467,24 @@ class TestLearnRanks:
         [[mode]] = learn_ranks([(data, settings)], [form])
         truth = np.r_[TRUTH, 1.0, np.log(NOISE)]
         assert mode.value > settings.likelihood(data, form).value(truth)
+
+
+def test_a_stalled_mode_is_left_by_heating_it_again(data, monkeypatch):
+    settings, form, climbs = configure(), low_rank(M, 2), []
+    start = first_stage(data, settings, identity(M))
+
+    def stalling(data, settings, form, theta, relaxed=None):
+        climbs.append((theta[-1], relaxed))
+        mode = climb(data, settings, form, theta, relaxed)
+        if len(climbs) > 1:
+            return mode
+        theta = np.append(theta[:-1], -20.0)
+        return mode._replace(theta=theta, value=-1e3, converged=False, stalled=True)
+
+    monkeypatch.setattr(learning, "climb", stalling)
+    best = second_stage(data, settings, form, [start])
+    assert best.value > -1e3
+    assert best.converged
+    sigma_0 = settings.log_noise[0]
+    assert climbs[:2] == [(sigma_0, None), (sigma_0, learning.RELAXED)]
+    assert climbs[2][1] is None

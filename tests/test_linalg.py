@@ -1,12 +1,8 @@
 import numpy as np
 import pytest
 
-from skmtgp._linalg import (
-    Cholesky,
-    JitterWarning,
-    NotPositiveDefiniteError,
-    cholesky_with_jitter,
-)
+from skmtgp._linalg import Cholesky, cholesky_with_jitter
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 
 @pytest.fixture

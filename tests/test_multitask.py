@@ -352,7 +352,9 @@ def test_verbosity(capsys):
 
 def test_too_few_iterations_are_reported():
     model = MultiTaskGPRegressor(max_iter=2)
-    with pytest.warns(ConvergenceWarning, match="2 of 2 outputs .* max_iter=2 iterat"):
+    with pytest.warns(
+        ConvergenceWarning, match=r"output \[1, 2\] was .* max_iter=2 iterat"
+    ):
         model.fit(*draw(n_outputs=2))
     assert model.n_iter_ == 2
 

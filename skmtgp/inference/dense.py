@@ -3,8 +3,9 @@
 import numpy as np
 
 from skmtgp._contraction import compile_kernel
-from skmtgp._linalg import Cholesky, NotPositiveDefiniteError, cholesky_with_jitter
+from skmtgp._linalg import Cholesky, cholesky_with_jitter
 from skmtgp._parallel import limit_threads, map_threads
+from skmtgp.exceptions import NotPositiveDefiniteError
 
 TILE = 288
 FISHER_ROWS = 300

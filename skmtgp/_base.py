@@ -1,163 +1,30 @@
-"""What the estimators share: checking, learning, storing, predicting."""
+"""What the estimators share: fitting, storing, predicting."""
 
-import contextlib
 import warnings
 from abc import ABCMeta, abstractmethod
 from numbers import Integral, Real
-from typing import Literal, NamedTuple, Self, overload
+from typing import Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process.kernels import RBF, Kernel
-from sklearn.utils import check_array, check_consistent_length, check_random_state
+from sklearn.gaussian_process.kernels import Kernel
+from sklearn.utils import check_array, check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
-from skmtgp._tasks import (
-    encode_tasks,
-    locate_task_column,
-    read_table,
-    split_table,
+from skmtgp._training import (
+    Training,
+    check_kernel,
+    check_test,
+    check_training,
+    default_kernel,
+    unchanged_on_failure,
 )
 from skmtgp.exceptions import PrecisionWarning
-from skmtgp.learning import Data, Settings
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance that predict holds at a time
-
-
-@contextlib.contextmanager
-def unchanged_on_failure(estimator):
-    """Context in which an exception leaves the estimator as it was before."""
-    before = vars(estimator).copy()
-    try:
-        yield
-    except BaseException:
-        vars(estimator).clear()
-        vars(estimator).update(before)
-        raise
-
-
-def check_training(estimator, X, y):
-    """Features without the task column, labels and targets from what the user passed.
-
-    Parameters
-    ----------
-    estimator : estimator
-        Gets n_features_in_ and feature_names_in_; names the task column.
-    X : array-like of shape (n_samples, n_features)
-        Inputs with the task column.
-    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-        Targets.
-
-    Returns
-    -------
-    features : ndarray of shape (n_samples, n_features - 1)
-        Numbers.
-    labels : ndarray of shape (n_samples,)
-        Task of each row.
-    y : ndarray of the shape of y
-        Numbers.
-    """
-    table = read_table(estimator, X, reset=True)
-    if y is None:
-        raise ValueError(
-            f"{type(estimator).__name__} requires y to be passed, but the target y is "
-            "None."
-        )
-    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
-    check_consistent_length(table, y)
-    return *_split(estimator, table), y
-
-
-def check_test(estimator, X):
-    """Features and positions of the tasks in `tasks_`, from what the user passed."""
-    features, labels = _split(estimator, read_table(estimator, X, reset=False))
-    return features, encode_tasks(labels, estimator.tasks_)
-
-
-def _split(estimator, table):
-    names = getattr(estimator, "feature_names_in_", None)
-    position = locate_task_column(estimator.task_feature, table.shape[1], names)
-    return split_table(table, position, estimator)
-
-
-def default_kernel(features):
-    """A squared exponential scaled to the features.
-
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-        Training inputs.
-
-    Returns
-    -------
-    kernel : RBF
-        Length-scales start at the square root of n_features times the standard
-        deviation of their feature, between a hundredth and a thousand times that.
-    """
-    deviation = features.std(axis=0)
-    scale = np.where(deviation > 0.0, deviation, 1.0) * np.sqrt(features.shape[1])
-    return RBF(scale, np.outer(scale, [1e-2, 1e3]))
-
-
-def check_kernel(kernel, features):
-    """Raise a ValueError where the kernel is not one for these features."""
-    try:
-        kernel(features[:1])
-    except (ValueError, IndexError) as error:
-        raise ValueError(
-            f"kernel={kernel!r} cannot take X, which has {features.shape[1]} features "
-            f"beside the task column: {error}"
-        ) from error
-
-
-class Training(NamedTuple):
-    """Training data, checked.
-
-    Attributes
-    ----------
-    features : ndarray of shape (n_samples, n_features - 1)
-        X without the task column.
-    codes : ndarray of shape (n_samples,)
-        Position in `tasks` of each row's task.
-    tasks : ndarray of shape (n_tasks,)
-        Labels.
-    Y : ndarray of shape (n_samples, n_outputs)
-        Targets.
-    y_mean, y_scale : ndarray of shape (n_outputs,)
-        Y is taken off this mean and divided by this scale.
-    single_output : bool
-        Whether y was one-dimensional.
-    """
-
-    features: np.ndarray
-    codes: np.ndarray
-    tasks: np.ndarray
-    Y: np.ndarray
-    y_mean: np.ndarray
-    y_scale: np.ndarray
-    single_output: bool
-
-    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, max_iter, tol):
-        """The data and the settings of each output, rows sorted by task."""
-        order = np.argsort(self.codes, kind="stable")
-        X, tasks = self.features[order], self.codes[order]
-        for y in ((self.Y - self.y_mean) / self.y_scale)[order].T:
-            scale = y.std() or 1.0
-            fixed = isinstance(noise_bounds, str)
-            bounds = (noise_variance,) * 2 if fixed else noise_bounds
-            settings = Settings(
-                kernel=kernel,
-                scale=scale,
-                log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
-                log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                max_iter=max_iter,
-                tol=tol,
-            )
-            y = np.ascontiguousarray(y)
-            yield Data(X, tasks, y, len(self.tasks)), settings
 
 
 class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
@@ -504,8 +371,8 @@ def _warn_of_unfinished(modes, max_iter):
         warnings.warn(
             f"Learning of output {stalled} ended for lack of digits: the prior "
             "variance is so much larger than the noise variance that the likelihood "
-            "cannot be resolved further. The model is the best one found; a larger lower "
-            "bound in noise_variance_bounds avoids this.",
+            "cannot be resolved further. The model is the best one found; a larger "
+            "lower bound in noise_variance_bounds avoids this.",
             PrecisionWarning,
         )
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]

@@ -8,15 +8,15 @@ from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import (
-    BaseMultiTaskGP,
+from skmtgp._base import BaseMultiTaskGP
+from skmtgp._parallel import printer, run
+from skmtgp._sklearn_compat import fit_context
+from skmtgp._training import (
     check_test,
     check_training,
     default_kernel,
     unchanged_on_failure,
 )
-from skmtgp._parallel import printer, run
-from skmtgp._sklearn_compat import fit_context
 from skmtgp.learning import learn_fixed
 from skmtgp.task_covariance import identity, ones
 

@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import check_training, unchanged_on_failure
 from skmtgp._sklearn_compat import StrOptions, fit_context
+from skmtgp._training import check_training, unchanged_on_failure
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.task_covariance import low_rank
 

@@ -16,7 +16,7 @@ LAYERS = [
     {"_contraction"},
     {"inference"},
     {"learning"},
-    {"_base", "multitask", "baselines"},
+    {"_training", "_base", "multitask", "baselines"},
     {"model_selection", "preprocessing", "pipeline", "inspection"},
     {"__init__"},
 ]

@@ -130,7 +130,7 @@ def plot(models, table, joints, path):
 
     n = len(joints)
     figure = plt.figure(figsize=(max(9.0, 2.1 * n), 7.2), layout="constrained")
-    above, below = figure.subfigures(2, 1, height_ratios=[1.35, 1.0])
+    above, below = figure.subfigures(2, 1, height_ratios=[1.7, 1.0])
     _plot_errors(above, list(models), table, joints)
     _plot_task_covariances(below, _fitted(models["mGP-BIC"]), joints)
     path.parent.mkdir(parents=True, exist_ok=True)

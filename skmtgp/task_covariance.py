@@ -7,7 +7,7 @@ inputs or likelihoods.
 
 import numpy as np
 
-FACTOR_BOUND = 30.0
+FACTOR_BOUND = 10.0
 KAPPA_BOUNDS = (1e-11, 1e4)
 
 

@@ -21,10 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp import task_covariance
 from skmtgp._bfgs import minimize
 from skmtgp._parallel import printer, run
 from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.task_covariance import identity, low_rank, ones
 
 RELAXED = 5.0  # standard deviation of the log parameters of k^x in stage 1
 RELAXED_TOL = 0.1  # nats
@@ -264,6 +264,19 @@ def reheat(data, settings, form, mode):
     return best_of([mode, again])
 
 
+def full_rank_start(data, settings, start):
+    """A start whose K_1^rho, before its rank is constrained, is a full-rank fit's.
+
+    The fit is relaxed and begins with K^rho = I. It takes as long as several ranks.
+    """
+    form = low_rank(data.n_tasks, data.n_tasks)
+    rho = form.parameters(np.eye(data.n_tasks))
+    theta = np.concatenate([start.kernel_theta, rho, settings.log_noise])
+    mode = climb(data, settings, form, theta, RELAXED)
+    kernel, rho, _ = settings.likelihood(data, form).split(mode.theta)
+    return Start(kernel, form.matrix(rho))
+
+
 def perturbed(start, seed):
     """A random start near another: log parameters moved, tasks mixed."""
     rng = np.random.default_rng(seed)
@@ -334,7 +347,8 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     forms : list of LowRank
         Forms of K^rho of ascending rank.
     seeds : sequence of int, default=()
-        Seeds of additional, perturbed starts.
+        One for each additional start: the first of them truncates a full-rank fit, the
+        others are perturbed with these seeds.
     n_jobs : int, default=None
         Processes.
     verbose : int, default=0
@@ -345,13 +359,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     modes : list of list of Mode
         The best mode found, for each output and form.
     """
-    M, n = forms[0].n_tasks, len(forms)
-    fixed = [task_covariance.identity(M), task_covariance.ones(M)][: min(M, 2)]
-    jobs = [(*pair, form) for pair in pairs for form in fixed]
-    starts = run(first_stage, jobs, n_jobs=n_jobs)
-    starts = [starts[j : j + len(fixed)] for j in range(0, len(starts), len(fixed))]
-    for of_output in starts:
-        of_output.extend([perturbed(of_output[0], seed) for seed in seeds])
+    n, starts = len(forms), _starts(pairs, seeds, n_jobs)
     jobs = [
         (*pair, form, of_output)
         for pair, of_output in zip(pairs, starts, strict=True)
@@ -368,3 +376,19 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     modes = run(second_stage, jobs, n_jobs=n_jobs, report=printer(verbose, describe))
     jobs = [(*pair, forms, modes[n * j : n * j + n]) for j, pair in enumerate(pairs)]
     return run(nest, jobs, n_jobs=n_jobs)
+
+
+def _starts(pairs, seeds, n_jobs):
+    """Where step 3 begins, a list for each output; the same for all ranks."""
+    M = pairs[0][0].n_tasks
+    fixed = [identity(M), ones(M)][: min(M, 2)]
+    jobs = [(*pair, form) for pair in pairs for form in fixed]
+    starts = run(first_stage, jobs, n_jobs=n_jobs)
+    starts = [starts[j : j + len(fixed)] for j in range(0, len(starts), len(fixed))]
+    if seeds:
+        jobs = [(*pair, of[0]) for pair, of in zip(pairs, starts, strict=True)]
+        full_rank = run(full_rank_start, jobs, n_jobs=n_jobs)
+        for of_output, start in zip(starts, full_rank, strict=True):
+            random = [perturbed(of_output[0], seed) for seed in seeds[1:]]
+            of_output.extend([start, *random])
+    return starts

@@ -55,7 +55,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     inference : {"auto", "dense"}, default="auto"
         How the likelihood is computed. "auto" is dense and exact.
     n_restarts_optimizer : int, default=0
-        Number of additional random starts.
+        Number of additional starts. The first truncates a fit of full rank, the others
+        are random.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2

@@ -18,6 +18,7 @@ from skmtgp.learning import (
     best_of,
     climb,
     first_stage,
+    full_rank_start,
     learn_fixed,
     learn_ranks,
     nest,
@@ -437,7 +438,8 @@ class TestLearnRanks:
         settings = configure(max_iter=3)
         learn_ranks([(data, settings)], RANKS[:2], seeds=(5, 6))
         plain = [first_stage(data, settings, form) for form in (identity(M), ones(M))]
-        expected = [*plain, perturbed(plain[0], 5), perturbed(plain[0], 6)]
+        full = full_rank_start(data, settings, plain[0])
+        expected = [*plain, full, perturbed(plain[0], 6)]
         for starts in followed:
             for start, other in zip(starts, expected, strict=True):
                 np.testing.assert_array_equal(start.kernel_theta, other.kernel_theta)
@@ -488,3 +490,21 @@ def test_a_stalled_mode_is_left_by_heating_it_again(data, monkeypatch):
     sigma_0 = settings.log_noise[0]
     assert climbs[:2] == [(sigma_0, None), (sigma_0, learning.RELAXED)]
     assert climbs[2][1] is None
+
+
+def test_full_rank_start(data):
+    """Its K_1 is that of a model of full rank, better than the one it begins with."""
+    settings = configure()
+    start = first_stage(data, settings, identity(M))
+    full, form = full_rank_start(data, settings, start), low_rank(M, M)
+    likelihood = settings.likelihood(data, form)
+
+    def value(K_rho, kernel):
+        rho = form.parameters(K_rho)
+        noises = [[log_noise] for log_noise in np.linspace(-8.0, 0.0, 17)]
+        thetas = [np.concatenate([kernel, rho, noise]) for noise in noises]
+        return max(likelihood.value(theta) for theta in thetas)
+
+    assert np.linalg.matrix_rank(full.K_rho) == M
+    before = value(np.eye(M), start.kernel_theta)
+    assert value(full.K_rho, full.kernel_theta) > before + 1.0

@@ -87,14 +87,8 @@ def errors(models, joints):
 
 def likelihoods(models, joints):
     """Log marginal likelihood (of torques in N m) of each joint and model, in nats."""
-    table = {
-        name: _fitted(models[name]).log_marginal_likelihoods_
-        for name in ("iGP", "pGP", "mGP-BIC")
-    }
-    table["sGP"] = sum(
-        e.log_marginal_likelihoods_ for e in models["sGP"][-1].estimators_
-    )
-    return pd.DataFrame(table, index=_joint_names(joints))[list(models)]
+    table = {name: _fitted(m).log_marginal_likelihoods_ for name, m in models.items()}
+    return pd.DataFrame(table, index=_joint_names(joints))
 
 
 def report(models, table, joints):

@@ -39,7 +39,7 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
         "normalize_y": ["boolean"],
         "inference": [StrOptions({"auto", "dense"})],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
-        "tol": [Interval(Real, 0.0, None, closed="left")],
+        "tol": [Interval(Real, 0.0, None, closed="neither")],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
     }
@@ -227,13 +227,20 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
     def _default_kernel(self, features):
         return default_kernel(features)
 
+    def _learns_amplitude(self):
+        """Whether the model can scale itself to the targets."""
+        return True
+
     def _scale(self, features, labels, Y):
         tasks, codes = np.unique(labels, return_inverse=True)
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
         mean, scale = np.zeros(Y.shape[1]), np.ones(Y.shape[1])
         if self.normalize_y:
-            mean, deviation = Y.mean(axis=0), Y.std(axis=0)
-            scale[deviation > 0.0] = deviation[deviation > 0.0]
+            mean, spread = Y.mean(axis=0), Y.std(axis=0)
+        else:  # where the model has an amplitude, only the path of learning changes
+            spread = np.sqrt(np.square(Y).mean(axis=0)) * self._learns_amplitude()
+        varies = spread > 10.0 * np.finfo(np.float64).eps * np.abs(mean)
+        scale[varies] = spread[varies]
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
     def _pairs(self, training):
@@ -300,7 +307,8 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
         self.task_factor_ = factor[0] if single else np.array(factor)
         self.noise_variance_ = noise[0] if single else noise
         self.y_mean_ = float(self._centres[0]) if single else self._centres
-        self.y_scale_ = float(self._scales[0]) if single else self._scales
+        scales = self._scales if self.normalize_y else np.ones_like(self._scales)
+        self.y_scale_ = float(scales[0]) if single else scales
 
     def _store_summary(self, modes):
         n = len(self.X_train_)

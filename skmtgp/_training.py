@@ -90,7 +90,7 @@ def check_kernel(kernel, features):
     """Raise a ValueError where the kernel is not one for these features."""
     try:
         kernel(features[:1])
-    except (ValueError, IndexError) as error:
+    except (ValueError, IndexError, AttributeError) as error:
         raise ValueError(
             f"kernel={kernel!r} cannot take X, which has {features.shape[1]} features "
             f"beside the task column: {error}"
@@ -134,7 +134,7 @@ class Training(NamedTuple):
             bounds = (noise_variance,) * 2 if fixed else noise_bounds
             settings = Settings(
                 kernel=kernel,
-                scale=scale,
+                scale=np.sqrt(np.square(y).mean()) or 1.0,
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
                 max_iter=max_iter,

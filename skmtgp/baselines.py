@@ -61,6 +61,9 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
     def _default_kernel(self, features):
         return ConstantKernel(1.0, (1e-3, 1e3)) * default_kernel(features)
 
+    def _learns_amplitude(self):
+        return self.kernel is None
+
     def _learn(self, training):
         form = self._form(len(training.tasks), self.diagonal)
         pairs = self._pairs(training)
@@ -68,7 +71,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         def describe(j, mode):
             return (
                 f"output {j + 1} of {len(pairs)}: log marginal likelihood "
-                f"{mode.value:.2f} after {mode.n_iter} iterations"
+                f"{mode.value:.2f} (scaled) after {mode.n_iter} iterations"
             )
 
         jobs = [(*pair, form) for pair in pairs]
@@ -136,7 +139,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Number of hyperparameters of the kernels, the diagonals and the noise.
     theta_ : ndarray of shape (n_theta,)
         Theta of the kernel, logarithms of the diagonal and of the noise variances of
-        the scaled target, for each output.
+        the scaled target, for each output. A target is scaled by `y_scale_`; without
+        `normalize_y` it is scaled by its root mean square if the kernel is the default.
     n_iter_ : int
         Iterations of the longest maximisation.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
@@ -233,7 +237,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Number of hyperparameters of the kernels, the diagonals and the noise.
     theta_ : ndarray of shape (n_theta,)
         Theta of the kernel, logarithms of the diagonal and of the noise variances of
-        the scaled target, for each output.
+        the scaled target, for each output. A target is scaled by `y_scale_`; without
+        `normalize_y` it is scaled by its root mean square if the kernel is the default.
     n_iter_ : int
         Iterations of the longest maximisation.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
@@ -311,6 +316,8 @@ class SingleTaskGP(RegressorMixin, BaseEstimator):
         The model of each task, fitted on features followed by a constant column.
     log_marginal_likelihood_value_ : float
         Log density of y in its own units, summed over tasks and outputs.
+    log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
+        The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
     n_iter_ : int
@@ -407,14 +414,16 @@ class SingleTaskGP(RegressorMixin, BaseEstimator):
         fitted = self.estimators_
         self.n_iter_ = max(e.n_iter_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
+        self.log_marginal_likelihoods_ = sum(
+            e.log_marginal_likelihoods_ for e in fitted
+        )
         self.log_marginal_likelihood_value_ = float(
-            sum(e.log_marginal_likelihood_value_ for e in fitted)
+            self.log_marginal_likelihoods_.sum()
         )
 
     def _describe(self, m, estimator):
         return (
-            f"task {m + 1} of {len(self.tasks_)}: log marginal likelihood "
-            f"{estimator.log_marginal_likelihood_value_:.2f}"
+            f"task {m + 1} of {len(self.tasks_)} after {estimator.n_iter_} iterations"
         )
 
     @overload

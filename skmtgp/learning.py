@@ -61,7 +61,7 @@ class Settings:
     kernel : Kernel
         k^x with the starting values theta_0^x.
     scale : float
-        Standard deviation of the targets.
+        Root mean square of the targets.
     log_noise : ndarray of shape (n_noise,)
         Logarithm of sigma_0^2, shared or for each task.
     log_noise_bounds : pair of floats
@@ -370,7 +370,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         j, k = divmod(i, n)
         return (
             f"output {j + 1} of {len(pairs)}, rank {forms[k].rank}: log marginal "
-            f"likelihood {mode.value:.2f} after {mode.n_iter} iterations"
+            f"likelihood {mode.value:.2f} (scaled) after {mode.n_iter} iterations"
         )
 
     modes = run(second_stage, jobs, n_jobs=n_jobs, report=printer(verbose, describe))

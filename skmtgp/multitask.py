@@ -94,7 +94,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     theta_ : ndarray of shape (n_theta,)
         All parameters as learned, for each output: the kernel's theta, the factor of
         the task covariance of the scaled output row by row, logarithms of its diagonal,
-        logarithms of the noise variances of the scaled output.
+        logarithms of the noise variances of the scaled output. An output is scaled by
+        `y_scale_`, without `normalize_y` by its root mean square.
     rank_ : int
         Rank of the task covariance.
     n_iter_ : int

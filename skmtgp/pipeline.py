@@ -3,6 +3,8 @@
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
+from skmtgp._base import BaseMultiTaskGP
+from skmtgp.baselines import SingleTaskGP
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -25,7 +27,8 @@ def make_inverse_dynamics_regressor(
         The model: MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP, or a
         RankSearchIC of one of the first. None is ``RankSearchIC()``, the paper's
         mGP-BIC. It is cloned; where its kernel is None it gets
-        :func:`~skmtgp.kernels.inverse_dynamics_kernel`.
+        :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and its own `task_feature`
+        becomes -1, where the features put the load.
     n_joints : int, default=6
         Number of joints J.
     task_feature : int or str, default=-1
@@ -38,6 +41,11 @@ def make_inverse_dynamics_regressor(
         3 J + 1): positions in rad, velocities in rad/s, accelerations in rad/s^2 and
         the load; and on torques y in N m, of shape (n_samples,) or (n_samples,
         n_outputs).
+
+    Raises
+    ------
+    TypeError
+        If `estimator` is none of these.
 
     Notes
     -----
@@ -64,6 +72,11 @@ def _set_kernel(regressor, kernel):
         if regressor.estimator is None:
             regressor.set_params(estimator=MultiTaskGPRegressor())
         regressor = regressor.estimator
+    if not isinstance(regressor, (BaseMultiTaskGP, SingleTaskGP)):
+        raise TypeError(
+            f"estimator={regressor!r} must be a MultiTaskGPRegressor, IndependentGP, "
+            "PooledGP, SingleTaskGP or RankSearchIC."
+        )
     if regressor.kernel is None:
         regressor.set_params(kernel=kernel)
     regressor.set_params(task_feature=-1)

@@ -96,7 +96,7 @@ class LowRank:
         Parameters
         ----------
         scale : float
-            Standard deviation of the targets.
+            Root mean square of the targets.
         """
         most = FACTOR_BOUND * scale
         return np.tile([-most, most], (self.n_parameters, 1))

@@ -208,7 +208,7 @@ BAD_PARAMETERS = {
     "no noise": ({"noise_variance": 0.0}, ValueError, r"range \(0.0, inf\)"),
     "inference": ({"inference": "exact"}, ValueError, "must be a str among"),
     "iterations": ({"max_iter": -1}, ValueError, r"'max_iter' .* range \[0, inf\)"),
-    "tolerance": ({"tol": -1.0}, ValueError, r"'tol' .* range \[0.0, inf\)"),
+    "tolerance": ({"tol": 0.0}, ValueError, r"'tol' .* range \(0.0, inf\)"),
     "name": ({"task_feature": "task"}, ValueError, "'task' is not a column: .*'load'"),
     "position": ({"task_feature": 3}, ValueError, "3 is out of range: X has 3 columns"),
     "fraction": ({"task_feature": 1.0}, ValueError, "an instance of 'int' or .*'str'"),

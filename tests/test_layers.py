@@ -17,7 +17,11 @@ LAYERS = [
     {"inference"},
     {"learning"},
     {"_training", "_base", "multitask", "baselines"},
-    {"model_selection", "preprocessing", "pipeline", "inspection"},
+    {
+        "model_selection",
+        "preprocessing",
+        "pipeline",
+    },
     {"__init__"},
 ]
 LEVELS = {name: level for level, names in enumerate(LAYERS) for name in names}

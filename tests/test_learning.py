@@ -453,7 +453,7 @@ class TestLearnRanks:
         lines = capsys.readouterr().out.splitlines()
         pattern = (
             r"\[skmtgp\] output (\d) of 2, rank (\d): "
-            r"log marginal likelihood -?\d+\.\d\d after 1 iterations"
+            r"log marginal likelihood -?\d+\.\d\d \(scaled\) after 1 iterations"
         )
         found = [re.fullmatch(pattern, line).groups() for line in lines]
         assert found == [(j, r) for j in "12" for r in "123"]

@@ -11,7 +11,15 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC, _base, learning, multitask
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    _base,
+    learning,
+    multitask,
+)
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 QUICK = {"max_iter": 10}
@@ -113,6 +121,8 @@ def test_factor_is_a_lower_trapezoid_of_the_task_covariance(model):
 
 def test_theta_is_as_documented(model):
     rank, scales = model.rank_, np.atleast_1d(model.y_scale_)
+    if not model.normalize_y:
+        scales = np.atleast_1d(np.sqrt(np.square(model.y_train_).mean(axis=0)))
     parts = np.split(model.theta_, len(scales))
     for theta, scale, (kernel, K_rho, noise, _) in zip(
         parts, scales, outputs(model), strict=True
@@ -427,3 +437,25 @@ def test_constant_targets_are_predicted():
     X, y = draw()
     model = MultiTaskGPRegressor(max_iter=5).fit(X, np.full_like(y, 3.0))
     np.testing.assert_allclose(model.predict(X), 3.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize("estimator", [MultiTaskGPRegressor, IndependentGP, PooledGP])
+@pytest.mark.parametrize("scale", [1e-3, 1e5])
+def test_targets_of_any_scale_without_normalisation(estimator, scale):
+    rng = np.random.default_rng(0)
+    x, task = rng.uniform(0.0, 6.0, 45), np.repeat([0, 1, 2], 15)
+    X, y = np.column_stack([x, task]), np.sin(x) + 0.01 * rng.standard_normal(45)
+    one = estimator(normalize_y=False).fit(X, y)
+    other = estimator(normalize_y=False).fit(X, scale * y)
+    assert other.y_scale_ == 1.0
+    np.testing.assert_allclose(other.predict(X), scale * one.predict(X), rtol=1e-4)
+    change_of_units = -len(y) * np.log(scale)
+    assert other.log_marginal_likelihood_value_ == pytest.approx(
+        one.log_marginal_likelihood_value_ + change_of_units, abs=1e-3
+    )
+
+
+def test_constant_target_that_is_not_exact_in_binary():
+    model = MultiTaskGPRegressor().fit([[0.0, 0], [1.0, 0], [2.0, 1]], [0.1] * 3)
+    assert model.y_scale_ == 1.0
+    np.testing.assert_allclose(model.predict([[0.5, 1]]), 0.1)

@@ -1,5 +1,7 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+from math import isqrt
+
 import numpy as np
 
 from skmtgp._contraction import compile_kernel
@@ -9,6 +11,7 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 
 TILE = 288
 FISHER_ROWS = 300
+FISHER_SIZE = 2**24  # elements of the derivatives by all parameters
 
 
 class DenseLikelihood:
@@ -95,7 +98,9 @@ class DenseLikelihood:
         return self._differentiate(theta)[2]
 
     def fisher_information(self, theta):
-        """Fisher information of theta, from at most FISHER_ROWS of the rows.
+        """Fisher information of theta, from some of the rows.
+
+        At most FISHER_ROWS, and fewer where there are thousands of parameters.
 
         Parameters
         ----------
@@ -109,7 +114,8 @@ class DenseLikelihood:
         """
         kernel, rho, log_noise = self.split(theta)
         n = len(self.X)
-        rows = np.linspace(0, n - 1, min(n, FISHER_ROWS)).astype(int)
+        most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // len(theta)))
+        rows = np.linspace(0, n - 1, most).astype(int)
         tasks, noise_of_row = self.tasks[rows], self.noise_of_row[rows]
         kernel = self.kernel.clone_with_theta(kernel)
         K_x, dK_x = kernel(self.X[rows], eval_gradient=True)

@@ -27,7 +27,49 @@ from skmtgp.exceptions import PrecisionWarning
 BLOCK_SIZE = 2**22  # elements of the cross-covariance that predict holds at a time
 
 
-class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
+class PosteriorMixin(RegressorMixin):
+    """Regressor with a task column whose predictions have a covariance."""
+
+    def sample_y(
+        self,
+        X: ArrayLike,
+        n_samples: int = 1,
+        random_state: np.random.RandomState | int | None = 0,
+    ) -> NDArray[np.float64]:
+        """Draw f from its posterior.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples_X, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        n_samples : int, default=1
+            Number of draws.
+        random_state : int, RandomState instance or None, default=0
+            Source of randomness.
+
+        Returns
+        -------
+        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
+            Draws.
+        """
+        rng = check_random_state(random_state)
+        mean, cov = self.predict(X, return_cov=True)
+        single_output = mean.ndim == 1
+        mean, cov = mean.reshape(len(mean), -1), cov.reshape(*cov.shape[:2], -1)
+        draws = [
+            rng.multivariate_normal(mean[:, j], cov[..., j], n_samples).T
+            for j in range(mean.shape[1])
+        ]
+        return draws[0] if single_output else np.stack(draws, axis=1)
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.categorical = True
+        tags.target_tags.multi_output = True
+        return tags
+
+
+class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
@@ -142,37 +184,6 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             return mean, self._join(self._covariances(features, codes, include_noise))
         return mean
 
-    def sample_y(
-        self,
-        X: ArrayLike,
-        n_samples: int = 1,
-        random_state: np.random.RandomState | int | None = 0,
-    ) -> NDArray[np.float64]:
-        """Draw f from its posterior.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples_X, n_features)
-            Inputs, with the task labels in column `task_feature`.
-        n_samples : int, default=1
-            Number of draws.
-        random_state : int, RandomState instance or None, default=0
-            Source of randomness.
-
-        Returns
-        -------
-        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
-            Draws.
-        """
-        rng = check_random_state(random_state)
-        mean, cov = self.predict(X, return_cov=True)
-        mean, cov = mean.reshape(len(mean), -1), cov.reshape(*cov.shape[:2], -1)
-        draws = [
-            rng.multivariate_normal(mean[:, j], cov[..., j], n_samples).T
-            for j in range(mean.shape[1])
-        ]
-        return draws[0] if self._single_output else np.stack(draws, axis=1)
-
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
@@ -194,6 +205,8 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             Its gradient. Only if `eval_gradient`.
         """
         check_is_fitted(self)
+        if theta is None and not eval_gradient:
+            return self.log_marginal_likelihood_value_
         parts = np.split(self._check_theta(theta), len(self._likelihoods))
         change_of_units = -len(self.X_train_) * np.log(self._scales).sum()
         if not eval_gradient:
@@ -209,12 +222,6 @@ class BaseMultiTaskGP(RegressorMixin, BaseEstimator, metaclass=ABCMeta):
             strict=True,
         )
         return float(np.sum(values) + change_of_units), np.concatenate(gradients)
-
-    def __sklearn_tags__(self):
-        tags = super().__sklearn_tags__()
-        tags.input_tags.categorical = True
-        tags.target_tags.multi_output = True
-        return tags
 
     def _check_theta(self, theta):
         theta = self.theta_ if theta is None else check_array(theta, ensure_2d=False)

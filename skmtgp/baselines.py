@@ -4,11 +4,11 @@ from typing import Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import BaseEstimator, clone
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import BaseMultiTaskGP
+from skmtgp._base import BaseMultiTaskGP, PosteriorMixin
 from skmtgp._parallel import printer, run
 from skmtgp._sklearn_compat import fit_context
 from skmtgp._training import (
@@ -275,7 +275,7 @@ class PooledGP(_FixedTaskCovarianceGP):
     _form = staticmethod(ones)
 
 
-class SingleTaskGP(RegressorMixin, BaseEstimator):
+class SingleTaskGP(PosteriorMixin, BaseEstimator):
     """A Gaussian process of its own for each task, sGP.
 
     Each task and output has its own hyperparameters, learned from its samples alone.
@@ -503,12 +503,6 @@ class SingleTaskGP(RegressorMixin, BaseEstimator):
                 mean[rows] = result
         uncertain = options["return_std"] or options["return_cov"]
         return (mean, spread) if uncertain else mean
-
-    def __sklearn_tags__(self):
-        tags = super().__sklearn_tags__()
-        tags.input_tags.categorical = True
-        tags.target_tags.multi_output = True
-        return tags
 
 
 def _fit_alone(estimator, X, y):

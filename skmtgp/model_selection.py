@@ -5,9 +5,10 @@ from typing import Literal, Self, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._base import PosteriorMixin
 from skmtgp._sklearn_compat import StrOptions, fit_context
 from skmtgp._training import check_training, unchanged_on_failure
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -16,7 +17,7 @@ from skmtgp.task_covariance import low_rank
 __all__ = ["RankSearchIC"]
 
 
-class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
+class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
     r"""Multi-task GP whose rank is chosen by an information criterion.
 
     One rank is chosen for all outputs, the one that minimises
@@ -213,31 +214,6 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
             include_noise=include_noise,
         )
 
-    def sample_y(
-        self,
-        X: ArrayLike,
-        n_samples: int = 1,
-        random_state: np.random.RandomState | int | None = 0,
-    ) -> NDArray[np.float64]:
-        """Draw f from the best model's posterior.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples_X, n_features)
-            Inputs, with the task labels in the estimator's column `task_feature`.
-        n_samples : int, default=1
-            Number of draws.
-        random_state : int, RandomState instance or None, default=0
-            Source of randomness.
-
-        Returns
-        -------
-        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
-            Draws.
-        """
-        check_is_fitted(self)
-        return self.best_estimator_.sample_y(X, n_samples, random_state)
-
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
@@ -274,12 +250,6 @@ class RankSearchIC(MetaEstimatorMixin, RegressorMixin, BaseEstimator):
 
     def __sklearn_is_fitted__(self):
         return "best_estimator_" in vars(self)
-
-    def __sklearn_tags__(self):
-        tags = super().__sklearn_tags__()
-        tags.input_tags.categorical = True
-        tags.target_tags.multi_output = True
-        return tags
 
 
 def _results(model, training, forms, modes):

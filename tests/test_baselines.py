@@ -208,3 +208,12 @@ def test_failed_fit_changes_nothing(monkeypatch, cls):
         model.fit(np.insert(X, 0, 1.0, axis=1), y)
     assert vars(model).keys() == before.keys()
     assert all(vars(model)[name] is value for name, value in before.items())
+
+
+def test_draws_of_single_tasks():
+    model = SingleTaskGP(max_iter=20).fit(X, Y)
+    mean, std = model.predict(Z, return_std=True)
+    draws = model.sample_y(Z, n_samples=2000)
+    assert draws.shape == (*mean.shape, 2000)
+    error = np.abs(draws.mean(axis=-1) - mean)
+    assert (error <= 5.0 * std / np.sqrt(2000) + 1e-6).all()

@@ -296,7 +296,7 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
         self.theta_ = np.concatenate([mode.theta for mode in modes])
         self._store_parameters(form, modes)
         self._store_summary(modes)
-        self.n_hyperparameters_ = self._count(training, form)
+        self.n_hyperparameters_ = self._count(pairs, form)
 
     def _store_parameters(self, form, modes):
         square, L = np.square(self._scales), self._likelihoods
@@ -327,9 +327,8 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
         self.n_iter_ = max(mode.n_iter for mode in modes)
         _warn_of_unfinished(modes, self.max_iter)
 
-    def _count(self, training, form):
+    def _count(self, pairs, form):
         """Number of hyperparameters as eq. 8 counts them, summed over the outputs."""
-        pairs = self._pairs(training)
         noise_is_fixed = isinstance(self.noise_variance_bounds, str)
         return sum(
             settings.kernel.n_dims

@@ -258,7 +258,8 @@ def _results(model, training, forms, modes):
     change_of_units = -n * np.log(training.y_scale).sum()
     values = np.array([sum(mode.value for mode in of_rank) for of_rank in modes])
     log_likelihood = values + change_of_units
-    count = np.array([model._count(training, form) for form in forms])
+    pairs = model._pairs(training)
+    count = np.array([model._count(pairs, form) for form in forms])
     n_observations = n * n_outputs
     deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
     return {

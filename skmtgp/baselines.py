@@ -1,5 +1,6 @@
 """The models that the paper compares with: iGP, pGP and sGP."""
 
+import warnings
 from typing import Literal, Self, overload
 
 import numpy as np
@@ -405,13 +406,16 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
         alone = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
         rows = [codes == m for m in range(len(self.tasks_))]
-        self.estimators_ = run(
+        results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
             n_jobs=self.n_jobs,
             report=printer(self.verbose, self._describe),
         )
-        fitted = self.estimators_
+        self.estimators_ = fitted = [estimator for estimator, _ in results]
+        for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):
+            for category, message in caught:
+                warnings.warn(f"Task {label!r}: {message}", category)
         self.n_iter_ = max(e.n_iter_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
         self.log_marginal_likelihoods_ = sum(
@@ -421,7 +425,8 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
             self.log_marginal_likelihoods_.sum()
         )
 
-    def _describe(self, m, estimator):
+    def _describe(self, m, result):
+        estimator, _ = result
         return (
             f"task {m + 1} of {len(self.tasks_)} after {estimator.n_iter_} iterations"
         )
@@ -506,4 +511,8 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
 
 
 def _fit_alone(estimator, X, y):
-    return clone(estimator).fit(X, y)
+    """A fitted clone, and what it warned of: the caller names the task."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fitted = clone(estimator).fit(X, y)
+    return fitted, [(w.category, str(w.message)) for w in caught]

@@ -196,6 +196,14 @@ def test_too_few_iterations_are_reported(cls):
         cls(max_iter=1).fit(X, y)
 
 
+@pytest.mark.parametrize("n_jobs", [1, 2])
+def test_warnings_of_single_tasks_name_them(n_jobs):
+    with pytest.warns(ConvergenceWarning) as caught:
+        model = SingleTaskGP(max_iter=1, n_jobs=n_jobs).fit(X, y)
+    named = [str(w.message).split(":")[0] for w in caught]
+    assert named == [f"Task {label!r}" for label in model.tasks_.tolist()]
+
+
 @pytest.mark.parametrize("cls", [IndependentGP, PooledGP, SingleTaskGP])
 def test_failed_fit_changes_nothing(monkeypatch, cls):
     def interrupt(*_):

@@ -209,18 +209,14 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
             return self.log_marginal_likelihood_value_
         parts = np.split(self._check_theta(theta), len(self._likelihoods))
         change_of_units = -len(self.X_train_) * np.log(self._scales).sum()
+        results = []
+        for likelihood, part in zip(self._likelihoods, parts, strict=True):
+            evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
+            results.append(evaluate(part))
+            likelihood.release()
         if not eval_gradient:
-            value = sum(
-                o.value(t) for o, t in zip(self._likelihoods, parts, strict=True)
-            )
-            return float(value + change_of_units)
-        values, gradients = zip(
-            *[
-                o.value_and_grad(t)
-                for o, t in zip(self._likelihoods, parts, strict=True)
-            ],
-            strict=True,
-        )
+            return float(np.sum(results) + change_of_units)
+        values, gradients = zip(*results, strict=True)
         return float(np.sum(values) + change_of_units), np.concatenate(gradients)
 
     def _check_theta(self, theta):

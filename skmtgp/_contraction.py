@@ -9,7 +9,8 @@ A *node* stands for a kernel of the expression. ``node.bind(theta, X)`` is that 
 with its hyperparameters set, between the rows of X; ``bound.against(Z)`` is the same
 between the rows of Z and those of X. Both give tiles, ``block(rows, columns) ->
 (values, tape)``; from a tape, ``contract(W, tape, rows, columns)`` gives one number for
-each element of theta.
+each element of theta. Arrays that last until then may be made by the caller, who passes
+``new`` to ``block``: it returns one for the tile, or None where numpy is to make it.
 """
 
 import numpy as np
@@ -26,6 +27,11 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp.kernels import ARDLinear, Columns
+
+
+def allocate():
+    """No array: numpy is to make it."""
+    return None
 
 
 class Node:
@@ -83,7 +89,7 @@ class BoundConstant:
     def against(self, Z):
         return self
 
-    def block(self, rows, cols):
+    def block(self, rows, cols, new=allocate):
         return self.c, None
 
     def contract(self, W, tape, rows, cols):
@@ -104,7 +110,7 @@ class BoundWhite:
     def against(self, Z):
         return BoundZero()
 
-    def block(self, rows, cols):
+    def block(self, rows, cols, new=allocate):
         return (self.s * np.eye(rows.stop - rows.start) if rows == cols else 0.0), None
 
     def contract(self, W, tape, rows, cols):
@@ -112,7 +118,7 @@ class BoundWhite:
 
 
 class BoundZero:
-    def block(self, rows, cols):
+    def block(self, rows, cols, new=allocate):
         return 0.0, None
 
 
@@ -125,25 +131,33 @@ class LinearNode(Node):
 
 class BoundLinear:
     def __init__(self, node, X, Y, weights, bias):
-        self.node, self.w, self.b, self.Y = node, weights, bias, Y
-        self.wX = X * weights
+        self.node, self.Y, self.w, self.b = node, Y, weights, bias
+        # the bias is the weight of a further feature, which is one
+        self.right = _append(Y, 1.0)
+        self.left = self.right if X is Y else _append(X, 1.0)
+        self.left = self.left * _append(np.broadcast_to(weights, X.shape[1]), bias)
 
     def against(self, Z):
         return BoundLinear(self.node, Z, self.Y, self.w, self.b)
 
-    def block(self, rows, cols):
-        K = self.wX[rows] @ self.Y[cols].T
-        K += self.b
-        return K, None
+    def block(self, rows, cols, new=allocate):
+        return self.left[rows] @ self.right[cols].T, None
 
     def contract(self, W, tape, rows, cols):
-        per_weight = np.einsum("id,id->d", self.wX[rows], W @ self.Y[cols])
+        per_weight = np.einsum("id,id->d", self.left[rows], W @ self.right[cols])
+        weights, bias = per_weight[:-1], per_weight[-1]
         return self.node.stack(
-            {
-                "bias": self.b * W.sum(),
-                "weights": per_weight if np.ndim(self.w) else per_weight.sum(),
-            }
+            {"bias": bias, "weights": weights if np.ndim(self.w) else weights.sum()}
         )
+
+
+def _append(X, *columns):
+    """X with further columns, each given as an array or a number."""
+    appended = np.empty((*X.shape[:-1], X.shape[-1] + len(columns)))
+    appended[..., : X.shape[-1]] = X
+    for k, column in enumerate(columns, start=X.shape[-1]):
+        appended[..., k] = column
+    return appended
 
 
 class DotProductNode(Node):
@@ -156,32 +170,31 @@ class DotProductNode(Node):
         return np.full(self.n_dims, 2.0 * gradients["bias"])  # b = sigma_0^2
 
 
-def _rbf(s):
-    K = np.multiply(s, -0.5, out=s)
-    np.exp(K, out=K)
+def _rbf(e):
+    K = np.exp(e, out=e)
     return K, K
 
 
-def _matern12(s):
-    r = np.sqrt(s)
+def _matern12(e):
+    r = np.sqrt(-2.0 * e)
     K = np.exp(-r)
     return K, np.divide(K, r, out=np.zeros_like(r), where=r > 0.0)
 
 
-def _matern32(s):
-    r = np.sqrt(3.0 * s)
+def _matern32(e):
+    r = np.sqrt(-6.0 * e)
     decay = np.exp(-r)
     return (1.0 + r) * decay, 3.0 * decay
 
 
-def _matern52(s):
-    r = np.sqrt(5.0 * s)
+def _matern52(e):
+    r = np.sqrt(-10.0 * e)
     decay = np.exp(-r)
     return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
 
 
-def _rational_quadratic(s, alpha):
-    base = 1.0 + s / (2.0 * alpha)
+def _rational_quadratic(e, alpha):
+    base = 1.0 - e / alpha
     K = base**-alpha
     return K, K / base
 
@@ -190,10 +203,10 @@ _MATERN = {0.5: _matern12, 1.5: _matern32, 2.5: _matern52, np.inf: _rbf}
 
 
 class StationaryNode(Node):
-    """k = g(s), s = sum_d (x_d - x'_d)^2 / l_d^2.
+    """k = g(e), e = -1/2 sum_d (x_d - x'_d)^2 / l_d^2.
 
-    ``profile(s)`` returns g(s) and -2 g'(s), the factor of (x_d - x'_d)^2 / l_d^2 in
-    the derivative with respect to log l_d; it may overwrite s.
+    ``profile(e)`` returns g(e) and g'(e), the factor of (x_d - x'_d)^2 / l_d^2 in the
+    derivative with respect to log l_d; it may overwrite e.
     """
 
     def __init__(self, kernel, profile):
@@ -208,37 +221,39 @@ class StationaryNode(Node):
 class BoundStationary:
     def __init__(self, node, X, train, center, length_scale, **shape):
         self.node, self.center, self.l, self.shape = node, center, length_scale, shape
-        self.z = (X - center) / length_scale
-        self.q = np.einsum("id,id->i", self.z, self.z)
+        z = (X - center) / length_scale
+        h = -0.5 * np.einsum("id,id->i", z, z)
+        # e = z . z' - |z|^2 / 2 - |z'|^2 / 2, one product of matrices
+        self.left, self.right = _append(z, h, 1.0), _append(z, 1.0, h)
+        self.zeros = np.zeros(len(X))
         self.train = self if train is None else train
 
     def against(self, Z):
         return BoundStationary(self.node, Z, self, self.center, self.l, **self.shape)
 
-    def block(self, rows, cols):
-        s = (-2.0 * self.z[rows]) @ self.train.z[cols].T
-        s += self.q[rows, None]
-        s += self.train.q[cols]
-        np.maximum(s, 0.0, out=s)
+    def block(self, rows, cols, new=allocate):
+        e = np.matmul(self.left[rows], self.train.right[cols].T, out=new())
+        np.minimum(e, self.train.zeros[cols], out=e)  # half as fast with a scalar
         if self.train is self and rows == cols:
-            np.fill_diagonal(s, 0.0)
-        K, slope = self.node.profile(s, **self.shape)
+            e.flat[:: len(e) + 1] = 0.0
+        K, slope = self.node.profile(e, **self.shape)
         return K, (K, slope)
 
     def contract(self, W, tape, rows, cols):
         K, slope = tape
         V = W * slope
         # sum_ij V_ij (z_i - z_j)^2 = z^2' V 1 + 1' V z^2 - 2 z' V z for each feature
-        zi, zj = self.z[rows], self.z[cols]
-        per_scale = np.square(zi).T @ V.sum(axis=1) + np.square(zj).T @ V.sum(axis=0)
-        per_scale -= 2.0 * np.einsum("id,id->d", zi, V @ zj)
+        zi, zj = self.left[rows, :-2], self.right[cols, :-2]
+        VZ = V @ self.right[cols, :-1]  # and, last, its row sums
+        per_scale = np.square(zi).T @ VZ[:, -1] + np.square(zj).T @ V.sum(axis=0)
+        per_scale -= 2.0 * np.einsum("id,id->d", zi, VZ[:, :-1])
         gradients = {"length_scale": per_scale if np.ndim(self.l) else per_scale.sum()}
         if "alpha" in self.shape:
             gradients["alpha"] = self._contract_alpha(W, K, slope)
         return self.node.stack(gradients)
 
     def _contract_alpha(self, W, K, slope):
-        """Derivative of base^-alpha by log alpha; base = 1 + s / 2 alpha."""
+        """Derivative of base^-alpha by log alpha; base = 1 - e / alpha."""
         alpha = self.shape["alpha"]
         base = np.divide(K, slope, out=np.ones_like(K), where=slope > 0.0)
         return alpha * np.vdot(W, K * (1.0 - 1.0 / base - np.log(base)))
@@ -284,10 +299,10 @@ class BoundSum:
     def against(self, Z):
         return BoundSum(self.left.against(Z), self.right.against(Z))
 
-    def block(self, rows, cols):
-        left, left_tape = self.left.block(rows, cols)
-        right, right_tape = self.right.block(rows, cols)
-        return left + right, (left_tape, right_tape)
+    def block(self, rows, cols, new=allocate):
+        left, left_tape = self.left.block(rows, cols, new)
+        right, right_tape = self.right.block(rows, cols, new)
+        return np.add(left, right, out=new()), (left_tape, right_tape)
 
     def contract(self, W, tape, rows, cols):
         left = self.left.contract(W, tape[0], rows, cols)
@@ -301,9 +316,9 @@ class BoundProduct:
     def against(self, Z):
         return BoundProduct(self.left.against(Z), self.right.against(Z))
 
-    def block(self, rows, cols):
-        left, left_tape = self.left.block(rows, cols)
-        right, right_tape = self.right.block(rows, cols)
+    def block(self, rows, cols, new=allocate):
+        left, left_tape = self.left.block(rows, cols, new)
+        right, right_tape = self.right.block(rows, cols, new)
         return left * right, (left, right, left_tape, right_tape)
 
     def contract(self, W, tape, rows, cols):
@@ -340,8 +355,8 @@ class BoundPower:
     def against(self, Z):
         return BoundPower(self.inner.against(Z), self.exponent)
 
-    def block(self, rows, cols):
-        K, tape = self.inner.block(rows, cols)
+    def block(self, rows, cols, new=allocate):
+        K, tape = self.inner.block(rows, cols, new)
         return K**self.exponent, (K, tape)
 
     def contract(self, W, tape, rows, cols):
@@ -369,7 +384,7 @@ class BoundUnknown:
     def against(self, Z):
         return BoundUnknown(self.kernel, self.X, Z)
 
-    def block(self, rows, cols):
+    def block(self, rows, cols, new=allocate):
         if self.Z is None:
             return self.kernel(self.X), None
         return self.kernel(self.Z[rows], self.X[cols]), None

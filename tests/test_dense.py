@@ -1,3 +1,5 @@
+import pickle
+from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import hypothesis.strategies as st
@@ -131,6 +133,77 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
         results.append(np.r_[value, gradient])
     expected = np.tile(results[-1], (6, 1))
     np.testing.assert_allclose(results, expected, rtol=1e-10, atol=1e-10)
+
+
+def test_rows_of_a_task_in_several_tiles(monkeypatch):
+    # tile edges within tasks, a tile with several tasks, and tasks without rows
+    monkeypatch.setattr(dense, "TILE", 16)
+    kernel, form = inverse_dynamics_kernel(1), low_rank(9, 3)
+    rng = np.random.default_rng(3)
+    tasks = np.repeat([1, 2, 3, 4, 8], [21, 1, 3, 2, 40])
+    X, y = rng.standard_normal((67, D)), rng.standard_normal(67)
+    likelihood = DenseLikelihood(kernel, form, X, tasks, y)
+    theta = parameters(kernel, form)
+
+    def expected(theta):
+        K = textbook.covariance(*parts(likelihood, theta), X, tasks)
+        return textbook.log_marginal_likelihood(K, y)
+
+    value, gradient = likelihood.value_and_grad(theta)
+    np.testing.assert_allclose(value, expected(theta), rtol=1e-11)
+    by_differences = textbook.derivative(expected, theta)
+    np.testing.assert_allclose(gradient, by_differences, rtol=1e-7, atol=1e-7)
+    np.testing.assert_array_equal(likelihood.task_gradient(theta)[[0, 5, 6, 7]], 0.0)
+
+
+class TestMemory:
+    """Memory that an evaluation leaves to the next one."""
+
+    @pytest.fixture(params=KERNELS)
+    def likelihood(self, request, monkeypatch):
+        monkeypatch.setattr(dense, "TILE", 7)
+        return DenseLikelihood(KERNELS[request.param], low_rank(M, 2), *draw())
+
+    def test_evaluations_do_not_disturb_each_other(self, likelihood):
+        theta = parameters(likelihood.kernel, likelihood.task_covariance)
+        value, gradient = likelihood.value_and_grad(theta)
+        kept = gradient.copy()
+        factor = likelihood.posterior(theta).cholesky.factor
+        before = factor.copy()
+        other = likelihood.value_and_grad(theta + 0.1)
+        assert likelihood.value(theta + 0.1) == other[0] != value
+        np.testing.assert_array_equal(gradient, kept)
+        np.testing.assert_array_equal(factor, before)
+        again = likelihood.value_and_grad(theta)
+        assert again[0] == value
+        np.testing.assert_array_equal(again[1], gradient)
+
+    def test_evaluations_at_once(self, likelihood):
+        theta = parameters(likelihood.kernel, likelihood.task_covariance)
+        thetas = [theta + 0.01 * k for k in range(8)]
+        expected = [likelihood.value_and_grad(t) for t in thetas]
+        with ThreadPoolExecutor(4) as pool:
+            results = list(pool.map(likelihood.value_and_grad, thetas * 5))
+        for result, (value, gradient) in zip(results, expected * 5, strict=True):
+            assert result[0] == value
+            np.testing.assert_array_equal(result[1], gradient)
+
+    def test_is_kept_after_a_failure(self, singular):
+        likelihood, theta = singular
+        for _ in range(3):
+            assert likelihood.value(theta) == -np.inf
+            assert likelihood.value_and_grad(theta)[0] == -np.inf
+        assert len(likelihood._spare) == 1
+
+    def test_is_not_pickled_and_can_be_released(self, likelihood):
+        size = len(pickle.dumps(likelihood))
+        theta = parameters(likelihood.kernel, likelihood.task_covariance)
+        value = likelihood.value(theta)
+        assert len(pickle.dumps(likelihood)) == size
+        assert pickle.loads(pickle.dumps(likelihood)).value(theta) == value
+        likelihood.release()
+        assert not likelihood._spare
+        assert likelihood.value(theta) == value
 
 
 @every_kernel

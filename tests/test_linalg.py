@@ -32,8 +32,11 @@ def test_solve(K, cholesky, shape):
 @pytest.mark.parametrize("shape", [(8,), (8, 3)])
 def test_half_solve(K, cholesky, shape):
     b = np.random.default_rng(1).standard_normal(shape)
-    expected = np.linalg.solve(np.linalg.cholesky(K), b)
-    np.testing.assert_allclose(cholesky.half_solve(b), expected, rtol=1e-12, atol=1e-14)
+    C = np.linalg.cholesky(K)
+    close = {"rtol": 1e-12, "atol": 1e-14}
+    np.testing.assert_allclose(cholesky.half_solve(b), np.linalg.solve(C, b), **close)
+    actual = cholesky.half_solve(b, transposed=True)
+    np.testing.assert_allclose(actual, np.linalg.solve(C.T, b), **close)
 
 
 def test_invert(K, cholesky):

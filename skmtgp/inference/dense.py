@@ -1,15 +1,17 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+import contextlib
+from itertools import pairwise
 from math import isqrt
 
 import numpy as np
 
-from skmtgp._contraction import compile_kernel
+from skmtgp._contraction import allocate, compile_kernel
 from skmtgp._linalg import Cholesky, cholesky_with_jitter
 from skmtgp._parallel import limit_threads, map_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 
-TILE = 288
+TILE = 240
 FISHER_ROWS = 300
 FISHER_SIZE = 2**24  # elements of the derivatives by all parameters
 
@@ -49,14 +51,19 @@ class DenseLikelihood:
         self.n_noise = n_noise
         self.noise_of_row = tasks if n_noise > 1 else np.zeros_like(tasks)
         n = len(X)
-        side = TILE if self.node.tileable else n
-        tiles = [slice(a, min(a + side, n)) for a in range(0, n, side)]
+        edges = np.linspace(0, n, -(-n // TILE) + 1 if self.node.tileable else 2)
+        tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self.pairs = [(a, b) for i, a in enumerate(tiles) for b in tiles[i:]]
         self.present = {
             tile.start: np.unique(tasks[tile], return_index=True) for tile in tiles
         }
-        self.upper = np.triu(np.ones((min(side, n),) * 2), 1)
+        side = max(tile.stop - tile.start for tile in tiles)
+        self.upper = np.triu(np.ones((side, side)), 1)
         np.fill_diagonal(self.upper, 0.5)
+        self._spare = []
+
+    def __getstate__(self):
+        return vars(self) | {"_spare": []}
 
     def split(self, theta):
         """Theta's three parts: kernel, K^rho, log noise variances."""
@@ -64,12 +71,12 @@ class DenseLikelihood:
 
     def value(self, theta):
         """Log marginal likelihood; -inf where K cannot be factorised."""
-        with limit_threads(len(self.X)):
+        with limit_threads(len(self.X)), self._workspace() as workspace:
             try:
-                cholesky = Cholesky(self.covariance(theta))
+                cholesky = Cholesky(self._fill(*self._bind(theta), workspace.K)[0])
             except NotPositiveDefiniteError:
                 return -np.inf
-            return self.log_density(cholesky, cholesky.solve(self.y))
+            return self.log_density(cholesky, cholesky.half_solve(self.y))
 
     def value_and_grad(self, theta):
         """Log marginal likelihood and its gradient; -inf and nan where K fails.
@@ -155,51 +162,72 @@ class DenseLikelihood:
 
     def covariance(self, theta):
         """K: lower triangle of an ndarray of shape (n_samples, n_samples)."""
+        return self._fill(*self._bind(theta), np.empty((len(self.X),) * 2))[0]
+
+    def release(self):
+        """Give back the memory that is kept for the next evaluation."""
+        self._spare.clear()
+
+    def log_density(self, cholesky, half):
+        """Log density of y, given the factor C of K and half = C^{-1} y."""
+        n = len(self.y)
+        return -0.5 * (half @ half + cholesky.log_det() + n * np.log(2.0 * np.pi))
+
+    @contextlib.contextmanager
+    def _workspace(self):
+        """The memory of an evaluation before, or new memory where there is none."""
+        workspace = self._spare.pop() if self._spare else Workspace(self.pairs)
+        try:
+            yield workspace
+        finally:
+            self._spare.append(workspace)
+
+    def _bind(self, theta):
+        """k^x, K^rho and the noise variances at theta."""
         kernel, rho, log_noise = self.split(theta)
         bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
-        return self._fill(bound, K_rho, np.exp(log_noise))
-
-    def log_density(self, cholesky, alpha):
-        """Log density of y, given the factor of K and alpha = K^{-1} y."""
-        n = len(self.y)
-        return -0.5 * (self.y @ alpha + cholesky.log_det() + n * np.log(2.0 * np.pi))
+        return bound, K_rho, np.exp(log_noise)
 
     def _differentiate(self, theta):
         """The value and its gradients by kernel theta, K^rho and log noise."""
-        with limit_threads(len(self.X)):
-            return self._differentiate_here(theta)
+        with limit_threads(len(self.X)), self._workspace() as workspace:
+            return self._differentiate_in(workspace, *self._bind(theta))
 
-    def _differentiate_here(self, theta):
-        kernel, rho, log_noise = self.split(theta)
-        bound, K_rho = self.node.bind(kernel, self.X), self.task_covariance.matrix(rho)
-        tapes, noise = [], np.exp(log_noise)
-        cholesky = Cholesky(self._fill(bound, K_rho, noise, tapes))
-        alpha = cholesky.solve(self.y)
-        value = self.log_density(cholesky, alpha)
+    def _differentiate_in(self, workspace, bound, K_rho, noise):
+        K, tapes = self._fill(bound, K_rho, noise, workspace.K, workspace.tiles)
+        cholesky = Cholesky(K)
+        half = cholesky.half_solve(self.y)
+        value = self.log_density(cholesky, half)
+        alpha = cholesky.half_solve(half, transposed=True)
         inverse = cholesky.invert().T  # its upper triangle, in C order
         d_kernel, D = self._contract(bound, K_rho, tapes, alpha, inverse)
         d_row = 0.5 * (np.square(alpha) - np.diagonal(inverse))
         d_noise = noise * np.bincount(self.noise_of_row, d_row, self.n_noise)
         return value, d_kernel, D, d_noise
 
-    def _fill(self, bound, K_rho, noise, tapes=None):
-        """K (lower triangle, Fortran order); `tapes` keeps what the gradient needs."""
-        K = np.empty((len(self.X), len(self.X)))
+    def _fill(self, bound, K_rho, noise, K, memory=None):
+        """K (lower triangle, Fortran order) in K, and for each tile (K_x, tape).
 
-        def fill(rows, cols):
-            K_x, tape = bound.block(rows, cols)
+        `memory` has Arrays for each tile; without it nothing is kept.
+        """
+
+        def fill(rows, cols, arrays):
+            new = iter(arrays).__next__ if arrays else allocate
+            K_x, tape = bound.block(rows, cols, new)
             np.multiply(K_x, self._between(K_rho, rows, cols), out=K[rows, cols])
-            return None if tapes is None else (K_x, tape)
+            return (K_x, tape) if arrays else None
 
-        kept = map_threads(fill, self.pairs)
-        if tapes is not None:
-            tapes.extend(kept)
-        K[np.diag_indices_from(K)] += noise[self.noise_of_row]
-        return K.T
+        memory = memory or [None] * len(self.pairs)
+        jobs = [
+            (*pair, arrays) for pair, arrays in zip(self.pairs, memory, strict=True)
+        ]
+        kept = map_threads(fill, jobs)
+        K.flat[:: len(K) + 1] += noise[self.noise_of_row]
+        return K.T, kept
 
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""
-        return K_rho[self.tasks[rows]][:, self.tasks[cols]]
+        return K_rho.take(self.tasks[cols], axis=1).take(self.tasks[rows], axis=0)
 
     def _contract(self, bound, K_rho, tapes, alpha, inverse):
         """Gradients with respect to the kernel's theta and to K^rho.
@@ -224,13 +252,48 @@ class DenseLikelihood:
             self.pairs, map_threads(contract, jobs), strict=True
         ):
             d_kernel += d_tile
-            D[np.ix_(self.present[rows.start][0], self.present[cols.start][0])] += H
+            present = self.present[rows.start][0], self.present[cols.start][0]
+            D[present[0][:, None], present[1]] += H
         return d_kernel, 0.5 * (D + D.T)
 
     def _sum_by_task(self, H, rows, cols):
         """Block sums of the tile H, whose rows and columns are sorted by task."""
-        H = np.add.reduceat(H, self.present[rows.start][1], axis=0)
-        return np.add.reduceat(H, self.present[cols.start][1], axis=1)
+        H = np.add.reduceat(H, self.present[cols.start][1], axis=1)
+        return np.add.reduceat(H, self.present[rows.start][1], axis=0)
+
+
+class Workspace:
+    """The memory of an evaluation, for the next one: fresh memory takes time.
+
+    Parameters
+    ----------
+    pairs : list of (slice, slice)
+        Rows and columns of each tile, the last tile at the last row.
+
+    Attributes
+    ----------
+    K : ndarray of shape (n_samples, n_samples)
+        Place for the covariance.
+    tiles : list of Arrays
+        Places for what the gradient needs of each tile.
+    """
+
+    def __init__(self, pairs):
+        self.K = np.empty((pairs[-1][0].stop,) * 2)
+        self.tiles = [Arrays((a.stop - a.start, b.stop - b.start)) for a, b in pairs]
+
+
+class Arrays:
+    """Arrays of one shape without end, the same ones in each iteration."""
+
+    def __init__(self, shape):
+        self.shape, self.made = shape, []
+
+    def __iter__(self):
+        yield from self.made
+        while True:
+            self.made.append(np.empty(self.shape))
+            yield self.made[-1]
 
 
 class DensePosterior:
@@ -260,8 +323,9 @@ class DensePosterior:
         self.K_rho = likelihood.task_covariance.matrix(rho)
         self.tasks = likelihood.tasks
         self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
-        alpha = self.cholesky.solve(likelihood.y)
-        self.log_likelihood = likelihood.log_density(self.cholesky, alpha)
+        half = self.cholesky.half_solve(likelihood.y)
+        self.log_likelihood = likelihood.log_density(self.cholesky, half)
+        alpha = self.cholesky.half_solve(half, transposed=True)
         self.weights = alpha[:, None] * self.K_rho[self.tasks]
 
     def mean(self, X, tasks):

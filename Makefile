@@ -13,13 +13,15 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test lint clean
+.PHONY: help demo demo-short test lint bench bench-short bench-envs bench-page clean
 
 help:
 	@echo 'make demo        learn a robot arm under many loads and compare the models'
 	@echo 'make demo-short  the same, smaller'
 	@echo 'make test        run all tests'
 	@echo 'make lint        check style and formatting'
+	@echo 'make bench       compare with other packages: hours, see benchmarks/README.md'
+	@echo 'make bench-short the same with one small problem'
 	@echo 'make clean       remove .venv, caches and build products'
 
 demo: $(VENV)/ready-to-run
@@ -34,6 +36,35 @@ test: $(VENV)/ready-to-test
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+# Every package that is compared has an environment of its own. One that cannot be
+# installed is left out: the results then say so.
+PEERS := gpytorch botorch gpy gpflow sklearn
+ENVS := benchmarks/.envs
+COMPARE := $(BIN)/python benchmarks/peers/run.py
+PAGE := $(BIN)/python benchmarks/peers/page.py
+BENCHFLAGS ?=
+
+bench: $(VENV)/ready-to-bench bench-envs
+	$(COMPARE) --parts checks times fits $(BENCHFLAGS)
+	$(PAGE)
+
+bench-short: $(VENV)/ready-to-bench bench-envs
+	$(COMPARE) --parts checks times fits --joints 4 --draws 0 --fit-sizes 280 \
+	    --sizes 280 --time-budget 1 --budget-factor 0 --budget-min 5 --redo \
+	    --results benchmarks/.short $(BENCHFLAGS)
+	$(PAGE) --results benchmarks/.short --docs benchmarks/.short
+
+bench-page: $(VENV)/ready-to-bench
+	$(PAGE)
+
+bench-envs: $(PEERS:%=$(ENVS)/%/ready)
+
+$(ENVS)/%/ready: benchmarks/peers/requirements/%.txt
+	@echo 'Installing $* into $(ENVS)/$*'
+	@$(PYTHON) -m venv --clear $(ENVS)/$* \
+	    && $(ENVS)/$*/bin/python -m pip --disable-pip-version-check install -q -r $< \
+	    && touch $@ || { rm -rf $(ENVS)/$*; echo 'No $*: its rows will say so' >&2; }
 
 # The stamps are written last, so that an interrupted installation is done again.
 $(VENV)/ready-to-run: pyproject.toml
@@ -54,6 +85,11 @@ $(VENV)/ready-to-test: $(VENV)/ready-to-run
 	@$(PIP) -e '.[test]'
 	@touch $@
 
+$(VENV)/ready-to-bench: $(VENV)/ready-to-run
+	@$(PIP) -e '.[bench,puma]'
+	@touch $@
+
 clean:
+	rm -rf benchmarks/.envs benchmarks/.problems benchmarks/.short
 	rm -rf $(VENV) build dist htmlcov .coverage .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -22,7 +22,7 @@ import traceback
 import numpy as np
 from problem import load_problem, save_result
 
-MAX_TRACE = 400
+MAX_TRACE = 150
 
 
 class BudgetSpent(Exception):

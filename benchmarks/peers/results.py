@@ -69,7 +69,7 @@ def write_machine(folder, command, threads):
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
         "threads": threads,
-        "command": command,
+        "command": command.split(" --results")[0],
         "commit": commit(),
         "date": time.strftime("%Y-%m-%d", time.gmtime()),
     }

@@ -1,0 +1,149 @@
+"""The plots of the page."""
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from compare import NAMES, OURS, against_ours, label, of_variant, usable, variants
+
+COLORS = {
+    "skmtgp": "#d55e00",
+    "gpytorch": "#0072b2",
+    "botorch": "#56b4e9",
+    "gpy": "#009e73",
+    "gpflow": "#e69f00",
+    "sklearn": "#999999",
+}
+STYLES = {"best": "-", "shipped": ":"}
+MARKERS = {"best": "o", "shipped": "x"}
+
+
+def draw(fits, timings, folder):
+    """Write all plots for which there is data."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if any("seconds" in row for row in timings):
+        save(evaluations(timings), folder / "benchmark-evaluation.png")
+    for n in sorted({row["n"] for row in usable(fits)}):
+        figure = traces([r for r in usable(fits) if r["n"] == n])
+        save(figure, folder / f"benchmark-fits-{n}.png")
+    if against_ours(fits):
+        save(deficits(against_ours(fits)), folder / "benchmark-deficits.png")
+
+
+def save(figure, path):
+    """Write a figure."""
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def evaluations(timings):
+    """Seconds of an evaluation against n."""
+    figure, ax = plt.subplots(figsize=(7, 5), layout="constrained")
+    rows = [r for r in timings if "seconds" in r]
+    for package, settings in variants(rows):
+        group = of_variant(rows, package, settings)
+        line(ax, group, "seconds", STYLES[settings], label(group[0]))
+    ours = [r for r in rows if r["package"] == OURS]
+    ax.plot(
+        [r["n"] for r in ours],
+        [r["floor_seconds"] for r in ours],
+        "--k",
+        label="potrf and potri",
+    )
+    ax.set(xscale="log", yscale="log", xlabel="n", ylabel="seconds")
+    sizes = sorted({r["n"] for r in rows})
+    ax.set_xticks(sizes, sizes)
+    ax.minorticks_off()
+    ax.set_title("Likelihood and gradient, once")
+    ax.grid(alpha=0.3)
+    ax.legend()
+    return figure
+
+
+def line(ax, rows, key, style, name):
+    """One package's line."""
+    rows = sorted(rows, key=lambda r: r["n"])
+    color, wide = COLORS[rows[0]["package"]], rows[0]["package"] == OURS
+    x, y = [r["n"] for r in rows], [r[key] for r in rows]
+    ax.plot(x, y, style, marker="o", color=color, label=name, lw=2.5 if wide else 1.5)
+
+
+def traces(fits):
+    """Likelihood against seconds, a panel for each joint, the first draw."""
+    draw = min(r["draw"] for r in fits)
+    fits = [r for r in fits if r["draw"] == draw]
+    joints = sorted({r["joint"] for r in fits})
+    columns = min(3, len(joints))
+    rows = -(-len(joints) // columns)
+    figure, axes = plt.subplots(
+        rows,
+        columns,
+        figsize=(max(8.5, 4.2 * columns), 3.4 * rows + 1.1),
+        layout="constrained",
+        squeeze=False,
+    )
+    for ax, joint in zip(axes.flat, joints, strict=False):
+        panel(ax, [r for r in fits if r["joint"] == joint])
+        ax.set_title(f"joint {joint}")
+    handles = {}
+    for ax in axes.flat:
+        handles |= {h.get_label(): h for h in ax.get_lines()}
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    figure.suptitle(f"Log marginal likelihood against seconds, n = {fits[0]['n']}")
+    return figure
+
+
+def panel(ax, fits):
+    """The fits of one problem."""
+    for package, settings in variants(fits):
+        (row,) = of_variant(fits, package, settings)
+        points = np.array([*row["trace"], (row["seconds"], row["trace"][-1][1])])
+        ax.step(
+            *points.T,
+            STYLES[settings],
+            where="post",
+            color=COLORS[package],
+            label=label(row),
+            lw=2.5 if package == OURS else 1.3,
+        )
+    most = max(r["likelihood"] for r in fits)
+    ax.set(xscale="log", ylim=(-0.1 * most, 1.05 * most))
+    ax.grid(alpha=0.3)
+
+
+def deficits(rows):
+    """How far each peer's likelihood is below ours, a panel for each n."""
+    sizes = sorted({r["n"] for r in rows})
+    figure, axes = plt.subplots(
+        1,
+        len(sizes),
+        figsize=(max(8.5, 5.5 * len(sizes)), 4.9),
+        layout="constrained",
+        squeeze=False,
+        sharey=True,
+    )
+    names = [name for name in NAMES if name != OURS]
+    for ax, n in zip(axes[0], sizes, strict=True):
+        for row in [r for r in rows if r["n"] == n]:
+            shift = 0.13 * (names.index(row["package"]) - 2)
+            ax.plot(
+                row["joint"] + shift,
+                row["deficit"],
+                MARKERS[row["settings"]],
+                color=COLORS[row["package"]],
+                label=label(row),
+                ms=5,
+            )
+        ax.axhline(0.0, color="k", lw=0.8)
+        ax.set_yscale("symlog", linthresh=10.0)
+        ax.set(title=f"n = {n}", xlabel="joint")
+        ax.set_xticks(sorted({r["joint"] for r in rows}))
+        ax.grid(axis="y", alpha=0.3)
+    axes[0, 0].set_ylabel("nats below skmtgp")
+    handles = {}
+    for ax in axes.flat:
+        handles |= dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
+    return figure

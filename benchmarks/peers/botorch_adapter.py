@@ -22,13 +22,14 @@ from botorch.models.utils.gpytorch_modules import (
 from botorch.optim.closures import get_loss_closure_with_grads
 from gpytorch.kernels import IndexKernel
 from gpytorch.likelihoods import GaussianLikelihood
-from lbfgs import LEAST_GAIN, OPTIONS
+from lbfgs import OPTIONS, keep_climbing
 from problem import KAPPA
 from torch_model import (
     DenseProduct,
     InputKernel,
     TorchAdapter,
     exact_settings,
+    log_domain,
     log_domain_noise,
 )
 
@@ -80,10 +81,9 @@ class Adapter(TorchAdapter):
         """Put an IndexKernel in the place of the PositiveIndexKernel."""
         n_tasks, rank = problem.F.shape
         column = problem.u.shape[1]
-        kernel = IndexKernel(num_tasks=n_tasks, rank=rank)
+        kernel = IndexKernel(num_tasks=n_tasks, rank=rank, var_constraint=log_domain())
         kernel.covar_factor.data = torch.tensor(problem.F)
-        kernel.var = torch.full((n_tasks,), KAPPA["best"])
-        kernel.raw_var.requires_grad_(False)
+        kernel.var = torch.full((n_tasks,), KAPPA)
         self.task_kernel = kernel
         self.model.covar_module = DenseProduct(self.inputs.kernel, kernel, column)
 
@@ -91,7 +91,7 @@ class Adapter(TorchAdapter):
         """The nearest start that has positive correlations only: |F|."""
         self.task_kernel = self.model.covar_module.kernels[-1]
         self.task_kernel.covar_factor = torch.tensor(np.abs(problem.F) + 1e-6)
-        self.task_kernel.var = torch.full((len(problem.F),), KAPPA["shipped"])
+        self.task_kernel.var = torch.full((len(problem.F),), KAPPA)
 
     def fit(self, recorder):
         """Learn."""
@@ -100,12 +100,14 @@ class Adapter(TorchAdapter):
             self.fit_once(recorder)
             return "fit_gpytorch_mll ended"
         options = {"bounds": self.flat.bounds_by_name, "options": OPTIONS}
-        while True:
-            before = recorder.best
-            stop = self.fit_once(recorder, optimizer_kwargs=options)
-            self.restore(recorder.state)
-            if recorder.best - before < LEAST_GAIN:
-                return stop
+
+        def climb(x):
+            self.restore(x)
+            return self.fit_once(recorder, optimizer_kwargs=options, max_attempts=1)
+
+        stop = keep_climbing(climb, self.start_x, recorder)
+        self.restore(recorder.state)
+        return stop
 
     def fit_once(self, recorder, **options):
         """Call fit_gpytorch_mll."""

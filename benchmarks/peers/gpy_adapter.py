@@ -1,8 +1,8 @@
 """GPy.
 
 Shipped: a kernel times Coregionalize and ``model.optimize()``, as in its tutorial of
-coregionalised regression: 1000 evaluations of L-BFGS-B. Best: kappa fixed at 1e-16,
-logarithms as parameters, L-BFGS-B with a long memory and tight tolerances, started
+coregionalised regression: 1000 evaluations of L-BFGS-B. Best: logarithms
+as parameters, L-BFGS-B with a long memory and tight tolerances, started
 again while it gains, and targets multiplied by 1000: GPy adds 1e-8 to every noise
 variance, which is counted as noise, and which is too much beside a variance of 1.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from adapter import main
 from lbfgs import maximise
 from paramz.transformations import Exponent
-from problem import KAPPA, LENGTH_SCALES, N_X, NOISE, WEIGHTS, Parameters
+from problem import KAPPA, KAPPA_BOUNDS, LENGTH_SCALES, N_X, NOISE, WEIGHTS, Parameters
 
 ADDED_NOISE, SCALE = 1e-8, 1e3
 BOUNDS = {
@@ -22,6 +22,7 @@ BOUNDS = {
     "variances": np.log(WEIGHTS),
     "variance": np.log(WEIGHTS),
     "W": np.array([-10.0, 10.0]),
+    "kappa": np.log(KAPPA_BOUNDS),
     "noise": np.log([1e-3 * NOISE[0], NOISE[1]]),  # added to ADDED_NOISE
 }
 
@@ -33,7 +34,7 @@ class Adapter:
 
     def __init__(self, problem, settings, threads):
         warnings.simplefilter("ignore")
-        self.settings, self.best = settings, settings == "best"
+        self.best = settings == "best"
         self.n, self.scale = len(problem.y), SCALE if self.best else 1.0
         self.model = GPy.models.GPRegression(
             problem.X,
@@ -57,25 +58,24 @@ class Adapter:
         rbf = kern.RBF(
             N_X, start.amplitude * square, start.length_scales, ARD=True, active_dims=x
         )
-        kappa = np.full(n_tasks, KAPPA[self.settings])
+        kappa = np.full(n_tasks, KAPPA)
         tasks = kern.Coregionalize(
             1, n_tasks, rank, W=problem.F.copy(), kappa=kappa, active_dims=[n_u]
         )
         return (linear + bias + rbf) * tasks
 
     def learn_logarithms(self):
-        """Constrain by exp rather than by softplus; fix kappa."""
+        """Constrain by exp rather than by softplus."""
         positive = [self.linear.variances, self.bias.variance, self.rbf.variance]
         positive += [self.rbf.lengthscale, self.model.likelihood.variance]
+        positive += [self.tasks.kappa]
         for parameter in positive:
             parameter.unconstrain()
             parameter.constrain(Exponent(), warning=False)
-        self.tasks.kappa.fix(warning=False)
 
     def bounds(self):
         """Bounds of the optimiser's vector: of logarithms, and of W."""
         names = np.array(self.model.parameter_names_flat(include_fixed=True))
-        names = names[self.model._fixes_]
         last = [str(name).split(".")[-1].split("[")[0] for name in names]
         noise = ["noise" in str(name).lower() for name in names]
         kinds = np.where(noise, "noise", last)

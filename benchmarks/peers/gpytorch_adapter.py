@@ -18,6 +18,7 @@ from torch_model import (
     InputKernel,
     TorchAdapter,
     exact_settings,
+    log_domain,
     log_domain_noise,
 )
 
@@ -67,10 +68,13 @@ class Adapter(TorchAdapter):
         likelihood.noise = float(problem.start.noise)
         self.inputs = InputKernel(problem.start, in_logs=self.best)
         n_tasks, rank = problem.F.shape
-        self.task_kernel = IndexKernel(num_tasks=n_tasks, rank=rank)
+        self.task_kernel = IndexKernel(
+            num_tasks=n_tasks,
+            rank=rank,
+            var_constraint=log_domain() if self.best else None,
+        )
         self.task_kernel.covar_factor.data = torch.tensor(problem.F, dtype=dtype)
-        self.task_kernel.var = torch.full((n_tasks,), KAPPA[settings])
-        self.task_kernel.raw_var.requires_grad_(not self.best)
+        self.task_kernel.var = torch.full((n_tasks,), KAPPA)
         X, y = (
             torch.tensor(problem.X, dtype=dtype),
             torch.tensor(problem.y, dtype=dtype),

@@ -1,8 +1,8 @@
 """SciPy's L-BFGS-B at its best: what the packages' likelihoods are maximised with.
 
 A long memory, tolerances at the limit of double precision, failed evaluations that
-rise away from the best point instead of ending the line search, and a new start from
-the best point whenever it stops while there is still something to gain.
+rise away from the best point instead of ending the line search, and new starts from the
+best point, at last from near it, until they gain nothing.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ OPTIONS = {
     "gtol": 1e-9,
 }
 LEAST_GAIN = 1e-2  # nats between two starts
+KICKS = (0.0, 1e-3, 1e-2, 1e-1)  # of a new start from the best point, in parameters
 
 
 def maximise(value_and_grad, x, recorder, n, bounds=None):
@@ -50,14 +51,38 @@ def maximise(value_and_grad, x, recorder, n, bounds=None):
         recorder(found[0], x.copy())
         return -found[0] / n, -found[1] / n
 
-    while True:
-        before = recorder.best
-        result = minimize(
+    def climb(x):
+        return minimize(
             objective, x, jac=True, method="L-BFGS-B", bounds=bounds, options=OPTIONS
-        )
-        if recorder.state is None or recorder.best - before < LEAST_GAIN:
-            return result.message
-        x = recorder.state
+        ).message
+
+    return keep_climbing(climb, x, recorder)
+
+
+def keep_climbing(climb, x, recorder):
+    """Climb from x, then from the best point or near it, until nothing is gained.
+
+    Parameters
+    ----------
+    climb : callable
+        Learns from x and tells the recorder; gives the reason to stop.
+    x : ndarray of shape (n_parameters,)
+        Start.
+    recorder : Recorder
+        Keeps the best point.
+
+    Returns
+    -------
+    stop : str
+        Why the last climb stopped.
+    """
+    rng, stop, kick = np.random.default_rng(0), climb(x), 0
+    while recorder.state is not None and kick < len(KICKS):
+        before = recorder.best
+        away = KICKS[kick] * rng.standard_normal(len(x))
+        stop = climb(recorder.state + away)
+        kick = 0 if recorder.best - before > LEAST_GAIN else kick + 1
+    return stop
 
 
 def _wall(x, recorder, n):

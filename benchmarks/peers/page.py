@@ -209,9 +209,7 @@ def errors_section(fits):
     joints = sorted({joint for _, joint, _ in ratios})
     cells = [[v for (_, j, _), v in ratios.items() if j == joint] for joint in joints]
     rows = [["median of the draws", *(number(median(c)) for c in cells)]]
-    title = (
-        f"The peers' lowest nMSE in extrapolation over skmtgp's, n = {SMALL_N}:\n"
-    )
+    title = f"The peers' lowest nMSE in extrapolation over skmtgp's, n = {SMALL_N}:\n"
     return [title, table(["", *(f"joint {j}" for j in joints)], rows)]
 
 

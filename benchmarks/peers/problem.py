@@ -13,9 +13,8 @@ LENGTH_SCALES = np.exp([-2.0, 8.0])
 WEIGHTS = np.exp([-14.0, 5.0])  # bias and amplitude, too
 FACTOR = (-10.0, 10.0)
 NOISE = (1e-10, 1e3)
-KAPPA = {"shipped": float(np.exp(-12.0)), "best": 1e-16}
-# The diagonal of K^rho at the start, where a package insists on one: learned as
-# shipped, fixed at best.
+KAPPA = float(np.exp(-12.0))  # the peers' diagonal of K^rho, at the start
+KAPPA_BOUNDS = (1e-16, 1e3)
 
 
 class Parameters(NamedTuple):

@@ -1,8 +1,9 @@
 """scikit-learn, which has no multi-task kernel: with one written on its Kernel API.
 
 Shipped: GaussianProcessRegressor with alpha 1e-10 and its own L-BFGS-B. Best: alpha 0,
-L-BFGS-B with a long memory and tight tolerances, started again while it gains. The
-gradient is an n x n x p array, as scikit-learn wants it, so that n is small.
+L-BFGS-B with a long memory and tight tolerances, started
+again while it gains. The gradient is an n x n x p array, as scikit-learn wants it, so
+that n is small.
 """
 
 import warnings
@@ -11,7 +12,16 @@ import numpy as np
 import sklearn
 from adapter import main
 from lbfgs import maximise
-from problem import FACTOR, LENGTH_SCALES, N_X, NOISE, WEIGHTS, Parameters
+from problem import (
+    FACTOR,
+    KAPPA,
+    KAPPA_BOUNDS,
+    LENGTH_SCALES,
+    N_X,
+    NOISE,
+    WEIGHTS,
+    Parameters,
+)
 from scipy.spatial.distance import cdist
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import Kernel
@@ -28,27 +38,39 @@ class MultiTask(Kernel):
         b, a and sigma^2.
     F : ndarray of shape (n_tasks, rank)
         Factor of K^rho. It is not learned as a logarithm, for its signs matter.
+    kappa : ndarray of shape (n_tasks,)
+        Diagonal of K^rho beside F F^T.
     """
 
-    def __init__(self, length_scales, weights, bias, amplitude, noise, F):
+    def __init__(self, length_scales, weights, bias, amplitude, noise, F, kappa):
         self.length_scales, self.weights = length_scales, weights
         self.bias, self.amplitude, self.noise = bias, amplitude, noise
-        self.F = F
+        self.F, self.kappa = F, kappa
+
+    @property
+    def K_rho(self):
+        """K^rho."""
+        return self.F @ self.F.T + np.diag(self.kappa)
 
     @property
     def theta(self):
         """Logarithms of the positive parameters, and F."""
         scalars = [self.bias, self.amplitude, self.noise]
-        positive = np.concatenate([self.length_scales, self.weights, scalars])
+        positive = np.concatenate(
+            [self.length_scales, self.weights, scalars, self.kappa]
+        )
         return np.concatenate([np.log(positive), np.ravel(self.F)])
 
     @theta.setter
     def theta(self, theta):
-        n_positive = len(self.length_scales) + len(self.weights) + 3
-        positive, F = np.exp(theta[:n_positive]), theta[n_positive:]
-        self.length_scales, self.weights = positive[:N_X], positive[N_X:-3]
-        self.bias, self.amplitude, self.noise = positive[-3:]
-        self.F = F.reshape(np.shape(self.F))
+        shape, n_weights = np.shape(self.F), len(self.weights)
+        positive, F = np.exp(theta[: -np.prod(shape)]), theta[-np.prod(shape) :]
+        scales, weights, scalars, self.kappa = np.split(
+            positive, np.cumsum([N_X, n_weights, 3])
+        )
+        self.length_scales, self.weights = scales, weights
+        self.bias, self.amplitude, self.noise = scalars
+        self.F = F.reshape(shape)
 
     @property
     def bounds(self):
@@ -57,6 +79,7 @@ class MultiTask(Kernel):
             [np.log(LENGTH_SCALES)] * len(self.length_scales)
             + [np.log(WEIGHTS)] * (len(self.weights) + 2)
             + [np.log(NOISE)]
+            + [np.log(KAPPA_BOUNDS)] * len(self.kappa)
             + [FACTOR] * np.size(self.F)
         )
 
@@ -74,7 +97,7 @@ class MultiTask(Kernel):
         scaled = cdist(x / self.length_scales, z / self.length_scales, "sqeuclidean")
         smooth = self.amplitude * np.exp(-0.5 * scaled)
         K_x = self.bias + (u * self.weights) @ v.T + smooth
-        K_rho = (self.F @ self.F.T)[np.ix_(tasks, tasks_Y)]
+        K_rho = self.K_rho[np.ix_(tasks, tasks_Y)]
         K = K_rho * K_x
         if Y is None:
             K[np.diag_indices_from(K)] += self.noise
@@ -96,9 +119,11 @@ class MultiTask(Kernel):
         dK[:, :, k + 3 :] = 0.0
         for m in range(n_tasks):
             of_task = tasks == m
+            own = np.ix_(of_task, of_task)
+            dK[(*own, k + 3 + m)] = self.kappa[m] * K_x[own]
             for r in range(rank):
                 half = self.F[tasks, r] * K_x[of_task]
-                k_mr = k + 3 + m * rank + r
+                k_mr = k + 3 + n_tasks + m * rank + r
                 dK[of_task, :, k_mr] += half
                 dK[:, of_task, k_mr] += half.T
         return dK
@@ -107,7 +132,7 @@ class MultiTask(Kernel):
         """Diagonal of the covariance of f."""
         u, tasks = X[:, :-1], X[:, -1].astype(int)
         K_x = self.bias + u**2 @ self.weights + self.amplitude
-        return np.sum(self.F**2, axis=1)[tasks] * K_x
+        return np.diagonal(self.K_rho)[tasks] * K_x
 
     def is_stationary(self):
         """No."""
@@ -131,6 +156,7 @@ class Adapter:
             float(start.amplitude),
             float(start.noise),
             problem.F,
+            np.full(len(problem.F), KAPPA),
         )
         self.alpha = 0.0 if self.best else 1e-10
         self.start_x = self.kernel.theta
@@ -190,7 +216,7 @@ class Adapter:
             k.bias,
             k.amplitude,
             k.noise + self.alpha,
-            k.F @ k.F.T,
+            k.K_rho,
         )
 
 

@@ -5,7 +5,15 @@ import numpy as np
 import torch
 from gpytorch.constraints import GreaterThan, Positive
 from gpytorch.kernels import ConstantKernel, LinearKernel, RBFKernel, ScaleKernel
-from problem import FACTOR, LENGTH_SCALES, N_X, NOISE, WEIGHTS, Parameters
+from problem import (
+    FACTOR,
+    KAPPA_BOUNDS,
+    LENGTH_SCALES,
+    N_X,
+    NOISE,
+    WEIGHTS,
+    Parameters,
+)
 
 BOUNDS = {
     "raw_lengthscale": np.log(LENGTH_SCALES),
@@ -13,6 +21,7 @@ BOUNDS = {
     "raw_constant": np.log(WEIGHTS),
     "raw_outputscale": np.log(WEIGHTS),
     "covar_factor": FACTOR,
+    "raw_var": np.log(KAPPA_BOUNDS),
     "raw_noise": np.log([1e-3 * NOISE[0], NOISE[1]]),  # added to the smallest
 }
 

@@ -24,7 +24,7 @@ from skmtgp._training import (
 )
 from skmtgp.exceptions import PrecisionWarning
 
-BLOCK_SIZE = 2**22  # elements of the cross-covariance that predict holds at a time
+BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
 
 class PosteriorMixin(RegressorMixin):
@@ -339,11 +339,7 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
 
     def _means(self, features, codes):
         """Means of the scaled outputs, of shape (n_samples, n_outputs)."""
-        means = np.empty((len(features), len(self._posteriors)))
-        for rows in _blocks(len(features), len(self.X_train_)):
-            for j, posterior in enumerate(self._posteriors):
-                means[rows, j] = posterior.mean(features[rows], codes[rows])
-        return means
+        return np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
 
     def _variances(self, features, codes, include_noise):
         variances = np.empty((len(features), len(self._posteriors)))

@@ -13,6 +13,8 @@ each element of theta. Arrays that last until then may be made by the caller, wh
 ``new`` to ``block``: it returns one for the tile, or None where numpy is to make it.
 """
 
+from copy import copy
+
 import numpy as np
 from sklearn.gaussian_process.kernels import (
     RBF,
@@ -126,19 +128,21 @@ class LinearNode(Node):
     """k = b + sum_d w_d x_d x'_d, with one weight or one for each feature."""
 
     def bind(self, theta, X):
-        return BoundLinear(self, X, X, **self.values(theta))
+        return BoundLinear(self, X, **self.values(theta))
 
 
 class BoundLinear:
-    def __init__(self, node, X, Y, weights, bias):
-        self.node, self.Y, self.w, self.b = node, Y, weights, bias
+    def __init__(self, node, X, weights, bias):
+        self.node, self.is_ard = node, np.ndim(weights) > 0
         # the bias is the weight of a further feature, which is one
-        self.right = _append(Y, 1.0)
-        self.left = self.right if X is Y else _append(X, 1.0)
-        self.left = self.left * _append(np.broadcast_to(weights, X.shape[1]), bias)
+        self.w = _append(np.broadcast_to(weights, X.shape[1]), bias)
+        self.right = _append(X, 1.0)
+        self.left = self.right * self.w
 
     def against(self, Z):
-        return BoundLinear(self.node, Z, self.Y, self.w, self.b)
+        other = copy(self)
+        other.left = _append(Z, 1.0) * self.w
+        return other
 
     def block(self, rows, cols, new=allocate):
         return self.left[rows] @ self.right[cols].T, None
@@ -147,7 +151,7 @@ class BoundLinear:
         per_weight = np.einsum("id,id->d", self.left[rows], W @ self.right[cols])
         weights, bias = per_weight[:-1], per_weight[-1]
         return self.node.stack(
-            {"bias": bias, "weights": weights if np.ndim(self.w) else weights.sum()}
+            {"bias": bias, "weights": weights if self.is_ard else weights.sum()}
         )
 
 
@@ -164,7 +168,7 @@ class DotProductNode(Node):
     """k = sigma_0^2 + x . x', scikit-learn's."""
 
     def bind(self, theta, X):
-        return BoundLinear(self, X, X, 1.0, self.values(theta)["sigma_0"] ** 2)
+        return BoundLinear(self, X, 1.0, self.values(theta)["sigma_0"] ** 2)
 
     def stack(self, gradients):
         return np.full(self.n_dims, 2.0 * gradients["bias"])  # b = sigma_0^2
@@ -215,26 +219,32 @@ class StationaryNode(Node):
 
     def bind(self, theta, X):
         center = X.mean(axis=0)  # distances between centred rows lose fewer digits
-        return BoundStationary(self, X, None, center, **self.values(theta))
+        return BoundStationary(self, X, center, **self.values(theta))
 
 
 class BoundStationary:
-    def __init__(self, node, X, train, center, length_scale, **shape):
+    def __init__(self, node, X, center, length_scale, **shape):
         self.node, self.center, self.l, self.shape = node, center, length_scale, shape
-        z = (X - center) / length_scale
-        h = -0.5 * np.einsum("id,id->i", z, z)
-        # e = z . z' - |z|^2 / 2 - |z'|^2 / 2, one product of matrices
-        self.left, self.right = _append(z, h, 1.0), _append(z, 1.0, h)
+        # e = z . z' - |z|^2 / 2 - |z'|^2 / 2 as one product of matrices
+        self.left = self._factor(X)
+        self.right = self.left.copy()
+        self.right[:, -2:] = self.left[:, :-3:-1]
         self.zeros = np.zeros(len(X))
-        self.train = self if train is None else train
+        self.is_symmetric = True
+
+    def _factor(self, X):
+        z = (X - self.center) / self.l
+        return _append(z, -0.5 * np.einsum("id,id->i", z, z), 1.0)
 
     def against(self, Z):
-        return BoundStationary(self.node, Z, self, self.center, self.l, **self.shape)
+        other = copy(self)
+        other.left, other.is_symmetric = self._factor(Z), False
+        return other
 
     def block(self, rows, cols, new=allocate):
-        e = np.matmul(self.left[rows], self.train.right[cols].T, out=new())
-        np.minimum(e, self.train.zeros[cols], out=e)  # half as fast with a scalar
-        if self.train is self and rows == cols:
+        e = np.matmul(self.left[rows], self.right[cols].T, out=new())
+        np.minimum(e, self.zeros[cols], out=e)  # takes twice as long with a scalar
+        if self.is_symmetric and rows == cols:
             e.flat[:: len(e) + 1] = 0.0
         K, slope = self.node.profile(e, **self.shape)
         return K, (K, slope)

@@ -71,7 +71,7 @@ def map_threads(function, jobs):
     n_threads = max(
         (library.num_threads for library in BLAS.lib_controllers), default=1
     )
-    if n_threads == 1:
+    if n_threads == 1 or len(jobs) == 1:
         return [function(*job) for job in jobs]
     with BLAS.limit(limits=1), ThreadPoolExecutor(n_threads) as pool:
         return list(pool.map(lambda job: function(*job), jobs))

@@ -19,6 +19,7 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
+from skmtgp import _linalg
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference import dense
 from skmtgp.inference.dense import DenseLikelihood
@@ -321,6 +322,39 @@ def test_mean_of_tasks():
     for column, task in enumerate([3, 0]):
         one = posterior.mean(Z, np.full(len(Z), task))
         np.testing.assert_allclose(means[:, column], one, rtol=1e-13)
+
+
+@every_kernel
+@pytest.mark.parametrize("size", [1, 5, 300])
+def test_mean_in_tiles(kernel, size, monkeypatch):
+    monkeypatch.setattr(dense, "TILE", size)
+    form, rng = low_rank(M, 2), np.random.default_rng(7)
+    Z, tasks = rng.standard_normal((31, D)), rng.integers(0, M, 31)
+    likelihood = DenseLikelihood(kernel, form, *draw())
+    theta = parameters(kernel, form)
+    mean, _ = textbook.posterior(*parts(likelihood, theta), *draw(), Z, tasks)
+    posterior = likelihood.posterior(theta)
+    close = {"rtol": 1e-10, "atol": 1e-11}
+    np.testing.assert_allclose(posterior.mean(Z, tasks), mean, **close)
+    means = posterior.mean_of_tasks(Z, np.arange(M))
+    np.testing.assert_allclose(means[np.arange(31), tasks], mean, **close)
+
+
+def test_mean_factorises_nothing(monkeypatch):
+    form, (Z, tasks) = low_rank(M, 2), new_rows()
+    likelihood = DenseLikelihood(RBF(ARD), form, *draw())
+    posterior = likelihood.posterior(parameters(RBF(ARD), form))
+    expected = posterior.mean(Z, tasks)
+    again = pickle.loads(pickle.dumps(posterior))
+
+    def fail(*args, **kwargs):
+        raise AssertionError("a mean needs no factor")
+
+    for name in ("dpotrf", "dtrsv", "solve_triangular"):
+        monkeypatch.setattr(_linalg, name, fail)
+    np.testing.assert_array_equal(again.mean(Z, tasks), expected)
+    with pytest.raises(AssertionError, match="a mean needs no factor"):
+        again.variance(Z, tasks)
 
 
 def test_posterior_describes_itself():

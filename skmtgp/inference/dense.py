@@ -326,12 +326,24 @@ class DensePosterior:
         half = self.cholesky.half_solve(likelihood.y)
         self.log_likelihood = likelihood.log_density(self.cholesky, half)
         alpha = self.cholesky.half_solve(half, transposed=True)
-        self.weights = alpha[:, None] * self.K_rho[self.tasks]
+        self.weights = self.K_rho[:, self.tasks] * alpha
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
-        present, column = np.unique(tasks, return_inverse=True)
-        return self.mean_of_tasks(X, present)[np.arange(len(X)), column]
+        order = np.argsort(tasks, kind="stable")  # few tasks meet in a tile
+        cross, tasks, mean = (
+            self.bound.against(X[order]),
+            tasks[order],
+            np.empty(len(X)),
+        )
+
+        def of_rows(rows):
+            present, column = np.unique(tasks[rows], return_inverse=True)
+            of_tasks = self._weigh(cross, rows, self.weights[present])
+            return of_tasks[np.arange(len(column)), column]
+
+        mean[order] = _by_rows(of_rows, len(X))
+        return mean
 
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
@@ -348,7 +360,8 @@ class DensePosterior:
         mean : ndarray of shape (n_samples, n_tasks)
             f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i.
         """
-        return self._cross_kernel(X) @ self.weights[:, tasks]
+        cross, weights = self.bound.against(X), self.weights[tasks]
+        return _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -361,12 +374,28 @@ class DensePosterior:
         half = self._half(X, tasks)
         return self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X) - half.T @ half
 
-    def _cross_kernel(self, X):
-        everything = slice(0, len(self.tasks))
-        K_x, _ = self.bound.against(X).block(slice(0, len(X)), everything)
-        return np.broadcast_to(K_x, (len(X), len(self.tasks)))
+    def _weigh(self, cross, rows, weights):
+        """K^x(X[rows], X_train) times the weights, which are in rows, in tiles."""
+        size, n = rows.stop - rows.start, len(self.tasks)
+        step = max(1, TILE**2 // size)
+        total = np.zeros((size, len(weights)))
+        for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
+            K_x = np.broadcast_to(
+                cross.block(rows, cols)[0], (size, cols.stop - cols.start)
+            )
+            total += K_x @ weights[:, cols].T
+        return total
 
     def _half(self, X, tasks):
         """C^{-1} K(X_train, X), where K_train = C C^T."""
         between = self.K_rho[np.ix_(self.tasks, tasks)]
-        return self.cholesky.half_solve(between * self._cross_kernel(X).T)
+        cross = self.bound.against(X)
+        K_x, _ = cross.block(slice(0, len(X)), slice(0, len(self.tasks)))
+        K_x = np.broadcast_to(K_x, (len(X), len(self.tasks)))
+        return self.cholesky.half_solve(between * K_x.T)
+
+
+def _by_rows(function, n):
+    """``function(rows)`` for n rows, a tile's at a time, put together again."""
+    jobs = [(slice(a, min(a + TILE, n)),) for a in range(0, n, TILE)]
+    return np.concatenate(map_threads(function, jobs))

@@ -23,7 +23,7 @@ BOUNDS = {
     "variance": np.log(WEIGHTS),
     "W": np.array([-10.0, 10.0]),
     "kappa": np.log(KAPPA_BOUNDS),
-    "noise": np.log([1e-3 * NOISE[0], NOISE[1]]),  # added to ADDED_NOISE
+    "noise": np.log(NOISE),
 }
 
 

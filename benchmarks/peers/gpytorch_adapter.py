@@ -61,11 +61,21 @@ class Adapter(TorchAdapter):
         torch.set_default_dtype(torch.float64 if self.best else torch.float32)
         if self.best:
             exact_settings()
-        dtype = torch.get_default_dtype()
         likelihood = GaussianLikelihood(
             noise_constraint=log_domain_noise() if self.best else None
         )
         likelihood.noise = float(problem.start.noise)
+        X, y = (
+            torch.tensor(a, dtype=torch.get_default_dtype())
+            for a in (problem.X, problem.y)
+        )
+        kernel = self.make_kernels(problem)
+        self.model = Model(X, y, likelihood, kernel, self.task_kernel)
+        self.mll = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, self.model)
+        self.prepare(problem)
+
+    def make_kernels(self, problem):
+        """The task kernel and k^x at the start; k^x, at best times the task kernel."""
         self.inputs = InputKernel(problem.start, in_logs=self.best)
         n_tasks, rank = problem.F.shape
         self.task_kernel = IndexKernel(
@@ -73,18 +83,13 @@ class Adapter(TorchAdapter):
             rank=rank,
             var_constraint=log_domain() if self.best else None,
         )
-        self.task_kernel.covar_factor.data = torch.tensor(problem.F, dtype=dtype)
+        factor = torch.tensor(problem.F, dtype=torch.get_default_dtype())
+        self.task_kernel.covar_factor.data = factor
         self.task_kernel.var = torch.full((n_tasks,), KAPPA)
-        X, y = (
-            torch.tensor(problem.X, dtype=dtype),
-            torch.tensor(problem.y, dtype=dtype),
-        )
-        kernel = self.inputs.kernel
-        if self.best:
-            kernel = DenseProduct(kernel, self.task_kernel, problem.u.shape[1])
-        self.model = Model(X, y, likelihood, kernel, self.task_kernel)
-        self.mll = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, self.model)
-        self.prepare(problem)
+        if not self.best:
+            return self.inputs.kernel
+        column = problem.u.shape[1]
+        return DenseProduct(self.inputs.kernel, self.task_kernel, column)
 
     def fit(self, recorder):
         """Learn."""

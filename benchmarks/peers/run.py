@@ -27,6 +27,7 @@ SIZES = (280, 1400, 2800, 4000)
 N_PARAMETERS = 115  # of scikit-learn's kernel, whose gradient is n x n x p
 TENSOR_SHARE = 0.5  # of the memory, that it may take
 TIME_SETTINGS = {"gpytorch": SETTINGS, "botorch": SETTINGS}
+ABSENT = "not installed"
 GRACE = 120.0  # seconds over the budget, to load, to end an evaluation and to write
 
 
@@ -49,13 +50,14 @@ class Runner:
     def wanted(self, kind, **key):
         """Whether a row is to be measured."""
         table = self.tables[kind]
-        return self.arguments.redo or table.key(key) not in table.rows
+        row = table.rows.get(table.key(key), {"error": ABSENT})
+        return self.arguments.redo or row.get("error") == ABSENT
 
     def adapt(self, package, settings, mode, problem, budget):
         """Run an adapter in its environment: parameters, trace, report."""
         python = interpreter(package)
         if python is None:
-            return None, None, {"error": "not installed"}
+            return None, None, {"error": ABSENT}
         with tempfile.TemporaryDirectory() as folder:
             result = Path(folder) / "result.npz"
             command = [python, HERE / f"{package}_adapter.py", problem, result]

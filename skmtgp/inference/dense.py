@@ -1,7 +1,7 @@
 """Exact inference with the dense n x n covariance matrix."""
 
 import contextlib
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import isqrt
 
 import numpy as np
@@ -119,30 +119,35 @@ class DenseLikelihood:
         information : ndarray of shape (n_theta, n_theta)
             1/2 tr(K^{-1} dK_p K^{-1} dK_q), scaled to all rows.
         """
-        kernel, rho, log_noise = self.split(theta)
+        self.release()  # the derivatives need as much memory
         n = len(self.X)
         most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // len(theta)))
         rows = np.linspace(0, n - 1, most).astype(int)
+        K, derivatives = self._derivatives(theta, rows)
+        inverse, scores = np.linalg.inv(K), np.empty((len(theta), most, most))
+        for score, derivative in zip(scores, derivatives, strict=True):
+            np.matmul(inverse, derivative, out=score)
+        information, flat = np.empty((len(theta),) * 2), scores.reshape(len(theta), -1)
+        for a in range(0, len(theta), 16):  # a few transposed at a time
+            transposed = scores[a : a + 16].swapaxes(1, 2).reshape(-1, most * most)
+            information[a : a + 16] = 0.5 * transposed @ flat.T
+        return information * (n / most)
+
+    def _derivatives(self, theta, rows):
+        """K of some rows, and its derivatives by theta, one after another."""
+        kernel, rho, log_noise = self.split(theta)
         tasks, noise_of_row = self.tasks[rows], self.noise_of_row[rows]
+        between, noise = np.ix_(tasks, tasks), np.exp(log_noise)
+        K_rho = self.task_covariance.matrix(rho)[between]
         kernel = self.kernel.clone_with_theta(kernel)
         K_x, dK_x = kernel(self.X[rows], eval_gradient=True)
-        between = np.ix_(tasks, tasks)
         dK_rho = self.task_covariance.derivatives(rho)
-        noise = np.exp(log_noise)
-        d_noise = np.where(noise_of_row == np.arange(self.n_noise)[:, None], 1.0, 0.0)
-        K_rho = self.task_covariance.matrix(rho)[between]
-        derivatives = np.concatenate(
-            [
-                np.moveaxis(dK_x, 2, 0) * K_rho,
-                dK_rho[:, *between] * K_x,
-                np.einsum("pi,ij->pij", d_noise * noise[:, None], np.eye(len(rows))),
-            ]
+        derivatives = chain(
+            (d * K_rho for d in np.moveaxis(dK_x, 2, 0)),
+            (d[between] * K_x for d in dK_rho),
+            (np.diag(v * (noise_of_row == k)) for k, v in enumerate(noise)),
         )
-        K = K_x * K_rho + np.diag(noise[noise_of_row])
-        scores = np.linalg.solve(K, derivatives).reshape(len(theta), -1)
-        transposed = scores.reshape(derivatives.shape).swapaxes(1, 2)
-        information = 0.5 * scores @ transposed.reshape(len(theta), -1).T
-        return information * (n / len(rows))
+        return K_x * K_rho + np.diag(noise[noise_of_row]), derivatives
 
     def posterior(self, theta):
         """The posterior of f given y.

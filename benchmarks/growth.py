@@ -1,0 +1,171 @@
+"""Time and memory of one evaluation as n, tasks, hyperparameters and the rank grow.
+
+``python benchmarks/growth.py`` evaluates the likelihood and its gradient on random
+data, one quantity growing while the others stay, on one thread. It writes
+``results/growth.csv`` and a plot, ``docs/images/growth.png``, with exponents fitted to
+the upper half of each range, and goes on where an interrupted run of it ended;
+``--fresh`` starts again. ``--short`` takes a minute and has files of its own.
+"""
+
+import argparse
+import csv
+import tracemalloc
+from pathlib import Path
+from time import perf_counter
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import NullFormatter
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+from threadpoolctl import threadpool_limits
+
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.kernels import ARDLinear
+from skmtgp.task_covariance import LowRank
+
+HERE = Path(__file__).parent
+AT = {"n": 1400, "tasks": 14, "features": 18, "rank": 4}
+RANGES = {
+    "n": [280, 560, 840, 1400, 2100, 2800, 4000, 5600],
+    "tasks": [2, 4, 8, 14, 28, 56, 100],
+    "features": [2, 4, 8, 18, 36, 72, 144],
+    "rank": [1, 2, 4, 8, 16, 32, 64],
+}
+SHORT = {
+    "n": [280, 560, 840, 1400],
+    "tasks": [2, 14, 100],
+    "features": [2, 18, 72],
+    "rank": [1, 8, 64],
+}
+LABELS = {
+    "n": "samples n",
+    "tasks": "tasks M",
+    "features": "kernel hyperparameters",
+    "rank": r"rank of $K^\rho$, M = 64",
+}
+BLUE, ORANGE = "#0072B2", "#D55E00"
+FIELDS = ["grows", "value", "seconds", "bytes"]
+
+
+def make(n, tasks, features, rank, seed=0):
+    """A likelihood over random data with a linear and an ARD kernel, and a theta."""
+    rng = np.random.default_rng(seed)
+    X = rng.standard_normal((n, features))
+    task = np.sort(np.arange(n) % tasks)
+    rbf = RBF(np.full(features, np.sqrt(8.0 * features)))
+    kernel = ARDLinear(np.ones(features)) + ConstantKernel() * rbf
+    form = LowRank(tasks, rank)
+    likelihood = DenseLikelihood(kernel, form, X, task, rng.standard_normal(n))
+    F = rng.standard_normal(form.n_parameters) / np.sqrt(rank)
+    return likelihood, np.concatenate([kernel.theta, F, [np.log(0.1)]])
+
+
+def setting(grows, value):
+    """The problem in which one quantity has this value."""
+    at = AT | {grows: value}
+    if grows == "rank":
+        at["tasks"] = 64
+    return at | {"rank": min(at["rank"], at["tasks"])}
+
+
+def measure(grows, value):
+    """Best seconds and peak bytes of one evaluation."""
+    likelihood, theta = make(**setting(grows, value))
+    tracemalloc.start()
+    likelihood.value_and_grad(theta)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    times, end = [], perf_counter() + 3.0
+    while len(times) < 3 or (len(times) < 50 and perf_counter() < end):
+        begin = perf_counter()
+        likelihood.value_and_grad(theta)
+        times.append(perf_counter() - begin)
+    return min(times), peak
+
+
+def collect(ranges, path):
+    """Rows of the results file, measured where they are missing."""
+    rows = {}
+    if path.exists():
+        with path.open() as file:
+            rows = {(r["grows"], int(r["value"])): r for r in csv.DictReader(file)}
+    for grows, values in ranges.items():
+        for value in values:
+            if (grows, value) not in rows:
+                seconds, peak = measure(grows, value)
+                found = grows, value, seconds, peak
+                rows[grows, value] = dict(zip(FIELDS, found, strict=True))
+                write(rows.values(), path)
+                print(f"{grows:9s} {value:5d} {seconds:9.4f} s {peak:12d} bytes")
+    return rows
+
+
+def write(rows, path):
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def exponent(x, y):
+    """Slope of log y against log x over the upper half of x."""
+    upper = slice(len(x) // 2 - (len(x) < 4), None)
+    return np.polyfit(np.log(x[upper]), np.log(y[upper]), 1)[0]
+
+
+def series(rows, grows, values):
+    """What grows as the plot shows it, seconds and MiB."""
+    x = np.array(values, dtype=float)
+    of = [rows[grows, value] for value in values]
+    seconds = np.array([float(row["seconds"]) for row in of])
+    mebibytes = np.array([float(row["bytes"]) for row in of]) / 2**20
+    return (2.0 * x + 2.0 if grows == "features" else x), seconds, mebibytes
+
+
+def draw(rows, ranges, path):
+    """Four panels, time and memory with their exponents."""
+    figure, axes = plt.subplots(2, 2, figsize=(9.0, 7.0), layout="constrained")
+    for axis, (grows, values) in zip(axes.flat, ranges.items(), strict=True):
+        x, seconds, mebibytes = series(rows, grows, values)
+        powers = exponent(x, seconds), exponent(x, mebibytes)
+        print(f"{LABELS[grows]}: time ~ x^{powers[0]:.2f}, memory ~ x^{powers[1]:.2f}")
+        right = axis.twinx()
+        time, memory = (f"{round(power, 2) + 0.0:.2f}" for power in powers)
+        lines = axis.loglog(x, seconds, "o-", color=BLUE, label=f"time, $x^{{{time}}}$")
+        lines += right.loglog(
+            x, mebibytes, "s--", color=ORANGE, label=f"memory, $x^{{{memory}}}$"
+        )
+        axis.set(xlabel=LABELS[grows], ylabel="seconds")
+        axis.set_xticks(x, [f"{value:g}" for value in x])
+        axis.minorticks_off()
+        right.set_ylabel("MiB")
+        for side, y in ((axis, seconds), (right, mebibytes)):
+            margin = 2.0 if grows == "n" else 10.0  # so that flat looks flat
+            side.set_ylim(y.min() / margin, y.max() * margin)
+            side.yaxis.set_minor_formatter(NullFormatter())
+        axis.legend(handles=lines, loc="upper left", frameon=False)
+        axis.grid(which="major", alpha=0.3)
+    figure.suptitle("One likelihood and gradient; exponents of the upper half")
+    figure.savefig(path, dpi=150)
+
+
+def main():
+    """Measure what is missing, and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--short", action="store_true")
+    parser.add_argument("--fresh", action="store_true")
+    arguments = parser.parse_args()
+    results = HERE / "results"
+    table = results / ("growth-short.csv" if arguments.short else "growth.csv")
+    image = HERE.parent / "docs" / "images" / "growth.png"
+    if arguments.fresh:
+        table.unlink(missing_ok=True)
+    ranges = SHORT if arguments.short else RANGES
+    with threadpool_limits(1):
+        rows = collect(ranges, table)
+    draw(rows, ranges, table.with_suffix(".png") if arguments.short else image)
+
+
+if __name__ == "__main__":
+    main()

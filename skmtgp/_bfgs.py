@@ -1,10 +1,12 @@
-"""Minimisation within bounds by a dense quasi-Newton method.
+"""Minimisation within bounds by a quasi-Newton method.
 
 Likelihoods of noise-free data are curved valleys with condition numbers far above
 10^6, where limited memory stalls. There are rarely more than a few hundred parameters,
-so the full matrix costs nothing beside one evaluation.
+so the full matrix costs nothing beside one evaluation. Thousands of parameters are left
+to limited memory.
 """
 
+from collections import deque
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +17,8 @@ LONGEST_STEP = 3.0
 GROWTH = 1.5  # of the trial step over the last accepted one, up to 1
 PATIENCE = 20
 MAX_LINE_SEARCH = 20
+MOST_DENSE = 1000  # parameters
+MEMORY = 50  # steps that limited memory keeps
 
 
 class Optimum(NamedTuple):
@@ -58,26 +62,93 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
         Bounds.
     metric : callable, default=None
         x -> a first guess of the Hessian at x, positive definite and of shape
-        (n_parameters, n_parameters). None is a multiple of I.
+        (n_parameters, n_parameters). None is a multiple of I. Limited memory does not
+        ask for it.
     max_iter : int
         Most iterations.
     tol : float
         Stop when, for several iterations, neither the model expects a step to gain
         more than this nor the steps did.
     report : callable, default=None
-        Called after each iteration with the iteration's number and the value.
+        Called after each iteration with its number, the point and the value.
 
     Returns
     -------
     optimum : Optimum
         The best point found.
     """
-    return _BFGS(fun, x, lower, upper, metric).run(max_iter, tol, report)
+    if len(x) > MOST_DENSE:
+        hessian = LimitedMemory()
+    else:
+        hessian = DenseHessian(metric)
+    return _BFGS(fun, x, lower, upper, hessian).run(max_iter, tol, report)
+
+
+class DenseHessian:
+    """The model of the Hessian: a full matrix with BFGS updates.
+
+    Parameters
+    ----------
+    metric : callable or None
+        See :func:`minimize`.
+    """
+
+    def __init__(self, metric=None):
+        self.metric = metric
+
+    def restart(self, x, g):
+        """Forget all steps."""
+        self.fresh = True
+        guess = np.eye(len(x)) * max(np.linalg.norm(g), 1e-300)
+        self.B = guess if self.metric is None else self.metric(x)
+
+    def newton_step(self, g, free):
+        """- H^{-1} g of the free parameters, the others being held."""
+        return -_solve(self.B[np.ix_(free, free)], g[free])
+
+    def update(self, s, y):
+        """Learn from a step s that changed the gradient by y; s @ y is positive."""
+        curvature = s @ y
+        if self.fresh and self.metric is None:
+            self.B = np.eye(len(s)) * (y @ y) / curvature
+        self.fresh = False
+        Bs = self.B @ s
+        if curvature >= 1e-8 * (s @ Bs):
+            self.B = self.B + np.outer(y, y) / curvature - np.outer(Bs, Bs) / (s @ Bs)
+
+
+class LimitedMemory:
+    """The model of the Hessian: the last few steps (L-BFGS)."""
+
+    def restart(self, x, g):
+        """Forget all steps."""
+        self.fresh, self.steps = True, deque(maxlen=MEMORY)
+        self.scale = max(np.linalg.norm(g), 1e-300)
+
+    def newton_step(self, g, free):
+        """- H^{-1} g of the free parameters, by Nocedal's two loops."""
+        q = g[free].copy()
+        pairs = [(s[free], y[free]) for s, y in self.steps]
+        pairs = [(s, y, s @ y) for s, y in pairs if s @ y > 1e-12 * (y @ y)]
+        weights = []
+        for s, y, curvature in reversed(pairs):
+            weights.append((s @ q) / curvature)
+            q -= weights[-1] * y
+        q /= self.scale
+        for (s, y, curvature), weight in zip(pairs, reversed(weights), strict=True):
+            q += (weight - (y @ q) / curvature) * s
+        return -q
+
+    def update(self, s, y):
+        """Learn from a step s that changed the gradient by y; s @ y is positive."""
+        self.fresh = False
+        self.steps.append((s, y))
+        self.scale = (y @ y) / (s @ y)
 
 
 class _BFGS:
-    def __init__(self, fun, x, lower, upper, metric):
-        self.fun, self.lower, self.upper, self.metric = fun, lower, upper, metric
+    def __init__(self, fun, x, lower, upper, hessian):
+        self.fun, self.lower, self.upper, self.hessian = fun, lower, upper, hessian
         self.n_evaluations, self.step = 0, 1.0
         self.x = np.clip(x, lower, upper)
         self.f, self.g = self._evaluate(self.x)
@@ -91,7 +162,7 @@ class _BFGS:
         while running and n_iter < max_iter and still < PATIENCE:
             direction, expected_gain = self._direction()
             step = self._line_search(direction)
-            stuck = step is None and self.fresh
+            stuck = step is None and self.hessian.fresh
             if stuck:
                 break
             if step is None:  # the model of the Hessian is lost
@@ -102,7 +173,7 @@ class _BFGS:
             self._update(*step)
             still = still + 1 if max(gain, expected_gain) < tol else 0
             if report is not None:
-                report(n_iter, self.f)
+                report(n_iter, self.x, self.f)
         converged = bool(np.isfinite(self.f)) and (still > 0 or expected_gain < tol)
         stalled = not converged and (stuck or not np.isfinite(self.f))
         return Optimum(self.x, self.f, n_iter, self.n_evaluations, converged, stalled)
@@ -113,10 +184,8 @@ class _BFGS:
         return (f, g) if np.isfinite(f) and np.isfinite(g).all() else (np.inf, g)
 
     def _restart(self):
-        scale = max(np.linalg.norm(self.g), 1e-300)
-        guess = np.eye(len(self.x)) * scale
-        self.B = guess if self.metric is None else self.metric(self.x)
-        self.fresh, self.step = True, 1.0
+        self.hessian.restart(self.x, self.g)
+        self.step = 1.0
 
     def _direction(self):
         """Quasi-Newton step of the parameters not held at a bound; its gain."""
@@ -138,7 +207,7 @@ class _BFGS:
         free = np.flatnonzero(~held)
         step = np.zeros_like(self.x)
         if free.size:
-            step[free] = -_solve(self.B[np.ix_(free, free)], self.g[free])
+            step[free] = self.hessian.newton_step(self.g, free)
         return step
 
     def _line_search(self, direction):
@@ -173,18 +242,11 @@ class _BFGS:
         return bool(((target < self.lower) | (target > self.upper)).any())
 
     def _update(self, x, f, g):
-        """BFGS update of the Hessian where the curvature along the step is positive."""
+        """Go there, and learn from it where the curvature along the step is positive."""
         s, y = x - self.x, g - self.g
         self.x, self.f, self.g = x, f, g
-        curvature = s @ y
-        if curvature <= 0.0:
-            return
-        if self.fresh and self.metric is None:
-            self.B = np.eye(len(x)) * (y @ y) / curvature
-        self.fresh = False
-        Bs = self.B @ s
-        if curvature >= 1e-8 * (s @ Bs):
-            self.B = self.B + np.outer(y, y) / curvature - np.outer(Bs, Bs) / (s @ Bs)
+        if s @ y > 0.0:
+            self.hessian.update(s, y)
 
 
 def _solve(B, g):

@@ -143,7 +143,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         the scaled target, for each output. A target is scaled by `y_scale_`; without
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
     n_iter_ : int
-        Iterations of the longest maximisation.
+        Iterations on the way to the mode, of the output with most of them.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -241,7 +241,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         the scaled target, for each output. A target is scaled by `y_scale_`; without
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
     n_iter_ : int
-        Iterations of the longest maximisation.
+        Iterations on the way to the mode, of the output with most of them.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -322,7 +322,7 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
     n_iter_ : int
-        Iterations of the longest maximisation.
+        Iterations on the way to the mode, of the output with most of them.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (n_features_in_,)

@@ -99,7 +99,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     rank_ : int
         Rank of the task covariance.
     n_iter_ : int
-        Iterations of the longest of the maximisations that ended at the best modes.
+        Iterations on the way to the mode, of the output with most of them.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)

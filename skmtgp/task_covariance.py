@@ -26,6 +26,9 @@ class FixedTaskCovariance:
         self._matrix = matrix
         self.n_tasks = len(matrix)
 
+    def __str__(self):
+        return "fixed task covariance"
+
     def bounds(self, scale):
         """Bounds of the parameters: none."""
         return np.empty((0, 2))
@@ -83,6 +86,9 @@ class LowRank:
         self.n_tasks, self.rank = n_tasks, rank
         self.n_parameters = n_tasks * rank
         self.n_free = rank * (2 * n_tasks + 1 - rank) // 2
+
+    def __str__(self):
+        return f"rank {self.rank}"
 
     def _factor(self, parameters):
         return parameters.reshape(self.n_tasks, self.rank)
@@ -148,6 +154,9 @@ class WithDiagonal:
         self.form, self.n_tasks = form, form.n_tasks
         self.n_parameters = form.n_parameters + form.n_tasks
         self.n_free = form.n_free + form.n_tasks
+
+    def __str__(self):
+        return f"{self.form} and diagonal"
 
     @property
     def rank(self):

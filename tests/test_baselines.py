@@ -6,7 +6,8 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from skmtgp import IndependentGP, PooledGP, SingleTaskGP, learning
+from skmtgp import IndependentGP, PooledGP, SingleTaskGP
+from skmtgp.learning import stages
 
 KERNEL = ConstantKernel(2.0) * RBF([0.7, 1.5])
 X, y = draw()
@@ -206,12 +207,12 @@ def test_warnings_of_single_tasks_name_them(n_jobs):
 
 @pytest.mark.parametrize("cls", [IndependentGP, PooledGP, SingleTaskGP])
 def test_failed_fit_changes_nothing(monkeypatch, cls):
-    def interrupt(*_):
+    def interrupt(*_, **__):
         raise KeyboardInterrupt
 
     model = cls(max_iter=0).fit(X, y)
     before = dict(vars(model))
-    monkeypatch.setattr(learning, "climb", interrupt)
+    monkeypatch.setattr(stages, "climb", interrupt)
     with pytest.raises(KeyboardInterrupt):
         model.fit(np.insert(X, 0, 1.0, axis=1), y)
     assert vars(model).keys() == before.keys()

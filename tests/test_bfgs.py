@@ -92,7 +92,7 @@ def test_exact_metric_needs_one_step():
         metric=lambda x: 1e3 * fun.hessian(x),  # short of LONGEST_STEP
         max_iter=1,
         tol=0.0,
-        report=lambda i, value: values.append(value),
+        report=lambda i, x, value: values.append(value),
     )
     newton = minimize(
         fun, fun.x0, *free(8), metric=fun.hessian, max_iter=400, tol=1e-12
@@ -183,7 +183,7 @@ def test_never_worse_than_before(fun, max_iter):
         *free(8),
         max_iter=max_iter,
         tol=0.0,
-        report=lambda i, value: values.append(value),
+        report=lambda i, x, value: values.append(value),
     )
     assert (np.diff([fun(x)[0], *values, best.value]) <= 0.0).all()
     assert best.value == fun(best.x)[0]
@@ -228,7 +228,7 @@ def test_budget(max_iter):
         *free(20),
         max_iter=max_iter,
         tol=1e-14,
-        report=lambda i, value: steps.append((i, value)),
+        report=lambda i, x, value: steps.append((i, value)),
     )
     assert best.n_iter == max_iter == len(steps)
     assert not best.converged

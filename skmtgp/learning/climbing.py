@@ -1,0 +1,284 @@
+"""One climb of the marginal likelihood, from a starting point to a mode."""
+
+from dataclasses import dataclass, replace
+from math import ceil, log
+from time import perf_counter
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.gaussian_process.kernels import Kernel
+
+from skmtgp._bfgs import minimize
+from skmtgp.inference.dense import DenseLikelihood
+
+RELAXED = 5.0  # standard deviation of the log parameters of k^x
+RELAXED_TOL = 0.3  # nats
+HELD = 1e-5  # noise variance while it is held up, in variances of the target
+COARSE = 300  # rows, or
+COARSE_PER_TASK = 20  # if that is more
+REFINEMENT = 4.0  # most rows of a level for each row of the coarser one
+REPORT_EVERY = 100  # iterations
+
+
+@dataclass(frozen=True)
+class Data:
+    """The observations of one output.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n_samples, n_features)
+        Inputs, sorted by task.
+    tasks : ndarray of shape (n_samples,)
+        Tasks, 0 to n_tasks - 1.
+    y : ndarray of shape (n_samples,)
+        Targets.
+    n_tasks : int
+        Number of tasks M.
+    """
+
+    X: np.ndarray
+    tasks: np.ndarray
+    y: np.ndarray
+    n_tasks: int
+
+    def levels(self):
+        """The data from coarse to fine: a few hundred of the rows, more, all.
+
+        Returns
+        -------
+        levels : list of Data
+            Each is part of the next; the last is `self`.
+        """
+        n, coarsest = len(self.y), max(COARSE, COARSE_PER_TASK * self.n_tasks)
+        if n < 2 * coarsest:
+            return [self]
+        steps = ceil(log(n / coarsest) / log(REFINEMENT))
+        sizes = np.geomspace(coarsest, n, steps + 1)[:-1]
+        return [*(self.thinned(int(size)) for size in sizes), self]
+
+    def thinned(self, n_samples):
+        """About `n_samples` of the rows, of each task its share and at least one.
+
+        The rows are drawn at random, but fewer rows are always part of more.
+        """
+        n = len(self.tasks)
+        order = np.random.default_rng(0).permutation(n)
+        kept = []
+        for m in np.unique(self.tasks):
+            rows = order[self.tasks[order] == m]
+            kept.append(rows[: -(-len(rows) * n_samples // n)])
+        rows = np.sort(np.concatenate(kept))
+        return replace(self, X=self.X[rows], tasks=self.tasks[rows], y=self.y[rows])
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is learned, from where, and for how long.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        k^x with the starting values theta_0^x.
+    scale : float
+        Root mean square of the targets.
+    log_noise : ndarray of shape (n_noise,)
+        Logarithm of sigma_0^2, shared or for each task.
+    log_noise_bounds : pair of floats
+        Logarithms of its bounds.
+    max_iter : int
+        Most iterations of each climb.
+    tol : float
+        Gain in nats under which a climb ends.
+    name : str, default=""
+        What is learned, for the lines that are printed.
+    verbose : int, default=0
+        2 or more prints lines during each climb.
+    """
+
+    kernel: Kernel
+    scale: float
+    log_noise: np.ndarray
+    log_noise_bounds: tuple
+    max_iter: int
+    tol: float
+    name: str = ""
+    verbose: int = 0
+
+    @property
+    def log_held(self):
+        """Logarithm of the noise variance under which it does not fall while held."""
+        return float(np.clip(np.log(HELD * self.scale**2), *self.log_noise_bounds))
+
+    def likelihood(self, data, form):
+        """The objective for a form of K^rho."""
+        n_noise = len(self.log_noise)
+        return DenseLikelihood(
+            self.kernel, form, data.X, data.tasks, data.y, n_noise=n_noise
+        )
+
+    def bounds(self, form):
+        """Lower and upper bounds of theta, of shape (2, n_theta)."""
+        noise = np.tile(self.log_noise_bounds, (len(self.log_noise), 1))
+        kernel = self.kernel.bounds.reshape(-1, 2)
+        return np.concatenate([kernel, form.bounds(self.scale), noise]).T
+
+
+class Mode(NamedTuple):
+    """A local maximum of the log marginal likelihood.
+
+    Attributes
+    ----------
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+    value : float
+        Log marginal likelihood.
+    n_iter : int
+        Iterations on the way to it.
+    n_evaluations : int
+        Likelihoods and gradients that they took.
+    converged : bool
+        Whether the last climb ended by its tolerance.
+    stalled : bool
+        Whether it ended for lack of digits: more gain was expected, no step gained.
+    seconds : float
+        Time that was spent on it and on the modes that it was preferred to.
+    n_samples : int
+        Rows that it was learned from.
+    """
+
+    theta: np.ndarray
+    value: float
+    n_iter: int
+    n_evaluations: int
+    converged: bool
+    stalled: bool
+    seconds: float
+    n_samples: int
+
+    def then(self, later):
+        """A later mode that was reached by way of this one."""
+        return later._replace(
+            n_iter=self.n_iter + later.n_iter,
+            n_evaluations=self.n_evaluations + later.n_evaluations,
+            seconds=self.seconds + later.seconds,
+        )
+
+
+def best_of(modes):
+    """The best mode, with the time of all."""
+    best = max(modes, key=lambda mode: mode.value)
+    return best._replace(seconds=sum(mode.seconds for mode in modes))
+
+
+def climb(data, settings, form, theta, *, relaxed=False, held=False):
+    """Maximise the log marginal likelihood from theta.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    form : FixedTaskCovariance or LowRank
+        Form of K^rho.
+    theta : ndarray of shape (n_theta,)
+        Starting point.
+    relaxed : bool, default=False
+        Whether a wide quadratic penalty holds the logarithms of the parameters of k^x
+        near their starting values. Otherwise those that do not matter yet, while the
+        noise is large, are switched off, and a logarithm at minus infinity has no
+        gradient that would bring them back.
+    held : bool, default=False
+        Whether the noise variance is held above HELD.
+
+    Returns
+    -------
+    mode : Mode
+        Its value is without the penalty.
+    """
+    likelihood = settings.likelihood(data, form)
+    lower, upper = settings.bounds(form)
+    if held:
+        lower[-len(settings.log_noise) :] = settings.log_held
+    theta = np.clip(theta, lower, upper)
+    n_kernel = likelihood.node.n_dims
+    precision, centre = np.zeros((2, len(theta)))
+    precision[:n_kernel] = RELAXED**-2 if relaxed else 0.0
+    centre[:n_kernel] = settings.kernel.theta
+
+    def metric(theta):
+        return likelihood.fisher_information(theta) + np.eye(len(theta))
+
+    def objective(theta):
+        value, gradient = likelihood.value_and_grad(theta)
+        away = theta - centre
+        penalty = precision * away
+        return 0.5 * (away @ penalty) - value, penalty - gradient
+
+    begin = perf_counter()
+    best = minimize(
+        objective,
+        theta,
+        lower,
+        upper,
+        metric=metric,
+        max_iter=settings.max_iter,
+        tol=max(settings.tol, RELAXED_TOL) if relaxed else settings.tol,
+        report=_reporter(data, settings, form),
+    )
+    away = best.x - centre
+    value = 0.5 * (precision * away) @ away - best.value
+    mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y))
+    _report_end(data, settings, form, mode)
+    return mode
+
+
+def annealed(data, settings, form, theta):
+    """Climb with k^x relaxed and the noise held up, then on from there without.
+
+    While the noise is held up the landscape has few modes, and most starts lead to the
+    same one.
+    """
+    held = climb(data, settings, form, theta, relaxed=True, held=True)
+    return held.then(climb(data, settings, form, held.theta))
+
+
+def refine(data, settings, form, mode):
+    """Learn with more and more of the rows, from a mode of the coarsest level.
+
+    The noise variance that a few rows asked for is too small for more of them.
+    """
+    for level in data.levels()[1:]:
+        theta, noise = mode.theta.copy(), slice(-len(settings.log_noise), None)
+        theta[noise] = np.maximum(theta[noise], settings.log_held)
+        mode = mode.then(climb(level, settings, form, theta))
+    return mode
+
+
+def _reporter(data, settings, form):
+    """What prints a line every so many iterations, or None."""
+    if settings.verbose < 2:
+        return None
+
+    def report(n_iter, x, value):
+        if n_iter % REPORT_EVERY == 0:
+            _say(data, settings, form, n_iter, -value, x)
+
+    return report
+
+
+def _report_end(data, settings, form, mode):
+    if settings.verbose >= 2:
+        why = "no more gain" if mode.converged else "budget spent"
+        why = "no digits left" if mode.stalled else why
+        _say(data, settings, form, mode.n_iter, mode.value, mode.theta, f": {why}")
+
+
+def _say(data, settings, form, n_iter, value, theta, why=""):
+    noise = np.exp(theta[-len(settings.log_noise) :].min()) / settings.scale**2
+    print(
+        f"[skmtgp] {settings.name}{form}, {len(data.y)} rows, iteration {n_iter}: "
+        f"log marginal likelihood {value:.2f}, noise variance {noise:.1e} of the "
+        f"target's{why}",
+        flush=True,
+    )

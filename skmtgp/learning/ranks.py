@@ -1,0 +1,194 @@
+"""Models of several ranks, which help each other, from coarse to fine.
+
+A model of rank r is one of rank r + 1 too. Each rank's search is a draw of the lottery;
+what one of them won is handed to the others: where a rank ends below a lower one, it
+is learned again from that mode, with columns added; where a higher rank has found more,
+its mode is cut to the lower rank and learned on.
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from skmtgp._parallel import printer, run
+from skmtgp.learning.climbing import best_of, climb, refine
+from skmtgp.learning.stages import (
+    Start,
+    first_stage,
+    full_rank_start,
+    perturbed,
+    second_stage,
+)
+from skmtgp.task_covariance import identity, ones
+
+
+def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
+    """Learn models of several ranks for several outputs.
+
+    Parameters
+    ----------
+    pairs : list of (Data, Settings)
+        For each output.
+    forms : list of LowRank
+        Forms of K^rho of ascending rank.
+    seeds : sequence of int, default=()
+        One for each additional start: the first of them truncates a full-rank fit, the
+        others are perturbed with these seeds.
+    n_jobs : int, default=None
+        Processes.
+    verbose : int, default=0
+        1 prints a line for each rank and output, 2 more of them during each climb.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        The best mode found, for each output and form.
+    """
+    pairs = _named(pairs, verbose)
+    coarse = [(data.levels()[0], settings) for data, settings in pairs]
+    report = _printer(pairs, forms, verbose)
+    starts = _starts(coarse, seeds, n_jobs)
+    jobs = [
+        (*pair, form, of_output)
+        for pair, of_output in zip(coarse, starts, strict=True)
+        for form in forms
+    ]
+    follow = partial(second_stage, both_ways=len(forms) == 1)  # others will help
+    modes = _by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
+    modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
+    modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
+    if all(len(data.levels()) == 1 for data, _ in pairs):
+        return modes
+    jobs = [
+        (*pair, form, mode)
+        for pair, of_output in zip(pairs, modes, strict=True)
+        for form, mode in zip(forms, of_output, strict=True)
+    ]
+    modes = _by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
+    return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
+
+
+def _named(pairs, verbose):
+    return [
+        (data, replace(settings, name=f"output {j} of {len(pairs)}, ", verbose=verbose))
+        for j, (data, settings) in enumerate(pairs, 1)
+    ]
+
+
+def _printer(pairs, forms, verbose):
+    names = [f"{settings.name}{form}" for _, settings in pairs for form in forms]
+
+    def describe(i, mode):
+        return (
+            f"{names[i]}: log marginal likelihood {mode.value:.2f} (scaled) of "
+            f"{mode.n_samples} rows after {mode.n_iter} iterations"
+        )
+
+    return printer(verbose, describe)
+
+
+def _by_output(modes, forms):
+    return [list(modes[j : j + len(forms)]) for j in range(0, len(modes), len(forms))]
+
+
+def _of_output(pairs, forms, modes):
+    return [(*pair, forms, of) for pair, of in zip(pairs, modes, strict=True)]
+
+
+def _starts(pairs, seeds, n_jobs):
+    """Where step 3 begins, a list for each output; the same for all ranks."""
+    M = pairs[0][0].n_tasks
+    fixed = [identity(M), ones(M)][: min(M, 2)]
+    jobs = [(*pair, form) for pair in pairs for form in fixed]
+    starts = _by_output(run(first_stage, jobs, n_jobs=n_jobs), fixed)
+    if seeds:
+        jobs = [(*pair, of[0]) for pair, of in zip(pairs, starts, strict=True)]
+        full_rank = run(full_rank_start, jobs, n_jobs=n_jobs)
+        for of_output, start in zip(starts, full_rank, strict=True):
+            random = [perturbed(of_output[0], seed) for seed in seeds[1:]]
+            of_output.extend([start, *random])
+    return starts
+
+
+def descend(data, settings, forms, modes):
+    """Learn each rank again from the next higher one's mode, cut to its rank.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    forms : list of LowRank
+        Forms of K^rho of ascending rank.
+    modes : list of Mode
+        The mode of each.
+
+    Returns
+    -------
+    modes : list of Mode
+        None is worse than before.
+    """
+    modes = list(modes)
+    for k in reversed(range(len(forms) - 1)):
+        if modes[k].value + settings.tol < modes[k + 1].value:
+            kernel, rho, noise = settings.likelihood(data, forms[k + 1]).split(
+                modes[k + 1].theta
+            )
+            start = Start(kernel, forms[k + 1].matrix(rho)).theta(settings, forms[k])
+            start[-len(noise) :] = np.maximum(noise, settings.log_held)
+            again = climb(data, settings, forms[k], start)
+            modes[k] = best_of([modes[k], again])
+    return modes
+
+
+def nest(data, settings, forms, modes):
+    """Learn a rank again from a lower one's mode where it ended below it.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    forms : list of LowRank
+        Forms of K^rho of ascending rank.
+    modes : list of Mode
+        The mode of each.
+
+    Returns
+    -------
+    modes : list of Mode
+        Their values do not fall as the rank grows.
+    """
+    modes = list(modes)
+    for k in range(1, len(forms)):
+        if modes[k].value < modes[k - 1].value:
+            embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], modes[k - 1])
+            regrown = climb(data, settings, forms[k], grown)
+            lower = modes[k - 1]._replace(theta=embedded, seconds=0.0)
+            modes[k] = best_of([modes[k], regrown, lower])
+    return modes
+
+
+def _embed(data, settings, forms, mode):
+    """A mode as one of the next rank: with empty columns, and with better ones.
+
+    The best new columns are along the leading eigenvectors of dL / dK^rho; their
+    length is the best of a few.
+    """
+    lower, higher = forms
+    kernel, rho, noise = settings.likelihood(data, lower).split(mode.theta)
+    D = settings.likelihood(data, lower).task_gradient(mode.theta)
+    added = higher.rank - lower.rank
+    columns = np.linalg.eigh(D)[1][:, -added:]
+    size = np.sqrt(np.trace(lower.matrix(rho)))
+
+    def with_columns(length):
+        grown = lower.grown(rho, length * columns)
+        return np.concatenate([kernel, grown, noise])
+
+    likelihood = settings.likelihood(data, higher)
+    candidates = [with_columns(size * 10.0**-k) for k in range(1, 9)]
+    return with_columns(0.0), max(candidates, key=likelihood.value)

@@ -1,0 +1,131 @@
+r"""The staged heuristic of the paper's section 3, with what it takes to find good modes.
+
+1. theta^x is learned with K_0^rho = I and with K_0^rho = 1 1^T, relaxed.
+2. K_1^rho is computed from either, section 3.2.
+3. All parameters are learned from K_1^rho and sigma_0^2, directly and annealed: either
+   way misses modes that the other finds.
+
+Stages 1 and 2 do not depend on the rank.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skmtgp.learning.climbing import annealed, best_of, climb, refine
+from skmtgp.task_covariance import low_rank
+
+
+def learn_fixed(data, settings, form):
+    """Learn theta^x and sigma^2 with K^rho fixed: the models iGP and pGP."""
+    kappa = form.parameters(1.1 * np.eye(data.n_tasks))  # 0.1, if it is learned
+    theta = np.concatenate([settings.kernel.theta, kappa, settings.log_noise])
+    coarse = data.levels()[0]
+    relaxed = climb(coarse, settings, form, theta, relaxed=True)
+    direct = relaxed.then(climb(coarse, settings, form, relaxed.theta))
+    mode = best_of([direct, annealed(coarse, settings, form, theta)])
+    return refine(data, settings, form, mode)
+
+
+class Start(NamedTuple):
+    """Where step 3 begins: theta_1^x and K_1^rho before its rank is constrained."""
+
+    kernel_theta: np.ndarray
+    K_rho: np.ndarray
+
+    def theta(self, settings, form):
+        """All parameters of the model of this form, with sigma_0^2."""
+        rho = form.parameters(self.K_rho)
+        return np.concatenate([self.kernel_theta, rho, settings.log_noise])
+
+
+def first_stage(data, settings, form):
+    """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
+    theta = np.concatenate([settings.kernel.theta, settings.log_noise])
+    mode = climb(data, settings, form, theta, relaxed=True)
+    likelihood = settings.likelihood(data, form)
+    K_rho = augmented_task_covariance(data, likelihood.posterior(mode.theta))
+    return Start(likelihood.split(mode.theta)[0], K_rho)
+
+
+def augmented_task_covariance(data, posterior):
+    r"""K_aug^rho of section 3.2.
+
+    .. math:: K_{aug}^\rho
+        = N^{-1} T_{aug}^T (K_1^x + \eta^2 I)^{-1} T_{aug}
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    posterior : DensePosterior
+        The GP with (theta_1^x, K_0^rho, sigma_1^2).
+
+    Returns
+    -------
+    K_rho : ndarray of shape (n_tasks, n_tasks)
+        Positive semi-definite.
+    """
+    X, row = np.unique(data.X, axis=0, return_inverse=True)
+    row = row.reshape(-1)
+    T_aug = posterior.mean_of_tasks(X, np.arange(data.n_tasks))
+    observed, count = np.zeros_like(T_aug), np.zeros_like(T_aug)
+    np.add.at(observed, (row, data.tasks), data.y)
+    np.add.at(count, (row, data.tasks), 1.0)
+    np.divide(observed, count, out=T_aug, where=count > 0.0)
+    eta_squared = np.square(T_aug).mean()  # tr(T_aug^T T_aug) / (M N)
+    K_x = posterior.kernel(X)
+    K_x[np.diag_indices_from(K_x)] += eta_squared
+    return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
+
+
+def second_stage(data, settings, form, starts, *, both_ways=True):
+    """Step 3 of section 3, from each start; the best mode.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    form : LowRank
+        Form of K^rho.
+    starts : list of Start
+        (theta_1^x, K_1^rho), each followed with sigma_0^2.
+    both_ways : bool, default=True
+        Whether each start is followed annealed and directly. Otherwise they take turns.
+
+    Returns
+    -------
+    mode : Mode
+        The best one, with the time of all.
+    """
+    ways = (annealed, climb)
+    return best_of(
+        [
+            way(data, settings, form, start.theta(settings, form))
+            for i, start in enumerate(starts)
+            for way in (ways if both_ways else ways[i % 2 : i % 2 + 1])
+        ]
+    )
+
+
+def full_rank_start(data, settings, start):
+    """A start whose K_1^rho, before its rank is constrained, is a full-rank fit's.
+
+    The fit is relaxed and begins with K^rho = I. It takes as long as several ranks.
+    """
+    form = low_rank(data.n_tasks, data.n_tasks)
+    theta = start._replace(K_rho=np.eye(data.n_tasks)).theta(settings, form)
+    mode = climb(data, settings, form, theta, relaxed=True)
+    kernel, rho, _ = settings.likelihood(data, form).split(mode.theta)
+    return Start(kernel, form.matrix(rho))
+
+
+def perturbed(start, seed):
+    """A random start near another: log parameters moved, tasks mixed."""
+    rng = np.random.default_rng(seed)
+    theta = start.kernel_theta + rng.standard_normal(len(start.kernel_theta))
+    mixing = rng.standard_normal(start.K_rho.shape)
+    mixing = np.eye(len(mixing)) + 0.3 * mixing
+    return Start(theta, mixing @ start.K_rho @ mixing.T)

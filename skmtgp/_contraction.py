@@ -11,6 +11,7 @@ between the rows of Z and those of X. Both give tiles, ``block(rows, columns) ->
 (values, tape)``; from a tape, ``contract(W, tape, rows, columns)`` gives one number for
 each element of theta. Arrays that last until then may be made by the caller, who passes
 ``new`` to ``block``: it returns one for the tile, or None where numpy is to make it.
+``times(rows, columns, B)`` is the tile's product with a matrix, without a tape.
 """
 
 from copy import copy
@@ -77,6 +78,16 @@ class Node:
         )
 
 
+class Bound:
+    """A kernel with its hyperparameters set, between two sets of rows."""
+
+    def times(self, rows, cols, B):
+        """The tile times B, which has a row for each of its columns."""
+        K, _ = self.block(rows, cols)
+        shape = rows.stop - rows.start, cols.stop - cols.start
+        return np.broadcast_to(K, shape) @ B
+
+
 class ConstantNode(Node):
     """k = c."""
 
@@ -84,7 +95,7 @@ class ConstantNode(Node):
         return BoundConstant(self, **self.values(theta))
 
 
-class BoundConstant:
+class BoundConstant(Bound):
     def __init__(self, node, constant_value):
         self.n_dims, self.c = node.n_dims, float(constant_value)
 
@@ -105,7 +116,7 @@ class WhiteNode(Node):
         return BoundWhite(self, **self.values(theta))
 
 
-class BoundWhite:
+class BoundWhite(Bound):
     def __init__(self, node, noise_level):
         self.n_dims, self.s = node.n_dims, float(noise_level)
 
@@ -119,7 +130,7 @@ class BoundWhite:
         return np.full(self.n_dims, self.s * np.trace(W) if rows == cols else 0.0)
 
 
-class BoundZero:
+class BoundZero(Bound):
     def block(self, rows, cols, new=allocate):
         return 0.0, None
 
@@ -131,7 +142,7 @@ class LinearNode(Node):
         return BoundLinear(self, X, **self.values(theta))
 
 
-class BoundLinear:
+class BoundLinear(Bound):
     def __init__(self, node, X, weights, bias):
         self.node, self.is_ard = node, np.ndim(weights) > 0
         # the bias is the weight of a further feature, which is one
@@ -146,6 +157,9 @@ class BoundLinear:
 
     def block(self, rows, cols, new=allocate):
         return self.left[rows] @ self.right[cols].T, None
+
+    def times(self, rows, cols, B):
+        return self.left[rows] @ (self.right[cols].T @ B)
 
     def contract(self, W, tape, rows, cols):
         per_weight = np.einsum("id,id->d", self.left[rows], W @ self.right[cols])
@@ -222,7 +236,7 @@ class StationaryNode(Node):
         return BoundStationary(self, X, center, **self.values(theta))
 
 
-class BoundStationary:
+class BoundStationary(Bound):
     def __init__(self, node, X, center, length_scale, **shape):
         self.node, self.center, self.l, self.shape = node, center, length_scale, shape
         # e = z . z' - |z|^2 / 2 - |z'|^2 / 2 as one product of matrices
@@ -302,7 +316,7 @@ class PairNode(Node):
         return self.bound(self.left.bind(theta[:n], X), self.right.bind(theta[n:], X))
 
 
-class BoundSum:
+class BoundSum(Bound):
     def __init__(self, left, right):
         self.left, self.right = left, right
 
@@ -314,12 +328,15 @@ class BoundSum:
         right, right_tape = self.right.block(rows, cols, new)
         return np.add(left, right, out=new()), (left_tape, right_tape)
 
+    def times(self, rows, cols, B):
+        return self.left.times(rows, cols, B) + self.right.times(rows, cols, B)
+
     def contract(self, W, tape, rows, cols):
         left = self.left.contract(W, tape[0], rows, cols)
         return np.concatenate([left, self.right.contract(W, tape[1], rows, cols)])
 
 
-class BoundProduct:
+class BoundProduct(Bound):
     def __init__(self, left, right):
         self.left, self.right = left, right
 
@@ -330,6 +347,11 @@ class BoundProduct:
         left, left_tape = self.left.block(rows, cols, new)
         right, right_tape = self.right.block(rows, cols, new)
         return left * right, (left, right, left_tape, right_tape)
+
+    def times(self, rows, cols, B):
+        if isinstance(self.left, BoundConstant):
+            return self.left.c * self.right.times(rows, cols, B)
+        return super().times(rows, cols, B)
 
     def contract(self, W, tape, rows, cols):
         left, right, left_tape, right_tape = tape
@@ -358,7 +380,7 @@ class PowerNode(Node):
         return BoundPower(self.inner.bind(theta, X), self.exponent)
 
 
-class BoundPower:
+class BoundPower(Bound):
     def __init__(self, inner, exponent):
         self.inner, self.exponent = inner, exponent
 
@@ -387,7 +409,7 @@ class UnknownNode(Node):
         return BoundUnknown(self.kernel.clone_with_theta(theta), X, None)
 
 
-class BoundUnknown:
+class BoundUnknown(Bound):
     def __init__(self, kernel, X, Z):
         self.kernel, self.X, self.Z = kernel, X, Z
 

@@ -147,6 +147,16 @@ def test_values_against_other_rows(kernel, X, Z):
 
 
 @every_kernel
+def test_product_of_a_tile(kernel, X, Z):
+    theta = moved(kernel)
+    against = compile_kernel(kernel).bind(theta, X).against(Z)
+    B = np.random.default_rng(3).standard_normal((7, 2))
+    product = against.times(slice(1, 4), slice(2, 9), B)
+    expected = kernel.clone_with_theta(theta)(Z, X)[1:4, 2:] @ B
+    np.testing.assert_allclose(product, expected, rtol=1e-12, atol=1e-13)
+
+
+@every_kernel
 def test_white_noise_is_not_shared_with_equal_rows(kernel, X):
     theta = moved(kernel)
     K, _ = compile_kernel(kernel).bind(theta, X).against(X).block(*[slice(0, 9)] * 2)

@@ -385,10 +385,7 @@ class DensePosterior:
         step = max(1, TILE**2 // size)
         total = np.zeros((size, len(weights)))
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
-            K_x = np.broadcast_to(
-                cross.block(rows, cols)[0], (size, cols.stop - cols.start)
-            )
-            total += K_x @ weights[:, cols].T
+            total += cross.times(rows, cols, weights[:, cols].T)
         return total
 
     def _half(self, X, tasks):

@@ -77,10 +77,7 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
     optimum : Optimum
         The best point found.
     """
-    if len(x) > MOST_DENSE:
-        hessian = LimitedMemory()
-    else:
-        hessian = DenseHessian(metric)
+    hessian = DenseHessian(metric) if len(x) <= MOST_DENSE else LimitedMemory()
     return _BFGS(fun, x, lower, upper, hessian).run(max_iter, tol, report)
 
 
@@ -242,7 +239,7 @@ class _BFGS:
         return bool(((target < self.lower) | (target > self.upper)).any())
 
     def _update(self, x, f, g):
-        """Go there, and learn from it where the curvature along the step is positive."""
+        """Go there; the model learns from it where the curvature was positive."""
         s, y = x - self.x, g - self.g
         self.x, self.f, self.g = x, f, g
         if s @ y > 0.0:

@@ -3,7 +3,8 @@ import pytest
 from scipy.optimize import Bounds, lsq_linear
 from scipy.optimize import minimize as scipy_minimize
 
-from skmtgp._bfgs import _solve, minimize
+from skmtgp import _bfgs
+from skmtgp._bfgs import LimitedMemory, _solve, minimize
 
 
 def free(n):
@@ -335,3 +336,77 @@ def test_solve_where_rounding_made_the_matrix_singular():
     step = _solve(B, g)
     assert np.isfinite(step).all()
     assert g @ step > 0.0  # minus it is a direction of descent
+
+
+@pytest.fixture
+def limited(monkeypatch):
+    """All problems are too large for the full matrix."""
+    monkeypatch.setattr(_bfgs, "MOST_DENSE", 0)
+
+
+@pytest.mark.usefixtures("limited")
+class TestLimitedMemory:
+    def test_begins_as_the_full_matrix_does(self):
+        paths = []
+        for most in (0, 1000):
+            fun = Watched(rosenbrock)
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(_bfgs, "MOST_DENSE", most)
+                minimize(fun, np.full(4, -0.5), *free(4), max_iter=15, tol=0.0)
+            paths.append(np.array(fun.points))
+        # later on each update scales the limited model, the first alone the full one
+        np.testing.assert_allclose(paths[0][:3], paths[1][:3], rtol=1e-12)
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_minimum_within_bounds(self, seed):
+        fun = LeastSquares(seed, spread=0.5)
+        best = minimize(fun, fun.x0, -np.ones(8), np.ones(8), max_iter=2000, tol=1e-12)
+        assert best.converged
+        np.testing.assert_allclose(best.value, fun.minimum(), rtol=1e-7)
+
+    def test_thousands_of_parameters(self):
+        n = 3000
+        weights = np.geomspace(1.0, 1e3, n)
+        best = minimize(
+            lambda x: (0.5 * weights @ x**2, weights * x),
+            np.ones(n),
+            *free(n),
+            max_iter=1000,
+            tol=1e-10,
+        )
+        assert best.converged
+        np.testing.assert_allclose(best.x, 0.0, atol=1e-4)
+
+    def test_direction_is_that_of_the_inverse_bfgs_matrix(self):
+        rng = np.random.default_rng(0)
+        A = rng.standard_normal((6, 6))
+        A = A @ A.T + np.eye(6)
+        model, H = LimitedMemory(), np.eye(6)
+        model.restart(np.zeros(6), np.ones(6))
+        steps = [(s, A @ s) for s in rng.standard_normal((5, 6))]
+        scale = (steps[-1][1] @ steps[-1][1]) / (steps[-1][0] @ steps[-1][1])
+        H /= scale
+        for s, y in steps:
+            model.update(s, y)
+            V = np.eye(6) - np.outer(s, y) / (s @ y)
+            H = V @ H @ V.T + np.outer(s, s) / (s @ y)
+        g = rng.standard_normal(6)
+        step = model.newton_step(g, np.arange(6))
+        np.testing.assert_allclose(step, -H @ g, rtol=1e-10)
+
+    def test_walls_are_rejected(self):
+        x = np.array([-5.0, 0.0, 0.9])
+        best = minimize(walled, x, *free(3), max_iter=500, tol=1e-13)
+        assert best.converged
+        np.testing.assert_allclose(best.x, 0.999, atol=1e-6)
+
+    def test_the_metric_is_not_asked_for(self):
+        best = minimize(
+            rosenbrock,
+            np.zeros(4),
+            *free(4),
+            metric=lambda x: pytest.fail("asked"),
+            max_iter=500,
+            tol=1e-12,
+        )
+        np.testing.assert_allclose(best.x, 1.0, rtol=1e-4)

@@ -1,5 +1,6 @@
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -385,6 +386,149 @@ class TestNest:
         assert all(a is b for a, b in zip(nested, rising, strict=True))
 
 
+class TestDescend:
+    """The lower ranks' modes are deliberately bad."""
+
+    @pytest.fixture
+    def rising(self, data, forms):
+        settings = configure()
+        good = climb(data, settings, forms[2], start_of(settings, forms[2]))
+        bad = [
+            mode_at(data, settings, form, np.r_[start_of(settings, form)[:-1], 5.0])
+            for form in forms[:2]
+        ]
+        assert all(mode.value < good.value for mode in bad)
+        return [*bad, good]
+
+    def test_lower_ranks_are_learned_from_the_higher_one(self, data, forms, rising):
+        settings = configure(tol=1e-6, max_iter=1000)
+        before = list(rising)
+        better = descend(data, settings, forms, rising)
+        assert all(a is b for a, b in zip(rising, before, strict=True))
+        assert better[2] is rising[2]
+        for form, mode, old in zip(forms[:2], better, rising, strict=False):
+            assert mode.value > old.value + 1.0
+            assert mode.seconds > old.seconds
+            assert is_stationary(data, settings, form, mode.theta)
+            value = settings.likelihood(data, form).value(mode.theta)
+            np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+
+    def test_none_is_worse(self, data, forms, rising, monkeypatch):
+        worst = rising[0]._replace(value=-1e9)
+        monkeypatch.setattr(ranks, "climb", lambda *args: worst)
+        better = descend(data, configure(), forms, rising)
+        assert [m.value for m in better] == [m.value for m in rising]
+
+    def test_good_modes_are_kept(self, data, forms, rising):
+        falling = [mode._replace(value=-float(k)) for k, mode in enumerate(rising)]
+        better = descend(data, configure(), forms, falling)
+        assert all(a is b for a, b in zip(better, falling, strict=True))
+
+
+class TestCoarseToFine:
+    @pytest.fixture
+    def small(self, monkeypatch):
+        """The coarsest level has 12 rows."""
+        monkeypatch.setattr(climbing, "COARSE", 12)
+        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
+        monkeypatch.setattr(climbing, "REFINEMENT", 2.0)
+
+    @pytest.mark.parametrize("n_samples", [3, 10, 18, 35, 36])
+    def test_thinned(self, data, n_samples):
+        few = data.thinned(n_samples)
+        assert n_samples <= len(few.y) <= n_samples + M - 1
+        counts = np.bincount(few.tasks, minlength=M)
+        assert counts.min() >= 1
+        assert np.ptp(counts) <= 1  # all tasks have as many rows
+        assert (np.diff(few.tasks) >= 0).all()
+        where = [np.flatnonzero(data.y == y).item() for y in few.y]
+        np.testing.assert_array_equal(data.X[where], few.X)
+        np.testing.assert_array_equal(data.tasks[where], few.tasks)
+        assert len(set(where)) == len(where)
+
+    def test_every_task_is_kept(self):
+        tasks = np.repeat([0, 1, 2], [1, 2, 97])
+        X = np.arange(100.0)[:, None]
+        few = Data(X, tasks, X[:, 0], 3).thinned(10)
+        np.testing.assert_array_equal(np.bincount(few.tasks), [1, 1, 10])
+
+    @pytest.mark.usefixtures("small")
+    def test_levels_are_nested(self, data):
+        levels = data.levels()
+        assert [len(level.y) for level in levels] == [12, 21, 36]
+        assert levels[-1] is data
+        for few, more in pairwise(levels):
+            assert set(few.y) < set(more.y)
+
+    @pytest.mark.parametrize(
+        ("n", "M", "sizes"),
+        [
+            (280, 14, [280]),
+            (599, 14, [599]),
+            (896, 14, [300, 896]),
+            (2800, 14, [300, 916, 2800]),
+            (5600, 100, [2000, 5600]),
+        ],
+    )
+    def test_sizes_of_levels(self, n, M, sizes):
+        tasks = np.sort(np.arange(n) % M)
+        data = Data(np.zeros((n, 1)), tasks, np.zeros(n), M)
+        found = [len(level.y) for level in data.levels()]
+        np.testing.assert_allclose(found, sizes, atol=M)
+        assert len(found) == len(sizes)
+
+    @pytest.mark.usefixtures("small")
+    def test_refine_ends_at_a_mode_of_all_rows(self, data):
+        settings, form = configure(tol=1e-6, max_iter=1000), low_rank(M, 2)
+        coarse = data.levels()[0]
+        first = climb(coarse, settings, form, start_of(settings, form))
+        mode = refine(data, settings, form, first)
+        assert mode.n_samples == len(data.y)
+        assert mode.n_iter > first.n_iter
+        assert mode.n_evaluations > first.n_evaluations
+        assert mode.seconds > first.seconds
+        assert is_stationary(data, settings, form, mode.theta)
+
+    @pytest.mark.usefixtures("small")
+    def test_refine_starts_with_noise_that_is_not_too_small(self, data, monkeypatch):
+        starts = []
+        settings, form = configure(), low_rank(M, 2)
+        mode = mode_at(
+            data, settings, form, np.r_[start_of(settings, form)[:-1], -22.0]
+        )
+
+        def stay(level, settings, form, theta):
+            starts.append((len(level.y), theta[-1]))
+            return mode
+
+        monkeypatch.setattr(climbing, "climb", stay)
+        refine(data, settings, form, mode)
+        assert starts == [(21, np.log(1e-5)), (36, np.log(1e-5))]
+        assert mode.theta[-1] == -22.0
+
+    @pytest.mark.usefixtures("small")
+    @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+    def test_learn_fixed(self, data, form):
+        settings = configure(tol=1e-6, max_iter=1000)
+        mode = learn_fixed(data, settings, form)
+        assert mode.n_samples == 36
+        assert is_stationary(data, settings, form, mode.theta)
+
+    def test_learn_ranks(self, monkeypatch):
+        monkeypatch.setattr(climbing, "COARSE", 36)
+        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
+        data, settings = draw(FACTOR @ FACTOR.T, per_task=30), configure()
+        assert len(data.levels()) == 2
+        [modes] = learn_ranks([(data, settings)], RANKS)
+        values = [mode.value for mode in modes]
+        assert (np.diff(values) >= 0.0).all()
+        for form, mode in zip(RANKS, modes, strict=True):
+            value = settings.likelihood(data, form).value(mode.theta)
+            np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+        theta = np.concatenate([TRUTH, FACTOR.ravel(), [np.log(NOISE)]])
+        assert values[1] > settings.likelihood(data, RANKS[1]).value(theta)
+
+
 RANKS = [low_rank(M, 1), low_rank(M, 2), low_rank(M, 3)]
 
 
@@ -464,6 +608,24 @@ class TestLearnRanks:
         )
         found = [re.fullmatch(pattern, line).groups() for line in lines]
         assert found == [(j, r) for j in "12" for r in "123"]
+
+    def test_report_of_each_climb(self, data, capsys, monkeypatch):
+        monkeypatch.setattr(climbing, "REPORT_EVERY", 5)
+        learn_ranks([(data, configure(max_iter=12))], RANKS[1:2], verbose=2)
+        lines = capsys.readouterr().out.splitlines()
+        pattern = (
+            r"\[skmtgp\] output 1 of 1, (rank 2|fixed task covariance), 36 rows, "
+            r"iteration (\d+): log marginal likelihood -?\d+\.\d\d, "
+            r"noise variance \d\.\de[+-]\d\d of the target's"
+            r"(: no more gain|: budget spent|: no digits left|)"
+        )
+        found = [re.fullmatch(pattern, line) for line in lines[:-1]]
+        assert all(found)
+        assert "rank 2: log marginal likelihood" in lines[-1]
+        groups = [match.groups() for match in found]
+        assert ("rank 2", "5", "") in groups
+        assert ("rank 2", "12", ": budget spent") in groups
+        assert groups[0][0] == "fixed task covariance"
 
     def test_quiet(self, pairs, capsys):
         pairs = [(pairs[0][0], configure(max_iter=1))]

@@ -1,4 +1,4 @@
-r"""The staged heuristic of the paper's section 3, with what it takes to find good modes.
+r"""The staged heuristic of the paper's section 3.
 
 1. theta^x is learned with K_0^rho = I and with K_0^rho = 1 1^T, relaxed.
 2. K_1^rho is computed from either, section 3.2.

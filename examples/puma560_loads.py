@@ -102,7 +102,8 @@ def report(models, table, joints):
     print(likelihoods(models, joints).to_string(float_format="{:.1f}".format))
     search = models["mGP-BIC"][-1]
     print("\nRank of the task covariance")
-    print(pd.DataFrame(search.results_).to_string(index=False, float_format="%.1f"))
+    ranks = pd.DataFrame(search.results_).filter(regex="^(?!output)")
+    print(ranks.to_string(index=False, float_format="%.1f"))
     print(f"BIC chooses rank {search.best_rank_}.")
 
 

@@ -42,7 +42,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
     n_jobs : int, default=None
         Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        Whether to print a line for each output and rank.
+        1 prints a line for each output and rank, 2 more of them during each climb.
 
     Attributes
     ----------
@@ -53,8 +53,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
     results_ : dict of ndarrays of shape (n_ranks,)
         rank, log_marginal_likelihood (of y in its own units, summed over outputs),
         n_hyperparameters, bic, aic, hqc, and fit_time: seconds of computing spent on
-        that rank, without the first stage that all ranks share.
-        ``pandas.DataFrame(results_)`` is a table.
+        that rank, without the first stage that all ranks share. With several outputs,
+        output0_log_marginal_likelihood and so on too. ``pandas.DataFrame(results_)`` is
+        a table.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (n_features_in_,)
@@ -255,9 +256,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
 def _results(model, training, forms, modes):
     """The table of criteria, one entry for each form."""
     n, n_outputs = training.Y.shape
-    change_of_units = -n * np.log(training.y_scale).sum()
-    values = np.array([sum(mode.value for mode in of_rank) for of_rank in modes])
-    log_likelihood = values + change_of_units
+    values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
+    values -= n * np.log(training.y_scale)  # a change of units
+    log_likelihood = values.sum(axis=1)
     pairs = model._pairs(training)
     count = np.array([model._count(pairs, form) for form in forms])
     n_observations = n * n_outputs
@@ -270,4 +271,7 @@ def _results(model, training, forms, modes):
         "aic": deviance + count * 2.0,
         "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
         "fit_time": np.array([sum(m.seconds for m in of_rank) for of_rank in modes]),
+    } | {
+        f"output{j}_log_marginal_likelihood": values[:, j]
+        for j in range(0 if training.single_output else n_outputs)
     }

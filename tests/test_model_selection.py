@@ -52,10 +52,18 @@ def test_criteria_are_those_of_eq_8(data, params):
         assert found["hqc"][i] == pytest.approx(deviance + hannan_quinn)
 
 
-def test_results_are_a_table(search):
+def test_results_are_a_table(search, data):
     table = pd.DataFrame(search.results_)
     columns = ["rank", "log_marginal_likelihood", "n_hyperparameters", *CRITERIA]
-    assert table.columns.tolist() == [*columns, "fit_time"]
+    of_outputs = [f"output{j}_log_marginal_likelihood" for j in (0, 1)]
+    columns += ["fit_time", *(of_outputs if data[1].ndim > 1 else [])]
+    assert table.columns.tolist() == columns
+    if data[1].ndim > 1:
+        total = table[of_outputs].sum(axis=1)
+        np.testing.assert_allclose(total, table["log_marginal_likelihood"], rtol=1e-12)
+        best = table[table["rank"] == search.best_rank_].iloc[0]
+        values = search.best_estimator_.log_marginal_likelihoods_
+        np.testing.assert_allclose(best[of_outputs].tolist(), values, rtol=1e-9)
     assert table["rank"].tolist() == [1, 2, 3, 4]
     assert (table["fit_time"] > 0.0).all()
 

@@ -139,6 +139,7 @@ def draw(rows, ranges, path):
         axis.set(xlabel=LABELS[grows], ylabel="seconds")
         axis.set_xticks(x, [f"{value:g}" for value in x])
         axis.minorticks_off()
+        axis.tick_params(axis="x", labelsize=7)
         right.set_ylabel("MiB")
         for side, y in ((axis, seconds), (right, mebibytes)):
             margin = 2.0 if grows == "n" else 10.0  # so that flat looks flat
@@ -156,8 +157,8 @@ def main():
     parser.add_argument("--short", action="store_true")
     parser.add_argument("--fresh", action="store_true")
     arguments = parser.parse_args()
-    results = HERE / "results"
-    table = results / ("growth-short.csv" if arguments.short else "growth.csv")
+    results = HERE / (".short" if arguments.short else "results")
+    table = results / "growth.csv"
     image = HERE.parent / "docs" / "images" / "growth.png"
     if arguments.fresh:
         table.unlink(missing_ok=True)

@@ -307,6 +307,10 @@ def test_best_of():
         Mode(np.zeros(1), value, 3, 4, True, False, 0.5, 9) for value in (1.0, 3.0, 2.0)
     ]
     assert best_of(modes) == modes[1]._replace(seconds=1.5)
+    modes[1] = modes[1]._replace(stalled=True)
+    assert best_of(modes) == modes[1]._replace(seconds=1.5)
+    assert best_of(modes, doubt=0.5) == modes[1]._replace(seconds=1.5)
+    assert best_of(modes, doubt=1.5) == modes[2]._replace(seconds=1.5)
 
 
 def test_perturbed():
@@ -497,13 +501,14 @@ class TestCoarseToFine:
             data, settings, form, np.r_[start_of(settings, form)[:-1], -22.0]
         )
 
-        def stay(level, settings, form, theta):
-            starts.append((len(level.y), theta[-1]))
+        def stay(level, settings, form, theta, **options):
+            starts.append((len(level.y), theta[-1], *options))
             return mode
 
         monkeypatch.setattr(climbing, "climb", stay)
         refine(data, settings, form, mode)
-        assert starts == [(21, np.log(1e-5)), (36, np.log(1e-5))]
+        held = np.log(1e-5)
+        assert starts == [(21, held, "relaxed", "held"), (21, -22.0), (36, held)]
         assert mode.theta[-1] == -22.0
 
     @pytest.mark.usefixtures("small")

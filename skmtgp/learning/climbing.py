@@ -17,6 +17,7 @@ HELD = 1e-5  # noise variance while it is held up, in variances of the target
 COARSE = 300  # rows, or
 COARSE_PER_TASK = 20  # if that is more
 REFINEMENT = 4.0  # most rows of a level for each row of the coarser one
+DOUBT = 1.0  # nats
 REPORT_EVERY = 100  # iterations
 
 
@@ -164,9 +165,18 @@ class Mode(NamedTuple):
         )
 
 
-def best_of(modes):
-    """The best mode, with the time of all."""
-    best = max(modes, key=lambda mode: mode.value)
+def best_of(modes, *, doubt=0.0):
+    """The best mode, with the time of all.
+
+    Parameters
+    ----------
+    modes : sequence of Mode
+        Of the same model.
+    doubt : float, default=0.0
+        Nats by which a mode that stalled must be better than one that did not: its
+        value lacks digits.
+    """
+    best = max(modes, key=lambda mode: mode.value - doubt * mode.stalled)
     return best._replace(seconds=sum(mode.seconds for mode in modes))
 
 
@@ -246,12 +256,15 @@ def annealed(data, settings, form, theta):
 def refine(data, settings, form, mode):
     """Learn with more and more of the rows, from a mode of the coarsest level.
 
-    The noise variance that a few rows asked for is too small for more of them.
+    The noise variance that a few rows asked for is too small for more of them. The
+    second level anneals once more, for a better mode; later ones only climb.
     """
+    way = annealed
     for level in data.levels()[1:]:
         theta, noise = mode.theta.copy(), slice(-len(settings.log_noise), None)
         theta[noise] = np.maximum(theta[noise], settings.log_held)
-        mode = mode.then(climb(level, settings, form, theta))
+        mode = mode.then(way(level, settings, form, theta))
+        way = climb
     return mode
 
 

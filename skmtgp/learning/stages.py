@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp.learning.climbing import annealed, best_of, climb, refine
+from skmtgp.learning.climbing import DOUBT, annealed, best_of, climb, refine
 from skmtgp.task_covariance import low_rank
 
 
@@ -23,7 +23,8 @@ def learn_fixed(data, settings, form):
     coarse = data.levels()[0]
     relaxed = climb(coarse, settings, form, theta, relaxed=True)
     direct = relaxed.then(climb(coarse, settings, form, relaxed.theta))
-    mode = best_of([direct, annealed(coarse, settings, form, theta)])
+    modes = [direct, annealed(coarse, settings, form, theta)]
+    mode = best_of(modes, doubt=DOUBT)
     return refine(data, settings, form, mode)
 
 
@@ -106,7 +107,8 @@ def second_stage(data, settings, form, starts, *, both_ways=True):
             way(data, settings, form, start.theta(settings, form))
             for i, start in enumerate(starts)
             for way in (ways if both_ways else ways[i % 2 : i % 2 + 1])
-        ]
+        ],
+        doubt=DOUBT,
     )
 
 

@@ -258,8 +258,9 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
             self.noise_variance,
             self._check_noise_bounds(),
             n_noise,
-            self.max_iter,
-            self.tol,
+            max_iter=self.max_iter,
+            tol=self.tol,
+            verbose=self.verbose,
         )
         return list(pairs)
 

@@ -124,11 +124,12 @@ class Training(NamedTuple):
     y_scale: np.ndarray
     single_output: bool
 
-    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, max_iter, tol):
+    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, **options):
         """The data and the settings of each output, rows sorted by task."""
         order = np.argsort(self.codes, kind="stable")
         X, tasks = self.features[order], self.codes[order]
-        for y in ((self.Y - self.y_mean) / self.y_scale)[order].T:
+        Y = ((self.Y - self.y_mean) / self.y_scale)[order]
+        for j, y in enumerate(Y.T, start=1):
             scale = y.std() or 1.0
             fixed = isinstance(noise_bounds, str)
             bounds = (noise_variance,) * 2 if fixed else noise_bounds
@@ -137,8 +138,8 @@ class Training(NamedTuple):
                 scale=np.sqrt(np.square(y).mean()) or 1.0,
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                max_iter=max_iter,
-                tol=tol,
+                name=f"output {j} of {Y.shape[1]}",
+                **options,
             )
             y = np.ascontiguousarray(y)
             yield Data(X, tasks, y, len(self.tasks)), settings

@@ -71,8 +71,8 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
 
         def describe(j, mode):
             return (
-                f"output {j + 1} of {len(pairs)}: log marginal likelihood "
-                f"{mode.value:.2f} (scaled) after {mode.n_iter} iterations"
+                f"{pairs[j][1].name}: log marginal likelihood {mode.value:.2f} "
+                f"(scaled) after {mode.n_iter} iterations"
             )
 
         jobs = [(*pair, form) for pair in pairs]
@@ -116,7 +116,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        Whether to print a line for each of them.
+        1 prints a line for each of them, 2 more of them during each climb.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ class PooledGP(_FixedTaskCovarianceGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        Whether to print a line for each of them.
+        1 prints a line for each of them, 2 more of them during each climb.
 
     Attributes
     ----------

@@ -66,7 +66,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     random_state : int, RandomState instance or None, default=None
         Source of the random starts. Not used if `n_restarts_optimizer` is 0.
     verbose : int, default=0
-        Whether to print a line for each piece of work that is done.
+        1 prints a line for each output, 2 more of them during each climb.
 
     Attributes
     ----------

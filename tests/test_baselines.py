@@ -226,3 +226,20 @@ def test_draws_of_single_tasks():
     assert draws.shape == (*mean.shape, 2000)
     error = np.abs(draws.mean(axis=-1) - mean)
     assert (error <= 5.0 * std / np.sqrt(2000) + 1e-6).all()
+
+
+@BOTH
+def test_verbose_prints_the_course_of_learning(capsys, cls):
+    cls(verbose=1).fit(X, Y)
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split(":")[0] for line in lines] == [
+        "[skmtgp] output 1 of 2",
+        "[skmtgp] output 2 of 2",
+    ]
+    cls(verbose=2).fit(X, y)
+    lines = capsys.readouterr().out.splitlines()
+    of_climbs = [line for line in lines if "fixed task covariance" in line]
+    assert all(line.startswith("[skmtgp] output 1 of 1, ") for line in of_climbs)
+    assert sum("no more gain" in line for line in of_climbs) >= 2
+    cls().fit(X, y)
+    assert capsys.readouterr() == ("", "")

@@ -603,7 +603,10 @@ class TestLearnRanks:
 
     @pytest.mark.parametrize("n_jobs", [1, 2])
     def test_report(self, pairs, capsys, n_jobs):
-        pairs = [(data, replace(settings, max_iter=1)) for data, settings in pairs]
+        pairs = [
+            (data, replace(settings, max_iter=1, name=f"output {j} of 2"))
+            for j, (data, settings) in enumerate(pairs, start=1)
+        ]
         learn_ranks(pairs, RANKS, n_jobs=n_jobs, verbose=1)
         lines = capsys.readouterr().out.splitlines()
         pattern = (
@@ -616,10 +619,11 @@ class TestLearnRanks:
 
     def test_report_of_each_climb(self, data, capsys, monkeypatch):
         monkeypatch.setattr(climbing, "REPORT_EVERY", 5)
-        learn_ranks([(data, configure(max_iter=12))], RANKS[1:2], verbose=2)
+        settings = configure(max_iter=12, name="torque", verbose=2)
+        learn_ranks([(data, settings)], RANKS[1:2], verbose=2)
         lines = capsys.readouterr().out.splitlines()
         pattern = (
-            r"\[skmtgp\] output 1 of 1, (rank 2|fixed task covariance), 36 rows, "
+            r"\[skmtgp\] torque, (rank 2|fixed task covariance), 36 rows, "
             r"iteration (\d+): log marginal likelihood -?\d+\.\d\d, "
             r"noise variance \d\.\de[+-]\d\d of the target's"
             r"(: no more gain|: budget spent|: no digits left|)"

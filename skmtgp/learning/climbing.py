@@ -90,7 +90,7 @@ class Settings:
         Most iterations of each climb.
     tol : float
         Gain in nats under which a climb ends.
-    name : str, default=""
+    name : str, default="output"
         What is learned, for the lines that are printed.
     verbose : int, default=0
         2 or more prints lines during each climb.
@@ -102,7 +102,7 @@ class Settings:
     log_noise_bounds: tuple
     max_iter: int
     tol: float
-    name: str = ""
+    name: str = "output"
     verbose: int = 0
 
     @property
@@ -290,7 +290,7 @@ def _report_end(data, settings, form, mode):
 def _say(data, settings, form, n_iter, value, theta, why=""):
     noise = np.exp(theta[-len(settings.log_noise) :].min()) / settings.scale**2
     print(
-        f"[skmtgp] {settings.name}{form}, {len(data.y)} rows, iteration {n_iter}: "
+        f"[skmtgp] {settings.name}, {form}, {len(data.y)} rows, iteration {n_iter}: "
         f"log marginal likelihood {value:.2f}, noise variance {noise:.1e} of the "
         f"target's{why}",
         flush=True,

@@ -6,7 +6,6 @@ is learned again from that mode, with columns added; where a higher rank has fou
 its mode is cut to the lower rank and learned on.
 """
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -38,14 +37,13 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     n_jobs : int, default=None
         Processes.
     verbose : int, default=0
-        1 prints a line for each rank and output, 2 more of them during each climb.
+        Whether to print a line for each rank and output.
 
     Returns
     -------
     modes : list of list of Mode
         The best mode found, for each output and form.
     """
-    pairs = _named(pairs, verbose)
     coarse = [(data.levels()[0], settings) for data, settings in pairs]
     report = _printer(pairs, forms, verbose)
     starts = _starts(coarse, seeds, n_jobs)
@@ -69,15 +67,8 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
 
-def _named(pairs, verbose):
-    return [
-        (data, replace(settings, name=f"output {j} of {len(pairs)}, ", verbose=verbose))
-        for j, (data, settings) in enumerate(pairs, 1)
-    ]
-
-
 def _printer(pairs, forms, verbose):
-    names = [f"{settings.name}{form}" for _, settings in pairs for form in forms]
+    names = [f"{settings.name}, {form}" for _, settings in pairs for form in forms]
 
     def describe(i, mode):
         return (

@@ -2,8 +2,8 @@
 
 ``python benchmarks/modes.py search`` looks for the best mode of each joint and rank
 from many starts and appends what it found to ``benchmarks/results/best_modes.csv``.
-``python benchmarks/modes.py check`` learns with the defaults, a RankSearchIC of all
-joints and a fit of rank 4 for each, and prints what is missing. The data: 20 samples of
+``python benchmarks/modes.py`` learns with the defaults, a RankSearchIC of all joints
+and a fit of rank 4 for each, and prints what is missing. The data: 20 samples of
 each of 14 loads of the Puma 560, the paper's kernel.
 """
 
@@ -119,13 +119,13 @@ def check(arguments):
 def main():
     """Search or check."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    commands = parser.add_subparsers(required=True)
+    parser.set_defaults(run=check)
+    commands = parser.add_subparsers()
     command = commands.add_parser("search")
     command.add_argument("--rounds", type=int, default=4)
     command.add_argument("--first", type=int, default=0, help="first random_state")
     command.add_argument("--starts", type=int, default=4, help="additional ones")
     command.set_defaults(run=search)
-    commands.add_parser("check").set_defaults(run=check)
     arguments = parser.parse_args()
     arguments.run(arguments)
 

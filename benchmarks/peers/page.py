@@ -25,6 +25,12 @@ from results import RESULTS, Table
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 DASH = "-"
+OWN = {
+    "likelihood": "One evaluation over its floor, LAPACK's potrf and potri",
+    "memory": "Peak memory of a whole fit over the data; the goal is 4",
+    "prediction": "Means; the goals are 300 us over validation, and 1.5",
+    "modes": "Likelihoods found, and the time to find them",
+}
 WORDS = {True: "yes", False: "**no**", None: "not measured"}
 
 INTRODUCTION = """\
@@ -95,6 +101,19 @@ def goals_section(fits, timings):
         rows = [(*problem_of(r), label(r), number(r["times"])) for r in slow]
         text.append(table(["n", "joint", "draw", "package", "times"], rows))
     return text
+
+
+def own_section(folder):
+    """What the package's own benchmarks printed."""
+    text = []
+    for name, title in OWN.items():
+        path = folder / f"{name}.txt"
+        if path.exists():
+            text += [f"{title} (`python benchmarks/{name}.py`):\n"]
+            text += [f"```\n{path.read_text().strip()}\n```\n"]
+    if (folder / "growth.csv").exists():
+        text.append("![time and memory as the work grows](images/growth.png)\n")
+    return ["## The engine alone\n", *text] if text else []
 
 
 def timings_section(timings):
@@ -280,6 +299,7 @@ def main():
         *timings_section(timings),
         *fits_section(fits),
         *errors_section(fits),
+        *own_section(arguments.results),
         METHOD,
         *checks_section(checks),
         *failures_section(fits, timings, checks),

@@ -9,7 +9,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear
-from skmtgp.learning import climbing, ranks
+from skmtgp.learning import climbing, ranks, stages
 from skmtgp.learning.climbing import (
     Data,
     Mode,
@@ -300,6 +300,30 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
     )
     expected = [way(data, settings, form, first) for way in (climb, annealed)]
     np.testing.assert_array_equal(each[1].theta, best_of(expected).theta)
+    assert best.seconds > max(mode.seconds for mode in each)
+
+
+def test_annealed_starts_that_meet_go_on_as_one(data, monkeypatch):
+    climbs = []
+
+    def count(data, settings, form, theta, **options):
+        climbs.append(options)
+        return climb(data, settings, form, theta, **options)
+
+    monkeypatch.setattr(climbing, "climb", count)
+    monkeypatch.setattr(stages, "climb", count)
+    settings, form = configure(), low_rank(M, 2)
+    start = Start(KERNEL.theta, FACTOR @ FACTOR.T)
+    other = Start(TRUTH, np.eye(M))
+    alone = second_stage(data, settings, form, [start])
+    assert len(climbs) == 3  # held, released, direct
+    climbs.clear()
+    twice = second_stage(data, settings, form, [start, start])
+    assert len(climbs) == 5
+    assert twice.value == alone.value
+    climbs.clear()
+    second_stage(data, settings, form, [start, other], both_ways=False)
+    assert [*map(len, climbs)] == [2, 0, 0]  # held, direct, released
 
 
 def test_best_of():

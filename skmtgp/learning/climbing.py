@@ -156,6 +156,10 @@ class Mode(NamedTuple):
     seconds: float
     n_samples: int
 
+    def meets(self, others):
+        """Whether one of the others, found relaxed, is this mode to all appearance."""
+        return any(abs(self.value - other.value) < RELAXED_TOL for other in others)
+
     def then(self, later):
         """A later mode that was reached by way of this one."""
         return later._replace(
@@ -243,14 +247,22 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     return mode
 
 
-def annealed(data, settings, form, theta):
-    """Climb with k^x relaxed and the noise held up, then on from there without.
+def hold(data, settings, form, theta):
+    """Climb with k^x relaxed and the noise held up.
 
-    While the noise is held up the landscape has few modes, and most starts lead to the
-    same one.
+    The landscape has few modes then, and most starts lead to the same one.
     """
-    held = climb(data, settings, form, theta, relaxed=True, held=True)
-    return held.then(climb(data, settings, form, held.theta))
+    return climb(data, settings, form, theta, relaxed=True, held=True)
+
+
+def release(data, settings, form, mode):
+    """Climb on from a mode that was found relaxed, with the noise held up."""
+    return mode.then(climb(data, settings, form, mode.theta))
+
+
+def annealed(data, settings, form, theta):
+    """Climb relaxed and with the noise held up, then on from there without."""
+    return release(data, settings, form, hold(data, settings, form, theta))
 
 
 def refine(data, settings, form, mode):

@@ -12,7 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp.learning.climbing import DOUBT, annealed, best_of, climb, refine
+from skmtgp.learning.climbing import (
+    DOUBT,
+    annealed,
+    best_of,
+    climb,
+    hold,
+    refine,
+    release,
+)
 from skmtgp.task_covariance import low_rank
 
 
@@ -95,21 +103,22 @@ def second_stage(data, settings, form, starts, *, both_ways=True):
         (theta_1^x, K_1^rho), each followed with sigma_0^2.
     both_ways : bool, default=True
         Whether each start is followed annealed and directly. Otherwise they take turns.
+        Annealed starts that meet while the noise is held go on as one.
 
     Returns
     -------
     mode : Mode
         The best one, with the time of all.
     """
-    ways = (annealed, climb)
-    return best_of(
-        [
-            way(data, settings, form, start.theta(settings, form))
-            for i, start in enumerate(starts)
-            for way in (ways if both_ways else ways[i % 2 : i % 2 + 1])
-        ],
-        doubt=DOUBT,
-    )
+    thetas = [start.theta(settings, form) for start in starts]
+    step = 1 if both_ways else 2
+    held = [hold(data, settings, form, theta) for theta in thetas[::step]]
+    direct = [climb(data, settings, form, theta) for theta in thetas[step - 1 :: step]]
+    annealed = [
+        mode if mode.meets(held[:i]) else release(data, settings, form, mode)
+        for i, mode in enumerate(held)
+    ]
+    return best_of([*annealed, *direct], doubt=DOUBT)
 
 
 def full_rank_start(data, settings, start):

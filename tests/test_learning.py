@@ -18,6 +18,7 @@ from skmtgp.learning.climbing import (
     best_of,
     climb,
     refine,
+    shake,
 )
 from skmtgp.learning.ranks import descend, learn_ranks, nest
 from skmtgp.learning.stages import (
@@ -298,32 +299,74 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
     first = np.concatenate(
         [TRUTH, form.parameters(FACTOR @ FACTOR.T), settings.log_noise]
     )
-    expected = [way(data, settings, form, first) for way in (climb, annealed)]
-    np.testing.assert_array_equal(each[1].theta, best_of(expected).theta)
+    expected = annealed(data, settings, form, first)
+    expected = shake(data, settings, form, expected, 2)
+    np.testing.assert_array_equal(each[1].theta, expected.theta)
     assert best.seconds > max(mode.seconds for mode in each)
 
 
-def test_annealed_starts_that_meet_go_on_as_one(data, monkeypatch):
-    climbs = []
+class TestShake:
+    @pytest.fixture
+    def mode(self, data):
+        """A poor one: almost no noise, and the kernel as it was."""
+        settings, form = configure(), low_rank(M, 2)
+        theta = np.append(start_of(settings, form)[:-1], -16.0)
+        return mode_at(data, settings, form, theta)
 
-    def count(data, settings, form, theta, **options):
-        climbs.append(options)
-        return climb(data, settings, form, theta, **options)
+    @pytest.mark.parametrize("times", [0, 1, 2])
+    def test_never_worse(self, data, mode, times):
+        settings, form = configure(tol=1e-6, max_iter=1000), low_rank(M, 2)
+        best = shake(data, settings, form, mode, times)
+        assert best.value > mode.value + 1.0 or times == 0
+        value = settings.likelihood(data, form).value(best.theta)
+        np.testing.assert_allclose(best.value, value, rtol=1e-10)
+        if times:
+            assert is_stationary(data, settings, form, best.theta)
+            assert best.seconds > mode.seconds
+            assert best.n_iter > mode.n_iter
 
-    monkeypatch.setattr(climbing, "climb", count)
-    monkeypatch.setattr(stages, "climb", count)
-    settings, form = configure(), low_rank(M, 2)
-    start = Start(KERNEL.theta, FACTOR @ FACTOR.T)
-    other = Start(TRUTH, np.eye(M))
-    alone = second_stage(data, settings, form, [start])
-    assert len(climbs) == 3  # held, released, direct
-    climbs.clear()
-    twice = second_stage(data, settings, form, [start, start])
-    assert len(climbs) == 5
-    assert twice.value == alone.value
-    climbs.clear()
-    second_stage(data, settings, form, [start, other], both_ways=False)
-    assert [*map(len, climbs)] == [2, 0, 0]  # held, direct, released
+    def test_each_begins_where_the_last_ended_and_the_best_counts(
+        self, data, mode, monkeypatch
+    ):
+        starts, settings, form = [], configure(), low_rank(M, 2)
+        values = iter([-90.0, -50.0, -70.0])
+
+        def jump(data, settings, form, theta):
+            starts.append(theta[-1])
+            theta = np.append(theta[:-1], -15.0 - len(starts))
+            return Mode(theta, next(values), 7, 8, True, False, 1.0, 36)
+
+        monkeypatch.setattr(climbing, "climb", jump)
+        best = shake(data, settings, form, mode._replace(value=-80.0), 3)
+        assert starts == [np.log(1e-5)] * 3
+        assert best.value == -50.0
+        assert best.theta[-1] == -17.0
+        assert best.n_iter == mode.n_iter + 14
+        assert best.seconds == mode.seconds + 3.0
+
+    def test_noisy_data_are_not_shaken(self, data, mode, monkeypatch):
+        monkeypatch.setattr(climbing, "climb", lambda *args: pytest.fail("climbed"))
+        noisy = mode._replace(theta=np.append(mode.theta[:-1], -3.0))
+        best = shake(data, configure(), low_rank(M, 2), noisy, 2)
+        assert best == noisy
+
+
+def test_second_stage_that_is_not_thorough_shakes_the_best_once(data, monkeypatch):
+    shaken = []
+
+    def count(data, settings, form, mode, times):
+        shaken.append((mode.value, times))
+        return mode
+
+    monkeypatch.setattr(stages, "shake", count)
+    settings, form = configure(max_iter=20), low_rank(M, 2)
+    starts = [Start(TRUTH, FACTOR @ FACTOR.T), Start(KERNEL.theta, np.eye(M))]
+    second_stage(data, settings, form, starts)
+    (first, _), (second, _) = shaken
+    assert [times for _, times in shaken] == [2, 2]
+    shaken.clear()
+    second_stage(data, settings, form, starts, thorough=False)
+    assert shaken == [(max(first, second), 1)]
 
 
 def test_best_of():

@@ -110,6 +110,12 @@ class Settings:
         """Logarithm of the noise variance under which it does not fall while held."""
         return float(np.clip(np.log(HELD * self.scale**2), *self.log_noise_bounds))
 
+    def with_noise(self, theta):
+        """Theta with the noise variance raised to where it is held."""
+        theta, noise = theta.copy(), slice(-len(self.log_noise), None)
+        theta[noise] = np.maximum(theta[noise], self.log_held)
+        return theta
+
     def likelihood(self, data, form):
         """The objective for a form of K^rho."""
         n_noise = len(self.log_noise)
@@ -155,10 +161,6 @@ class Mode(NamedTuple):
     stalled: bool
     seconds: float
     n_samples: int
-
-    def meets(self, others):
-        """Whether one of the others, found relaxed, is this mode to all appearance."""
-        return any(abs(self.value - other.value) < RELAXED_TOL for other in others)
 
     def then(self, later):
         """A later mode that was reached by way of this one."""
@@ -247,22 +249,14 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     return mode
 
 
-def hold(data, settings, form, theta):
-    """Climb with k^x relaxed and the noise held up.
-
-    The landscape has few modes then, and most starts lead to the same one.
-    """
-    return climb(data, settings, form, theta, relaxed=True, held=True)
-
-
-def release(data, settings, form, mode):
-    """Climb on from a mode that was found relaxed, with the noise held up."""
-    return mode.then(climb(data, settings, form, mode.theta))
-
-
 def annealed(data, settings, form, theta):
-    """Climb relaxed and with the noise held up, then on from there without."""
-    return release(data, settings, form, hold(data, settings, form, theta))
+    """Climb relaxed and with the noise held up, then on from there without.
+
+    While the noise is held up the landscape has few modes, and most starts lead to the
+    same one.
+    """
+    held = climb(data, settings, form, theta, relaxed=True, held=True)
+    return held.then(climb(data, settings, form, held.theta))
 
 
 def refine(data, settings, form, mode):
@@ -273,11 +267,27 @@ def refine(data, settings, form, mode):
     """
     way = annealed
     for level in data.levels()[1:]:
-        theta, noise = mode.theta.copy(), slice(-len(settings.log_noise), None)
-        theta[noise] = np.maximum(theta[noise], settings.log_held)
+        theta = settings.with_noise(mode.theta)
         mode = mode.then(way(level, settings, form, theta))
         way = climb
     return mode
+
+
+def shake(data, settings, form, mode, times):
+    """Raise the noise of a mode and climb again, several times; the best of all.
+
+    This leaves poor modes of data without noise: with more noise than it wants, the
+    likelihood is smooth enough to choose other features.
+    """
+    modes = [mode]
+    for _ in range(times):
+        theta = settings.with_noise(mode.theta)
+        if (theta == mode.theta).all():  # the data are noisy
+            break
+        again = climb(data, settings, form, theta)
+        mode = mode.then(again)._replace(seconds=again.seconds)
+        modes.append(mode)
+    return best_of(modes, doubt=DOUBT)
 
 
 def _reporter(data, settings, form):

@@ -52,7 +52,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         for pair, of_output in zip(coarse, starts, strict=True)
         for form in forms
     ]
-    follow = partial(second_stage, both_ways=len(forms) == 1)  # others will help
+    follow = partial(second_stage, thorough=len(forms) == 1)  # others will help
     modes = _by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
@@ -128,8 +128,8 @@ def descend(data, settings, forms, modes):
                 modes[k + 1].theta
             )
             start = Start(kernel, forms[k + 1].matrix(rho)).theta(settings, forms[k])
-            start[-len(noise) :] = np.maximum(noise, settings.log_held)
-            again = climb(data, settings, forms[k], start)
+            start[-len(noise) :] = noise
+            again = climb(data, settings, forms[k], settings.with_noise(start))
             modes[k] = best_of([modes[k], again])
     return modes
 

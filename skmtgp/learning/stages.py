@@ -2,8 +2,8 @@ r"""The staged heuristic of the paper's section 3.
 
 1. theta^x is learned with K_0^rho = I and with K_0^rho = 1 1^T, relaxed.
 2. K_1^rho is computed from either, section 3.2.
-3. All parameters are learned from K_1^rho and sigma_0^2, directly and annealed: either
-   way misses modes that the other finds.
+3. All parameters are learned from K_1^rho and sigma_0^2. Each start is *annealed*, k^x
+   relaxed and the noise held up at first, and the mode is *shaken*.
 
 Stages 1 and 2 do not depend on the rank.
 """
@@ -17,11 +17,12 @@ from skmtgp.learning.climbing import (
     annealed,
     best_of,
     climb,
-    hold,
     refine,
-    release,
+    shake,
 )
 from skmtgp.task_covariance import low_rank
+
+SHAKES = 2
 
 
 def learn_fixed(data, settings, form):
@@ -88,7 +89,7 @@ def augmented_task_covariance(data, posterior):
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(data, settings, form, starts, *, both_ways=True):
+def second_stage(data, settings, form, starts, *, thorough=True):
     """Step 3 of section 3, from each start; the best mode.
 
     Parameters
@@ -101,24 +102,21 @@ def second_stage(data, settings, form, starts, *, both_ways=True):
         Form of K^rho.
     starts : list of Start
         (theta_1^x, K_1^rho), each followed with sigma_0^2.
-    both_ways : bool, default=True
-        Whether each start is followed annealed and directly. Otherwise they take turns.
-        Annealed starts that meet while the noise is held go on as one.
+    thorough : bool, default=True
+        Whether the modes of all starts are shaken. Otherwise the best one is, once.
 
     Returns
     -------
     mode : Mode
         The best one, with the time of all.
     """
-    thetas = [start.theta(settings, form) for start in starts]
-    step = 1 if both_ways else 2
-    held = [hold(data, settings, form, theta) for theta in thetas[::step]]
-    direct = [climb(data, settings, form, theta) for theta in thetas[step - 1 :: step]]
-    annealed = [
-        mode if mode.meets(held[:i]) else release(data, settings, form, mode)
-        for i, mode in enumerate(held)
+    modes = [
+        annealed(data, settings, form, start.theta(settings, form)) for start in starts
     ]
-    return best_of([*annealed, *direct], doubt=DOUBT)
+    if not thorough:
+        return shake(data, settings, form, best_of(modes, doubt=DOUBT), 1)
+    shaken = [shake(data, settings, form, mode, SHAKES) for mode in modes]
+    return best_of(shaken, doubt=DOUBT)
 
 
 def full_rank_start(data, settings, start):

@@ -12,7 +12,7 @@ from skmtgp._parallel import limit_threads, map_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 
 TILE = 240
-FISHER_ROWS = 300
+FISHER_ROWS = 200
 FISHER_SIZE = 2**24  # elements of the derivatives by all parameters
 
 

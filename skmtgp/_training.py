@@ -8,7 +8,7 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.utils import check_array, check_consistent_length
 
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
-from skmtgp.learning import Data, Settings
+from skmtgp.learning.climbing import Data, Settings
 
 
 @contextlib.contextmanager

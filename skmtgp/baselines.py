@@ -18,7 +18,7 @@ from skmtgp._training import (
     default_kernel,
     unchanged_on_failure,
 )
-from skmtgp.learning import learn_fixed
+from skmtgp.learning.stages import learn_fixed
 from skmtgp.task_covariance import identity, ones
 
 

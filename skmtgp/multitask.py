@@ -10,7 +10,7 @@ from sklearn.utils import check_random_state
 
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp._sklearn_compat import Interval
-from skmtgp.learning import learn_ranks
+from skmtgp.learning.ranks import learn_ranks
 from skmtgp.task_covariance import low_rank
 
 

@@ -14,7 +14,7 @@ from skmtgp import (
 )
 from skmtgp.learning import ranks
 
-MODEL = MultiTaskGPRegressor(max_iter=10)
+MODEL = MultiTaskGPRegressor(max_iter=5)
 CRITERIA = ("bic", "aic", "hqc")
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 

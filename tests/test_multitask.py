@@ -19,7 +19,8 @@ from skmtgp import (
     _base,
     multitask,
 )
-from skmtgp.learning import learn_ranks, ranks
+from skmtgp.learning import ranks
+from skmtgp.learning.ranks import learn_ranks
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 QUICK = {"max_iter": 5}

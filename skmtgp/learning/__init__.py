@@ -1,14 +1,10 @@
-"""Maximising the marginal likelihood."""
+"""Learning: maximising the marginal likelihood.
 
-from skmtgp.learning.climbing import Data, Settings
-from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.stages import first_stage, learn_fixed, second_stage
+``climbing`` follows one start to a mode, ``stages`` is the paper's section 3, ``ranks``
+learns several ranks that help each other. What goes beyond the paper:
 
-__all__ = [
-    "Data",
-    "Settings",
-    "first_stage",
-    "learn_fixed",
-    "learn_ranks",
-    "second_stage",
-]
+- *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
+- *Annealed*: the noise variance is held up, at first.
+- *Shaken*: from a mode, the noise variance is raised again and all is learned anew.
+- Large data are learned *from coarse to fine*, beginning with a few hundred rows.
+"""

@@ -110,7 +110,8 @@ def own_section(folder):
         path = folder / f"{name}.txt"
         if path.exists():
             text += [f"{title} (`python benchmarks/{name}.py`):\n"]
-            text += [f"```\n{path.read_text().strip()}\n```\n"]
+            printed = path.read_text().strip("\n")
+            text += [f"```\n{printed}\n```\n"]
     if (folder / "growth.csv").exists():
         text.append("![time and memory as the work grows](images/growth.png)\n")
     return ["## The engine alone\n", *text] if text else []

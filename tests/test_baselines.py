@@ -6,7 +6,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from skmtgp import IndependentGP, PooledGP, SingleTaskGP
+from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 from skmtgp.learning import stages
 
 KERNEL = ConstantKernel(2.0) * RBF([0.7, 1.5])
@@ -243,3 +243,10 @@ def test_verbose_prints_the_course_of_learning(capsys, cls):
     assert sum("no more gain" in line for line in of_climbs) >= 2
     cls().fit(X, y)
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("cls", [IndependentGP, PooledGP, MultiTaskGPRegressor])
+@pytest.mark.parametrize("noise", [1e-2, 1e-8])
+def test_without_iterations_the_starting_noise_is_kept(cls, noise):
+    model = cls(max_iter=0, noise_variance=noise).fit(X, y)
+    assert model.noise_variance_ == pytest.approx(noise * y.var(), rel=1e-9)

@@ -115,6 +115,12 @@ class TestSettings:
         expected = textbook.log_marginal_likelihood(K, data.y)
         np.testing.assert_allclose(likelihood.value(theta), expected, rtol=1e-11)
 
+    @pytest.mark.parametrize("noise", [0.1, 1e-5, 1e-8])
+    def test_noise_is_not_held_above_its_start(self, noise):
+        settings = configure(log_noise=np.log([noise, 1.0]))
+        expected = np.log(min(noise, 1e-5))
+        assert settings.log_held == pytest.approx(expected, rel=1e-12)
+
 
 class TestClimb:
     @every_form

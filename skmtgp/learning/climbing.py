@@ -107,8 +107,12 @@ class Settings:
 
     @property
     def log_held(self):
-        """Logarithm of the noise variance under which it does not fall while held."""
-        return float(np.clip(np.log(HELD * self.scale**2), *self.log_noise_bounds))
+        """Logarithm of the noise variance under which it does not fall while held.
+
+        Never above sigma_0^2, which holding thus leaves as it is.
+        """
+        held = min(np.log(HELD * self.scale**2), self.log_noise.min())
+        return float(np.clip(held, *self.log_noise_bounds))
 
     def with_noise(self, theta):
         """Theta with the noise variance raised to where it is held."""

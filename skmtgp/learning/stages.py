@@ -26,15 +26,18 @@ SHAKES = 2
 
 
 def learn_fixed(data, settings, form):
-    """Learn theta^x and sigma^2 with K^rho fixed: the models iGP and pGP."""
+    """Learn theta^x and sigma^2 with K^rho fixed: the models iGP and pGP.
+
+    From theta_0^x, relaxed, with the noise free and with the noise held up at first;
+    the better mode counts.
+    """
     kappa = form.parameters(1.1 * np.eye(data.n_tasks))  # 0.1, if it is learned
     theta = np.concatenate([settings.kernel.theta, kappa, settings.log_noise])
     coarse = data.levels()[0]
     relaxed = climb(coarse, settings, form, theta, relaxed=True)
     direct = relaxed.then(climb(coarse, settings, form, relaxed.theta))
     modes = [direct, annealed(coarse, settings, form, theta)]
-    mode = best_of(modes, doubt=DOUBT)
-    return refine(data, settings, form, mode)
+    return refine(data, settings, form, best_of(modes, doubt=DOUBT))
 
 
 class Start(NamedTuple):

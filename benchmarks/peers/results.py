@@ -60,21 +60,22 @@ class Table:
         ]
 
 
-def write_machine(folder, command, threads):
-    """Say where and how the results came about."""
+def write_machine(folder, command, parts, threads):
+    """Say where and how the results of these parts came about."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "machine.json"
+    commands = json.loads(path.read_text())["commands"] if path.exists() else {}
+    run = {"command": command.split(" --results")[0], "threads": threads}
+    commands |= dict.fromkeys(parts, {**run, "commit": commit()})
     machine = {
         "processor": processor(),
         "cores": n_cores(),
         "memory_gib": memory_gib(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "threads": threads,
-        "command": command.split(" --results")[0],
-        "commit": commit(),
-        "date": time.strftime("%Y-%m-%d", time.gmtime()),
+        "commands": commands,
     }
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "machine.json").write_text(json.dumps(machine, indent=2) + "\n")
+    path.write_text(json.dumps(machine, indent=2) + "\n")
 
 
 def processor():

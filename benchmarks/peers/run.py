@@ -9,6 +9,7 @@ import argparse
 import subprocess
 import sys
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from prepare import Rows, load_case, make_problem, random_problem
 from problem import load_problem, load_result
 from reference import Posterior, normalized_mean_squared_error
 from results import RESULTS, Table, write_machine
+from threadpoolctl import threadpool_limits
 
 HERE = Path(__file__).resolve().parent
 ENVIRONMENTS, PROBLEMS = HERE.parent / ".envs", HERE.parent / ".problems"
@@ -70,7 +72,8 @@ class Runner:
 
     def append(self, kind, key, report):
         """Write a row and print it."""
-        row = self.tables[kind].append({**key, **report})
+        row = {**key, "threads": self.arguments.threads, **report}
+        row = self.tables[kind].append(row)
         shown = {k: v for k, v in row.items() if k not in ("trace", "date")}
         print(kind, *(f"{k}={brief(v)}" for k, v in shown.items()), flush=True)
 
@@ -103,10 +106,13 @@ class Runner:
 
     def fit_all(self):
         """Every package on every problem; this one first, for it sets the budget."""
-        for n_per_load, draw in self.arguments.plan:
-            for joint in self.arguments.joints:
-                case = self.case(n_per_load, joint, draw)
-                self.fit_problem(case)
+        problems = [
+            (n_per_load, joint, draw)
+            for n_per_load, draw in self.arguments.plan
+            for joint in self.arguments.joints
+        ]
+        with ThreadPoolExecutor(self.arguments.jobs) as pool:
+            list(pool.map(lambda key: self.fit_problem(self.case(*key)), problems))
 
     def fit_problem(self, case):
         """Every package on one problem."""
@@ -263,7 +269,8 @@ def parse():
     add("--draws", nargs="+", type=int, default=range(3))
     add("--fit-sizes", nargs="+", type=int, default=[280, 896])
     add("--sizes", nargs="+", type=int, default=SIZES, help="n of the timings")
-    add("--threads", type=int, default=2)
+    add("--threads", type=int, default=2, help="of each package")
+    add("--jobs", type=int, default=1, help="fits at a time: at most cores / threads")
     add("--budget-factor", type=float, default=10.0, help="of skmtgp's time")
     add("--budget-min", type=float, default=60.0, help="seconds")
     add("--budget-max", type=float, default=600.0, help="seconds")
@@ -279,8 +286,9 @@ def main():
     """Measure what is missing."""
     arguments = parse()
     command = " ".join(["python benchmarks/peers/run.py", *sys.argv[1:]])
-    write_machine(arguments.results, command, arguments.threads)
+    write_machine(arguments.results, command, arguments.parts, arguments.threads)
     runner = Runner(arguments)
+    threadpool_limits(arguments.threads)
     parts = {
         "checks": runner.check_all,
         "times": runner.time_all,

@@ -66,7 +66,7 @@ def write_machine(folder, command, parts, threads):
     path = folder / "machine.json"
     commands = json.loads(path.read_text())["commands"] if path.exists() else {}
     run = {"command": command.split(" --results")[0], "threads": threads}
-    commands |= dict.fromkeys(parts, {**run, "commit": commit()})
+    commands |= {part: {**run, "commit": commit()} for part in parts}
     machine = {
         "processor": processor(),
         "cores": n_cores(),

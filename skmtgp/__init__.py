@@ -1,17 +1,20 @@
 """Multi-task Gaussian processes with scikit-learn's interface."""
 
 from skmtgp.baselines import IndependentGP, PooledGP, SingleTaskGP
+from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.pipeline import make_inverse_dynamics_regressor
+from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor
 
 __version__ = "0.1.0.dev0"
 
 __all__ = [
+    "BayesianLinearRegression",
     "IndependentGP",
     "MultiTaskGPRegressor",
     "PooledGP",
     "RankSearchIC",
     "SingleTaskGP",
+    "add_task",
     "make_inverse_dynamics_regressor",
 ]

@@ -14,6 +14,7 @@ from sklearn.utils import check_array, check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
+from skmtgp._tasks import complete_design
 from skmtgp._training import (
     Training,
     check_kernel,
@@ -115,7 +116,8 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
         with unchanged_on_failure(self):
             features, labels, Y = check_training(self, X, y)
             training = self._scale(features, labels, Y)
-            self._store(training, *self._learn(training))
+            form, modes = self._learn(training)
+            self._store(training, self._objectives(training, form), modes)
         return self
 
     @overload
@@ -246,6 +248,18 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
         scale[varies] = spread[varies]
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
+    def _training(self):
+        """The data that the model was fitted to."""
+        return Training(
+            self.X_train_,
+            self.tasks_train_,
+            self.tasks_,
+            self.y_train_.reshape(len(self.y_train_), -1),
+            self._centres,
+            self._scales,
+            self._single_output,
+        )
+
     def _pairs(self, training):
         """Data and settings of each output."""
         kernel = self.kernel
@@ -276,27 +290,32 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
             )
         return bounds
 
-    def _store(self, training, form, modes):
+    def _objectives(self, training, form):
+        """The likelihood of each output."""
+        return [s.likelihood(data, form) for data, s in self._pairs(training)]
+
+    def _store(self, training, likelihoods, modes):
         """Set the fitted attributes, in the target's own units."""
-        pairs = self._pairs(training)
-        self._likelihoods = [s.likelihood(data, form) for data, s in pairs]
+        self._likelihoods = likelihoods
         self._posteriors = [
             likelihood.posterior(mode.theta)
-            for likelihood, mode in zip(self._likelihoods, modes, strict=True)
+            for likelihood, mode in zip(likelihoods, modes, strict=True)
         ]
         self._centres, self._scales = training.y_mean, training.y_scale
         self._single_output = training.single_output
         self.tasks_, self.X_train_ = training.tasks, training.features
         self.tasks_train_, self.y_train_ = training.codes, training.Y
+        self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
         if training.single_output:
             self.y_train_ = training.Y[:, 0]
         self.theta_ = np.concatenate([mode.theta for mode in modes])
-        self._store_parameters(form, modes)
+        self._store_parameters(modes)
         self._store_summary(modes)
-        self.n_hyperparameters_ = self._count(pairs, form)
+        self.n_hyperparameters_ = sum(self._count(o) for o in likelihoods)
 
-    def _store_parameters(self, form, modes):
+    def _store_parameters(self, modes):
         square, L = np.square(self._scales), self._likelihoods
+        form = L[0].task_covariance
         parts = [o.split(mode.theta) for o, mode in zip(L, modes, strict=True)]
         kernels = [posterior.kernel for posterior in self._posteriors]
         rho = [form.matrix(p[1]) * s for p, s in zip(parts, square, strict=True)]
@@ -322,16 +341,16 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
             self.log_marginal_likelihoods_.sum()
         )
         self.n_iter_ = max(mode.n_iter for mode in modes)
+        self.n_evaluations_ = sum(mode.n_evaluations for mode in modes)
         _warn_of_unfinished(modes, self.max_iter)
 
-    def _count(self, pairs, form):
-        """Number of hyperparameters as eq. 8 counts them, summed over the outputs."""
+    def _count(self, likelihood):
+        """Number of hyperparameters of an output as eq. 8 counts them."""
         noise_is_fixed = isinstance(self.noise_variance_bounds, str)
-        return sum(
-            settings.kernel.n_dims
-            + form.n_free
-            + (0 if noise_is_fixed else len(settings.log_noise))
-            for _, settings in pairs
+        return (
+            likelihood.kernel.n_dims
+            + likelihood.task_covariance.n_free
+            + (0 if noise_is_fixed else likelihood.n_noise)
         )
 
     def _join(self, values):

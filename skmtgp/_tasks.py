@@ -275,6 +275,33 @@ def encode_tasks(labels, tasks):
     return np.searchsorted(tasks, labels)
 
 
+def complete_design(features, codes):
+    """Where each task is observed at each input, if all are at all, once each.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_features)
+        Inputs, in any order.
+    codes : ndarray of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1.
+
+    Returns
+    -------
+    rows : ndarray of shape (n_inputs, n_tasks), or None
+        The row of each distinct input and task; None if the data are not complete.
+    """
+    n_tasks = codes.max() + 1
+    n_inputs, rest = divmod(len(codes), n_tasks)
+    if rest or (np.bincount(codes) != n_inputs).any():
+        return None
+    distinct, which = np.unique(features, axis=0, return_inverse=True)
+    if len(distinct) != n_inputs:
+        return None
+    rows = np.full((n_inputs, n_tasks), -1)
+    rows[which.reshape(-1), codes] = np.arange(len(codes))
+    return None if (rows < 0).any() else rows
+
+
 def _enumerate(labels, most=5):
     listed = ", ".join(repr(label) for label in labels[:most].tolist())
     return listed + (f", ... ({len(labels)} in all)" if len(labels) > most else "")

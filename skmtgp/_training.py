@@ -55,6 +55,55 @@ def check_training(estimator, X, y):
     return *_split(estimator, table), y
 
 
+def check_new_task(estimator, X, y):
+    """Features, label and targets of a task that the estimator does not know.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted.
+    X : array-like of shape (n_samples, n_features)
+        Inputs with the task column, which holds one new label.
+    y : array-like of the other dimensions of the training targets
+        Targets.
+
+    Returns
+    -------
+    features : ndarray of shape (n_samples, n_features - 1)
+        Numbers.
+    label : ndarray of shape ()
+        The new task.
+    Y : ndarray of shape (n_samples, n_outputs)
+        Numbers.
+    """
+    table = read_table(estimator, X, reset=False)
+    features, labels = _split(estimator, table)
+    tasks, known = np.unique(labels), estimator.tasks_
+    if len(tasks) != 1:
+        raise ValueError(
+            f"The task column holds {len(tasks)} labels, {tasks[:5].tolist()}; add one "
+            "task after another."
+        )
+    if (tasks.dtype.kind == "U") != (known.dtype.kind == "U"):
+        raise ValueError(
+            f"The new task {tasks[0].item()!r} is not of the type of the known ones, "
+            f"such as {known[0].item()!r}."
+        )
+    if tasks[0] in known:
+        raise ValueError(
+            f"Task {tasks[0].item()!r} is known already; fit learns from more samples "
+            "of it, add_task takes new ones."
+        )
+    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
+    check_consistent_length(table, y)
+    if y.shape[1:] != estimator.y_train_.shape[1:]:
+        raise ValueError(
+            f"y has shape {y.shape}; the model was fitted to targets of shape "
+            f"{('n_samples', *estimator.y_train_.shape[1:])}.".replace("'", "")
+        )
+    return features, tasks[0], y.reshape(len(y), -1)
+
+
 def check_test(estimator, X):
     """Features and positions of the tasks in `tasks_`, from what the user passed."""
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
@@ -124,22 +173,55 @@ class Training(NamedTuple):
     y_scale: np.ndarray
     single_output: bool
 
-    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, **options):
-        """The data and the settings of each output, rows sorted by task."""
+    def data(self):
+        """The data of each output, scaled, rows sorted by task."""
         order = np.argsort(self.codes, kind="stable")
         X, tasks = self.features[order], self.codes[order]
         Y = ((self.Y - self.y_mean) / self.y_scale)[order]
-        for j, y in enumerate(Y.T, start=1):
-            scale = y.std() or 1.0
+        return [Data(X, tasks, np.ascontiguousarray(y), len(self.tasks)) for y in Y.T]
+
+    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, **options):
+        """The data and the settings of each output."""
+        for j, data in enumerate(self.data(), start=1):
+            scale = data.y.std() or 1.0
             fixed = isinstance(noise_bounds, str)
             bounds = (noise_variance,) * 2 if fixed else noise_bounds
             settings = Settings(
                 kernel=kernel,
-                scale=np.sqrt(np.square(y).mean()) or 1.0,
+                scale=np.sqrt(np.square(data.y).mean()) or 1.0,
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                name=f"output {j} of {Y.shape[1]}",
+                name=f"output {j} of {self.Y.shape[1]}",
                 **options,
             )
-            y = np.ascontiguousarray(y)
-            yield Data(X, tasks, y, len(self.tasks)), settings
+            yield data, settings
+
+    def with_task(self, features, label, Y):
+        """The data of one more task put below the others'.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n_new, n_features - 1)
+            Its inputs.
+        label : str, int or bool
+            Its label.
+        Y : ndarray of shape (n_new, n_outputs)
+            Its targets.
+
+        Returns
+        -------
+        training : Training
+            The same mean and scale of the targets.
+        position : int
+            Where the task is among the tasks.
+        """
+        tasks = np.sort(np.append(self.tasks, label))
+        position = int(np.searchsorted(tasks, label))
+        codes = self.codes + (self.codes >= position)
+        training = self._replace(
+            features=np.vstack([self.features, features]),
+            codes=np.append(codes, np.full(len(features), position)),
+            tasks=tasks,
+            Y=np.vstack([self.Y, Y]),
+        )
+        return training, position

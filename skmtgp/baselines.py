@@ -144,6 +144,10 @@ class IndependentGP(_FixedTaskCovarianceGP):
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
+    n_evaluations_ : int
+        Likelihoods and gradients that learning took, summed over the outputs.
+    complete_ : bool
+        Whether every task was observed at the same inputs, once each.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -242,6 +246,10 @@ class PooledGP(_FixedTaskCovarianceGP):
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
+    n_evaluations_ : int
+        Likelihoods and gradients that learning took, summed over the outputs.
+    complete_ : bool
+        Whether every task was observed at the same inputs, once each.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -323,6 +331,8 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
         Number of hyperparameters of all kernels and noises.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
+    n_evaluations_ : int
+        Likelihoods and gradients that learning took, summed over tasks and outputs.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (n_features_in_,)
@@ -417,6 +427,7 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
             for category, message in caught:
                 warnings.warn(f"Task {label!r}: {message}", category)
         self.n_iter_ = max(e.n_iter_ for e in fitted)
+        self.n_evaluations_ = sum(e.n_evaluations_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
         self.log_marginal_likelihoods_ = sum(
             e.log_marginal_likelihoods_ for e in fitted

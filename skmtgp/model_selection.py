@@ -1,5 +1,6 @@
 """Choosing the rank of the task covariance by an information criterion."""
 
+from copy import copy
 from numbers import Integral
 from typing import Literal, Self, overload
 
@@ -39,6 +40,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         Ranks to compare. Those above the number of tasks count as that number.
     criterion : {"bic", "aic", "hqc"}, default="bic"
         Which criterion chooses.
+    keep_estimators : bool, default=False
+        Whether the models of all ranks are kept, not the best one's alone.
     n_jobs : int, default=None
         Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
@@ -53,9 +56,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
     results_ : dict of ndarrays of shape (n_ranks,)
         rank, log_marginal_likelihood (of y in its own units, summed over outputs),
         n_hyperparameters, bic, aic, hqc, and fit_time: seconds of computing spent on
-        that rank, without the first stage that all ranks share. With several outputs,
-        output0_log_marginal_likelihood and so on too. ``pandas.DataFrame(results_)`` is
-        a table.
+        that rank, the first stage that all ranks share counted for each. With several
+        outputs, output0_log_marginal_likelihood and so on too.
+        ``pandas.DataFrame(results_)`` is a table.
+    estimators_ : list of n_ranks MultiTaskGPRegressor
+        The model of each rank in `results_`, fitted. Only if `keep_estimators`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (n_features_in_,)
@@ -88,6 +93,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         "estimator": [MultiTaskGPRegressor, None],
         "ranks": ["array-like"],
         "criterion": [StrOptions({"bic", "aic", "hqc"})],
+        "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
     }
@@ -98,12 +104,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         *,
         ranks: ArrayLike = (2, 4, 5, 6, 8, 10),
         criterion: Literal["bic", "aic", "hqc"] = "bic",
+        keep_estimators: bool = False,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
         self.estimator = estimator
         self.ranks = ranks
         self.criterion = criterion
+        self.keep_estimators = keep_estimators
         self.n_jobs = n_jobs
         self.verbose = verbose
 
@@ -146,9 +154,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         self.results_ = _results(model, training, forms, modes)
         best = int(np.argmin(self.results_[self.criterion]))
         self.best_rank_ = forms[best].rank
-        model.set_params(rank=self.best_rank_)
-        model._store(training, forms[best], modes[best])
-        self.best_estimator_ = model
+        fitted = {
+            k: _fitted(model, training, forms[k], modes[k])
+            for k in (range(len(forms)) if self.keep_estimators else [best])
+        }
+        self.best_estimator_ = fitted[best]
+        vars(self).pop("estimators_", None)
+        if self.keep_estimators:
+            self.estimators_ = list(fitted.values())
 
     def _check_ranks(self, n_tasks):
         ranks = np.asarray(self.ranks)
@@ -215,6 +228,34 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
             include_noise=include_noise,
         )
 
+    def add_task(
+        self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
+    ) -> Self:
+        """The best model with one more task, at the rank that was chosen.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs of the new task, with its label in the estimator's column
+            `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Its targets.
+        prior : {"tasks"} or None, default="tasks"
+            See :meth:`MultiTaskGPRegressor.add_task`.
+
+        Returns
+        -------
+        model : RankSearchIC
+            A new fitted estimator with another `best_estimator_`; `results_` are those
+            of the search, without the new task. This one stays as it is.
+        """
+        check_is_fitted(self)
+        model = copy(self)
+        model.best_estimator_ = self.best_estimator_.add_task(X, y, prior=prior)
+        model.results_ = {name: column.copy() for name, column in self.results_.items()}
+        vars(model).pop("estimators_", None)
+        return model
+
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
@@ -253,14 +294,22 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         return "best_estimator_" in vars(self)
 
 
+def _fitted(model, training, form, modes):
+    """A copy of the model that has learned these modes."""
+    model = copy(model).set_params(rank=form.rank)
+    model._store(training, model._objectives(training, form), modes)
+    return model
+
+
 def _results(model, training, forms, modes):
     """The table of criteria, one entry for each form."""
     n, n_outputs = training.Y.shape
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values -= n * np.log(training.y_scale)  # a change of units
     log_likelihood = values.sum(axis=1)
-    pairs = model._pairs(training)
-    count = np.array([model._count(pairs, form) for form in forms])
+    count = np.array(
+        [sum(map(model._count, model._objectives(training, form))) for form in forms]
+    )
     n_observations = n * n_outputs
     deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
     return {

@@ -1,15 +1,21 @@
 """The multi-task Gaussian process of the paper."""
 
+from copy import copy
+from dataclasses import replace
 from numbers import Integral
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp._sklearn_compat import Interval
+from skmtgp._sklearn_compat import Interval, StrOptions
+from skmtgp._training import check_new_task
+from skmtgp.learning.novel import add_task
+from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.task_covariance import low_rank
 
@@ -54,9 +60,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         deviation before learning. The model's mean is zero otherwise.
     inference : {"auto", "dense"}, default="auto"
         How the likelihood is computed. "auto" is dense and exact.
+    learning : {"annealed", "staged", "simultaneous"}, default="annealed"
+        How the mode is searched for. "annealed" finds the best ones; "staged" is the
+        heuristic of the paper's section 3 to the letter; "simultaneous" learns all
+        parameters at once from a random task covariance, which the paper argues
+        against.
+    truncation : {"eigen", "cholesky"}, default="eigen"
+        How the first estimate of the task covariance gets its rank, section 3.2: by its
+        leading eigenvectors, or by an incomplete Cholesky decomposition.
     n_restarts_optimizer : int, default=0
         Number of additional starts. The first truncates a fit of full rank, the others
-        are random.
+        are random; with "simultaneous" all are.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -64,7 +78,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     random_state : int, RandomState instance or None, default=None
-        Source of the random starts. Not used if `n_restarts_optimizer` is 0.
+        Source of the random starts. Not used if `n_restarts_optimizer` is 0, unless
+        `learning` is "simultaneous".
     verbose : int, default=0
         1 prints a line for each output, 2 more of them during each climb.
 
@@ -100,6 +115,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Rank of the task covariance.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
+    n_evaluations_ : int
+        Likelihoods and gradients that learning took, those of modes that were not kept
+        counted, summed over the outputs.
+    complete_ : bool
+        Whether every task was observed at the same inputs, once each.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -147,6 +167,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         **BaseMultiTaskGP._parameter_constraints,
         "rank": [Interval(Integral, 1, None, closed="left"), None],
         "diagonal": ["boolean"],
+        "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
+        "truncation": [StrOptions({"eigen", "cholesky"})],
         "n_restarts_optimizer": [Interval(Integral, 0, None, closed="left")],
         "random_state": ["random_state"],
     }
@@ -163,6 +185,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
         inference: Literal["auto", "dense"] = "auto",
+        learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
+        truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -179,6 +203,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
         self.inference = inference
+        self.learning = learning
+        self.truncation = truncation
         self.n_restarts_optimizer = n_restarts_optimizer
         self.max_iter = max_iter
         self.tol = tol
@@ -196,10 +222,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _learn_ranks(self, training, forms):
         """Modes for each form and output."""
+        learn = {
+            "annealed": learn_ranks,
+            "staged": learn_staged,
+            "simultaneous": learn_simultaneously,
+        }[self.learning]
+        n_seeds = self.n_restarts_optimizer + (self.learning == "simultaneous")
         rng = check_random_state(self.random_state)
-        seeds = rng.randint(np.iinfo(np.int32).max, size=self.n_restarts_optimizer)
-        modes = learn_ranks(
-            self._pairs(training),
+        seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds)
+        modes = learn(
+            [
+                (data, replace(settings, truncation=self.truncation))
+                for data, settings in self._pairs(training)
+            ],
             forms,
             seeds=seeds.tolist(),
             n_jobs=self.n_jobs,
@@ -207,6 +242,92 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         )
         return list(zip(*modes, strict=True))
 
-    def _store(self, training, form, modes):
-        super()._store(training, form, modes)
-        self.rank_ = form.rank
+    def add_task(
+        self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
+    ) -> Self:
+        """The model with one more task, of which a few samples are enough.
+
+        The kernel, the noise variance and the covariance of the tasks so far are kept;
+        only the new border of the task covariance is learned, from the marginal
+        likelihood of all samples: as many numbers as the rank, and if `rank` is None or
+        with `diagonal` one more.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs of the new task, with its label in column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Its targets.
+        prior : {"tasks"} or None, default="tasks"
+            "tasks" takes the new task to be drawn from the same population as the
+            others, whose rows of the factor give a prior of its row. None is the
+            paper's maximum likelihood, which one or two samples do not determine.
+
+        Returns
+        -------
+        model : MultiTaskGPRegressor
+            A new fitted estimator, which knows the new task too. This one stays as it
+            is.
+
+        Raises
+        ------
+        ValueError
+            If the task is known already, if X has several tasks, other features than in
+            `fit` or values that cannot be used, or if y has other outputs.
+
+        Notes
+        -----
+        Section 3.3 of the paper, but for the prior. With `noise` "per_task" the new
+        task gets the geometric mean of the others' noise variances. `y_mean_` and
+        `y_scale_` are kept. `n_iter_` and `n_evaluations_` are those of the border.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 60), np.repeat([0, 1, 2], 20)
+        >>> y = np.array([1.0, -2.0, 0.5])[task] * np.sin(x)
+        >>> model = MultiTaskGPRegressor(rank=1, normalize_y=False)
+        >>> model.fit(np.column_stack([x, task]), y).tasks_
+        array([0, 1, 2])
+        >>> extended = model.add_task([[1.5, 3]], 3.0 * np.sin([1.5]))
+        >>> extended.predict([[4.5, 3]]).round(2)
+        array([-2.93])
+        """
+        if prior not in ("tasks", None):
+            raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
+        check_is_fitted(self)
+        features, label, Y = check_new_task(self, X, y)
+        new = (Y - self._centres) / self._scales
+        training, position = self._training().with_task(features, label, Y)
+        parts = np.split(self.theta_, len(self._likelihoods))
+        borders = [
+            add_task(
+                *of_output,
+                features,
+                targets,
+                position=position,
+                own=self.rank is None or self.diagonal,
+                informed=prior is not None,
+                max_iter=self.max_iter,
+                tol=self.tol,
+            )
+            for *of_output, targets in zip(
+                self._likelihoods, self._posteriors, parts, new.T, strict=True
+            )
+        ]
+        forms, modes = zip(*borders, strict=True)
+        objectives = [
+            old.extended(form, data.X, data.tasks, data.y)
+            for old, form, data in zip(
+                self._likelihoods, forms, training.data(), strict=True
+            )
+        ]
+        model = copy(self)
+        model._store(training, objectives, modes)
+        return model
+
+    def _store(self, training, likelihoods, modes):
+        super()._store(training, likelihoods, modes)
+        self.rank_ = likelihoods[0].task_covariance.rank

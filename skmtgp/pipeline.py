@@ -1,16 +1,91 @@
-"""The paper's model of a robot, from joint states to torques, in one Pipeline."""
+"""Pipelines: the paper's model of a robot, and a task that joins a fitted one."""
 
+from copy import copy
+from typing import Literal, TypeVar
+
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp.baselines import SingleTaskGP
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
-__all__ = ["make_inverse_dynamics_regressor"]
+__all__ = ["add_task", "make_inverse_dynamics_regressor"]
+
+Model = TypeVar("Model", bound=BaseEstimator)
+
+
+def add_task(
+    model: Model,
+    X: ArrayLike,
+    y: ArrayLike,
+    *,
+    prior: Literal["tasks"] | None = "tasks",
+) -> Model:
+    """A fitted model with one more task, of which a few samples are enough.
+
+    The model's own method ``add_task``, after the transformers of a Pipeline, which
+    stay as they were fitted.
+
+    Parameters
+    ----------
+    model : MultiTaskGPRegressor, RankSearchIC, or Pipeline that ends with one
+        Fitted.
+    X : array-like of shape (n_samples, n_features)
+        Inputs of the new task, with its label, as `model` takes them.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Its targets.
+    prior : {"tasks"} or None, default="tasks"
+        Whether the other tasks tell where the new one lies among them, or maximum
+        likelihood, see :meth:`MultiTaskGPRegressor.add_task`.
+
+    Returns
+    -------
+    model : same type as `model`
+        A new fitted model, which knows the new task too. The one passed stays as it is.
+
+    Raises
+    ------
+    TypeError
+        If the model cannot add a task.
+    ValueError
+        If the task is known already, or X or y cannot be used.
+
+    Notes
+    -----
+    Section 3.3 of Chai, Williams, Klanke and Vijayakumar (2008).
+
+    Examples
+    --------
+    A robot that knows three loads meets another:
+
+    >>> from skmtgp import MultiTaskGPRegressor, add_task
+    >>> from skmtgp import make_inverse_dynamics_regressor
+    >>> from skmtgp.datasets import load_puma560
+    >>> X, y = load_puma560(n_per_load=5, loads=[1, 2, 3], return_X_y=True)
+    >>> model = MultiTaskGPRegressor(rank=1, max_iter=20, noise_variance_bounds="fixed")
+    >>> model = make_inverse_dynamics_regressor(model).fit(X, y[:, 0])
+    >>> X_new, y_new = load_puma560(n_per_load=2, loads=[9], return_X_y=True)
+    >>> add_task(model, X_new, y_new[:, 0])[-1].tasks_
+    array([1, 2, 3, 9])
+    """
+    if isinstance(model, Pipeline):
+        extended = copy(model)
+        X = model[:-1].transform(X) if len(model) > 1 else X
+        name, last = model.steps[-1]
+        extended.steps = [*model.steps[:-1], (name, add_task(last, X, y, prior=prior))]
+        return extended
+    if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC)):
+        raise TypeError(
+            f"model={model!r} must be a MultiTaskGPRegressor, a RankSearchIC or a "
+            "Pipeline that ends with one of them."
+        )
+    return model.add_task(X, y, prior=prior)
 
 
 def make_inverse_dynamics_regressor(
@@ -24,11 +99,11 @@ def make_inverse_dynamics_regressor(
     Parameters
     ----------
     estimator : estimator, default=None
-        The model: MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP, or a
-        RankSearchIC of one of the first. None is ``RankSearchIC()``, the paper's
-        mGP-BIC. It is cloned; where its kernel is None it gets
-        :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and its own `task_feature`
-        becomes -1, where the features put the load.
+        The model: MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
+        BayesianLinearRegression, or a RankSearchIC of one of the first. None is
+        ``RankSearchIC()``, the paper's mGP-BIC. It is cloned; where it has a kernel
+        that is None it gets :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and its
+        own `task_feature` becomes -1, where the features put the load.
     n_joints : int, default=6
         Number of joints J.
     task_feature : int or str, default=-1
@@ -67,16 +142,17 @@ def make_inverse_dynamics_regressor(
 
 
 def _set_kernel(regressor, kernel):
-    """Give the model its kernel where it has none; features put the task last."""
+    """Give the model its kernel where it lacks one; features put the task last."""
     if isinstance(regressor, RankSearchIC):
         if regressor.estimator is None:
             regressor.set_params(estimator=MultiTaskGPRegressor())
         regressor = regressor.estimator
-    if not isinstance(regressor, (BaseMultiTaskGP, SingleTaskGP)):
+    linear = isinstance(regressor, BayesianLinearRegression)
+    if not (linear or isinstance(regressor, (BaseMultiTaskGP, SingleTaskGP))):
         raise TypeError(
             f"estimator={regressor!r} must be a MultiTaskGPRegressor, IndependentGP, "
-            "PooledGP, SingleTaskGP or RankSearchIC."
+            "PooledGP, SingleTaskGP, BayesianLinearRegression or RankSearchIC."
         )
-    if regressor.kernel is None:
+    if not linear and regressor.kernel is None:
         regressor.set_params(kernel=kernel)
     regressor.set_params(task_feature=-1)

@@ -6,6 +6,7 @@ inputs or likelihoods.
 """
 
 import numpy as np
+from scipy.linalg.lapack import dpstrf
 
 FACTOR_BOUND = 10.0
 KAPPA_BOUNDS = (1e-11, 1e4)
@@ -51,7 +52,7 @@ class FixedTaskCovariance:
         """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
         return np.empty((0, self.n_tasks, self.n_tasks))
 
-    def parameters(self, K):
+    def parameters(self, K, truncation="eigen"):
         """Parameters of the member nearest to K: none."""
         return np.empty(0)
 
@@ -90,7 +91,8 @@ class LowRank:
     def __str__(self):
         return f"rank {self.rank}"
 
-    def _factor(self, parameters):
+    def columns(self, parameters):
+        """F as it is learned, of shape (n_tasks, rank)."""
         return parameters.reshape(self.n_tasks, self.rank)
 
     def bounds(self, scale):
@@ -109,36 +111,68 @@ class LowRank:
 
     def matrix(self, parameters):
         """K^rho, of shape (n_tasks, n_tasks)."""
-        F = self._factor(parameters)
+        F = self.columns(parameters)
         return F @ F.T
 
     def factor(self, parameters):
         """F rotated to a lower trapezoid, of shape (n_tasks, rank)."""
-        return lower_trapezoid(self._factor(parameters))
+        return lower_trapezoid(self.columns(parameters))
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
-        return (2.0 * D @ self._factor(parameters)).ravel()
+        return (2.0 * D @ self.columns(parameters)).ravel()
 
     def derivatives(self, parameters):
         """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
-        half = np.einsum("mi,jr->mrij", np.eye(self.n_tasks), self._factor(parameters))
+        half = np.einsum("mi,jr->mrij", np.eye(self.n_tasks), self.columns(parameters))
         symmetric = half + half.swapaxes(2, 3)
         return symmetric.reshape(-1, self.n_tasks, self.n_tasks)
 
-    def parameters(self, K):
-        """Parameters from the leading `rank` eigenvectors of K.
+    def parameters(self, K, truncation="eigen"):
+        """Parameters of a matrix of this rank near K.
 
-        Section 3.2: "the eigen-decomposition of K_aug^rho and keeping only the top r
-        eigenvectors/values".
+        Parameters
+        ----------
+        K : ndarray of shape (n_tasks, n_tasks)
+            Positive semi-definite.
+        truncation : {"eigen", "cholesky"}, default="eigen"
+            Section 3.2: "computing the eigen-decomposition of K_aug^rho and keeping
+            only the top r eigenvectors/values; it could also be implemented using an
+            incomplete Cholesky decomposition".
         """
-        values, vectors = np.linalg.eigh(K)
-        F = vectors * np.sqrt(np.maximum(values, 0.0))
-        return F[:, : -self.rank - 1 : -1].ravel()
+        leading = leading_columns if truncation == "cholesky" else leading_eigenvectors
+        return leading(K, self.rank).ravel()
 
     def grown(self, parameters, columns):
         """Parameters of the model of a higher rank: F with these columns added."""
-        return np.hstack([self._factor(parameters), columns]).ravel()
+        return np.hstack([self.columns(parameters), columns]).ravel()
+
+    def bordered(self, parameters, row, own, position):
+        """The model of one more task, section 3.3.
+
+        Parameters
+        ----------
+        parameters : ndarray of shape (n_parameters,)
+            Those of the tasks so far.
+        row : ndarray of shape (rank,)
+            The new task's row of F.
+        own : float or None
+            Standard deviation of what it shares with no other task: F gets a column
+            with this element alone. None: no such column.
+        position : int
+            Where it goes among the tasks.
+
+        Returns
+        -------
+        form : LowRank
+            Of one more task.
+        parameters : ndarray of shape (form.n_parameters,)
+            Its parameters.
+        """
+        F = np.insert(self.columns(parameters), position, row, axis=0)
+        if own is not None:
+            F = np.column_stack([F, own * (np.arange(len(F)) == position)])
+        return LowRank(*F.shape), F.ravel()
 
 
 class WithDiagonal:
@@ -177,6 +211,10 @@ class WithDiagonal:
         parameters, kappa = self._split(parameters)
         return self.form.matrix(parameters) + np.diag(kappa)
 
+    def columns(self, parameters):
+        """The other one's F as it is learned, of shape (n_tasks, rank)."""
+        return self.form.columns(self._split(parameters)[0])
+
     def factor(self, parameters):
         """The other one's factor, of shape (n_tasks, rank)."""
         return self.form.factor(self._split(parameters)[0])
@@ -194,9 +232,9 @@ class WithDiagonal:
         d_kappa = np.einsum("mi,mj,m->mij", unit, unit, kappa)
         return np.concatenate([self.form.derivatives(parameters), d_kappa])
 
-    def parameters(self, K):
+    def parameters(self, K, truncation="eigen"):
         """Parameters from K: what the other one leaves of its diagonal is kappa."""
-        parameters = self.form.parameters(K)
+        parameters = self.form.parameters(K, truncation)
         rest = np.diagonal(K - self.form.matrix(parameters))
         floor = 1e-6 * np.trace(K) / len(K) + np.finfo(float).tiny
         return np.concatenate([parameters, np.log(np.maximum(rest, floor))])
@@ -205,6 +243,13 @@ class WithDiagonal:
         """Parameters of the model of a higher rank: F with these columns added."""
         parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
         return np.concatenate([self.form.grown(parameters, columns), log_kappa])
+
+    def bordered(self, parameters, row, own, position):
+        """The model of one more task, whose kappa is the square of `own`."""
+        parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
+        form, parameters = self.form.bordered(parameters, row, None, position)
+        log_kappa = np.insert(log_kappa, position, 2.0 * np.log(own))
+        return WithDiagonal(form), np.concatenate([parameters, log_kappa])
 
 
 def identity(n_tasks, diagonal=False):
@@ -223,6 +268,25 @@ def low_rank(n_tasks, rank, diagonal=False):
     """K^rho = F F^T of the given rank (mGP)."""
     form = LowRank(n_tasks, rank)
     return WithDiagonal(form) if diagonal else form
+
+
+def leading_eigenvectors(K, rank):
+    """F of shape (n_tasks, rank) with the F F^T nearest to K."""
+    values, vectors = np.linalg.eigh(K)
+    F = vectors * np.sqrt(np.maximum(values, 0.0))
+    return F[:, : -rank - 1 : -1]
+
+
+def leading_columns(K, rank):
+    """F of shape (n_tasks, rank) of the incomplete Cholesky decomposition of K.
+
+    The largest diagonal element that is left is the next pivot.
+    """
+    factor, pivots, n_columns, _ = dpstrf(K, lower=1)
+    F = np.zeros((len(K), rank))
+    kept = min(rank, n_columns)
+    F[pivots - 1, :kept] = np.tril(factor)[:, :kept]
+    return F
 
 
 def lower_trapezoid(F):

@@ -4,6 +4,7 @@ import pytest
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from skmtgp import (
+    BayesianLinearRegression,
     IndependentGP,
     MultiTaskGPRegressor,
     PooledGP,
@@ -13,17 +14,18 @@ from skmtgp import (
 
 ALONE = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
 DEFAULT = [cls() for cls in (*ALONE, RankSearchIC)]
+LINEAR = [BayesianLinearRegression(pooled=pooled) for pooled in (False, True)]
 # How the first column is cut does not depend on how long learning lasts.
 FIRST = [cls(task_feature=0, max_iter=10) for cls in ALONE]
 SEARCH = RankSearchIC(MultiTaskGPRegressor(task_feature=0, max_iter=10), ranks=(1, 2))
 
 
-@parametrize_with_checks(DEFAULT)
+@parametrize_with_checks([*DEFAULT, *LINEAR])
 def test_task_in_the_last_column(estimator, check):
     check(estimator)
 
 
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-@parametrize_with_checks([*FIRST, SEARCH])
+@parametrize_with_checks([*FIRST, SEARCH, BayesianLinearRegression(task_feature=0)])
 def test_task_in_the_first_column(estimator, check):
     check(estimator)

@@ -16,7 +16,7 @@ LAYERS = [
     {"_contraction"},
     {"inference"},
     {"learning"},
-    {"_training", "_base", "multitask", "baselines"},
+    {"_training", "_base", "multitask", "baselines", "linear"},
     {
         "model_selection",
         "preprocessing",

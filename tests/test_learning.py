@@ -349,6 +349,7 @@ class TestShake:
         assert best.theta[-1] == -17.0
         assert best.n_iter == mode.n_iter + 14
         assert best.seconds == mode.seconds + 3.0
+        assert best.n_evaluations == mode.n_evaluations + 24
 
     def test_noisy_data_are_not_shaken(self, data, mode, monkeypatch):
         monkeypatch.setattr(climbing, "climb", lambda *args: pytest.fail("climbed"))
@@ -379,11 +380,12 @@ def test_best_of():
     modes = [
         Mode(np.zeros(1), value, 3, 4, True, False, 0.5, 9) for value in (1.0, 3.0, 2.0)
     ]
-    assert best_of(modes) == modes[1]._replace(seconds=1.5)
+    spent = {"seconds": 1.5, "n_evaluations": 12}
+    assert best_of(modes) == modes[1]._replace(**spent)
     modes[1] = modes[1]._replace(stalled=True)
-    assert best_of(modes) == modes[1]._replace(seconds=1.5)
-    assert best_of(modes, doubt=0.5) == modes[1]._replace(seconds=1.5)
-    assert best_of(modes, doubt=1.5) == modes[2]._replace(seconds=1.5)
+    assert best_of(modes) == modes[1]._replace(**spent)
+    assert best_of(modes, doubt=0.5) == modes[1]._replace(**spent)
+    assert best_of(modes, doubt=1.5) == modes[2]._replace(**spent)
 
 
 def test_perturbed():

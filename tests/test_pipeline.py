@@ -5,6 +5,7 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.model_selection import GridSearchCV
 
 from skmtgp import (
+    BayesianLinearRegression,
     IndependentGP,
     MultiTaskGPRegressor,
     PooledGP,
@@ -79,6 +80,26 @@ def test_estimator_of_the_user_is_left_alone(estimator):
     assert regressor is not estimator
     assert repr(estimator) == before
     assert getattr(estimator, "estimator", estimator).kernel is None
+
+
+@pytest.mark.parametrize("pooled", [False, True])
+def test_linear_regression_has_no_kernel(pooled):
+    estimator = BayesianLinearRegression(pooled=pooled, task_feature=0)
+    model = make_inverse_dynamics_regressor(estimator).fit(X, Y[:, :2])
+    assert (model[-1].task_feature, estimator.task_feature) == (-1, 0)
+    assert model[-1].tasks_.tolist() == [1, 2, 5]
+    features = InverseDynamicsFeatures(6).fit_transform(X)
+    alone = clone(estimator).set_params(task_feature=-1).fit(features, Y[:, :2])
+    assert alone.coef_.shape == (2, 3, 24)  # (x, sgn(qd)); the constant is apart
+    found = model.predict(X, return_std=True)
+    expected = alone.predict(features, return_std=True)
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_other_estimators_are_refused():
+    message = "must be a MultiTaskGPRegressor, .* BayesianLinearRegression or Rank"
+    with pytest.raises(TypeError, match=message):
+        make_inverse_dynamics_regressor(InverseDynamicsFeatures())
 
 
 def test_task_in_another_column():

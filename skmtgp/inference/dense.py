@@ -165,6 +165,11 @@ class DenseLikelihood:
         """
         return DensePosterior(self, theta)
 
+    def extended(self, task_covariance, X, tasks, y):
+        """The same model of other data, one noise variance for each task if it had."""
+        n_noise = task_covariance.n_tasks if self.n_noise > 1 else 1
+        return DenseLikelihood(self.kernel, task_covariance, X, tasks, y, n_noise)
+
     def covariance(self, theta):
         """K: lower triangle of an ndarray of shape (n_samples, n_samples)."""
         return self._fill(*self._bind(theta), np.empty((len(self.X),) * 2))[0]
@@ -317,6 +322,8 @@ class DensePosterior:
         k^x at these parameters.
     K_rho : ndarray of shape (n_tasks, n_tasks)
         K^rho at these parameters.
+    alpha : ndarray of shape (n_samples,)
+        K^{-1} y.
     log_likelihood : float
         Log marginal likelihood of the targets.
     """
@@ -330,8 +337,8 @@ class DensePosterior:
         self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
         half = self.cholesky.half_solve(likelihood.y)
         self.log_likelihood = likelihood.log_density(self.cholesky, half)
-        alpha = self.cholesky.half_solve(half, transposed=True)
-        self.weights = self.K_rho[:, self.tasks] * alpha
+        self.alpha = self.cholesky.half_solve(half, transposed=True)
+        self.weights = self.K_rho[:, self.tasks] * self.alpha
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -379,6 +386,12 @@ class DensePosterior:
         half = self._half(X, tasks)
         return self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X) - half.T @ half
 
+    def cross(self, X):
+        """k^x between rows of X and the training inputs, (n_samples, n_train)."""
+        shape = len(X), len(self.tasks)
+        K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
+        return np.broadcast_to(K_x, shape)
+
     def _weigh(self, cross, rows, weights):
         """K^x(X[rows], X_train) times the weights, which are in rows, in tiles."""
         size, n = rows.stop - rows.start, len(self.tasks)
@@ -391,10 +404,7 @@ class DensePosterior:
     def _half(self, X, tasks):
         """C^{-1} K(X_train, X), where K_train = C C^T."""
         between = self.K_rho[np.ix_(self.tasks, tasks)]
-        cross = self.bound.against(X)
-        K_x, _ = cross.block(slice(0, len(X)), slice(0, len(self.tasks)))
-        K_x = np.broadcast_to(K_x, (len(X), len(self.tasks)))
-        return self.cholesky.half_solve(between * K_x.T)
+        return self.cholesky.half_solve(between * self.cross(X).T)
 
 
 def _by_rows(function, n):

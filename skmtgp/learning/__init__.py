@@ -1,7 +1,8 @@
 """Learning: maximising the marginal likelihood.
 
 ``climbing`` follows one start to a mode, ``stages`` is the paper's section 3, ``ranks``
-learns several ranks that help each other. What goes beyond the paper:
+learns several ranks that help each other, ``paper`` is section 3 without our additions,
+``novel`` adds a task to a model. What goes beyond the paper:
 
 - *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
 - *Annealed*: the noise variance is held up, at first.

@@ -90,6 +90,8 @@ class Settings:
         Most iterations of each climb.
     tol : float
         Gain in nats under which a climb ends.
+    truncation : {"eigen", "cholesky"}, default="eigen"
+        How K_aug^rho gets the rank of the model, section 3.2.
     name : str, default="output"
         What is learned, for the lines that are printed.
     verbose : int, default=0
@@ -102,6 +104,7 @@ class Settings:
     log_noise_bounds: tuple
     max_iter: int
     tol: float
+    truncation: str = "eigen"
     name: str = "output"
     verbose: int = 0
 
@@ -146,13 +149,14 @@ class Mode(NamedTuple):
     n_iter : int
         Iterations on the way to it.
     n_evaluations : int
-        Likelihoods and gradients that they took.
+        Likelihoods and gradients that were spent on it and on the modes that it was
+        preferred to.
     converged : bool
         Whether the last climb ended by its tolerance.
     stalled : bool
         Whether it ended for lack of digits: more gain was expected, no step gained.
     seconds : float
-        Time that was spent on it and on the modes that it was preferred to.
+        Time that was spent on the same.
     n_samples : int
         Rows that it was learned from.
     """
@@ -176,7 +180,7 @@ class Mode(NamedTuple):
 
 
 def best_of(modes, *, doubt=0.0):
-    """The best mode, with the time of all.
+    """The best mode, with what was spent on all.
 
     Parameters
     ----------
@@ -187,7 +191,10 @@ def best_of(modes, *, doubt=0.0):
         value lacks digits.
     """
     best = max(modes, key=lambda mode: mode.value - doubt * mode.stalled)
-    return best._replace(seconds=sum(mode.seconds for mode in modes))
+    return best._replace(
+        n_evaluations=sum(mode.n_evaluations for mode in modes),
+        seconds=sum(mode.seconds for mode in modes),
+    )
 
 
 def climb(data, settings, form, theta, *, relaxed=False, held=False):
@@ -289,7 +296,7 @@ def shake(data, settings, form, mode, times):
         if (theta == mode.theta).all():  # the data are noisy
             break
         again = climb(data, settings, form, theta)
-        mode = mode.then(again)._replace(seconds=again.seconds)
+        mode = again._replace(n_iter=mode.n_iter + again.n_iter)
         modes.append(mode)
     return best_of(modes, doubt=DOUBT)
 

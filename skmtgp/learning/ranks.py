@@ -13,7 +13,6 @@ import numpy as np
 from skmtgp._parallel import printer, run
 from skmtgp.learning.climbing import best_of, climb, refine
 from skmtgp.learning.stages import (
-    Start,
     first_stage,
     full_rank_start,
     perturbed,
@@ -45,15 +44,16 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         The best mode found, for each output and form.
     """
     coarse = [(data.levels()[0], settings) for data, settings in pairs]
-    report = _printer(pairs, forms, verbose)
-    starts = _starts(coarse, seeds, n_jobs)
+    report = rank_printer(pairs, forms, verbose)
+    starts = make_starts(coarse, n_jobs)
+    more = more_starts(coarse, starts, seeds, n_jobs)
     jobs = [
-        (*pair, form, of_output)
-        for pair, of_output in zip(coarse, starts, strict=True)
+        (*pair, form, [*of_output, *others])
+        for pair, of_output, others in zip(coarse, starts, more, strict=True)
         for form in forms
     ]
     follow = partial(second_stage, thorough=len(forms) == 1)  # others will help
-    modes = _by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
+    modes = by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     if all(len(data.levels()) == 1 for data, _ in pairs):
@@ -63,11 +63,12 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         for pair, of_output in zip(pairs, modes, strict=True)
         for form, mode in zip(forms, of_output, strict=True)
     ]
-    modes = _by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
+    modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
 
-def _printer(pairs, forms, verbose):
+def rank_printer(pairs, forms, verbose):
+    """What prints a line for each output and form, or None."""
     names = [f"{settings.name}, {form}" for _, settings in pairs for form in forms]
 
     def describe(i, mode):
@@ -79,7 +80,8 @@ def _printer(pairs, forms, verbose):
     return printer(verbose, describe)
 
 
-def _by_output(modes, forms):
+def by_output(modes, forms):
+    """Lists of the modes of each output, one for each form."""
     return [list(modes[j : j + len(forms)]) for j in range(0, len(modes), len(forms))]
 
 
@@ -87,19 +89,29 @@ def _of_output(pairs, forms, modes):
     return [(*pair, forms, of) for pair, of in zip(pairs, modes, strict=True)]
 
 
-def _starts(pairs, seeds, n_jobs):
-    """Where step 3 begins, a list for each output; the same for all ranks."""
+def make_starts(pairs, n_jobs, *, relaxed=True):
+    """Where step 3 begins, after I and 1 1^T, for each output; the same for all ranks.
+
+    With one task I and 1 1^T are the same, and so are the starts.
+    """
     M = pairs[0][0].n_tasks
     fixed = [identity(M), ones(M)][: min(M, 2)]
     jobs = [(*pair, form) for pair in pairs for form in fixed]
-    starts = _by_output(run(first_stage, jobs, n_jobs=n_jobs), fixed)
-    if seeds:
-        jobs = [(*pair, of[0]) for pair, of in zip(pairs, starts, strict=True)]
-        full_rank = run(full_rank_start, jobs, n_jobs=n_jobs)
-        for of_output, start in zip(starts, full_rank, strict=True):
-            random = [perturbed(of_output[0], seed) for seed in seeds[1:]]
-            of_output.extend([start, *random])
-    return starts
+    first = partial(first_stage, relaxed=relaxed)
+    return by_output(run(first, jobs, n_jobs=n_jobs), fixed)
+
+
+def more_starts(pairs, starts, seeds, n_jobs):
+    """As many additional starts as seeds, for each output."""
+    if not seeds:
+        return [[] for _ in pairs]
+    jobs = [(*pair, of[0]) for pair, of in zip(pairs, starts, strict=True)]
+    return [
+        [full_rank, *(perturbed(of[0], seed) for seed in seeds[1:])]
+        for full_rank, of in zip(
+            run(full_rank_start, jobs, n_jobs=n_jobs), starts, strict=True
+        )
+    ]
 
 
 def descend(data, settings, forms, modes):
@@ -127,8 +139,8 @@ def descend(data, settings, forms, modes):
             kernel, rho, noise = settings.likelihood(data, forms[k + 1]).split(
                 modes[k + 1].theta
             )
-            start = Start(kernel, forms[k + 1].matrix(rho)).theta(settings, forms[k])
-            start[-len(noise) :] = noise
+            cut = forms[k].parameters(forms[k + 1].matrix(rho))
+            start = np.concatenate([kernel, cut, noise])
             again = climb(data, settings, forms[k], settings.with_noise(start))
             modes[k] = best_of([modes[k], again])
     return modes
@@ -158,7 +170,7 @@ def nest(data, settings, forms, modes):
         if modes[k].value < modes[k - 1].value:
             embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], modes[k - 1])
             regrown = climb(data, settings, forms[k], grown)
-            lower = modes[k - 1]._replace(theta=embedded, seconds=0.0)
+            lower = modes[k - 1]._replace(theta=embedded, n_evaluations=0, seconds=0.0)
             modes[k] = best_of([modes[k], regrown, lower])
     return modes
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from skmtgp.learning.climbing import (
     DOUBT,
+    Mode,
     annealed,
     best_of,
     climb,
@@ -41,24 +42,35 @@ def learn_fixed(data, settings, form):
 
 
 class Start(NamedTuple):
-    """Where step 3 begins: theta_1^x and K_1^rho before its rank is constrained."""
+    """Where step 3 begins.
+
+    Attributes
+    ----------
+    kernel_theta : ndarray of shape (n_dims,)
+        theta_1^x.
+    K_rho : ndarray of shape (n_tasks, n_tasks)
+        K_1^rho before its rank is constrained.
+    mode : Mode, default=None
+        What step 1 found, if it comes from there.
+    """
 
     kernel_theta: np.ndarray
     K_rho: np.ndarray
+    mode: Mode | None = None
 
     def theta(self, settings, form):
         """All parameters of the model of this form, with sigma_0^2."""
-        rho = form.parameters(self.K_rho)
+        rho = form.parameters(self.K_rho, settings.truncation)
         return np.concatenate([self.kernel_theta, rho, settings.log_noise])
 
 
-def first_stage(data, settings, form):
+def first_stage(data, settings, form, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
     theta = np.concatenate([settings.kernel.theta, settings.log_noise])
-    mode = climb(data, settings, form, theta, relaxed=True)
+    mode = climb(data, settings, form, theta, relaxed=relaxed)
     likelihood = settings.likelihood(data, form)
     K_rho = augmented_task_covariance(data, likelihood.posterior(mode.theta))
-    return Start(likelihood.split(mode.theta)[0], K_rho)
+    return Start(likelihood.split(mode.theta)[0], K_rho, mode)
 
 
 def augmented_task_covariance(data, posterior):
@@ -111,15 +123,26 @@ def second_stage(data, settings, form, starts, *, thorough=True):
     Returns
     -------
     mode : Mode
-        The best one, with the time of all.
+        The best one, with what was spent on all, the starts counted.
     """
     modes = [
         annealed(data, settings, form, start.theta(settings, form)) for start in starts
     ]
-    if not thorough:
-        return shake(data, settings, form, best_of(modes, doubt=DOUBT), 1)
-    shaken = [shake(data, settings, form, mode, SHAKES) for mode in modes]
-    return best_of(shaken, doubt=DOUBT)
+    if thorough:
+        shaken = [shake(data, settings, form, mode, SHAKES) for mode in modes]
+        mode = best_of(shaken, doubt=DOUBT)
+    else:
+        mode = shake(data, settings, form, best_of(modes, doubt=DOUBT), 1)
+    return with_starts(mode, starts)
+
+
+def with_starts(mode, starts):
+    """The mode, with what was spent on its starts."""
+    first = [start.mode for start in starts if start.mode]
+    return mode._replace(
+        n_evaluations=mode.n_evaluations + sum(m.n_evaluations for m in first),
+        seconds=mode.seconds + sum(m.seconds for m in first),
+    )
 
 
 def full_rank_start(data, settings, start):
@@ -131,7 +154,7 @@ def full_rank_start(data, settings, start):
     theta = start._replace(K_rho=np.eye(data.n_tasks)).theta(settings, form)
     mode = climb(data, settings, form, theta, relaxed=True)
     kernel, rho, _ = settings.likelihood(data, form).split(mode.theta)
-    return Start(kernel, form.matrix(rho))
+    return Start(kernel, form.matrix(rho), mode)
 
 
 def perturbed(start, seed):

@@ -1,0 +1,106 @@
+r"""The border of K^rho: a novel task, the paper's section 3.3.
+
+The tasks so far are f^m = sum_a F_ma z_a, with latent functions z_a of covariance k^x
+(eq. 3 and 5). A novel task is f = sum_a l_a z_a, and perhaps w z_new of its own. With
+theta^x, sigma^2 and F frozen, the likelihood of all data depends on (l, w) through
+p(y_new | y_old) alone, a Gaussian of as many dimensions as the new task has samples.
+"""
+
+import numpy as np
+
+from skmtgp._linalg import Cholesky
+from skmtgp.exceptions import NotPositiveDefiniteError
+
+
+class BorderLikelihood:
+    """log p(y_new | y_old) as a function of the novel task's row (l, w).
+
+    Parameters
+    ----------
+    posterior : DensePosterior
+        Of the tasks so far.
+    factor : ndarray of shape (n_tasks, rank)
+        F, with F F^T the task covariance but for its diagonal.
+    X : ndarray of shape (n_samples, n_features)
+        Inputs of the novel task.
+    y : ndarray of shape (n_samples,)
+        Its targets.
+    noise : float
+        Noise variance of the novel task.
+    own : bool
+        Whether there is a w.
+
+    Attributes
+    ----------
+    means : ndarray of shape (rank, n_samples)
+        Posterior means of the latent functions at X.
+    """
+
+    def __init__(self, posterior, factor, X, y, noise, own):
+        self.rank, self.own, self.y, self.noise = factor.shape[1], own, y, noise
+        self.K_x = posterior.kernel(X)
+        of_rows = factor[posterior.tasks].T  # (rank, n_train)
+        cross = posterior.cross(X)  # (n_samples, n_train)
+        self.means = of_rows * posterior.alpha @ cross.T
+        # C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
+        self.halves = np.stack(
+            [posterior.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
+        )
+
+    def value(self, row):
+        """The log density; -inf where it cannot be computed."""
+        return self.value_and_grad(row)[0]
+
+    def value_and_grad(self, row):
+        """The log density and its gradient.
+
+        Parameters
+        ----------
+        row : ndarray of shape (rank,), or (rank + 1,) with w last
+            The border.
+
+        Returns
+        -------
+        value : float
+            Log density of the new targets given the old ones.
+        gradient : ndarray of the shape of row
+            Its gradient; nan where the value is -inf.
+        """
+        S, half = self._covariance(row)
+        try:
+            cholesky = Cholesky(np.asfortranarray(S))
+        except NotPositiveDefiniteError:
+            return -np.inf, np.full(len(row), np.nan)
+        rest = self.y - row[: self.rank] @ self.means
+        alpha = cholesky.solve(rest)
+        value = -0.5 * (
+            rest @ alpha + cholesky.log_det() + len(rest) * np.log(2.0 * np.pi)
+        )
+        G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
+        gradient = np.vdot(G, self.K_x) * row
+        gradient[: self.rank] += self.means @ alpha
+        gradient[: self.rank] -= np.tensordot(self.halves, half @ G, axes=2)
+        return value, gradient
+
+    def fisher_information(self, row):
+        """Fisher information of the border, of shape (len(row), len(row)).
+
+        Of a Gaussian: dmean_p^T S^{-1} dmean_q + 1/2 tr(S^{-1} dS_p S^{-1} dS_q).
+        """
+        S, half = self._covariance(row)
+        dS = 2.0 * row[:, None, None] * self.K_x
+        between = half.T @ self.halves  # of each latent function
+        dS[: self.rank] -= between + between.swapaxes(1, 2)
+        inverse = np.linalg.pinv(S, hermitian=True)
+        scores = inverse @ dS
+        information = 0.5 * np.einsum("pij,qji->pq", scores, scores)
+        shared = slice(self.rank)
+        information[shared, shared] += self.means @ inverse @ self.means.T
+        return information
+
+    def _covariance(self, row):
+        """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
+        half = np.tensordot(row[: self.rank], self.halves, axes=1)
+        S = (row @ row) * self.K_x - half.T @ half
+        S.flat[:: len(S) + 1] += self.noise
+        return S, half

@@ -1,0 +1,172 @@
+"""A novel task, the paper's section 3.3: theta^x and sigma^2 are frozen.
+
+"It is only this new border which needs to be learned by maximising the marginal
+likelihood": with the rank constraint the new task's row of the factor of K^rho, without
+it also what the task shares with no other. One or two samples do not determine a row;
+unless told otherwise we add what the rows of the tasks so far tell of it.
+"""
+
+from time import perf_counter
+
+import numpy as np
+
+from skmtgp._bfgs import minimize
+from skmtgp.inference.border import BorderLikelihood
+from skmtgp.learning.climbing import Mode
+
+FOLLOWED = 4  # starts
+FARTHEST = 1e6  # coordinate
+RIDGE = 1e-7  # of the mean square of the rows, on their covariance
+SMALLEST, FIRST = 1e-6, 0.1  # w, in root mean squares of the rows
+
+
+def add_task(
+    likelihood, posterior, theta, X, y, *, position, own, informed, max_iter, tol
+):
+    """Extend a model by a task of which little is known.
+
+    Parameters
+    ----------
+    likelihood : DenseLikelihood
+        Of the tasks so far.
+    posterior : DensePosterior
+        The same at theta.
+    theta : ndarray of shape (n_theta,)
+        What was learned of them.
+    X : ndarray of shape (n_samples, n_features)
+        Inputs of the novel task.
+    y : ndarray of shape (n_samples,)
+        Its targets.
+    position : int
+        Where it goes among the tasks.
+    own : bool
+        Whether it may have something that it shares with no other task.
+    informed : bool
+        Whether the border has the prior of `Rows`; maximum likelihood otherwise.
+    max_iter, tol : int and float
+        As for the estimators.
+
+    Returns
+    -------
+    form : LowRank
+        Form of K^rho with one more task.
+    mode : Mode
+        All parameters of that model; its value is log p(y | the other tasks' targets).
+    """
+    begin = perf_counter()
+    kernel, rho, log_noise = likelihood.split(theta)
+    factor = likelihood.task_covariance.columns(rho)
+    noise = np.exp(log_noise.mean())  # of the novel task, if they have one each
+    border = BorderLikelihood(posterior, factor, X, y, noise, own)
+    best = learn_border(border, factor, max_iter, tol, informed=informed)
+    row, rest = best.x[: border.rank], best.x[border.rank :]
+    form, rho = likelihood.task_covariance.bordered(
+        rho, row, rest[0] if own else None, position
+    )
+    if len(log_noise) > 1:
+        log_noise = np.insert(log_noise, position, np.log(noise))
+    theta = np.concatenate([kernel, rho, log_noise])
+    seconds = perf_counter() - begin
+    value = border.value(best.x)
+    return form, Mode(theta, value, *best[2:], seconds, len(y))
+
+
+class Rows:
+    """The population of the rows of F that the novel task's is taken from.
+
+    A row is ``mean + scale @ u``, with u of unit variance; u is what is learned. Its
+    prior is a multivariate t, whose tails are heavy where there are few tasks.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (n_tasks, rank)
+        F.
+    own : bool
+        Whether a w comes last, a standard deviation. It has no prior.
+    """
+
+    def __init__(self, factor, own):
+        n_tasks, self.rank = factor.shape
+        self.degrees_of_freedom = max(n_tasks - self.rank, 1)
+        moment = np.square(factor).sum(axis=1).mean() or 1.0
+        covariance = np.atleast_2d(np.cov(factor.T, bias=True))
+        covariance[np.diag_indices(self.rank)] += RIDGE * moment
+        self.mean, self.scale = np.zeros(self.rank + own), np.eye(self.rank + own)
+        self.mean[: self.rank] = factor.mean(axis=0)
+        self.scale[: self.rank, : self.rank] = np.linalg.cholesky(covariance)
+        self.lower = np.full(self.rank + own, -FARTHEST)
+        if own:
+            self.scale[-1, -1] = np.sqrt(moment)
+            self.lower[-1] = SMALLEST
+
+    def row(self, u):
+        """The row of these coordinates."""
+        return self.mean + self.scale @ u
+
+    def coordinates(self, row):
+        """The coordinates of a row."""
+        return np.linalg.solve(self.scale, row - self.mean)
+
+    def log_prior(self, u):
+        """Log density of u but for a constant, and its gradient."""
+        shared, nu = u[: self.rank], self.degrees_of_freedom
+        distance, gradient = 1.0 + shared @ shared / nu, np.zeros_like(u)
+        gradient[: self.rank] = -(nu + self.rank) / nu / distance * shared
+        return -0.5 * (nu + self.rank) * np.log(distance), gradient
+
+
+def learn_border(border, factor, max_iter, tol, *, informed):
+    """The border that the novel task's samples, and perhaps the prior, tell.
+
+    Parameters
+    ----------
+    border : BorderLikelihood
+        The likelihood.
+    factor : ndarray of shape (n_tasks, rank)
+        F of the tasks so far.
+    max_iter, tol : int and float
+        As for the estimators.
+    informed : bool
+        Whether the prior counts.
+
+    Returns
+    -------
+    optimum : Optimum
+        The best of those that the best starts lead to; x is the row, with w last if
+        there is one; evaluations of all.
+    """
+    rows = Rows(factor, border.own)
+
+    def objective(u):
+        value, gradient = border.value_and_grad(rows.row(u))
+        gradient = rows.scale.T @ gradient
+        if informed:
+            log_prior, slope = rows.log_prior(u)
+            value, gradient = value + log_prior, gradient + slope
+        return -value, -gradient
+
+    def metric(u):
+        information = border.fisher_information(rows.row(u))
+        return rows.scale.T @ information @ rows.scale + np.eye(len(u))
+
+    upper = np.full_like(rows.lower, FARTHEST)
+    starts = [
+        np.clip(rows.coordinates(row), rows.lower, upper)
+        for row in _starts(border, factor, FIRST * rows.scale[-1, -1])
+    ]
+    optima = [
+        minimize(
+            objective, u, rows.lower, upper, metric=metric, max_iter=max_iter, tol=tol
+        )
+        for u in sorted(starts, key=lambda u: objective(u)[0])[:FOLLOWED]
+    ]
+    n_evaluations = len(starts) + sum(optimum.n_evaluations for optimum in optima)
+    best = min(optima, key=lambda optimum: optimum.value)
+    return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
+
+
+def _starts(border, factor, own):
+    """The rows of the tasks so far, their average, and the least-squares fit."""
+    fitted = np.linalg.lstsq(border.means.T, border.y)[0]
+    rows = np.vstack([factor, factor.mean(axis=0), fitted])
+    return np.column_stack([rows, np.full(len(rows), own)]) if border.own else rows

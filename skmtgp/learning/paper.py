@@ -1,0 +1,100 @@
+"""The paper's heuristic to the letter, and what it argues against.
+
+Both learn each rank on its own, from one start unless more are asked for, by one climb
+over all rows: to compare with :func:`skmtgp.learning.ranks.learn_ranks`.
+"""
+
+import numpy as np
+
+from skmtgp._parallel import run
+from skmtgp.learning.climbing import best_of, climb
+from skmtgp.learning.ranks import (
+    by_output,
+    make_starts,
+    more_starts,
+    rank_printer,
+)
+from skmtgp.learning.stages import Start, with_starts
+
+
+def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
+    """Section 3: steps 1 and 2 from K_0^rho = 1 1^T and I, step 3 from the likelier.
+
+    Parameters
+    ----------
+    pairs : list of (Data, Settings)
+        For each output.
+    forms : list of LowRank
+        Forms of K^rho.
+    seeds : sequence of int, default=()
+        One for each additional start, as for `learn_ranks`.
+    n_jobs : int, default=None
+        Processes.
+    verbose : int, default=0
+        Whether to print a line for each rank and output.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        For each output and form.
+    """
+    starts = make_starts(pairs, n_jobs, relaxed=False)
+    more = more_starts(pairs, starts, seeds, n_jobs)
+    jobs = [
+        (*pair, form, of_output, others)
+        for pair, of_output, others in zip(pairs, starts, more, strict=True)
+        for form in forms
+    ]
+    report = rank_printer(pairs, forms, verbose)
+    return by_output(run(_third_step, jobs, n_jobs=n_jobs, report=report), forms)
+
+
+def _third_step(data, settings, form, starts, more):
+    """Section 3.1: "we select the one with the higher likelihood"."""
+    chosen = max(starts, key=lambda start: start.mode.value)
+    modes = [
+        climb(data, settings, form, start.theta(settings, form))
+        for start in (chosen, *more)
+    ]
+    return with_starts(best_of(modes), [*starts, *more])
+
+
+def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, verbose=0):
+    """All parameters at once, from theta_0^x, sigma_0^2 and a random K_0^rho.
+
+    Parameters
+    ----------
+    pairs : list of (Data, Settings)
+        For each output.
+    forms : list of LowRank
+        Forms of K^rho.
+    seeds : sequence of int
+        One for each start.
+    n_jobs : int, default=None
+        Processes.
+    verbose : int, default=0
+        Whether to print a line for each rank and output.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        For each output and form.
+
+    Notes
+    -----
+    K_0^rho = 1 1^T and I will not do: the columns that a factor of the first lacks have
+    no gradient, and of the second, cut to a lower rank, nothing is left for most tasks.
+    """
+    jobs = [(*pair, form, seeds) for pair in pairs for form in forms]
+    report = rank_printer(pairs, forms, verbose)
+    return by_output(run(_from_random, jobs, n_jobs=n_jobs, report=report), forms)
+
+
+def _from_random(data, settings, form, seeds):
+    modes = []
+    for seed in seeds:
+        draw = np.random.default_rng(seed).standard_normal((data.n_tasks, form.rank))
+        F = draw / np.sqrt(form.rank)
+        start = Start(settings.kernel.theta, F @ F.T).theta(settings, form)
+        modes.append(climb(data, settings, form, start))
+    return best_of(modes)

@@ -1,0 +1,545 @@
+"""Bayesian linear regression against explicit matrices and scipy's distributions."""
+
+import pickle
+from decimal import Decimal
+
+import numpy as np
+import pandas as pd
+import pytest
+import textbook
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from samples import draw, split
+from scipy.stats import kstest, multivariate_t, t
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.linear_model import LinearRegression
+
+from skmtgp import BayesianLinearRegression
+
+examples = settings(max_examples=20, deadline=None, derandomize=True)
+X, y = draw()
+Y = draw(n_outputs=2)[1]
+Z = draw(per_task=4, seed=1)[0]
+PRIOR = {"weight_variance": 3.0, "noise_shape": 1.5, "noise_rate": 50.0}
+POOLED = pytest.mark.parametrize("pooled", [False, True])
+INTERCEPT = pytest.mark.parametrize("fit_intercept", [False, True])
+TARGETS = pytest.mark.parametrize("target", [y, Y], ids=["one output", "two outputs"])
+
+
+def design(features, fit_intercept=True):
+    ones = np.ones((len(features), int(fit_intercept)))
+    return np.column_stack([features, ones])
+
+
+def by_the_book(D, y, *, weight_variance=1e8, noise_shape=1.0, noise_rate=1.0):
+    """Mean and V_n of the weights, a_n and b_n."""
+    precision = D.T @ D + np.eye(D.shape[1]) / weight_variance
+    V = np.linalg.inv(precision)
+    mean = V @ D.T @ y
+    a = noise_shape + 0.5 * len(y)
+    return mean, V, a, noise_rate + 0.5 * (y @ y - mean @ precision @ mean)
+
+
+def regressions(X, pooled):
+    """Rows of each regression."""
+    tasks = split(X)[1] * (not pooled)
+    return [tasks == m for m in range(tasks.max() + 1)]
+
+
+def of_output(values, j, target):
+    """That of one of the outputs, where these come first."""
+    return values if target.ndim == 1 else values[j]
+
+
+@POOLED
+@INTERCEPT
+@TARGETS
+def test_attributes_are_the_textbooks(target, fit_intercept, pooled):
+    model = BayesianLinearRegression(
+        pooled=pooled, fit_intercept=fit_intercept, **PRIOR
+    ).fit(X, target)
+    D = design(split(X)[0], fit_intercept)
+    for j, u in enumerate(target.reshape(len(X), -1).T):
+        coef, intercept, noise = (
+            of_output(values, j, target)
+            for values in (model.coef_, model.intercept_, model.noise_variance_)
+        )
+        assert (coef.shape, intercept.shape, noise.shape) == ((3, 2), (3,), (3,))
+        for m in range(3):
+            rows = regressions(X, pooled)[0 if pooled else m]
+            mean, _, a, b = by_the_book(D[rows], u[rows], **PRIOR)
+            np.testing.assert_allclose(coef[m], mean[:2], rtol=1e-10)
+            constant = mean[2] if fit_intercept else 0.0
+            assert intercept[m] == pytest.approx(constant, rel=1e-10)
+            assert noise[m] == pytest.approx(b / (a - 1.0), rel=1e-10)
+            assert model.degrees_of_freedom_[m] == pytest.approx(2.0 * a)
+    assert model.degrees_of_freedom_.shape == (3,)
+
+
+@POOLED
+@INTERCEPT
+@TARGETS
+@pytest.mark.parametrize("noisy", [False, True])
+def test_predictions_are_the_textbooks(target, fit_intercept, pooled, noisy):
+    model = BayesianLinearRegression(
+        pooled=pooled, fit_intercept=fit_intercept, **PRIOR
+    ).fit(X, target)
+    found, std = model.predict(Z, return_std=True, include_noise=noisy)
+    cov = model.predict(Z, return_cov=True, include_noise=noisy)[1]
+    assert found.shape == std.shape == (len(Z), *target.shape[1:])
+    assert cov.shape == (len(Z), *found.shape)
+    D, D_star = (design(split(A)[0], fit_intercept) for A in (X, Z))
+    for j, u in enumerate(target.reshape(len(X), -1).T):
+        expected, expected_cov = np.zeros(len(Z)), np.zeros((len(Z), len(Z)))
+        scale, freedom = np.zeros(len(Z)), np.zeros(len(Z))
+        pairs = zip(regressions(X, pooled), regressions(Z, pooled), strict=True)
+        for own, rows in pairs:
+            mean, V, a, b = by_the_book(D[own], u[own], **PRIOR)
+            relative = D_star[rows] @ V @ D_star[rows].T + noisy * np.eye(rows.sum())
+            expected[rows] = D_star[rows] @ mean
+            scale[rows], freedom[rows] = np.sqrt(b / a * np.diag(relative)), 2.0 * a
+            expected_cov[np.ix_(rows, rows)] = b / (a - 1.0) * relative
+        j = (..., j) if target.ndim == 2 else ...
+        np.testing.assert_allclose(found[j], expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(std[j], t(freedom, 0.0, scale).std(), rtol=1e-9)
+        close = {"rtol": 1e-9, "atol": 1e-9 * expected_cov.max()}
+        np.testing.assert_allclose(cov[j], expected_cov, **close)
+
+
+@POOLED
+@INTERCEPT
+@TARGETS
+def test_evidence_is_a_student_t_density(target, fit_intercept, pooled):
+    model = BayesianLinearRegression(
+        pooled=pooled, fit_intercept=fit_intercept, **PRIOR
+    ).fit(X, target)
+    D = design(split(X)[0], fit_intercept)
+    expected = np.zeros(target.size // len(X))
+    for rows in regressions(X, pooled):
+        relative = np.eye(rows.sum()) + 3.0 * D[rows] @ D[rows].T
+        density = multivariate_t(shape=50.0 / 1.5 * relative, df=3.0)
+        expected += density.logpdf(target[rows].reshape(rows.sum(), -1).T)
+    np.testing.assert_allclose(model.log_marginal_likelihoods_, expected, rtol=1e-10)
+    value = model.log_marginal_likelihood_value_
+    assert value == pytest.approx(expected.sum(), rel=1e-10)
+
+
+def test_broad_prior_of_the_paper_is_the_default():
+    model, D = BayesianLinearRegression().fit(X, y), design(split(X)[0])
+    value = 0.0
+    for m, rows in enumerate(regressions(X, False)):
+        mean, _, a, b = by_the_book(D[rows], y[rows])
+        np.testing.assert_allclose(model.coef_[m], mean[:2], rtol=1e-7)
+        assert model.noise_variance_[m] == pytest.approx(b / (a - 1.0), rel=1e-7)
+        relative = np.eye(rows.sum()) + 1e8 * D[rows] @ D[rows].T
+        value += multivariate_t(shape=relative, df=2.0).logpdf(y[rows])
+    assert model.log_marginal_likelihood_value_ == pytest.approx(value, rel=1e-6)
+
+
+@POOLED
+def test_mean_does_not_depend_on_the_prior_of_the_noise(pooled):
+    model = BayesianLinearRegression(pooled=pooled).fit(X, Y)
+    other = clone(model).set_params(noise_shape=7.0, noise_rate=1e6).fit(X, Y)
+    np.testing.assert_array_equal(other.predict(Z), model.predict(Z))
+    assert (other.noise_variance_ > 2.0 * model.noise_variance_).all()
+
+
+@POOLED
+@INTERCEPT
+@pytest.mark.parametrize(("weight_variance", "rtol"), [(1e8, 1e-6), (1e14, 1e-10)])
+def test_mean_with_a_broad_prior_is_least_squares(
+    weight_variance, rtol, fit_intercept, pooled
+):
+    model = BayesianLinearRegression(
+        pooled=pooled, fit_intercept=fit_intercept, weight_variance=weight_variance
+    ).fit(X, Y)
+    found = model.predict(Z)
+    pairs = zip(regressions(X, pooled), regressions(Z, pooled), strict=True)
+    for own, rows in pairs:
+        reference = LinearRegression(fit_intercept=fit_intercept)
+        reference.fit(split(X)[0][own], Y[own])
+        expected = reference.predict(split(Z)[0][rows])
+        np.testing.assert_allclose(found[rows], expected, rtol=rtol)
+
+
+def test_pooled_is_one_task():
+    pooled = BayesianLinearRegression(pooled=True).fit(X, Y)
+    alone = BayesianLinearRegression().fit(X * [1.0, 1.0, 0.0], Y)
+    found = pooled.predict(Z, return_cov=True)
+    expected = alone.predict(Z * [1.0, 1.0, 0.0], return_cov=True)
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(pooled.coef_, np.repeat(alone.coef_, 3, axis=1))
+    value = alone.log_marginal_likelihood_value_
+    assert pooled.log_marginal_likelihood_value_ == value
+
+
+def test_coefficients_predict():
+    model = BayesianLinearRegression().fit(X, Y)
+    z, tasks = split(Z)
+    expected = np.einsum("jnd,nd->nj", model.coef_[:, tasks], z)
+    expected += model.intercept_[:, tasks].T
+    np.testing.assert_allclose(model.predict(Z), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_outputs_are_independent():
+    both = BayesianLinearRegression().fit(X, Y)
+    mean, std = both.predict(Z, return_std=True)
+    for j in range(2):
+        alone = BayesianLinearRegression().fit(X, Y[:, j])
+        found = alone.predict(Z, return_std=True)
+        np.testing.assert_allclose(found, (mean[:, j], std[:, j]), rtol=1e-12)
+        value = alone.log_marginal_likelihood_value_
+        assert both.log_marginal_likelihoods_[j] == pytest.approx(value, rel=1e-12)
+    column = BayesianLinearRegression().fit(X, y[:, None])
+    assert column.predict(Z).shape == (12, 1)
+    assert column.coef_.shape == (1, 3, 2)
+    assert column.sample_y(Z, 5).shape == (12, 1, 5)
+
+
+def test_features_far_from_zero():
+    rng = np.random.default_rng(0)
+    far = 1e6 * np.array([1.0, -3.0]) + rng.normal(size=(30, 2))
+    u = far[:, 0] - 1e6 + 0.1 * rng.normal(size=30)
+    table = np.column_stack([far, np.zeros(30)])
+    model = BayesianLinearRegression().fit(table, u)
+    D = [decimals(row) for row in design(far)]
+    columns = list(zip(*D, strict=True))
+    K = [[dot(a, b) for b in columns] for a in columns]
+    for i in range(3):
+        K[i][i] += Decimal(10) ** -8
+    beta, _ = textbook.exact_solve(K, [dot(a, decimals(u)) for a in columns])
+    expected = [float(dot(row, beta)) for row in D]
+    np.testing.assert_allclose(model.predict(table), expected, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(model.coef_[0], [float(b) for b in beta[:2]], rtol=1e-12)
+
+
+def decimals(values):
+    return [Decimal(value) for value in values.tolist()]
+
+
+def dot(a, b):
+    return sum(u * v for u, v in zip(a, b, strict=True))
+
+
+def with_tasks(features, n_tasks=1):
+    return np.column_stack([features, np.arange(len(features)) % n_tasks])
+
+
+def difficult():
+    """Covariates that least squares does not tell apart, and more than samples."""
+    rng = np.random.default_rng(0)
+    a = rng.normal(size=(20, 2))
+    return {
+        "twice the same": a[:, [0, 0, 1]],
+        "sum": np.column_stack([a, a.sum(axis=1)]),
+        "constant": np.column_stack([a, np.full(20, 5.0)]),
+        "zero": np.column_stack([a, np.zeros(20)]),
+        "more covariates than samples": rng.normal(size=(4, 9)),
+    }
+
+
+@INTERCEPT
+@pytest.mark.parametrize("features", difficult().values(), ids=difficult())
+def test_covariates_that_are_collinear(features, fit_intercept):
+    rng = np.random.default_rng(1)
+    u = features[:, 0] + 0.1 * rng.normal(size=len(features))
+    T, D = with_tasks(features), design(features, fit_intercept)
+    model = BayesianLinearRegression(fit_intercept=fit_intercept)
+    found = clone(model).set_params(**PRIOR).fit(T, u).predict(T, return_cov=True)
+    mean, V, a, b = by_the_book(D, u, **PRIOR)
+    np.testing.assert_allclose(found[0], D @ mean, rtol=1e-10)
+    np.testing.assert_allclose(found[1], D @ V @ D.T * b / (a - 1.0), atol=1e-9)
+    model.fit(T, u)
+    weights = np.linalg.pinv(D) @ u  # the smallest ones, which a broad prior prefers
+    np.testing.assert_allclose(model.coef_[0], weights[: features.shape[1]], atol=1e-5)
+    np.testing.assert_allclose(model.predict(T), D @ weights, atol=1e-6)
+    new = rng.normal(size=(5, features.shape[1]))
+    unseen = model.predict(with_tasks(new), return_std=True)[1]
+    unknown = np.linalg.matrix_rank(D) < D.shape[1]  # some direction
+    assert ((unseen > 100.0) == unknown).all()
+
+
+def test_prior_that_is_flat_beyond_the_digits():
+    features = difficult()["twice the same"] * [1.0, 1.0, 1e9]
+    u = 3.0 + features @ [1.0, 1.0, -1e-9]
+    model = BayesianLinearRegression(weight_variance=1e60).fit(with_tasks(features), u)
+    np.testing.assert_allclose(model.predict(with_tasks(features)), u, rtol=1e-6)
+    assert model.coef_[0, :2].sum() == pytest.approx(2.0, rel=1e-6)
+    assert (model.coef_[0, :2] > 0.5).all()  # and not large ones that cancel
+    assert np.isfinite(model.log_marginal_likelihood_value_)
+
+
+def test_one_row_of_each_task():
+    one, u = X[[0]] * [1.0, 1.0, 0.0] + [[0.0, 0.0, m] for m in range(3)], y[:3]
+    model = BayesianLinearRegression().fit(one, u)
+    mean, std = model.predict(one, return_std=True)
+    np.testing.assert_allclose(mean, u, rtol=1e-6)
+    np.testing.assert_array_equal(model.degrees_of_freedom_, [3.0, 3.0, 3.0])
+    np.testing.assert_allclose(model.noise_variance_, 2.0, rtol=1e-3)
+    np.testing.assert_allclose(std, np.sqrt(2.0), rtol=1e-3)
+    assert (model.predict(one + [1.0, 1.0, 0.0], return_std=True)[1] > 1e3).all()
+
+
+@pytest.mark.parametrize("noise_shape", [0.5, 0.1])
+def test_two_degrees_of_freedom_have_no_variance(noise_shape):
+    rows = np.append(np.flatnonzero(X[:, -1] == 0)[:1], np.flatnonzero(X[:, -1] == 1))
+    model = BayesianLinearRegression(noise_shape=noise_shape).fit(X[rows], y[rows])
+    np.testing.assert_array_equal(np.isinf(model.noise_variance_), [True, False])
+    mean, std = model.predict(X[rows], return_std=True)
+    assert np.isfinite(mean).all()
+    np.testing.assert_array_equal(np.isinf(std), rows == rows[0])
+    cov = model.predict(X[rows], return_cov=True, include_noise=True)[1]
+    np.testing.assert_array_equal(np.isinf(np.diag(cov)), rows == rows[0])
+    assert np.isfinite(cov[0, 1:]).all()
+    assert np.isfinite(model.sample_y(X[rows], 50)).all()
+
+
+def test_zero_without_a_constant_is_certain():
+    model = BayesianLinearRegression(fit_intercept=False, noise_shape=0.5)
+    origin = [[0.0, 0.0, 0.0]]
+    for rows in (X[:, -1] == 0, np.flatnonzero(X[:, -1] == 0)[:1]):
+        model.fit(X[rows], Y[rows])
+        for spread in ("return_std", "return_cov"):
+            mean, certain = model.predict(origin, **{spread: True})
+            assert (mean == 0.0).all()
+            assert (certain == 0.0).all()
+
+
+@POOLED
+def test_covariance_is_between_samples_of_a_regression(pooled):
+    model = BayesianLinearRegression(pooled=pooled).fit(X, y)
+    std = model.predict(Z, return_std=True)[1]
+    cov = model.predict(Z, return_cov=True)[1]
+    np.testing.assert_allclose(np.diag(cov), std**2, rtol=1e-12)
+    np.testing.assert_array_equal(cov, cov.T)
+    apart = split(Z)[1][:, None] != split(Z)[1]
+    assert (cov[apart] == 0.0).all() == (not pooled)
+    assert (cov[~apart] != 0.0).all()
+
+
+@POOLED
+def test_observations_are_noisier(pooled):
+    model = BayesianLinearRegression(pooled=pooled).fit(X, Y)
+    std, noisy = (
+        model.predict(Z, return_std=True, include_noise=flag)[1]
+        for flag in (False, True)
+    )
+    expected = model.noise_variance_[:, split(Z)[1]].T
+    np.testing.assert_allclose(noisy**2 - std**2, expected, rtol=1e-10)
+
+
+@POOLED
+@TARGETS
+def test_draws_have_the_moments_of_the_posterior(target, pooled):
+    model = BayesianLinearRegression(pooled=pooled, noise_shape=10.0).fit(X, target)
+    draws = model.sample_y(Z, n_samples=4000, random_state=3)
+    mean, cov = model.predict(Z, return_cov=True)
+    assert draws.shape == (*mean.shape, 4000)
+    draws = draws.reshape(len(Z), -1, 4000)
+    mean, cov = mean.reshape(len(Z), -1), cov.reshape(len(Z), len(Z), -1)
+    for j in range(mean.shape[1]):
+        variances = np.diag(cov[..., j])
+        error = np.abs(draws[:, j].mean(axis=1) - mean[:, j])
+        assert (error < 5.0 * np.sqrt(variances / 4000)).all()
+        scale = np.sqrt(np.outer(variances, variances))
+        error = np.abs(np.cov(draws[:, j]) - cov[..., j])
+        assert (error < 0.12 * scale).all()
+
+
+def test_draws_are_students():
+    few = np.concatenate([np.flatnonzero(X[:, -1] == m)[:4] for m in range(3)])
+    model = BayesianLinearRegression(noise_shape=0.5).fit(X[few], y[few])
+    draws = model.sample_y(Z, n_samples=5000)
+    mean, std = model.predict(Z, return_std=True)
+    nu = model.degrees_of_freedom_[0]
+    assert nu == 5.0
+    for i in (0, 5, 11):
+        scale = std[i] * np.sqrt((nu - 2.0) / nu)
+        assert kstest(draws[i], t(nu, mean[i], scale).cdf).pvalue > 0.01
+        assert kstest((draws[i] - mean[i]) / std[i], "norm").pvalue < 1e-3
+
+
+def test_draws_are_planes():
+    draws = BayesianLinearRegression().fit(X, y).sample_y(Z, 3)
+    for rows in regressions(Z, False):
+        D = design(split(Z)[0][rows])
+        residuals = np.linalg.lstsq(D, draws[rows])[1]
+        assert (residuals < 1e-18 * np.square(draws).sum()).all()
+
+
+def test_seed_of_the_draws():
+    model = BayesianLinearRegression().fit(X, Y)
+    first, again, other = (model.sample_y(Z, 2, random_state=s) for s in (0, 0, 1))
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).all()
+    np.testing.assert_array_equal(model.sample_y(Z, 2), first)
+
+
+@st.composite
+def problems(draw):
+    """Unbalanced data, at times of one sample a task, in no order; and a model."""
+    counts = draw(st.lists(st.integers(1, 6), min_size=1, max_size=4))
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    tasks = rng.permutation(np.repeat(np.arange(len(counts)), counts))
+    X = np.column_stack([rng.normal(size=(len(tasks), 2)), tasks])
+    Z = np.column_stack([rng.normal(size=(8, 2)), np.arange(8) % len(counts)])
+    model = BayesianLinearRegression(
+        pooled=draw(st.booleans()),
+        fit_intercept=draw(st.booleans()),
+        weight_variance=draw(st.sampled_from([1e-2, 1.0, 1e4])),
+        noise_shape=draw(st.sampled_from([0.6, 5.0])),
+        noise_rate=draw(st.sampled_from([1e-3, 1.0])),
+    )
+    return X, rng.normal(size=(len(tasks), 2)), Z, model
+
+
+def assert_same(found, expected, Z, *, Z_found=None, unit=1.0):
+    """Predictions in units of that of the expected model."""
+    new = Z if Z_found is None else Z_found
+    for noisy in (False, True):
+        mean, cov = found.predict(new, return_cov=True, include_noise=noisy)
+        other, other_cov = expected.predict(Z, return_cov=True, include_noise=noisy)
+        np.testing.assert_allclose(mean / unit, other, rtol=1e-7, atol=1e-7)
+        atol = 1e-9 * other_cov.max()
+        np.testing.assert_allclose(cov / unit**2, other_cov, rtol=1e-7, atol=atol)
+
+
+@examples
+@given(problems(), st.permutations(["d", "a", "c", "b"]))
+def test_labels_of_tasks_do_not_matter(problem, names):
+    X, Y, Z, model = problem
+
+    def rename(X):
+        named = X.astype(object)
+        named[:, -1] = [names[m] for m in split(X)[1]]
+        return named
+
+    expected = clone(model).fit(X, Y)
+    found = model.fit(rename(X), Y)
+    assert_same(found, expected, Z, Z_found=rename(Z))
+    values = expected.log_marginal_likelihoods_
+    np.testing.assert_allclose(found.log_marginal_likelihoods_, values, rtol=1e-9)
+
+
+@examples
+@given(problems(), st.randoms(use_true_random=False))
+def test_order_of_rows_does_not_matter(problem, random):
+    X, Y, Z, model = problem
+    order = random.sample(range(len(X)), len(X))
+    expected = clone(model).fit(X, Y)
+    found = model.fit(X[order], Y[order])
+    assert_same(found, expected, Z)
+    values = expected.log_marginal_likelihoods_
+    np.testing.assert_allclose(found.log_marginal_likelihoods_, values, rtol=1e-7)
+
+
+@examples
+@given(problems(), st.floats(-6, 6), st.booleans())
+def test_noise_rate_has_the_units_of_the_squared_target(problem, power, negative):
+    X, Y, Z, model = problem
+    unit = (-1.0 if negative else 1.0) * 10.0**power
+    expected = clone(model).fit(X, Y)
+    found = model.set_params(noise_rate=unit**2 * model.noise_rate).fit(X, unit * Y)
+    assert_same(found, expected, Z, unit=unit)
+    np.testing.assert_allclose(
+        found.noise_variance_ / unit**2, expected.noise_variance_, rtol=1e-7
+    )
+    values = expected.log_marginal_likelihoods_ - len(Y) * np.log(abs(unit))
+    close = {"rtol": 1e-7, "atol": 1e-7}
+    np.testing.assert_allclose(found.log_marginal_likelihoods_, values, **close)
+
+
+def test_pickle():
+    model = BayesianLinearRegression(pooled=True).fit(X, Y)
+    again = pickle.loads(pickle.dumps(model))
+    found, expected = (m.predict(Z, return_cov=True) for m in (again, model))
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(again.sample_y(Z), model.sample_y(Z))
+
+
+def frame(X, names=("c", "a", "b")):
+    table = pd.DataFrame(X[:, :2], columns=["u", "v"])
+    table.insert(1, "load", np.array(names)[split(X)[1]])
+    return table
+
+
+@pytest.mark.parametrize("task_feature", ["load", 1, -2])
+def test_frames_with_named_tasks(task_feature):
+    model = BayesianLinearRegression(task_feature=task_feature).fit(frame(X), y)
+    assert model.tasks_.tolist() == ["a", "b", "c"]
+    assert model.feature_names_in_.tolist() == ["u", "load", "v"]
+    assert model.n_features_in_ == 3
+    numbered = BayesianLinearRegression().fit(X, y)
+    np.testing.assert_allclose(model.coef_, numbered.coef_[[1, 2, 0]])
+    np.testing.assert_allclose(model.predict(frame(Z)), numbered.predict(Z))
+
+
+def test_parameters_may_change_after_fit():
+    model = BayesianLinearRegression().fit(X, y)
+    before = model.predict(Z, return_cov=True)
+    model.set_params(pooled=True, fit_intercept=False, noise_shape=9.0)
+    for a, b in zip(model.predict(Z, return_cov=True), before, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+BAD_PARAMETERS = {
+    "pooled": ({"pooled": "yes"}, ValueError, "'pooled' .* must be"),
+    "constant": ({"fit_intercept": None}, ValueError, "'fit_intercept' .* must be"),
+    "variance": ({"weight_variance": 0.0}, ValueError, r"range \(0.0, inf\)"),
+    "flat": ({"weight_variance": np.inf}, ValueError, r"range \(0.0, inf\)"),
+    "shape": ({"noise_shape": 0.0}, ValueError, r"'noise_shape' .* \(0.0, inf\)"),
+    "rate": ({"noise_rate": -1.0}, ValueError, r"'noise_rate' .* \(0.0, inf\)"),
+    "fraction": ({"task_feature": 1.0}, ValueError, "'task_feature' .* must be"),
+    "position": ({"task_feature": 3}, ValueError, "3 is out of range: X has 3 columns"),
+    "name": ({"task_feature": "load"}, ValueError, "but X has no column names"),
+    "truth": ({"task_feature": True}, TypeError, r"True must be the position \(int\)"),
+}
+
+
+@pytest.mark.parametrize(
+    ("params", "error", "match"), BAD_PARAMETERS.values(), ids=BAD_PARAMETERS
+)
+def test_bad_parameters(params, error, match):
+    with pytest.raises(error, match=match):
+        BayesianLinearRegression(**params).fit(X, y)
+
+
+BAD_DATA = {
+    "NaN feature": (np.where(X[0, 0] == X, np.nan, X), y, "Input X contains NaN"),
+    "fractional labels": (X[:, ::-1], y, "30 of 30 are fractional"),
+    "no target": (X, None, "requires y to be passed, but the target y is None"),
+    "NaN target": (X, np.full(30, np.nan), "Input y contains NaN"),
+    "short target": (X, y[:-1], r"inconsistent numbers of samples: \[30, 29\]"),
+}
+
+
+@pytest.mark.parametrize(("table", "target", "match"), BAD_DATA.values(), ids=BAD_DATA)
+def test_failed_fit_changes_nothing(table, target, match):
+    model = BayesianLinearRegression().fit(frame(X)[["u", "v", "load"]], y)
+    before = dict(vars(model))
+    with pytest.raises(ValueError, match=match):
+        model.fit(table, target)
+    assert vars(model).keys() == before.keys()
+    assert all(vars(model)[name] is value for name, value in before.items())
+
+
+@POOLED
+@pytest.mark.parametrize("method", ["predict", "sample_y"])
+def test_new_data_are_checked(method, pooled):
+    model = BayesianLinearRegression(pooled=pooled)
+    with pytest.raises(NotFittedError):
+        getattr(model, method)(Z)
+    model.fit(X, y)
+    with pytest.raises(ValueError, match="Unknown tasks 3, 4: the model knows 0, 1, 2"):
+        getattr(model, method)(Z[[0, 0]] * [1, 1, 0] + [[0, 0, 4], [0, 0, 3]])
+    with pytest.raises(ValueError, match=r"X has 4 features, but .* expecting 3"):
+        getattr(model, method)(np.insert(Z, 0, 1.0, axis=1))
+
+
+def test_spreads_are_of_one_kind():
+    model = BayesianLinearRegression().fit(X, y)
+    with pytest.raises(ValueError, match="Set return_std or return_cov, not both"):
+        model.predict(Z, return_std=True, return_cov=True)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg.lapack import dpstrf
 
 FACTOR_BOUND = 10.0
-KAPPA_BOUNDS = (1e-11, 1e4)
+KAPPA_BOUNDS = (1e-16, 1e4)
 
 
 class FixedTaskCovariance:
@@ -21,7 +21,7 @@ class FixedTaskCovariance:
         K^rho.
     """
 
-    n_parameters = n_free = 0
+    n_parameters = n_free = n_kappa = 0
 
     def __init__(self, matrix):
         self._matrix = matrix
@@ -82,6 +82,8 @@ class LowRank:
     out the first r tasks and has singular points where their block is: learning from
     the same start ends at worse modes.
     """
+
+    n_kappa = 0
 
     def __init__(self, n_tasks, rank):
         self.n_tasks, self.rank = n_tasks, rank
@@ -186,6 +188,7 @@ class WithDiagonal:
 
     def __init__(self, form):
         self.form, self.n_tasks = form, form.n_tasks
+        self.n_kappa = form.n_tasks
         self.n_parameters = form.n_parameters + form.n_tasks
         self.n_free = form.n_free + form.n_tasks
 

@@ -121,6 +121,33 @@ class TestSettings:
         expected = np.log(min(noise, 1e-5))
         assert settings.log_held == pytest.approx(expected, rel=1e-12)
 
+    @pytest.mark.parametrize("n_noise", [1, M])
+    def test_noise_and_diagonal_are_held_together(self, n_noise):
+        settings = configure(log_noise=np.full(n_noise, np.log(0.1)))
+        form = low_rank(M, 2, diagonal=True)
+        theta = np.full(KERNEL.n_dims + form.n_parameters + n_noise, -30.0)
+        theta[-1] = -1.0
+        raised = settings.with_noise(theta, form)
+        n_tail = M + n_noise
+        np.testing.assert_array_equal(raised[:-n_tail], theta[:-n_tail])
+        np.testing.assert_allclose(raised[-n_tail:-1], np.log(1e-5))
+        assert raised[-1] == -1.0
+        assert (theta[:-1] == -30.0).all()
+
+
+def test_a_diagonal_that_matters_is_found_where_noise_is_tiny():
+    rng = np.random.default_rng(3)
+    tasks, X = np.repeat(np.arange(M), 12), rng.uniform(-2.0, 2.0, (36, 2))
+    own = np.sin(4.0 * X[:, 0]) * np.array([0.0, 0.0, 0.05])[tasks]
+    y = np.cos(X[:, 0]) * np.array([1.0, -0.5, 0.7])[tasks] + own
+    data, settings = Data(X, tasks, y - y.mean(), M), configure(tol=1e-2)
+    found = {}
+    for diagonal in (False, True):
+        form = low_rank(M, 1, diagonal)
+        [[mode]] = learn_ranks([(data, settings)], [form])
+        found[diagonal] = mode.value
+    assert found[True] > found[False] + 5.0
+
 
 class TestClimb:
     @every_form

@@ -70,7 +70,7 @@ def test_bounds_are_in_units_of_the_targets(form, scale):
     n, bounds = form.n_tasks * form.rank, form.bounds(scale)
     assert bounds.shape == (form.n_parameters, 2)
     np.testing.assert_allclose(bounds[:n], [[-10.0 * scale, 10.0 * scale]] * n)
-    kappa = [np.log([1e-11 * scale**2, 1e4 * scale**2])] * (form.n_parameters - n)
+    kappa = [np.log([1e-16 * scale**2, 1e4 * scale**2])] * (form.n_parameters - n)
     np.testing.assert_allclose(bounds[n:], np.reshape(kappa, (-1, 2)))
 
 

@@ -54,7 +54,8 @@ The model: a Gaussian process of mean zero with
                           + a exp(-1/2 sum_d (x_d - x'_d)^2 / l_d^2)) + sigma^2 I,
 
 u = (x, sgn(qd)), rank 4, no priors; the peers' multi-task kernels also have, and learn,
-a diagonal of K^rho, which starts at e^-12. Every peer starts where skmtgp's own best
+a diagonal of K^rho, which starts at e^-12. skmtgp has it here too (`diagonal=True`) but
+not where it is as shipped. Every peer starts where skmtgp's own best
 mode came from: skmtgp's first stage, which the peers get for nothing, and which counts
 in skmtgp's time. Each peer is run as its documentation's example of multi-task
 regression does (*shipped*) and with the best settings known for it (*best*). A fit that

@@ -117,10 +117,14 @@ class Settings:
         held = min(np.log(HELD * self.scale**2), self.log_noise.min())
         return float(np.clip(held, *self.log_noise_bounds))
 
-    def with_noise(self, theta):
-        """Theta with the noise variance raised to where it is held."""
-        theta, noise = theta.copy(), slice(-len(self.log_noise), None)
-        theta[noise] = np.maximum(theta[noise], self.log_held)
+    def tail(self, form):
+        """Where theta has variances of what is unexplained: kappa and the noise."""
+        return slice(-len(self.log_noise) - form.n_kappa, None)
+
+    def with_noise(self, theta, form):
+        """Theta with kappa and the noise variance raised to where they are held."""
+        theta, tail = theta.copy(), self.tail(form)
+        theta[tail] = np.maximum(theta[tail], self.log_held)
         return theta
 
     def likelihood(self, data, form):
@@ -226,7 +230,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     likelihood = settings.likelihood(data, form)
     lower, upper = settings.bounds(form)
     if held:
-        lower[-len(settings.log_noise) :] = settings.log_held
+        lower[settings.tail(form)] = settings.log_held
     theta = np.clip(theta, lower, upper)
     n_kernel = likelihood.node.n_dims
     precision, centre = np.zeros((2, len(theta)))
@@ -278,7 +282,7 @@ def refine(data, settings, form, mode):
     """
     way = annealed
     for level in data.levels()[1:]:
-        theta = settings.with_noise(mode.theta)
+        theta = settings.with_noise(mode.theta, form)
         mode = mode.then(way(level, settings, form, theta))
         way = climb
     return mode
@@ -292,7 +296,7 @@ def shake(data, settings, form, mode, times):
     """
     modes = [mode]
     for _ in range(times):
-        theta = settings.with_noise(mode.theta)
+        theta = settings.with_noise(mode.theta, form)
         if (theta == mode.theta).all():  # the data are noisy
             break
         again = climb(data, settings, form, theta)

@@ -140,8 +140,8 @@ def descend(data, settings, forms, modes):
                 modes[k + 1].theta
             )
             cut = forms[k].parameters(forms[k + 1].matrix(rho))
-            start = np.concatenate([kernel, cut, noise])
-            again = climb(data, settings, forms[k], settings.with_noise(start))
+            start = settings.with_noise(np.concatenate([kernel, cut, noise]), forms[k])
+            again = climb(data, settings, forms[k], start)
             modes[k] = best_of([modes[k], again])
     return modes
 

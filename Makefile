@@ -13,7 +13,8 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test lint bench bench-own bench-short bench-envs bench-page clean
+.PHONY: help demo demo-short test lint bench bench-own bench-short bench-envs bench-page \
+    paper paper-short paper-page clean
 
 help:
 	@echo 'make demo        learn a robot arm under many loads and compare the models'
@@ -22,6 +23,9 @@ help:
 	@echo 'make lint        check style and formatting'
 	@echo 'make bench       compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-short the same with one small problem'
+	@echo 'make paper       the experiments of the paper: hours, see examples/paper/README.md'
+	@echo 'make paper-short the same, tiny: a minute'
+	@echo 'make paper-page  docs/paper.md from what is measured'
 	@echo 'make clean       remove .venv, caches and build products'
 
 demo: $(VENV)/ready-to-run
@@ -76,6 +80,19 @@ $(ENVS)/%/ready: benchmarks/peers/requirements/%.txt
 	    && $(ENVS)/$*/bin/python -m pip --disable-pip-version-check install -q -r $< \
 	    && touch $@ || { rm -rf $(ENVS)/$*; echo 'No $*: its rows will say so' >&2; }
 
+# An interrupted run goes on where it ended: make paper again.
+PAPERFLAGS ?=
+
+paper: $(VENV)/ready-to-bench
+	$(BIN)/python examples/paper/run_all.py $(PAPERFLAGS)
+
+paper-short: $(VENV)/ready-to-bench
+	rm -rf examples/paper/results/short
+	$(BIN)/python examples/paper/run_all.py --short $(PAPERFLAGS)
+
+paper-page: $(VENV)/ready-to-bench
+	$(BIN)/python examples/paper/page.py
+
 # The stamps are written last, so that an interrupted installation is done again.
 $(VENV)/ready-to-run: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
@@ -101,5 +118,6 @@ $(VENV)/ready-to-bench: $(VENV)/ready-to-run
 
 clean:
 	rm -rf benchmarks/.envs benchmarks/.problems benchmarks/.short
+	rm -rf examples/paper/results/short
 	rm -rf $(VENV) build dist htmlcov .coverage .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

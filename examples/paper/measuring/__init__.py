@@ -1,0 +1,1 @@
+"""What the experiments share: plan, data, models, the files of results, the runner."""

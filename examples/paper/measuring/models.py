@@ -1,0 +1,68 @@
+"""The models, and what is noted of a fit."""
+
+import time
+
+from sklearn.pipeline import Pipeline
+
+from skmtgp import (
+    BayesianLinearRegression,
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    make_inverse_dynamics_regressor,
+)
+
+ALONE = {"LR": BayesianLinearRegression}
+GAUSSIAN = {
+    "sGP": SingleTaskGP,
+    "iGP": IndependentGP,
+    "pGP": PooledGP,
+    "mGP": MultiTaskGPRegressor,
+}
+ATTRIBUTES = (
+    "log_marginal_likelihood_value_",
+    "n_hyperparameters_",
+    "n_iter_",
+    "n_evaluations_",
+)
+
+
+def make(name, max_iter=None, **options):
+    """A model by its name, with the features and the kernel of the paper."""
+    if name in ALONE:
+        return make_inverse_dynamics_regressor(ALONE[name](**options))
+    options |= {} if max_iter is None else {"max_iter": max_iter}
+    return make_inverse_dynamics_regressor(GAUSSIAN[name](**options))
+
+
+def make_search(ranks, max_iter=None):
+    """The multi-task model at several ranks, all of which are kept."""
+    options = {} if max_iter is None else {"max_iter": max_iter}
+    search = RankSearchIC(
+        MultiTaskGPRegressor(**options), ranks=list(ranks), keep_estimators=True
+    )
+    return make_inverse_dynamics_regressor(search)
+
+
+def timed(function, *arguments):
+    """What a function returns, and the seconds it took."""
+    begin = time.perf_counter()
+    result = function(*arguments)
+    return result, time.perf_counter() - begin
+
+
+def by_rank(search):
+    """Each rank of a fitted search, and its model with the same features."""
+    features, fitted = search[0], search[-1]
+    ranks = fitted.results_["rank"].tolist()
+    for rank, model in zip(ranks, fitted.estimators_, strict=True):
+        yield rank, Pipeline([("features", features), ("regressor", model)])
+
+
+def facts(model):
+    """Likelihood, number of hyperparameters, iterations and evaluations of a fit."""
+    found = {name: getattr(model[-1], name, None) for name in ATTRIBUTES}
+    names = (name.removesuffix("_").removesuffix("_value") for name in found)
+    return dict(zip(names, found.values(), strict=True))

@@ -1,0 +1,1 @@
+"""The page: what follows from the results, as tables, plots and goals."""

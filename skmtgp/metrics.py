@@ -14,7 +14,9 @@ from ._tasks import check_labels, task_labels
 
 __all__ = [
     "coverage",
+    "make_coverage_scorer",
     "make_normalized_mse_scorer",
+    "make_standardized_log_loss_scorer",
     "mean_standardized_log_loss",
     "normalized_mean_squared_error",
 ]
@@ -237,6 +239,86 @@ def make_normalized_mse_scorer(
     True
     """
     return partial(_minus_nmse, task_feature=task_feature)
+
+
+def make_standardized_log_loss_scorer(
+    y_train: ArrayLike, task_feature: int | str = -1
+) -> Callable[[Any, ArrayLike, ArrayLike], float]:
+    """Scorer for model selection: minus the MSLL, averaged over tasks and outputs.
+
+    Parameters
+    ----------
+    y_train : array-like of shape (n_train,) or (n_train, n_outputs)
+        Targets whose mean and variance are the trivial model. All targets will do for
+        cross-validation: they move the scores of all models alike.
+    task_feature : int or str, default=-1
+        Position or name of the task column of X.
+
+    Returns
+    -------
+    scorer : callable
+        ``scorer(estimator, X, y)`` returns minus :func:`mean_standardized_log_loss` of
+        what ``estimator.predict(X, return_std=True, include_noise=True)`` returns, in
+        nats: greater is better and 0 is the trivial model. Pass it as `scoring`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp import BayesianLinearRegression
+    >>> from skmtgp.metrics import make_standardized_log_loss_scorer
+    >>> X = np.column_stack([np.arange(12.0), np.tile([1, 2], 6)])
+    >>> y = X[:, 0] + np.sin(5 * X[:, 0])
+    >>> model = BayesianLinearRegression(noise_rate=0.1).fit(X, y)
+    >>> bool(make_standardized_log_loss_scorer(y)(model, X, y) > 1.0)
+    True
+    """
+    return partial(_minus_msll, y_train=y_train, task_feature=task_feature)
+
+
+def make_coverage_scorer(
+    level: float = 0.95, task_feature: int | str = -1
+) -> Callable[[Any, ArrayLike, ArrayLike], float]:
+    """Scorer for model selection: minus the error of the coverage.
+
+    Parameters
+    ----------
+    level : float, default=0.95
+        Probability of the interval, between 0 and 1.
+    task_feature : int or str, default=-1
+        Position or name of the task column of X.
+
+    Returns
+    -------
+    scorer : callable
+        ``scorer(estimator, X, y)`` returns minus the difference between `level` and
+        :func:`coverage` of what ``estimator.predict(X, return_std=True,
+        include_noise=True)`` returns, without its sign: 0 is perfect. Pass it as
+        `scoring`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp import BayesianLinearRegression
+    >>> from skmtgp.metrics import make_coverage_scorer
+    >>> X = np.column_stack([np.arange(12.0), np.tile([1, 2], 6)])
+    >>> y = X[:, 0] + np.sin(5 * X[:, 0])
+    >>> model = BayesianLinearRegression(noise_rate=0.1).fit(X, y)
+    >>> round(make_coverage_scorer(0.95)(model, X, y), 2)
+    -0.05
+    """
+    return partial(_minus_miscoverage, level=level, task_feature=task_feature)
+
+
+def _minus_msll(estimator, X, y, *, y_train, task_feature):
+    tasks = task_labels(X, task_feature)
+    mean, std = estimator.predict(X, return_std=True, include_noise=True)
+    return -mean_standardized_log_loss(y, mean, std, y_train=y_train, tasks=tasks)
+
+
+def _minus_miscoverage(estimator, X, y, *, level, task_feature):
+    tasks = task_labels(X, task_feature)
+    mean, std = estimator.predict(X, return_std=True, include_noise=True)
+    return -abs(coverage(y, mean, std, level=level, tasks=tasks) - level)
 
 
 def _minus_nmse(estimator, X, y, *, task_feature):

@@ -215,7 +215,7 @@ class Training(NamedTuple):
         position : int
             Where the task is among the tasks.
         """
-        tasks = np.sort(np.append(self.tasks, label))
+        tasks = np.sort([*self.tasks.tolist(), label.item()])  # no floats of integers
         position = int(np.searchsorted(tasks, label))
         codes = self.codes + (self.codes >= position)
         training = self._replace(

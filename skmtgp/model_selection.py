@@ -73,8 +73,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
     Notes
     -----
     Section 4 and eq. 8 of Chai, Williams, Klanke and Vijayakumar (2008). The stages of
-    learning that do not depend on the rank are done once, and no rank ends below a
-    lower one, see :mod:`skmtgp.learning`.
+    learning that do not depend on the rank are done once. Where the estimator's
+    `learning` is "annealed" no rank ends below a lower one, see
+    :mod:`skmtgp.learning`.
 
     Examples
     --------

@@ -116,8 +116,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
-        Likelihoods and gradients that learning took, those of modes that were not kept
-        counted, summed over the outputs.
+        Likelihoods with their gradients that learning took, those of modes that were
+        not kept counted, summed over the outputs. In a RankSearchIC what the ranks
+        share counts for each of them.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
@@ -302,6 +303,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         new = (Y - self._centres) / self._scales
         training, position = self._training().with_task(features, label, Y)
         parts = np.split(self.theta_, len(self._likelihoods))
+        per_task = self.noise == "per_task"
+        n_noise = len(training.tasks) if per_task else 1
         borders = [
             add_task(
                 *of_output,
@@ -309,6 +312,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 targets,
                 position=position,
                 own=self.rank is None or self.diagonal,
+                per_task=per_task,
                 informed=prior is not None,
                 max_iter=self.max_iter,
                 tol=self.tol,
@@ -319,7 +323,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         ]
         forms, modes = zip(*borders, strict=True)
         objectives = [
-            old.extended(form, data.X, data.tasks, data.y)
+            old.extended(form, data.X, data.tasks, data.y, n_noise)
             for old, form, data in zip(
                 self._likelihoods, forms, training.data(), strict=True
             )

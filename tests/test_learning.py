@@ -385,7 +385,8 @@ class TestShake:
         assert best == noisy
 
 
-def test_second_stage_that_is_not_thorough_shakes_the_best_once(data, monkeypatch):
+@pytest.mark.parametrize("shakes", [0, 1, 3])
+def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
     shaken = []
 
     def count(data, settings, form, mode, times):
@@ -395,12 +396,30 @@ def test_second_stage_that_is_not_thorough_shakes_the_best_once(data, monkeypatc
     monkeypatch.setattr(stages, "shake", count)
     settings, form = configure(max_iter=20), low_rank(M, 2)
     starts = [Start(TRUTH, FACTOR @ FACTOR.T), Start(KERNEL.theta, np.eye(M))]
-    second_stage(data, settings, form, starts)
-    (first, _), (second, _) = shaken
-    assert [times for _, times in shaken] == [2, 2]
-    shaken.clear()
-    second_stage(data, settings, form, starts, thorough=False)
-    assert shaken == [(max(first, second), 1)]
+    alone = [
+        annealed(data, settings, form, start.theta(settings, form)) for start in starts
+    ]
+    second_stage(data, settings, form, starts, shakes=shakes)
+    [(value, times)] = shaken
+    assert times == shakes
+    assert value >= max(mode.value for mode in alone)
+
+
+def test_second_stage_follows_the_likelier_start_directly_too(data, monkeypatch):
+    followed = []
+
+    def note(data, settings, form, theta, **options):
+        if not options:
+            followed.append(theta)
+        return climb(data, settings, form, theta, **options)
+
+    monkeypatch.setattr(stages, "climb", note)
+    settings, form = configure(max_iter=20), low_rank(M, 2)
+    starts = [first_stage(data, settings, form=f(M)) for f in (identity, ones)]
+    followed.clear()
+    second_stage(data, settings, form, starts, shakes=0)
+    likelier = max(starts, key=lambda start: start.mode.value)
+    np.testing.assert_array_equal(followed, [likelier.theta(settings, form)])
 
 
 def test_best_of():

@@ -165,9 +165,8 @@ class DenseLikelihood:
         """
         return DensePosterior(self, theta)
 
-    def extended(self, task_covariance, X, tasks, y):
-        """The same model of other data, one noise variance for each task if it had."""
-        n_noise = task_covariance.n_tasks if self.n_noise > 1 else 1
+    def extended(self, task_covariance, X, tasks, y, n_noise):
+        """The same kernel with other tasks and other data."""
         return DenseLikelihood(self.kernel, task_covariance, X, tasks, y, n_noise)
 
     def covariance(self, theta):

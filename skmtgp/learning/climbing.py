@@ -153,8 +153,8 @@ class Mode(NamedTuple):
     n_iter : int
         Iterations on the way to it.
     n_evaluations : int
-        Likelihoods and gradients that were spent on it and on the modes that it was
-        preferred to.
+        Likelihoods with their gradients that were spent on it and on the modes that it
+        was preferred to.
     converged : bool
         Whether the last climb ended by its tolerance.
     stalled : bool

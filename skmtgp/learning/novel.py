@@ -21,7 +21,18 @@ SMALLEST, FIRST = 1e-6, 0.1  # w, in root mean squares of the rows
 
 
 def add_task(
-    likelihood, posterior, theta, X, y, *, position, own, informed, max_iter, tol
+    likelihood,
+    posterior,
+    theta,
+    X,
+    y,
+    *,
+    position,
+    own,
+    per_task,
+    informed,
+    max_iter,
+    tol,
 ):
     """Extend a model by a task of which little is known.
 
@@ -41,6 +52,8 @@ def add_task(
         Where it goes among the tasks.
     own : bool
         Whether it may have something that it shares with no other task.
+    per_task : bool
+        Whether the tasks have a noise variance each; one may be all there are.
     informed : bool
         Whether the border has the prior of `Rows`; maximum likelihood otherwise.
     max_iter, tol : int and float
@@ -63,7 +76,7 @@ def add_task(
     form, rho = likelihood.task_covariance.bordered(
         rho, row, rest[0] if own else None, position
     )
-    if len(log_noise) > 1:
+    if per_task:
         log_noise = np.insert(log_noise, position, np.log(noise))
     theta = np.concatenate([kernel, rho, log_noise])
     seconds = perf_counter() - begin
@@ -167,6 +180,6 @@ def learn_border(border, factor, max_iter, tol, *, informed):
 
 def _starts(border, factor, own):
     """The rows of the tasks so far, their average, and the least-squares fit."""
-    fitted = np.linalg.lstsq(border.means.T, border.y)[0]
+    fitted = np.linalg.lstsq(border.means.T, border.y, rcond=None)[0]
     rows = np.vstack([factor, factor.mean(axis=0), fitted])
     return np.column_stack([rows, np.full(len(rows), own)]) if border.own else rows

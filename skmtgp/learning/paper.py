@@ -14,7 +14,7 @@ from skmtgp.learning.ranks import (
     more_starts,
     rank_printer,
 )
-from skmtgp.learning.stages import Start, with_starts
+from skmtgp.learning.stages import Start, likeliest, with_starts
 
 
 def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
@@ -51,10 +51,9 @@ def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
 
 def _third_step(data, settings, form, starts, more):
     """Section 3.1: "we select the one with the higher likelihood"."""
-    chosen = max(starts, key=lambda start: start.mode.value)
     modes = [
         climb(data, settings, form, start.theta(settings, form))
-        for start in (chosen, *more)
+        for start in (likeliest(starts), *more)
     ]
     return with_starts(best_of(modes), [*starts, *more])
 

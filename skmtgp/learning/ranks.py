@@ -13,6 +13,7 @@ import numpy as np
 from skmtgp._parallel import printer, run
 from skmtgp.learning.climbing import best_of, climb, refine
 from skmtgp.learning.stages import (
+    SHAKES,
     first_stage,
     full_rank_start,
     perturbed,
@@ -52,7 +53,8 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         for pair, of_output, others in zip(coarse, starts, more, strict=True)
         for form in forms
     ]
-    follow = partial(second_stage, thorough=len(forms) == 1)  # others will help
+    shakes = SHAKES if len(forms) == 1 else 1  # other ranks will help
+    follow = partial(second_stage, shakes=shakes)
     modes = by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)

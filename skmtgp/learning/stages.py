@@ -3,7 +3,8 @@ r"""The staged heuristic of the paper's section 3.
 1. theta^x is learned with K_0^rho = I and with K_0^rho = 1 1^T, relaxed.
 2. K_1^rho is computed from either, section 3.2.
 3. All parameters are learned from K_1^rho and sigma_0^2. Each start is *annealed*, k^x
-   relaxed and the noise held up at first, and the mode is *shaken*.
+   relaxed and the noise held up at first; the likelier one is also followed directly,
+   as in the paper. The best mode is *shaken*.
 
 Stages 1 and 2 do not depend on the rank.
 """
@@ -23,7 +24,7 @@ from skmtgp.learning.climbing import (
 )
 from skmtgp.task_covariance import low_rank
 
-SHAKES = 2
+SHAKES = 3
 
 
 def learn_fixed(data, settings, form):
@@ -104,7 +105,7 @@ def augmented_task_covariance(data, posterior):
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(data, settings, form, starts, *, thorough=True):
+def second_stage(data, settings, form, starts, *, shakes=SHAKES):
     """Step 3 of section 3, from each start; the best mode.
 
     Parameters
@@ -117,8 +118,8 @@ def second_stage(data, settings, form, starts, *, thorough=True):
         Form of K^rho.
     starts : list of Start
         (theta_1^x, K_1^rho), each followed with sigma_0^2.
-    thorough : bool, default=True
-        Whether the modes of all starts are shaken. Otherwise the best one is, once.
+    shakes : int, default=SHAKES
+        How often the best mode is shaken.
 
     Returns
     -------
@@ -128,12 +129,15 @@ def second_stage(data, settings, form, starts, *, thorough=True):
     modes = [
         annealed(data, settings, form, start.theta(settings, form)) for start in starts
     ]
-    if thorough:
-        shaken = [shake(data, settings, form, mode, SHAKES) for mode in modes]
-        mode = best_of(shaken, doubt=DOUBT)
-    else:
-        mode = shake(data, settings, form, best_of(modes, doubt=DOUBT), 1)
+    direct = likeliest(starts).theta(settings, form)
+    modes.append(climb(data, settings, form, direct))
+    mode = shake(data, settings, form, best_of(modes, doubt=DOUBT), shakes)
     return with_starts(mode, starts)
+
+
+def likeliest(starts):
+    """The start whose step 1 reached most, section 3.1."""
+    return max(starts, key=lambda start: start.mode.value if start.mode else -np.inf)
 
 
 def with_starts(mode, starts):

@@ -16,8 +16,13 @@ ALONE = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
 DEFAULT = [cls() for cls in (*ALONE, RankSearchIC)]
 LINEAR = [BayesianLinearRegression(pooled=pooled) for pooled in (False, True)]
 # How the first column is cut does not depend on how long learning lasts.
-FIRST = [cls(task_feature=0, max_iter=10) for cls in ALONE]
-SEARCH = RankSearchIC(MultiTaskGPRegressor(task_feature=0, max_iter=10), ranks=(1, 2))
+QUICK = {"task_feature": 0, "max_iter": 10}
+FIRST = [cls(**QUICK) for cls in ALONE]
+FIRST += [
+    MultiTaskGPRegressor(learning=learning, **QUICK)
+    for learning in ("staged", "simultaneous")
+]
+SEARCH = RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2))
 
 
 @parametrize_with_checks([*DEFAULT, *LINEAR])

@@ -1,10 +1,12 @@
+import pickle
+
 import numpy as np
 import pandas as pd
 import pytest
 from samples import draw, log_densities
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp import (
     MultiTaskGPRegressor,
@@ -35,15 +37,23 @@ def likelihoods(search):
     return {k: v for k, v in search.results_.items() if k != "fit_time"}
 
 
-@pytest.mark.parametrize("params", [{}, {"diagonal": True, "noise": "per_task"}])
-def test_criteria_are_those_of_eq_8(data, params):
+@pytest.mark.parametrize(
+    ("params", "d_j", "of_tasks"),
+    [
+        ({}, 2, 1),  # a length-scale for each feature, and the noise
+        ({"kernel": ConstantKernel(2.0) * RBF([1.0, 1.0])}, 3, 1),
+        ({"kernel": ConstantKernel(2.0, "fixed") * RBF(1.0)}, 1, 1),
+        ({"diagonal": True, "noise": "per_task"}, 2, 8),
+        ({"noise_variance_bounds": "fixed"}, 2, 0),
+    ],
+)
+def test_criteria_are_those_of_eq_8(data, params, d_j, of_tasks):
     X, y = data
     search = RankSearchIC(clone(MODEL).set_params(**params), ranks=(1, 2, 3, 4))
     found = search.fit(X, y).results_
     n, J, M = y.size, y.size // len(y), 4
     for i, r in enumerate(found["rank"]):
-        kernel = 2  # a length-scale for each feature
-        each = kernel + r * (2 * M + 1 - r) / 2 + (2 * M if params else 1)
+        each = d_j + r * (2 * M + 1 - r) / 2 + of_tasks
         assert found["n_hyperparameters"][i] == J * each
         deviance = -2.0 * found["log_marginal_likelihood"][i]
         assert found["bic"][i] == pytest.approx(deviance + J * each * np.log(n))
@@ -244,3 +254,104 @@ def test_failed_fit_changes_nothing(monkeypatch):
     assert vars(search).keys() == before.keys()
     assert all(vars(search)[name] is value for name, value in before.items())
     assert search.n_features_in_ == 3
+
+
+@pytest.fixture(scope="module")
+def kept(data):
+    with pytest.warns(ConvergenceWarning):
+        return RankSearchIC(MODEL, ranks=(1, 2, 4), keep_estimators=True).fit(*data)
+
+
+class TestKeptEstimators:
+    def test_one_for_each_rank(self, kept, data):
+        names = ("rank", "log_marginal_likelihood", "n_hyperparameters", "bic")
+        table = zip(*(kept.results_[name] for name in names), strict=True)
+        n = data[1].size
+        for model, (rank, value, count, bic) in zip(
+            kept.estimators_, table, strict=True
+        ):
+            assert model.rank == model.rank_ == rank
+            assert model.log_marginal_likelihood_value_ == pytest.approx(value)
+            assert sum(log_densities(model, *data)) == pytest.approx(value)
+            assert model.n_hyperparameters_ == count
+            assert -2.0 * value + count * np.log(n) == pytest.approx(bic)
+            assert model.get_params() == clone(MODEL).set_params(rank=rank).get_params()
+
+    def test_the_best_is_one_of_them(self, kept):
+        best = np.argmin(kept.results_["bic"])
+        assert kept.best_estimator_ is kept.estimators_[best]
+        assert len({id(model) for model in kept.estimators_}) == 3
+
+    def test_they_are_those_that_are_not_kept(self, kept, data):
+        plain = RankSearchIC(MODEL, ranks=(1, 2, 4)).fit(*data)
+        assert not hasattr(plain, "estimators_")
+        assert plain.best_rank_ == kept.best_rank_
+        for name, values in likelihoods(plain).items():
+            np.testing.assert_array_equal(kept.results_[name], values, err_msg=name)
+        expected = plain.best_estimator_.theta_
+        np.testing.assert_array_equal(kept.best_estimator_.theta_, expected)
+
+    def test_a_fit_that_keeps_none_forgets_them(self, data):
+        model = clone(MODEL).set_params(max_iter=0)
+        search = RankSearchIC(model, ranks=(1, 2), keep_estimators=True).fit(*data)
+        assert len(search.estimators_) == 2
+        search.set_params(keep_estimators=False).fit(*data)
+        assert not hasattr(search, "estimators_")
+
+    def test_bad_value(self, data):
+        with pytest.raises(ValueError, match=r"'keep_estimators' parameter .* must be"):
+            RankSearchIC(MODEL, keep_estimators="all").fit(*data)
+
+
+class TestAddTask:
+    @pytest.fixture
+    def new(self, data):
+        """Samples of a task that the data do not have."""
+        X, y = data
+        return X[:5] * [1.0, 1.0, 0.0] + [0.0, 0.0, 9.0], 2.0 * y[:5]
+
+    @pytest.mark.parametrize("prior", ["tasks", None])
+    def test_is_the_best_models(self, search, data, new, prior):
+        extended = search.add_task(*new, prior=prior)
+        expected = search.best_estimator_.add_task(*new, prior=prior)
+        assert type(extended) is RankSearchIC
+        X = np.vstack([data[0], new[0]])
+        np.testing.assert_array_equal(extended.predict(X), expected.predict(X))
+        best = extended.best_estimator_
+        assert best.tasks_.tolist() == [0, 1, 2, 3, 9]
+        assert best.rank_ == extended.best_rank_ == search.best_rank_
+        value = expected.log_marginal_likelihood()
+        assert extended.log_marginal_likelihood() == value
+
+    def test_the_prior_is_passed_on(self, search, new):
+        X, y = new[0][:1], new[1][:1]
+        informed, alone, default = (
+            search.add_task(X, y, **options).best_estimator_.task_covariance_
+            for options in ({"prior": "tasks"}, {"prior": None}, {})
+        )
+        np.testing.assert_array_equal(default, informed)
+        assert not np.allclose(informed, alone)
+
+    def test_results_are_those_of_the_search(self, search, new):
+        extended = search.add_task(*new)
+        assert extended.results_.keys() == search.results_.keys()
+        for name, values in search.results_.items():
+            np.testing.assert_array_equal(extended.results_[name], values)
+            assert extended.results_[name] is not values
+
+    def test_search_is_left_as_it_was(self, data, new):
+        model = clone(MODEL).set_params(max_iter=0)
+        search = RankSearchIC(model, ranks=(1, 2), keep_estimators=True).fit(*data)
+        before = pickle.dumps(search)
+        extended = search.add_task(*new)
+        assert pickle.dumps(search) == before
+        assert len(search.estimators_) == 2
+        assert not hasattr(extended, "estimators_")  # of other tasks
+
+    def test_errors(self, search, data, new):
+        with pytest.raises(NotFittedError):
+            RankSearchIC().add_task(*new)
+        with pytest.raises(ValueError, match="Task 0 is known already"):
+            search.add_task(new[0] * [1.0, 1.0, 0.0], new[1])
+        with pytest.raises(ValueError, match="prior='x' must be 'tasks' or None"):
+            search.add_task(*new, prior="x")

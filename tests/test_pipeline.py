@@ -1,8 +1,15 @@
+import pickle
+
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.compose import ColumnTransformer
+from sklearn.exceptions import NotFittedError
 from sklearn.gaussian_process.kernels import RBF
+from sklearn.linear_model import LinearRegression
 from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import StandardScaler
 
 from skmtgp import (
     BayesianLinearRegression,
@@ -11,6 +18,7 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
+    add_task,
     make_inverse_dynamics_regressor,
 )
 from skmtgp.datasets import load_puma560
@@ -143,3 +151,128 @@ def test_grid_search_over_nested_parameters():
     assert search.best_params_["regressor__noise_variance"] == 1e-3
     assert search.best_estimator_[-1].rank_ == search.best_params_["regressor__rank"]
     assert np.isfinite(search.cv_results_["mean_test_score"]).all()
+
+
+NEW = {"n_per_load": 3, "loads": [9]}
+X_NEW, Y_NEW = load_puma560(**NEW, return_X_y=True)
+FRAME_NEW, TARGETS_NEW = load_puma560(**NEW, return_X_y=True, as_frame=True)
+
+
+def scaled(estimator):
+    """Features are scaled, the load is passed through and stays last."""
+    scaler = ColumnTransformer(
+        [("states", StandardScaler(), slice(18))], remainder="passthrough"
+    )
+    return make_pipeline(scaler, estimator)
+
+
+MODELS = {
+    "estimator": clone(ESTIMATORS["mGP"]),
+    "search": clone(ESTIMATORS["mGP-BIC"]),
+    "scaler": scaled(clone(ESTIMATORS["mGP"])),
+    "scaler, search": scaled(clone(ESTIMATORS["mGP-BIC"])),
+    "features": make_inverse_dynamics_regressor(ESTIMATORS["mGP"]),
+    "features, search": make_inverse_dynamics_regressor(ESTIMATORS["mGP-BIC"]),
+    "nested": Pipeline(
+        [
+            ("nothing", "passthrough"),
+            ("rest", make_inverse_dynamics_regressor(ESTIMATORS["mGP"])),
+        ]
+    ),
+    "alone in a pipeline": make_pipeline(clone(ESTIMATORS["mGP"])),
+}
+
+
+def last_of(model):
+    """The MultiTaskGPRegressor at the end."""
+    while isinstance(model, Pipeline):
+        model = model[-1]
+    return getattr(model, "best_estimator_", model)
+
+
+class TestAddTask:
+    @pytest.fixture(params=MODELS.values(), ids=MODELS)
+    def model(self, request):
+        return clone(request.param).fit(X, Y[:, 0])
+
+    @pytest.mark.parametrize("prior", ["tasks", None])
+    def test_of_every_model(self, model, prior):
+        before = pickle.dumps(model)
+        extended = add_task(model, X_NEW, Y_NEW[:, 0], prior=prior)
+        assert pickle.dumps(model) == before
+        assert type(extended) is type(model)
+        assert last_of(model).tasks_.tolist() == [1, 2, 5]
+        assert last_of(extended).tasks_.tolist() == [1, 2, 5, 9]
+        transformed = X_NEW
+        step = model
+        while isinstance(step, Pipeline):
+            transformed = step[:-1].transform(transformed) if len(step) > 1 else X_NEW
+            step = step[-1]
+        last = last_of(model).add_task(transformed, Y_NEW[:, 0], prior=prior)
+        expected = last.predict(transformed)
+        np.testing.assert_array_equal(extended.predict(X_NEW), expected)
+        assert np.square(expected - Y_NEW[:, 0]).mean() < Y[:, 0].var()
+
+    def test_steps_are_those_that_were_fitted(self):
+        model = scaled(clone(ESTIMATORS["mGP"])).fit(X, Y[:, 0])
+        extended = add_task(model, X_NEW, Y_NEW[:, 0])
+        assert extended.named_steps.keys() == model.named_steps.keys()
+        assert extended[0] is model[0]
+        assert extended.steps is not model.steps
+        assert extended[-1] is not model[-1]
+        again = pickle.loads(pickle.dumps(extended))
+        np.testing.assert_array_equal(again.predict(X), extended.predict(X))
+
+    @pytest.mark.parametrize("name", ["mGP", "mGP-BIC"])
+    @pytest.mark.parametrize("transform", ["default", "pandas"])
+    def test_frames_with_named_loads(self, name, transform):
+        model = make_inverse_dynamics_regressor(ESTIMATORS[name])
+        model.set_output(transform=transform).fit(FRAME, TARGETS[["tau1", "tau2"]])
+        extended = add_task(model, FRAME_NEW, TARGETS_NEW[["tau1", "tau2"]])
+        assert last_of(extended).tasks_.tolist() == ["c1", "c2", "c5", "c9"]
+        array = make_inverse_dynamics_regressor(ESTIMATORS[name]).fit(X, Y[:, :2])
+        expected = add_task(array, X_NEW, Y_NEW[:, :2]).predict(X_NEW)
+        np.testing.assert_allclose(extended.predict(FRAME_NEW), expected, rtol=1e-6)
+
+    def test_one_after_another(self):
+        model = make_inverse_dynamics_regressor(ESTIMATORS["mGP"]).fit(X, Y[:, 0])
+        other, y = load_puma560(n_per_load=3, loads=[4], return_X_y=True)
+        model = add_task(add_task(model, X_NEW, Y_NEW[:, 0]), other, y[:, 0])
+        assert last_of(model).tasks_.tolist() == [1, 2, 4, 5, 9]
+        assert np.isfinite(model.predict(np.vstack([X, X_NEW, other]))).all()
+
+    @pytest.mark.parametrize(
+        "model",
+        [
+            PooledGP(**QUICK),
+            IndependentGP(**QUICK),
+            SingleTaskGP(**QUICK),
+            BayesianLinearRegression(),
+            LinearRegression(),
+            scaled(PooledGP(**QUICK)),
+            Pipeline([("first", scaled(LinearRegression()))]),
+            GridSearchCV(ESTIMATORS["mGP"], {"rank": [1]}),
+        ],
+        ids=repr,
+    )
+    def test_other_models_are_refused(self, model):
+        if not isinstance(model, GridSearchCV):
+            model.fit(X, Y[:, 0])
+        message = r"must be a MultiTaskGPRegressor, a RankSearchIC or a Pipeline"
+        with pytest.raises(TypeError, match=message):
+            add_task(model, X_NEW, Y_NEW[:, 0])
+
+    def test_bad_data(self, model):
+        with pytest.raises(ValueError, match="Task 1 is known already"):
+            add_task(model, X[:8], Y[:8, 0])
+        with pytest.raises(ValueError, match=r"X has 18 (features|columns), but"):
+            add_task(model, X_NEW[:, 1:], Y_NEW[:, 0])
+        with pytest.raises(ValueError, match=r"y has shape \(3, 6\)"):
+            add_task(model, X_NEW, Y_NEW)
+        with pytest.raises(ValueError, match="prior='x' must be 'tasks' or None"):
+            add_task(model, X_NEW, Y_NEW[:, 0], prior="x")
+
+    @pytest.mark.parametrize("name", ["estimator", "search", "features"])
+    def test_a_model_that_is_not_fitted(self, name):
+        with pytest.raises(NotFittedError):
+            add_task(clone(MODELS[name]), X_NEW, Y_NEW[:, 0])

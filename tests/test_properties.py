@@ -191,3 +191,89 @@ def test_learning_raises_the_likelihood_that_the_attributes_have(
     )
     expected = textbook.log_marginal_likelihood(K, y - model.y_mean_)
     assert found == pytest.approx(expected, 1e-6, 1e-6)
+
+
+@st.composite
+def extensions(draw):
+    """A model that is not learned, and samples of a task that it does not know."""
+    X, y, Z = draw(problems())
+    model = MultiTaskGPRegressor(
+        KERNEL,
+        rank=draw(st.sampled_from([1, None])),
+        diagonal=draw(st.booleans()),
+        noise=draw(st.sampled_from(["shared", "per_task"])),
+        max_iter=0,
+    )
+    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
+    X_new = np.column_stack([rng.normal(size=(5, 2)), np.full(5, 9.0)])
+    y_new = np.sin(X_new[:, 0]) + 0.3 * X_new[:, 1] + 0.1 * rng.standard_normal(5)
+    n = draw(st.integers(1, 5))
+    options = {"prior": draw(st.sampled_from(["tasks", None]))}
+    Z = np.vstack([Z, X_new + [0.1, 0.1, 0.0]])
+    return model, (X, y), (X_new[:n], y_new[:n]), Z, options
+
+
+def extend(model, data, new, options):
+    """The border is learned, nothing else is."""
+    return clone(model).fit(*data).set_params(max_iter=200).add_task(*new, **options)
+
+
+def assert_alike(found, expected):
+    """To 1e-4: the border is learned to a hundredth of a nat, from a few starts."""
+    atol = 1e-4 * np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=atol)
+
+
+@examples
+@given(extensions(), st.randoms(use_true_random=False), st.sampled_from([-3, 1, 77]))
+def test_order_and_label_of_what_is_added_do_not_matter(extension, random, label):
+    model, (X, y), (X_new, y_new), Z, options = extension
+    expected = predictions(extend(model, (X, y), (X_new, y_new), options), Z)
+    order = random.sample(range(len(X_new)), len(X_new))
+
+    def rename(X):
+        """The labels of the others are even."""
+        labels = np.where(X[:, -1] == 9, label, 2 * X[:, -1])
+        return np.column_stack([X[:, :-1], labels])
+
+    new = rename(X_new[order]), y_new[order]
+    assert_alike(
+        predictions(extend(model, (rename(X), y), new, options), rename(Z)), expected
+    )
+
+
+@examples
+@given(extensions(), st.floats(-6, 6), st.booleans(), st.floats(-100, 100))
+def test_units_of_what_is_added_do_not_matter(extension, power, negative, shift):
+    model, (X, y), (X_new, y_new), Z, options = extension
+    unit = (-1.0 if negative else 1.0) * 10.0**power
+    mean, cov = extend(model, (X, y), (X_new, y_new), options).predict(
+        Z, return_cov=True
+    )
+    scaled = [(X, unit * (y + shift)), (X_new, unit * (y_new + shift))]
+    other, other_cov = extend(model, *scaled, options).predict(Z, return_cov=True)
+    assert_alike(other / unit - shift, mean)
+    assert_alike(other_cov / unit**2, cov)
+
+
+@examples
+@given(extensions())
+def test_what_is_added_is_a_model(extension):
+    model, data, new, Z, options = extension
+    extended = extend(model, data, new, options)
+    K_rho = extended.task_covariance_
+    assert np.linalg.eigvalsh(K_rho)[0] >= -1e-12 * np.trace(K_rho)
+    z = Z[Z[:, -1] == 9][:, :-1]
+    prior = K_rho[-1, -1] * extended.kernel_.diag(z)
+    Z = Z[Z[:, -1] == 9]
+    variance = extended.predict(Z, return_std=True)[1] ** 2
+    assert (variance <= prior * (1.0 + 1e-12)).all()
+    x = np.vstack([data[0], new[0]])
+    codes = np.searchsorted(extended.tasks_, x[:, -1])
+    K = textbook.covariance(
+        extended.kernel_, K_rho, extended.noise_variance_, x[:, :-1], codes
+    )
+    y = np.append(data[1], new[1]) - extended.y_mean_
+    expected = textbook.log_marginal_likelihood(K, y)
+    found = extended.log_marginal_likelihood_value_
+    assert found == pytest.approx(expected, 1e-7, 1e-7)

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from skmtgp.task_covariance import (
     WithDiagonal,
     identity,
+    leading_columns,
     low_rank,
     lower_trapezoid,
     ones,
@@ -167,6 +168,124 @@ def test_grown(diagonal):
     np.testing.assert_allclose(
         grown - same, columns @ columns.T, rtol=1e-12, atol=1e-13
     )
+
+
+def incomplete_cholesky(K, rank):
+    """The largest diagonal element that is left is the next pivot, by the book."""
+    rest, F = K.copy(), np.zeros((len(K), rank))
+    for r in range(rank):
+        pivot = np.argmax(np.diagonal(rest))
+        if rest[pivot, pivot] < 1e-12 * np.trace(K):
+            break
+        F[:, r] = rest[:, pivot] / np.sqrt(rest[pivot, pivot])
+        rest -= np.outer(F[:, r], F[:, r])
+    return F
+
+
+class TestLeadingColumns:
+    @pytest.mark.parametrize("M", [1, 2, 5, 80])
+    def test_is_an_incomplete_cholesky_decomposition(self, M):
+        K = positive_semi_definite(M)
+        before = K.copy()
+        for rank in (1, (M + 1) // 2, M):
+            F, expected = leading_columns(K, rank), incomplete_cholesky(K, rank)
+            assert F.shape == (M, rank)
+            np.testing.assert_allclose(F, expected, rtol=1e-9, atol=1e-10)
+        np.testing.assert_array_equal(K, before)
+        np.testing.assert_allclose(F @ F.T, K, rtol=1e-12, atol=1e-12)  # full rank
+
+    @pytest.mark.parametrize("rank", [2, 3, 5])
+    def test_of_a_singular_matrix(self, rank):
+        F = np.random.default_rng(0).standard_normal((5, 2))
+        L = leading_columns(F @ F.T, rank)
+        assert L.shape == (5, rank)
+        np.testing.assert_allclose(L @ L.T, F @ F.T, rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(L[:, 2:], 0.0)
+
+    @pytest.mark.parametrize("M", [1, 4])
+    def test_of_zeros_and_of_ones(self, M):
+        np.testing.assert_array_equal(leading_columns(np.zeros((M, M)), M), 0.0)
+        L = leading_columns(np.ones((M, M)), M)
+        np.testing.assert_allclose(L @ L.T, np.ones((M, M)), rtol=1e-15)
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_what_is_left_shrinks(self, seed):
+        K = positive_semi_definite(6, seed)
+        columns = [leading_columns(K, rank) for rank in range(1, 7)]
+        left = np.array([np.trace(K - F @ F.T) for F in columns])
+        assert (np.diff(left) < 0.0).all()
+        assert abs(left[-1]) < 1e-12 * np.trace(K)
+        for F in columns:  # positive semi-definite
+            assert np.linalg.eigvalsh(K - F @ F.T)[0] > -1e-12 * np.trace(K)
+
+    @pytest.mark.parametrize("diagonal", [False, True])
+    def test_of_a_form(self, diagonal):
+        K, form = positive_semi_definite(5), low_rank(5, 2, diagonal)
+        parameters = form.parameters(K, "cholesky")
+        expected = incomplete_cholesky(K, 2)
+        np.testing.assert_allclose(form.columns(parameters), expected, atol=1e-13)
+        assert not np.allclose(form.matrix(parameters), form.matrix(form.parameters(K)))
+        if diagonal:
+            found = np.diagonal(form.matrix(parameters))
+            np.testing.assert_allclose(found, np.diag(K), rtol=1e-5)
+
+
+every_position = pytest.mark.parametrize("position", [0, 1, 3])
+
+
+def assert_bordered(K, old, row, corner, position):
+    """[[old, row], [row^T, corner]], the last task moved to its position."""
+    others = np.delete(np.arange(len(K)), position)
+    np.testing.assert_allclose(K[np.ix_(others, others)], old, rtol=1e-13)
+    np.testing.assert_allclose(K[position, others], row, rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(K[others, position], row, rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(K[position, position], corner, rtol=1e-14)
+
+
+class TestBordered:
+    @every_position
+    @pytest.mark.parametrize("rank", [1, 2, 3])
+    @pytest.mark.parametrize("w", [None, 0.7])
+    def test_low_rank(self, position, rank, w):
+        form, row = low_rank(3, rank), np.array([0.5, -2.0, 3.0])[:rank]
+        F, before = draw(form).reshape(3, rank), draw(form)
+        bordered, parameters = form.bordered(F.ravel(), row, w, position)
+        corner = row @ row + (w**2 if w else 0.0)
+        K = bordered.matrix(parameters)
+        assert_bordered(K, F @ F.T, F @ row, corner, position)
+        assert (bordered.n_tasks, bordered.rank) == (4, rank + (w is not None))
+        assert parameters.shape == (bordered.n_parameters,)
+        assert bordered.n_free == low_rank(4, bordered.rank).n_free
+        np.testing.assert_array_equal(F.ravel(), before)
+        columns = np.delete(bordered.columns(parameters), position, axis=0)
+        np.testing.assert_array_equal(columns[:, :rank], F)
+        np.testing.assert_array_equal(columns[:, rank:], 0.0)
+
+    @every_position
+    @pytest.mark.parametrize("rank", [1, 2, 3])
+    def test_with_a_diagonal(self, position, rank):
+        form, row, w = low_rank(3, rank, True), np.array([0.5, -2.0, 3.0])[:rank], 0.7
+        old = draw(form)
+        F, kappa = factor_and_kappa(form, old)
+        bordered, parameters = form.bordered(old, row, w, position)
+        K = bordered.matrix(parameters)
+        assert_bordered(K, form.matrix(old), F @ row, row @ row + w**2, position)
+        assert (bordered.n_tasks, bordered.rank) == (4, rank)
+        assert parameters.shape == (bordered.n_parameters,)
+        assert bordered.n_free == low_rank(4, rank, True).n_free
+        found = np.exp(parameters[4 * rank :])
+        np.testing.assert_allclose(found, np.insert(kappa, position, w**2), rtol=1e-14)
+
+    def test_one_after_another(self):
+        form, row = low_rank(2, 2), np.array([0.5, -2.0])
+        once = form.bordered(draw(form), row, 0.3, 2)
+        both, parameters = once[0].bordered(once[1], np.append(row, 0.1), 0.4, 0)
+        K = both.matrix(parameters)
+        old = once[0].matrix(once[1])
+        np.testing.assert_allclose(K[1:, 1:], old, rtol=1e-13)
+        np.testing.assert_allclose(K[0, 0], row @ row + 0.1**2 + 0.4**2)
+        assert K[0, 3] == pytest.approx(row @ row + 0.1 * 0.3)
+        assert (both.n_tasks, both.rank) == (4, 4)
 
 
 @pytest.mark.parametrize("M", [1, 2, 5])

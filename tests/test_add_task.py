@@ -1,0 +1,497 @@
+"""Section 3.3 by the estimator: a task joins a fitted model."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+import textbook
+from samples import draw, log_densities, outputs, posteriors
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp import MultiTaskGPRegressor, multitask
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+# parameters, number of outputs, place of the new task, prior
+CASES = {
+    "full rank": ({}, None, "last", "tasks"),
+    "full rank, two outputs": ({}, 2, "middle", None),
+    "rank 2": ({"rank": 2}, None, "first", None),
+    "rank 2, two outputs": ({"rank": 2}, 2, "last", "tasks"),
+    "diagonal": ({"rank": 2, "diagonal": True}, None, "middle", "tasks"),
+    "full rank, diagonal": ({"diagonal": True}, None, "last", None),
+    "noise of each": ({"rank": 2, "noise": "per_task"}, None, "middle", None),
+    "not normalised": ({"rank": 1, "normalize_y": False}, None, "first", "tasks"),
+    "all, two outputs": (
+        {"diagonal": True, "noise": "per_task", "normalize_y": False},
+        2,
+        "first",
+        "tasks",
+    ),
+    "fixed noise": ({"rank": 1, "noise_variance_bounds": "fixed"}, 2, "middle", None),
+}
+PLACES = {"first": -5, "middle": 3, "last": 8}
+OLD = [0, 2, 4]  # labels; the drawn tasks are 0, 1 and 2, and 3 is new
+
+
+def split(n_outputs=None, place="last", n_new=4):
+    """Samples of the old tasks, and some of a new one."""
+    X, y = draw(n_tasks=4, per_task=8, n_outputs=n_outputs)
+    labels = np.array([*OLD, PLACES[place]])
+    new = X[:, -1] == 3
+    X[:, -1] = labels[X[:, -1].astype(int)]
+    return X[~new], y[~new], X[new][:n_new], y[new][:n_new]
+
+
+def encode(X, model):
+    """The tasks of X as positions, which is what samples.py takes."""
+    return np.column_stack([X[:, :-1], np.searchsorted(model.tasks_, X[:, -1])])
+
+
+def learner(**params):
+    return MultiTaskGPRegressor(RBF([1.0, 1.0]), max_iter=20, **params)
+
+
+@pytest.fixture(scope="module", params=CASES.values(), ids=CASES)
+def case(request):
+    return request.param
+
+
+@pytest.fixture(scope="module")
+def fitted(case):
+    """Tests share it: add_task leaves it alone."""
+    params, n_outputs, *_ = case
+    return learner(**params).fit(*split(n_outputs)[:2])
+
+
+@pytest.fixture(scope="module")
+def extension(case, fitted):
+    """The extended model, what it was made of, and where the new task is."""
+    _, n_outputs, place, prior = case
+    X, y, X_new, y_new = split(n_outputs, place)
+    model = fitted.add_task(X_new, y_new, prior=prior)
+    position = {"first": 0, "middle": 2, "last": 3}[place]
+    return model, np.vstack([X, X_new]), np.concatenate([y, y_new]), position
+
+
+@pytest.fixture(params=["tasks", None])
+def prior(request):
+    return request.param
+
+
+def test_what_was_learned_is_kept(fitted, extension):
+    model, *_, position = extension
+    others = np.delete(np.arange(4), position)
+    assert model.tasks_[others].tolist() == OLD
+    assert model.kernel_ == fitted.kernel_
+    np.testing.assert_array_equal(model.y_mean_, fitted.y_mean_)
+    np.testing.assert_array_equal(model.y_scale_, fitted.y_scale_)
+    for new, old in zip(outputs(model), outputs(fitted), strict=True):
+        block = new[1][np.ix_(others, others)]
+        np.testing.assert_allclose(block, old[1], rtol=1e-10)
+        if model.noise == "per_task":
+            np.testing.assert_allclose(new[2][others], old[2], rtol=1e-12)
+            mean = np.exp(np.log(old[2]).mean())
+            np.testing.assert_allclose(new[2][position], mean, rtol=1e-12)
+        else:
+            assert new[2] == old[2]
+
+
+def test_attributes_reproduce_likelihood_and_predictions(extension):
+    model, X, y, _ = extension
+    expected = log_densities(model, encode(X, model), y)
+    np.testing.assert_allclose(model.log_marginal_likelihoods_, expected, rtol=1e-8)
+    assert model.log_marginal_likelihood_value_ == pytest.approx(np.sum(expected))
+    Z = draw(n_tasks=4, per_task=3, seed=1)[0]
+    found = posteriors(model, encode(X, model), y, Z)
+    Z[:, -1] = model.tasks_[Z[:, -1].astype(int)]
+    mean, std = model.predict(Z, return_std=True)
+    for j, (f, K) in enumerate(found):
+        close = {"rtol": 1e-6, "atol": 1e-7 * np.abs(K).max()}
+        np.testing.assert_allclose(mean.reshape(12, -1)[:, j], f, **close)
+        np.testing.assert_allclose(std.reshape(12, -1)[:, j] ** 2, np.diag(K), **close)
+
+
+def test_theta_is_that_of_the_extended_model(extension):
+    model = extension[0]
+    value = model.log_marginal_likelihood_value_
+    found, gradient = model.log_marginal_likelihood(model.theta_, eval_gradient=True)
+    assert found == pytest.approx(value, rel=1e-10)
+    assert gradient.shape == model.theta_.shape
+    theta = model.theta_ + 0.01
+    expected = textbook.derivative(model.log_marginal_likelihood, theta, step=1e-4)
+    found = model.log_marginal_likelihood(theta, eval_gradient=True)[1]
+    atol = 1e-6 * np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=1e-5, atol=atol)
+
+
+def test_factor_and_rank(fitted, extension):
+    model = extension[0]
+    grown = model.rank is None and not model.diagonal
+    assert model.rank_ == fitted.rank_ + grown
+    assert model.get_params() == fitted.get_params()
+    factors = model.task_factor_.reshape(-1, 4, model.rank_)
+    for (_, K_rho, *_), L in zip(outputs(model), factors, strict=True):
+        assert np.linalg.eigvalsh(K_rho)[0] > -1e-12 * np.trace(K_rho)
+        rest = K_rho - L @ L.T
+        rest -= np.diag(np.diag(rest)) * model.diagonal
+        np.testing.assert_allclose(rest, 0.0, atol=1e-10 * np.abs(K_rho).max())
+
+
+def test_number_of_hyperparameters_is_that_of_eq_8(extension):
+    model, M, r = extension[0], 4, extension[0].rank_
+    fixed = model.noise_variance_bounds == "fixed"
+    n_noise = 0 if fixed else M if model.noise == "per_task" else 1
+    each = 2 + r * (2 * M + 1 - r) // 2 + M * model.diagonal + n_noise
+    assert model.n_hyperparameters_ == each * len(outputs(model))
+
+
+def test_training_data_are_those_of_all_tasks(extension):
+    model, X, y, position = extension
+    np.testing.assert_array_equal(model.X_train_, X[:, :-1])
+    np.testing.assert_array_equal(model.tasks_[model.tasks_train_], X[:, -1])
+    np.testing.assert_array_equal(model.y_train_, y)
+    assert model.tasks_train_[-1] == position
+    assert model.complete_ is False
+    assert model.n_features_in_ == 3
+    assert model.n_evaluations_ > model.n_iter_ > 0
+
+
+def test_the_extended_model_is_a_model(extension):
+    model, X, y, _ = extension
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.predict(X), model.predict(X))
+    assert model.sample_y(X[:4], 3).shape == (4, *y.shape[1:], 3)
+    assert model.score(X, y) > 0.5
+    fresh = clone(model)
+    assert not hasattr(fresh, "tasks_")
+
+
+def test_model_is_left_as_it_was(case, fitted):
+    _, n_outputs, place, prior = case
+    _, _, X_new, y_new = split(n_outputs, place)
+    before, attributes = pickle.dumps(fitted), dict(vars(fitted))
+    fitted.add_task(X_new, y_new, prior=prior)
+    assert pickle.dumps(fitted) == before
+    assert vars(fitted).keys() == attributes.keys()
+    assert all(vars(fitted)[name] is value for name, value in attributes.items())
+
+
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("patch", [None, interrupt])
+def test_model_is_left_as_it_was_by_a_failure(monkeypatch, patch):
+    X, y, X_new, y_new = split()
+    model = learner(rank=1).fit(X, y)
+    before = pickle.dumps(model)
+    if patch:
+        monkeypatch.setattr(multitask, "add_task", patch)
+    else:
+        y_new = np.full_like(y_new, np.nan)
+    with pytest.raises((KeyboardInterrupt, ValueError)):
+        model.add_task(X_new, y_new)
+    assert pickle.dumps(model) == before
+
+
+def test_data_are_not_changed():
+    X, y, X_new, y_new = split()
+    model = learner(rank=1).fit(X, y)
+    before = X_new.copy(), y_new.copy()
+    model.add_task(X_new, y_new)
+    np.testing.assert_array_equal(X_new, before[0])
+    np.testing.assert_array_equal(y_new, before[1])
+
+
+@pytest.mark.parametrize(
+    "params", [{}, {"rank": 2, "noise": "per_task"}, {"rank": 1, "diagonal": True}]
+)
+def test_the_position_of_the_task_does_not_matter(params, prior):
+    Z = draw(n_tasks=4, per_task=3, seed=1)[0]
+    found = []
+    for place in PLACES:
+        X, y, X_new, y_new = split(place=place)
+        model = learner(**params).fit(X, y).add_task(X_new, y_new, prior=prior)
+        labels = np.array([*OLD, PLACES[place]])[Z[:, -1].astype(int)]
+        mean, cov = model.predict(np.c_[Z[:, :-1], labels], return_cov=True)
+        found.append(np.vstack([mean, cov]))
+    for other in found[1:]:
+        atol = 1e-8 * np.abs(found[0]).max()
+        np.testing.assert_allclose(other, found[0], rtol=1e-7, atol=atol)
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+def test_the_likelihood_of_all_data_is_maximised(diagonal):
+    """Its derivatives by the new row vanish; those by the old ones need not."""
+    X, y, X_new, y_new = split(n_new=8)
+    model = learner(rank=2, diagonal=diagonal).fit(X, y)
+    model.set_params(tol=1e-8)
+    model = model.add_task(X_new, y_new, prior=None)
+    _, gradient = model.log_marginal_likelihood(model.theta_, eval_gradient=True)
+    row = slice(2 + 2 * 3, 2 + 2 * 4)  # after two length-scales and three rows
+    assert np.abs(gradient[row]).max() < 1e-2
+    assert np.abs(gradient[: row.start]).max() > 1.0
+    rng, value = np.random.default_rng(0), model.log_marginal_likelihood_value_
+    for step in (1e-3, 1e-2, 0.1):
+        for _ in range(20):
+            theta = model.theta_.copy()
+            theta[row] *= 1.0 + step * rng.standard_normal(2)
+            assert model.log_marginal_likelihood(theta) < value + 1e-6
+
+
+def related(seed=0, n_tasks=6, per_task=15, n_new=40, rank=2, spread=1.0):
+    """Data of the model itself; the rows of the factor, the new task's last."""
+    rng = np.random.default_rng(seed)
+    F = 1.0 + spread * rng.normal(size=(n_tasks + 1, rank))
+    tasks = np.repeat(np.arange(n_tasks + 1), [per_task] * n_tasks + [n_new])
+    x = rng.uniform(-2.0, 2.0, (len(tasks), 2))
+    K = RBF([1.0, 1.5])(x) + 1e-10 * np.eye(len(x))
+    z = np.linalg.cholesky(K) @ rng.standard_normal((len(x), rank))
+    y = (F[tasks] * z).sum(axis=1) + 0.05 * rng.standard_normal(len(x))
+    X, old = np.column_stack([x, tasks]), tasks < n_tasks
+    return X[old], 20.0 * y[old], X[~old], 20.0 * y[~old], F
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_combination_of_the_tasks_is_recognised(seed):
+    X, y, X_new, y_new, F = related(seed)
+    weights = np.linalg.lstsq(F[:-1].T, F[-1], rcond=None)[0]
+    model = MultiTaskGPRegressor(rank=2, normalize_y=False).fit(X, y)
+    old = model.task_covariance_
+    for prior in ("tasks", None):
+        K = model.add_task(X_new, y_new, prior=prior).task_covariance_
+        close = {"atol": 0.05 * old.max()}
+        np.testing.assert_allclose(K[-1, :-1], old @ weights, **close)
+        np.testing.assert_allclose(K[-1, -1], weights @ old @ weights, **close)
+
+
+def test_the_other_tasks_help_where_there_is_one_sample():
+    errors = []
+    for seed in range(11):
+        X, y, X_new, y_new, _ = related(seed, per_task=8, spread=0.3)
+        model = MultiTaskGPRegressor(
+            RBF([1.0, 1.5], "fixed"), rank=2, normalize_y=False, max_iter=30
+        ).fit(X, y)
+        few = X_new[:1], y_new[:1]
+        extended = [model.add_task(*few, prior=prior) for prior in ("tasks", None)]
+        errors.append(
+            [np.square(model.predict(X_new) - y_new).mean() for model in extended]
+            / y_new.var()
+        )
+    informed, alone = np.median(errors, axis=0)
+    assert informed < 0.8 * alone
+    assert np.less(*np.transpose(errors)).sum() >= 7
+
+
+@pytest.mark.parametrize("rank", [2, None])
+def test_one_task_after_another(rank, prior):
+    X, y, X_new, y_new, _ = related(n_tasks=5, per_task=12, n_new=30)
+    negative = 2.0 * y.mean() - y_new
+    Z = np.column_stack([X_new[:, :2], np.full(30, 7)])
+    model = MultiTaskGPRegressor(rank=rank).fit(X, y)
+    first, second = (X_new[::2], y_new[::2]), (Z[::2], negative[::2])
+    one, other = (
+        model.add_task(*a, prior=prior).add_task(*b, prior=prior)
+        for a, b in [(first, second), (second, first)]
+    )
+    assert one.tasks_.tolist() == other.tasks_.tolist() == [*range(5), 5, 7]
+    assert one.rank_ == (2 if rank else 7)
+    for test, y_test in [(X_new, y_new), (Z, negative)]:
+        here, there = one.predict(test), other.predict(test)
+        assert np.square(here - y_test).mean() < 0.05 * y_test.var()
+        far = 0.01 if prior else 1e-4
+        assert np.square(here - there).mean() < far * y_test.var()
+    if prior is None:
+        value = one.log_marginal_likelihood_value_
+        assert other.log_marginal_likelihood_value_ == pytest.approx(value, abs=0.01)
+
+
+@pytest.mark.parametrize("params", [{"rank": 2}, {"rank": 3}, {}])
+def test_a_task_with_the_samples_of_another_is_like_it(params, prior):
+    X, y, *_ = split()
+    model, copied = learner(**params).fit(X, y), X[:, -1] == OLD[1]
+    extended = model.add_task(X[copied] + [0.0, 0.0, 10.0], y[copied], prior=prior)
+    K = extended.task_covariance_
+    close = {"atol": (0.1 if prior else 0.03) * K[1, 1]}
+    np.testing.assert_allclose(K[3, :3], K[1, :3], **close)
+    np.testing.assert_allclose(K[3, 3], K[1, 1], **close)
+    Z = draw(per_task=5, n_tasks=1, seed=1)[0]
+    one, other = (extended.predict(Z + [0.0, 0.0, m]) for m in (OLD[1], OLD[1] + 10))
+    np.testing.assert_allclose(other, one, atol=0.1 * y.std())
+
+
+@pytest.mark.parametrize("noise", ["shared", "per_task"])
+def test_a_second_task(noise, prior):
+    """One task is all that is known; its noise is known too."""
+    X, y = draw(n_tasks=2, per_task=10)
+    first = X[:, -1] == 0
+    model = learner(noise=noise).fit(X[first], y[first])
+    two = model.add_task(X[~first][:5], y[~first][:5], prior=prior)
+    assert two.tasks_.tolist() == [0, 1]
+    expected = np.full((2,) if noise == "per_task" else (), model.noise_variance_)
+    np.testing.assert_allclose(two.noise_variance_, expected, rtol=1e-12)
+    assert np.shape(two.noise_variance_) == expected.shape
+    rows = np.r_[np.flatnonzero(first), np.flatnonzero(~first)[:5]]
+    (value,) = log_densities(two, X[rows], y[rows])
+    assert two.log_marginal_likelihood_value_ == pytest.approx(value, rel=1e-8)
+    three = two.add_task(X[~first][5:] + [0.0, 0.0, 1.0], y[~first][5:], prior=prior)
+    assert three.rank_ == 3
+    assert np.isfinite(three.predict(X)).all()
+
+
+def test_complete_data_stay_complete():
+    x, y = draw(per_task=5, n_tasks=1)
+    X = np.vstack([x, x + [0.0, 0.0, 1.0]])
+    model = learner(rank=1).fit(X, np.append(y, 2.0 * y))
+    assert model.complete_ is True
+    new = x + [0.0, 0.0, 2.0]
+    assert model.add_task(new, -y).complete_ is True
+    assert model.add_task(new[:4], -y[:4]).complete_ is False
+
+
+def test_too_few_iterations_are_reported():
+    X, y, X_new, y_new = split()
+    model = learner(rank=2).fit(X, y).set_params(max_iter=1)
+    with pytest.warns(
+        ConvergenceWarning, match=r"output \[1\] was .* max_iter=1 itera"
+    ):
+        model.add_task(X_new, y_new)
+
+
+@pytest.mark.filterwarnings("error")
+def test_without_iterations_the_best_start_is_kept():
+    X, y, X_new, y_new = split()
+    model = learner(rank=2).set_params(max_iter=0).fit(X, y)
+    extended = model.add_task(X_new, y_new)
+    assert extended.n_iter_ == 0
+    assert extended.n_evaluations_ > 5
+
+
+LABELS = {
+    "int": ([3, 1, 2], 7, None),
+    "negative": ([3, 1, 2], -1, None),
+    "int8, then too large for it": ([3, 1, 2], 700, "int8"),
+    "uint64": ([3, 1, 2], 7, "uint64"),
+    "beyond what floats tell apart": ([2**60, 2**60 + 2, 0], 2**60 + 1, None),
+    "str": (["b", "c", "a"], "d", None),
+    "longer str": (["b", "c", "a"], "a longer one", None),
+    "category": (["b", "c", "a"], "aa", "category"),
+    "string": (["b", "c", "a"], "aa", "string"),
+}
+
+
+@pytest.mark.parametrize(("labels", "label", "dtype"), LABELS.values(), ids=LABELS)
+def test_frames_and_labels(labels, label, dtype):
+    X, y = draw(per_task=6, n_tasks=4)
+    tasks, new = X[:, -1].astype(int), X[:, -1] == 3
+    load = pd.Series([[*labels, label][m] for m in tasks])
+    table = pd.DataFrame({"a": X[:, 0], "load": load, "b": X[:, 1]})
+    old, dtype = table[~new], dtype or load.dtype
+    old = old.assign(load=old["load"].astype(dtype))
+    model = learner(rank=1, task_feature="load").fit(old, y[~new])
+    extended = model.add_task(table[new], y[new])
+    assert extended.tasks_.tolist() == sorted([*labels, label])
+    assert extended.tasks_.dtype.kind == ("U" if isinstance(label, str) else "i")
+    assert extended.feature_names_in_.tolist() == ["a", "load", "b"]
+    codes = np.array([sorted([*labels, label]).index(name) for name in load])
+    array = np.column_stack([X[:, :2], codes])
+    plain = learner(rank=1).fit(array[~new], y[~new]).add_task(array[new], y[new])
+    np.testing.assert_allclose(extended.predict(table), plain.predict(array), rtol=1e-7)
+
+
+def test_lists_and_other_types_of_targets():
+    X, y, X_new, y_new = split()
+    model = learner(rank=1).fit(X, y)
+    expected = model.add_task(X_new, y_new).predict(X_new)
+    for given in (y_new.tolist(), pd.Series(y_new, dtype="Float64")):
+        found = model.add_task(X_new.tolist(), given).predict(X_new)
+        np.testing.assert_array_equal(found, expected)
+
+
+X_OLD, Y_OLD, X_NEW, Y_NEW = split()
+ERRORS = {
+    "known": (
+        X_OLD[X_OLD[:, -1] == 2],
+        Y_OLD[X_OLD[:, -1] == 2],
+        "Task 2 is known already; fit learns from more samples of it",
+    ),
+    "several": (
+        X_NEW + np.outer(np.arange(4) % 2, [0, 0, 1]),
+        Y_NEW,
+        r"holds 2 labels, \[8, 9\]; add one task after another",
+    ),
+    "text for a number": (
+        np.column_stack([X_NEW[:, :2].astype(object), ["x"] * 4]),
+        Y_NEW,
+        "new task 'x' is not of the type of the known ones, such as 0",
+    ),
+    "fractional": (X_NEW + [0, 0, 0.5], Y_NEW, "4 of 4 are fractional"),
+    "missing label": (X_NEW * [1, 1, np.nan], Y_NEW, "4 missing labels"),
+    "width": (np.insert(X_NEW, 0, 1.0, axis=1), Y_NEW, "X has 4 features, but Multi"),
+    "NaN": (X_NEW * [np.nan, 1, 1], Y_NEW, "Input X contains NaN"),
+    "infinite": (X_NEW + np.diag([np.inf] * 4)[:, :3], Y_NEW, "X contains infinity"),
+    "NaN target": (X_NEW, np.full(4, np.nan), "Input y contains NaN"),
+    "text target": (X_NEW, ["text"] * 4, "could not convert string to float"),
+    "too many outputs": (
+        X_NEW,
+        np.ones((4, 2)),
+        r"y has shape \(4, 2\); the model was fitted to .* shape \(n_samples,\)\.",
+    ),
+    "short target": (X_NEW, Y_NEW[:3], r"inconsistent numbers of samples: \[4, 3\]"),
+    "no rows": (X_NEW[:0], Y_NEW[:0], r"0 sample\(s\)"),
+}
+
+
+@pytest.fixture(scope="module")
+def model():
+    return learner(rank=1).fit(X_OLD, Y_OLD)
+
+
+@pytest.mark.parametrize(("X", "y", "match"), ERRORS.values(), ids=ERRORS)
+def test_bad_data(model, X, y, match):
+    with pytest.raises(ValueError, match=match):
+        model.add_task(X, y)
+
+
+def test_no_targets(model):
+    with pytest.raises((ValueError, TypeError)):
+        model.add_task(X_NEW, None)
+
+
+def test_a_number_for_text():
+    X = np.column_stack([X_OLD[:, :2].astype(object), np.repeat(["a", "b"], 12)])
+    model = learner(rank=1).fit(X, Y_OLD)
+    with pytest.raises(
+        ValueError, match=r"new task 8 is not .* known ones, such as 'a'"
+    ):
+        model.add_task(X_NEW, Y_NEW)
+
+
+@pytest.mark.parametrize("y", [Y_NEW, np.ones((4, 1)), np.ones((4, 3))])
+def test_other_numbers_of_outputs(y):
+    X, Y, *_ = split(2)
+    model = learner(rank=1).fit(X, Y)
+    with pytest.raises(ValueError, match=r"fitted to .* shape \(n_samples, 2\)"):
+        model.add_task(X_NEW, y)
+
+
+def test_columns_of_other_names():
+    table = pd.DataFrame(X_OLD, columns=["a", "b", "load"])
+    model = learner(rank=1).fit(table, Y_OLD)
+    other = pd.DataFrame(X_NEW, columns=["a", "c", "load"])
+    with pytest.raises(ValueError, match="feature names should match those"):
+        model.add_task(other, Y_NEW)
+
+
+@pytest.mark.parametrize("prior", ["x", "Tasks", False, 1])
+def test_bad_prior(model, prior):
+    with pytest.raises(ValueError, match=f"prior={prior!r} must be 'tasks' or None"):
+        model.add_task(X_NEW, Y_NEW, prior=prior)
+
+
+def test_a_model_that_is_not_fitted():
+    with pytest.raises(NotFittedError):
+        MultiTaskGPRegressor().add_task(X_NEW, Y_NEW)

@@ -299,38 +299,39 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
-        features, label, Y = check_new_task(self, X, y)
-        new = (Y - self._centres) / self._scales
-        training, position = self._training().with_task(features, label, Y)
-        parts = np.split(self.theta_, len(self._likelihoods))
+        training, position = self._training().with_task(*check_new_task(self, X, y))
+        extended = self._extend(training, position, informed=prior is not None)
+        model = copy(self)
+        model._store(training, *zip(*extended, strict=True))
+        return model
+
+    def _extend(self, training, position, informed):
+        """Likelihood and mode of each output with the task at `position` added."""
         per_task = self.noise == "per_task"
         n_noise = len(training.tasks) if per_task else 1
-        borders = [
-            add_task(
-                *of_output,
-                features,
-                targets,
+        outputs = zip(
+            self._likelihoods,
+            self._posteriors,
+            np.split(self.theta_, len(self._likelihoods)),
+            training.data(),
+            strict=True,
+        )
+        for likelihood, posterior, theta, data in outputs:
+            new = data.tasks == position
+            form, mode = add_task(
+                likelihood,
+                posterior,
+                theta,
+                data.X[new],
+                data.y[new],
                 position=position,
                 own=self.rank is None or self.diagonal,
                 per_task=per_task,
-                informed=prior is not None,
+                informed=informed,
                 max_iter=self.max_iter,
                 tol=self.tol,
             )
-            for *of_output, targets in zip(
-                self._likelihoods, self._posteriors, parts, new.T, strict=True
-            )
-        ]
-        forms, modes = zip(*borders, strict=True)
-        objectives = [
-            old.extended(form, data.X, data.tasks, data.y, n_noise)
-            for old, form, data in zip(
-                self._likelihoods, forms, training.data(), strict=True
-            )
-        ]
-        model = copy(self)
-        model._store(training, objectives, modes)
-        return model
+            yield likelihood.extended(form, data.X, data.tasks, data.y, n_noise), mode
 
     def _store(self, training, likelihoods, modes):
         super()._store(training, likelihoods, modes)

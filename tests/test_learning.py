@@ -135,6 +135,29 @@ class TestSettings:
         assert (theta[:-1] == -30.0).all()
 
 
+def test_a_diagonal_does_not_cost_likelihood(data, monkeypatch):
+    """Even if no climb of the model with a diagonal finds anything."""
+
+    def lost(way):
+        def follow(data, settings, form, theta, **options):
+            budget = replace(settings, max_iter=0) if form.n_kappa else settings
+            return way(data, budget, form, theta, **options)
+
+        return follow
+
+    for module in (stages, climbing):
+        monkeypatch.setattr(module, "climb", lost(climb))
+    settings = configure(max_iter=50)
+    starts = [first_stage(data, settings, form=f(M)) for f in (identity, ones)]
+    without = second_stage(data, settings, low_rank(M, 2), starts)
+    form = low_rank(M, 2, diagonal=True)
+    mode = second_stage(data, settings, form, starts)
+    np.testing.assert_allclose(mode.value, without.value, rtol=1e-9)
+    found = settings.likelihood(data, form).value(mode.theta)
+    np.testing.assert_allclose(mode.value, found, rtol=1e-12)
+    assert mode.n_evaluations > without.n_evaluations
+
+
 def test_a_diagonal_that_matters_is_found_where_noise_is_tiny():
     rng = np.random.default_rng(3)
     tasks, X = np.repeat(np.arange(M), 12), rng.uniform(-2.0, 2.0, (36, 2))

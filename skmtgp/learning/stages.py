@@ -126,13 +126,33 @@ def second_stage(data, settings, form, starts, *, shakes=SHAKES):
     mode : Mode
         The best one, with what was spent on all, the starts counted.
     """
+    return with_starts(_best_mode(data, settings, form, starts, shakes), starts)
+
+
+def _best_mode(data, settings, form, starts, shakes):
     modes = [
         annealed(data, settings, form, start.theta(settings, form)) for start in starts
     ]
     direct = likeliest(starts).theta(settings, form)
     modes.append(climb(data, settings, form, direct))
-    mode = shake(data, settings, form, best_of(modes, doubt=DOUBT), shakes)
-    return with_starts(mode, starts)
+    if form.n_kappa:
+        modes.append(_from_simpler(data, settings, form, starts, shakes))
+    return shake(data, settings, form, best_of(modes, doubt=DOUBT), shakes)
+
+
+def _from_simpler(data, settings, form, starts, shakes):
+    """The mode without a diagonal, as one with a diagonal and learned on from there.
+
+    The model without is part of the model with a diagonal, whose mode must not be
+    worse.
+    """
+    simpler = _best_mode(data, settings, form.form, starts, shakes)
+    kernel, rho, noise = settings.likelihood(data, form.form).split(simpler.theta)
+    smallest = form.bounds(settings.scale)[-form.n_kappa :, 0]
+    theta = np.concatenate([kernel, rho, smallest, noise])
+    value = settings.likelihood(data, form).value(theta)
+    raised = climb(data, settings, form, settings.with_noise(theta, form))
+    return best_of([simpler._replace(theta=theta, value=value), raised])
 
 
 def likeliest(starts):

@@ -86,11 +86,11 @@ PAPERFLAGS ?=
 paper: $(VENV)/ready-to-bench
 	$(BIN)/python examples/paper/run_all.py $(PAPERFLAGS)
 
-paper-short: $(VENV)/ready-to-bench
+paper-short: $(VENV)/ready-to-run
 	rm -rf examples/paper/results/short
 	$(BIN)/python examples/paper/run_all.py --short $(PAPERFLAGS)
 
-paper-page: $(VENV)/ready-to-bench
+paper-page: $(VENV)/ready-to-run
 	$(BIN)/python examples/paper/page.py
 
 # The stamps are written last, so that an interrupted installation is done again.

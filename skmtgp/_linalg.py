@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
@@ -19,11 +19,18 @@ class Cholesky:
         Symmetric matrix of which only the lower triangle is read. It is
         overwritten by the factor.
 
+    Attributes
+    ----------
+    jitter : float
+        What was added to the diagonal of K so that it has a factor.
+
     Raises
     ------
     NotPositiveDefiniteError
         If K is not finite or not positive definite.
     """
+
+    jitter = 0.0
 
     def __init__(self, K):
         self.factor, info = dpotrf(K, lower=1, clean=0, overwrite_a=1)
@@ -51,6 +58,12 @@ class Cholesky:
         """Lower triangle of K^{-1}; it takes the place of the factor."""
         inverse, self.factor = dpotri(self.factor, lower=1, overwrite_c=1)[0], None
         return inverse
+
+    def inverse_diagonal(self):
+        """Diagonal of K^{-1} = C^{-T} C^{-1}; the factor stays."""
+        half, _ = dtrtri(self.factor, lower=1)
+        columns = (half[j:, j] for j in range(len(half)))  # above them is anything
+        return np.array([column @ column for column in columns])
 
 
 def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
@@ -87,6 +100,7 @@ def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
         except NotPositiveDefiniteError:
             relative *= 10.0
             continue
+        cholesky.jitter = jitter
         warnings.warn(
             "The covariance matrix of the training data is not positive definite in "
             f"floating point; {jitter:.1e} ({relative:.0e} of its mean diagonal) was "

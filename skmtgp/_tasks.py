@@ -7,7 +7,7 @@ import pandas as pd
 from sklearn.utils import check_array
 from sklearn.utils.validation import validate_data
 
-EXACT = 2.0**53  # the integers up to here are exact in float64
+EXACT = np.float64(2.0**53)  # the integers up to here are exact in float64
 
 
 def locate_task_column(task_feature, n_features, feature_names=None):
@@ -79,12 +79,22 @@ def read_table(estimator, X, *, reset):
         return validate_data(estimator, X, reset=reset, skip_check_array=True)
     return validate_data(
         estimator,
-        X,
+        _keep_types(X),
         reset=reset,
         dtype=None,
         ensure_all_finite=False,
         ensure_min_features=2 if reset else 1,
     )
+
+
+def _keep_types(X):
+    """Lists whose numbers would become text, as an array of objects.
+
+    NaN and 1 would be the names of tasks otherwise.
+    """
+    if isinstance(X, (list, tuple)) and np.asarray(X).dtype.kind in "SU":
+        return np.asarray(X, dtype=object)
+    return X
 
 
 def split_table(table, position, estimator=None):
@@ -209,7 +219,7 @@ def _unify(labels):
     if all(isinstance(label, (bool, np.bool_)) for label in labels):
         return labels.astype(bool)
     if all(isinstance(label, numbers.Integral) for label in labels):
-        return labels.astype(np.int64)
+        return _as_int64(labels)
     if all(isinstance(label, numbers.Real) for label in labels):
         return labels.astype(np.float64)
     kinds = sorted({type(label).__name__ for label in labels})
@@ -220,6 +230,16 @@ def _unify(labels):
     raise ValueError(
         f"Task labels must all be integers or all be strings, not a mixture: {kinds}."
     )
+
+
+def _as_int64(labels):
+    try:
+        return labels.astype(np.int64)
+    except OverflowError as error:
+        raise ValueError(
+            "Task labels that are integers must lie within 2**63, but "
+            f"{max(labels, key=abs)} does not. Pass them as strings."
+        ) from error
 
 
 def _as_integers(labels):
@@ -270,7 +290,8 @@ def encode_tasks(labels, tasks):
         known = _enumerate(tasks)
         raise ValueError(
             f"Unknown tasks {_enumerate(unknown)}: the model knows {known}. Fit with "
-            "samples of every task."
+            "samples of every task; in cross-validation cv=TaskStratifiedKFold() of "
+            "skmtgp.model_selection does."
         )
     return np.searchsorted(tasks, labels)
 

@@ -323,6 +323,8 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
         Task labels, sorted.
     estimators_ : list of n_tasks PooledGP
         The model of each task, fitted on features followed by a constant column.
+    tasks_train_ : ndarray of shape (n_samples,)
+        Position in `tasks_` of each training sample's task.
     log_marginal_likelihood_value_ : float
         Log density of y in its own units, summed over tasks and outputs.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
@@ -411,11 +413,11 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
         return self
 
     def _fit(self, features, labels, Y):
-        self.tasks_, codes = np.unique(labels, return_inverse=True)
+        self.tasks_, self.tasks_train_ = np.unique(labels, return_inverse=True)
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         alone = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
-        rows = [codes == m for m in range(len(self.tasks_))]
+        rows = [self.tasks_train_ == m for m in range(len(self.tasks_))]
         results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
@@ -519,6 +521,62 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
                 mean[rows] = result
         uncertain = options["return_std"] or options["return_cov"]
         return (mean, spread) if uncertain else mean
+
+    def loo_predict(
+        self, include_noise: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict each training sample from all the others of its task.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the uncertainty is that of the observation that was left out, f
+            plus noise, rather than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Mean of f at each training sample given the others, in the units of y and
+            in the order of the rows that `fit` was given.
+        y_std : ndarray of the shape of y_mean
+            Its standard deviation.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12, for each task alone; see
+        :meth:`MultiTaskGPRegressor.loo_predict`, also for scores. The hyperparameters,
+        the mean and the scale of each task are kept, which have seen the sample that is
+        left out.
+
+        The only sample of a task gets the prior. With `normalize_y` the prior's mean is
+        the task's `y_mean_`, which is that sample itself: its error is zero and tells
+        nothing, and its `y_scale_` is 1, so that the standard deviation is the kernel's
+        own. Leave such tasks out of scores. Without `normalize_y` the mean is 0.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import SingleTaskGP
+        >>> from skmtgp.metrics import normalized_mean_squared_error
+        >>> x, task = np.tile(np.linspace(0, 6, 20), 2), np.repeat(["a", "b"], 20)
+        >>> X = np.column_stack([x.astype(object), task])
+        >>> y = np.sin(x) * np.where(task == "a", 1.0, -1.0)
+        >>> mean, std = SingleTaskGP().fit(X, y).loo_predict()
+        >>> normalized_mean_squared_error(y, mean, tasks=task) < 1e-4
+        True
+        """
+        check_is_fitted(self)
+        shape = len(self.tasks_train_), *self.estimators_[0].y_train_.shape[1:]
+        mean, std = np.empty(shape), np.empty(shape)
+        for m, estimator in enumerate(self.estimators_):
+            rows = self.tasks_train_ == m
+            mean[rows], std[rows] = estimator.loo_predict(include_noise)
+        return mean, std
 
 
 def _fit_alone(estimator, X, y):

@@ -1,4 +1,4 @@
-"""Choosing the rank of the task covariance by an information criterion."""
+"""Choosing the rank by an information criterion, and cross-validation by task."""
 
 from copy import copy
 from numbers import Integral
@@ -11,11 +11,12 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import PosteriorMixin
 from skmtgp._sklearn_compat import StrOptions, fit_context
+from skmtgp._splitting import TaskStratifiedKFold
 from skmtgp._training import check_training, unchanged_on_failure
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.task_covariance import low_rank
 
-__all__ = ["RankSearchIC"]
+__all__ = ["RankSearchIC", "TaskStratifiedKFold"]
 
 
 class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
@@ -59,6 +60,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         that rank, the first stage that all ranks share counted for each. With several
         outputs, output0_log_marginal_likelihood and so on too.
         ``pandas.DataFrame(results_)`` is a table.
+    tasks_ : ndarray of shape (n_tasks,)
+        Task labels, sorted.
     estimators_ : list of n_ranks MultiTaskGPRegressor
         The model of each rank in `results_`, fitted. Only if `keep_estimators`.
     n_features_in_ : int
@@ -229,6 +232,52 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
             include_noise=include_noise,
         )
 
+    def loo_predict(
+        self, include_noise: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict each training sample from all the others with the best model.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the uncertainty is that of the observation that was left out rather
+            than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Mean of f at each training sample given the others, in the units of y and
+            in the order of the rows that `fit` was given.
+        y_std : ndarray of the shape of y_mean
+            Its standard deviation.
+
+        Raises
+        ------
+        NotFittedError
+            If no rank was chosen yet.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12, see
+        :meth:`MultiTaskGPRegressor.loo_predict`, also for scores. The rank is kept as
+        are the hyperparameters: it was chosen with the sample that is left out.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import RankSearchIC
+        >>> from skmtgp.metrics import normalized_mean_squared_error
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 60), np.repeat([0, 1, 2], 20)
+        >>> y = np.array([1, 2, -1])[task] * np.sin(x) + 0.1 * rng.standard_normal(60)
+        >>> search = RankSearchIC(ranks=(1, 2)).fit(np.column_stack([x, task]), y)
+        >>> mean, std = search.loo_predict()
+        >>> normalized_mean_squared_error(y, mean, tasks=task) < 0.1
+        True
+        """
+        check_is_fitted(self)
+        return self.best_estimator_.loo_predict(include_noise)
+
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:
@@ -254,7 +303,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         model = copy(self)
         model.best_estimator_ = self.best_estimator_.add_task(X, y, prior=prior)
         model.results_ = {name: column.copy() for name, column in self.results_.items()}
-        vars(model).pop("estimators_", None)
+        model.__dict__.pop("estimators_", None)
         return model
 
     def log_marginal_likelihood(
@@ -278,6 +327,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         """
         check_is_fitted(self)
         return self.best_estimator_.log_marginal_likelihood(theta, eval_gradient)
+
+    @property
+    def tasks_(self) -> NDArray[np.generic]:
+        """Task labels that the best model knows, sorted."""
+        check_is_fitted(self)
+        return self.best_estimator_.tasks_
 
     @property
     def n_features_in_(self) -> int:

@@ -377,6 +377,50 @@ def test_variance_is_never_negative(monkeypatch):
     np.testing.assert_array_equal(posterior.variance(X, tasks), 0.0)
 
 
+def textbook_left_out(likelihood, theta):
+    """Mean and variance of f at each row, given the others."""
+    X, tasks, y = draw()
+    found = []
+    for i in range(len(y)):
+        rest = [part[np.arange(len(y)) != i] for part in (X, tasks, y)]
+        at_row = X[i : i + 1], tasks[i : i + 1]
+        found.append(textbook.posterior(*parts(likelihood, theta), *rest, *at_row))
+    return np.transpose([(mean.item(), cov.item()) for mean, cov in found])
+
+
+@every_kernel
+@every_form
+@every_noise
+def test_leave_one_out(kernel, form, n_noise):
+    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    theta = parameters(kernel, form, n_noise)
+    posterior = likelihood.posterior(theta)
+    factor = posterior.cholesky.factor.copy()
+    mean, expected = textbook_left_out(likelihood, theta)
+    residual, variance = posterior.leave_one_out()
+    close = {"rtol": 1e-10, "atol": 1e-11}
+    np.testing.assert_allclose(residual, likelihood.y - mean, **close)
+    np.testing.assert_allclose(variance, expected, **close)
+    residual, variance = posterior.leave_one_out(include_noise=True)
+    noise = np.exp(theta[-n_noise:])[likelihood.noise_of_row]
+    np.testing.assert_allclose(residual, likelihood.y - mean, **close)
+    np.testing.assert_allclose(variance, expected + noise, **close)
+    np.testing.assert_array_equal(posterior.cholesky.factor, factor)
+
+
+def test_variance_left_out_is_never_negative(monkeypatch):
+    form = low_rank(M, 2)
+    likelihood = DenseLikelihood(RBF(ARD), form, *draw())
+    theta = parameters(RBF(ARD), form)
+    posterior, noise = likelihood.posterior(theta), np.exp(theta[-1])
+    as_rounding_may_make_it = np.full(len(likelihood.y), (1.0 + 1e-12) / noise)
+    monkeypatch.setattr(
+        posterior.cholesky, "inverse_diagonal", lambda: as_rounding_may_make_it
+    )
+    np.testing.assert_array_equal(posterior.leave_one_out()[1], 0.0)
+    np.testing.assert_allclose(posterior.leave_one_out(True)[1], noise, rtol=1e-15)
+
+
 class TestAgainstScikitLearn:
     """One task, or tasks that cannot be told apart, are scikit-learn's GP."""
 
@@ -442,6 +486,42 @@ def test_accuracy_of_small_noise(noise):
     np.testing.assert_allclose(actual, mean, rtol=0.0, atol=20.0 * eps / noise**0.5)
 
 
+@pytest.mark.parametrize("noise", [1e-2, 1e-6, 1e-10])
+def test_accuracy_of_small_noise_where_a_row_is_left_out(noise):
+    # With w the weights of the others' targets, 1 / [K^{-1}]_ii is v^T K v for
+    # v = (1, -w), which the factor's error of n eps |K| changes by that times |v|^2 at
+    # most. In the mean it adds to that of alpha, n eps |K| |v| |alpha of the others|.
+    rng, tasks = np.random.default_rng(0), np.repeat([0, 1], 8)
+    X, F = np.sort(rng.uniform(0.0, 4.0, (16, 1)), axis=0), np.array([[1.0], [0.7]])
+    y = np.ravel(F[tasks, 0] * np.sin(2.0 * X[:, 0]))
+    likelihood = DenseLikelihood(RBF(), low_rank(2, 1), X, tasks, y)
+    theta = np.r_[0.0, F.ravel(), np.log(noise)]
+    noise = np.exp(theta[-1])  # as the likelihood has it
+    K = textbook.covariance(RBF(), F @ F.T, noise, X, tasks)
+    loss = len(y) * np.finfo(float).eps * np.linalg.norm(K, 2)
+    residual, variance = likelihood.posterior(theta).leave_one_out()
+    for i in range(len(y)):
+        rest = [part[np.arange(len(y)) != i] for part in (X, tasks, y)]
+        at_row = X[i : i + 1], tasks[i : i + 1]
+        mean, exact, w, alpha = exactly(F @ F.T, noise, *rest, *at_row)
+        v = np.append(1.0, -w)
+        assert abs(variance[i] - exact) < loss * v @ v
+        bound = np.linalg.norm(v) * np.linalg.norm(alpha)
+        bound += v @ v * abs(residual[i]) / (exact + noise)
+        assert abs(y[i] - residual[i] - mean) < loss * bound
+
+
+def exactly(K_rho, noise, X, tasks, y, Z, tasks_of_Z):
+    """Mean and variance of f(Z), the weights of y in the mean and K^{-1} y."""
+    K = textbook.exact_covariance(K_rho, noise, X, tasks, X, tasks)
+    (k,) = textbook.exact_covariance(K_rho, noise, Z, tasks_of_Z, X, tasks)
+    ((prior,),) = textbook.exact_covariance(K_rho, 0.0, Z, tasks_of_Z, Z, tasks_of_Z)
+    w, alpha = textbook.exact_solve(K, k)[0], textbook.exact_solve(K, y.tolist())[0]
+    mean = sum(a * b for a, b in zip(k, alpha, strict=True))
+    variance = prior - sum(a * b for a, b in zip(k, w, strict=True))
+    return float(mean), float(variance), np.array(w, float), np.array(alpha, float)
+
+
 @pytest.fixture
 def singular():
     """A likelihood and parameters at which K = 1 1^T in floating point."""
@@ -467,6 +547,22 @@ def test_posterior_with_singular_covariance(singular):
     loss = len(y) * np.finfo(float).eps / 1e-14  # of what is left of K's digits
     mean = posterior.mean(X, tasks)
     np.testing.assert_allclose(mean, y.mean(), rtol=0.0, atol=loss * y.std())
+
+
+def test_jitter_is_noise_where_a_row_is_left_out(singular):
+    likelihood, theta = singular
+    with pytest.warns(JitterWarning, match=r"was added to its diagonal"):
+        posterior = likelihood.posterior(theta)
+    n, jitter = len(likelihood.y), posterior.cholesky.jitter
+    assert 1e-13 < jitter < 1e-10
+    lost = n**2 * np.finfo(float).eps  # n eps |K|, as K is 1 1^T
+    (residual, variance), (_, noisy) = (posterior.leave_one_out(b) for b in (0, 1))
+    # the others' mean, which has as much noise as the mean of n - 1 numbers
+    np.testing.assert_allclose(variance, jitter / (n - 1), rtol=0.0, atol=lost)
+    np.testing.assert_allclose(noisy, jitter * n / (n - 1), rtol=0.0, atol=lost)
+    others = (likelihood.y.sum() - likelihood.y) / (n - 1)
+    atol = lost / jitter * np.abs(likelihood.y).max()
+    np.testing.assert_allclose(likelihood.y - residual, others, rtol=0.0, atol=atol)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -18,6 +18,7 @@ LAYERS = [
     {"learning"},
     {"_training", "_base", "multitask", "baselines", "linear"},
     {
+        "_splitting",
         "model_selection",
         "preprocessing",
         "pipeline",

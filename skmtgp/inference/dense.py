@@ -321,6 +321,8 @@ class DensePosterior:
         k^x at these parameters.
     K_rho : ndarray of shape (n_tasks, n_tasks)
         K^rho at these parameters.
+    noise : ndarray of shape (n_samples,)
+        Noise variance of each training sample.
     alpha : ndarray of shape (n_samples,)
         K^{-1} y.
     log_likelihood : float
@@ -328,11 +330,12 @@ class DensePosterior:
     """
 
     def __init__(self, likelihood, theta):
-        kernel, rho, _ = likelihood.split(theta)
+        kernel, rho, log_noise = likelihood.split(theta)
         self.kernel = likelihood.kernel.clone_with_theta(kernel)
         self.bound = likelihood.node.bind(kernel, likelihood.X)
         self.K_rho = likelihood.task_covariance.matrix(rho)
         self.tasks = likelihood.tasks
+        self.noise = np.exp(log_noise)[likelihood.noise_of_row]
         self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
         half = self.cholesky.half_solve(likelihood.y)
         self.log_likelihood = likelihood.log_density(self.cholesky, half)
@@ -384,6 +387,32 @@ class DensePosterior:
         """Covariance of f, of shape (n_samples, n_samples)."""
         half = self._half(X, tasks)
         return self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X) - half.T @ half
+
+    def leave_one_out(self, include_noise=False):
+        """Each training sample predicted from all the others.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the variances are those of the observations, not those of f.
+
+        Returns
+        -------
+        residual : ndarray of shape (n_samples,)
+            y_i - mu_i, where mu_i is the mean of f given the other samples.
+        variance : ndarray of shape (n_samples,)
+            Its variance. What was added to the diagonal of a covariance that is
+            singular in floating point counts as noise.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eq. 5.12: y_i - mu_i = alpha_i / [K^{-1}]_ii,
+        and 1 / [K^{-1}]_ii is the variance of y_i given the others.
+        """
+        precision = self.cholesky.inverse_diagonal()
+        noise = self.noise + self.cholesky.jitter
+        variance = np.maximum(1.0 / precision - noise, 0.0)
+        return self.alpha / precision, variance + noise * include_noise
 
     def cross(self, X):
         """k^x between rows of X and the training inputs, (n_samples, n_train)."""

@@ -1,0 +1,158 @@
+"""Cross-validation in which every training set has every task."""
+
+import warnings
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import issparse
+from sklearn.model_selection import StratifiedKFold
+from sklearn.utils import check_consistent_length
+
+from skmtgp._tasks import task_labels
+
+__all__ = ["TaskStratifiedKFold"]
+
+
+class TaskStratifiedKFold(StratifiedKFold):
+    """K-fold cross-validation in which every fold trains on every task.
+
+    Each task's rows are dealt out evenly among the test sets, as
+    :class:`~sklearn.model_selection.StratifiedKFold` does with classes. A model with a
+    task column cannot predict a task that it was not trained on, which ``KFold`` on
+    rows sorted by task, or ``GroupKFold`` by task, would ask of it.
+
+    Parameters
+    ----------
+    n_splits : int, default=5
+        Number of folds, 2 or more.
+    task_feature : int or str, default=-1
+        Position or name of the column with the task labels in the X that is split,
+        which in a search over a pipeline is the X before the first step.
+    shuffle : bool, default=False
+        Whether the rows of each task are dealt out at random. Otherwise those in a test
+        set follow each other.
+    random_state : int, RandomState instance or None, default=None
+        Source of randomness with `shuffle`.
+
+    See Also
+    --------
+    sklearn.model_selection.StratifiedKFold : The same by the classes in y.
+    RankSearchIC : Chooses the rank without cross-validation.
+
+    Notes
+    -----
+    A task with fewer rows than `n_splits` is in the training set of every fold, and in
+    the test set of as many folds as it has rows. At least one task must have `n_splits`
+    rows or more, and each 2 or more.
+
+    The rows of a training set come in turns of the tasks, so that its first rows, to
+    which :func:`~sklearn.model_selection.learning_curve` cuts it, have every task if
+    they are as many as the tasks, and the tasks in proportion if they are more. They
+    do not with ``learning_curve(..., shuffle=True)``, which permutes them: let this
+    class shuffle instead. ``HalvingGridSearchCV`` draws some of them at random, too:
+    give it a `min_resources` with which no task is left out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.model_selection import cross_val_score
+    >>> from skmtgp import MultiTaskGPRegressor
+    >>> from skmtgp.model_selection import TaskStratifiedKFold
+    >>> x, task = np.tile(np.linspace(0, 6, 12), 3), np.repeat([0, 1, 2], 12)
+    >>> X, y = np.column_stack([x, task]), (1 + task) * np.sin(x)
+    >>> cv = TaskStratifiedKFold(3, shuffle=True, random_state=0)
+    >>> for train, test in cv.split(X):
+    ...     print(np.unique(task[train]), np.bincount(task[test]))
+    [0 1 2] [4 4 4]
+    [0 1 2] [4 4 4]
+    [0 1 2] [4 4 4]
+    >>> scores = cross_val_score(MultiTaskGPRegressor(rank=1), X, y, cv=cv)
+    >>> bool(scores.min() > 0.9)
+    True
+    """
+
+    def __init__(
+        self,
+        n_splits: int = 5,
+        *,
+        task_feature: int | str = -1,
+        shuffle: bool = False,
+        random_state: np.random.RandomState | int | None = None,
+    ) -> None:
+        super().__init__(n_splits, shuffle=shuffle, random_state=random_state)
+        self.task_feature = task_feature
+
+    def split(
+        self, X: ArrayLike, y: Any = None, groups: Any = None
+    ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
+        """Rows of the training and the test set of each fold.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Only its length is looked at.
+        groups : object, default=None
+            Not used; a warning says so.
+
+        Yields
+        ------
+        train : ndarray of shape (n_train,)
+            Positions of the rows to fit, in turns of the tasks.
+        test : ndarray of shape (n_test,)
+            Positions of the rows to predict, in order.
+
+        Raises
+        ------
+        ValueError
+            If there is no such column, a label cannot be used, a task has one row, or
+            each has fewer than `n_splits`.
+        """
+        codes = self._codes(X, y)
+        with warnings.catch_warnings():
+            # That a small task is not in every test set does no harm.
+            warnings.filterwarnings("ignore", "The least populated class", UserWarning)
+            folds = list(super().split(np.zeros(len(codes)), codes, groups))
+        for train, test in folds:
+            yield _in_turns(train, codes), test
+
+    def _codes(self, X, y):
+        if issparse(X):
+            raise TypeError(
+                "Sparse data was passed for X, but TaskStratifiedKFold reads the task "
+                "column of dense data only. Use X.toarray() to convert it."
+            )
+        check_consistent_length(X, y)
+        labels = task_labels(X, self.task_feature)
+        tasks, codes, counts = np.unique(
+            labels, return_inverse=True, return_counts=True
+        )
+        self._check_counts(tasks, counts)
+        return codes
+
+    def _check_counts(self, tasks, counts):
+        alone = tasks[counts < 2].tolist()
+        if alone:
+            more = f", ... ({len(alone)} in all)" if len(alone) > 5 else ""
+            raise ValueError(
+                f"One row alone of task {', '.join(map(repr, alone[:5]))}{more}: no "
+                "fold can have the task in both its training and its test set. Give 2 "
+                "rows or more of every task."
+            )
+        if counts.size and counts.max() < self.n_splits:
+            raise ValueError(
+                f"n_splits={self.n_splits} is above the number of rows of every task, "
+                f"which is {counts.max()} at most. Set n_splits to that or less."
+            )
+
+
+def _in_turns(rows, codes):
+    """The rows in an order in which any first ones have the tasks in proportion."""
+    tasks = pd.Series(codes[rows])
+    of_task = tasks.groupby(tasks)
+    share = of_task.cumcount() / of_task.transform("size")
+    return rows[np.argsort(share.to_numpy(), kind="stable")]

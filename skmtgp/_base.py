@@ -370,6 +370,12 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
                 f"noise_variance_bounds={self.noise_variance_bounds!r} must be a pair "
                 "of positive numbers, the smaller one first, or 'fixed'."
             )
+        if not bounds[0] <= self.noise_variance <= bounds[1]:
+            raise ValueError(
+                f"noise_variance={self.noise_variance} is outside "
+                f"noise_variance_bounds={self.noise_variance_bounds!r}: it is where "
+                "learning starts. Give one between them."
+            )
         return bounds
 
     def _objectives(self, training, form):

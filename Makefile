@@ -13,13 +13,14 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test lint bench bench-own bench-short bench-envs bench-page \
-    paper paper-short paper-page clean
+.PHONY: help demo demo-short test fuzz lint bench bench-own bench-short bench-envs \
+    bench-page paper paper-short paper-page clean
 
 help:
 	@echo 'make demo        learn a robot arm under many loads and compare the models'
 	@echo 'make demo-short  the same, smaller'
 	@echo 'make test        run all tests'
+	@echo 'make fuzz        2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint        check style and formatting'
 	@echo 'make bench       compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-short the same with one small problem'
@@ -36,6 +37,11 @@ demo-short: $(VENV)/ready-to-run
 
 test: $(VENV)/ready-to-test
 	$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) $(PYTESTFLAGS)
+
+FUZZFLAGS ?=
+
+fuzz: $(VENV)/ready-to-test
+	$(ONE_THREAD) $(BIN)/python tests/fuzz.py $(FUZZFLAGS)
 
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .

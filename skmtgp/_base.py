@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
-from sklearn.utils import check_array, check_random_state
+from sklearn.utils import check_array, check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
@@ -53,12 +53,15 @@ class PosteriorMixin(RegressorMixin):
         y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
             Draws.
         """
+        check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)
         mean, cov = self.predict(X, return_cov=True)
         single_output = mean.ndim == 1
         mean, cov = mean.reshape(len(mean), -1), cov.reshape(*cov.shape[:2], -1)
         draws = [
-            rng.multivariate_normal(mean[:, j], cov[..., j], n_samples).T
+            rng.multivariate_normal(
+                mean[:, j], cov[..., j], n_samples, check_valid="ignore"
+            ).T
             for j in range(mean.shape[1])
         ]
         return draws[0] if single_output else np.stack(draws, axis=1)

@@ -1,6 +1,10 @@
 """Training and test data as the estimators get them: checked, encoded, scaled."""
 
 import contextlib
+import math
+import os
+import warnings
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -8,7 +12,14 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.utils import check_array, check_consistent_length
 
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
+from skmtgp.exceptions import InsufficientMemoryError, UnderflowWarning
 from skmtgp.learning.climbing import Data, Settings
+
+LARGEST = 1e75  # the square of a feature times that of a target is finite
+SMALLEST = 1e-150  # its square is not rounded
+MATRICES = 3  # n x n doubles that learning takes, by benchmarks/memory.py
+ROUNDING = 1e-6  # of a value at its bound
+GIB = 2.0**30
 
 
 @contextlib.contextmanager
@@ -50,9 +61,11 @@ def check_training(estimator, X, y):
             f"{type(estimator).__name__} requires y to be passed, but the target y is "
             "None."
         )
-    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
-    check_consistent_length(table, y)
-    return *_split(estimator, table), y
+    y = _check_target(table, y)
+    features, labels = _split(estimator, table)
+    _warn_of_underflow(features, "feature")
+    _warn_of_underflow(y.reshape(len(y), -1), "output")
+    return features, labels, y
 
 
 def check_new_task(estimator, X, y):
@@ -94,8 +107,7 @@ def check_new_task(estimator, X, y):
             f"Task {tasks[0].item()!r} is known already; fit learns from more samples "
             "of it, add_task takes new ones."
         )
-    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
-    check_consistent_length(table, y)
+    y = _check_target(table, y)
     if y.shape[1:] != estimator.y_train_.shape[1:]:
         raise ValueError(
             f"y has shape {y.shape}; the model was fitted to targets of shape "
@@ -113,7 +125,40 @@ def check_test(estimator, X):
 def _split(estimator, table):
     names = getattr(estimator, "feature_names_in_", None)
     position = locate_task_column(estimator.task_feature, table.shape[1], names)
-    return split_table(table, position, estimator)
+    features, labels = split_table(table, position, estimator)
+    columns = range(table.shape[1]) if names is None else names.tolist()
+    _check_magnitude(features, "X", np.delete(np.array(columns, object), position))
+    return features, labels
+
+
+def _check_target(table, y):
+    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
+    check_consistent_length(table, y)
+    _check_magnitude(y.reshape(len(y), -1), "y", range(y.size // len(y)))
+    return y
+
+
+def _check_magnitude(values, name, columns):
+    """Raise a ValueError where squares of the values overflow."""
+    largest = np.abs(values).max(axis=0)
+    if (largest > LARGEST).any():
+        j = int(largest.argmax())
+        raise ValueError(
+            f"{name} has values as large as {largest[j]:.1e} in column {columns[j]!r}; "
+            f"beyond {LARGEST:.0e} the squares overflow. Choose another unit, or "
+            "standardise the column."
+        )
+
+
+def _warn_of_underflow(values, kind):
+    largest = np.abs(values).max(axis=0)
+    small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
+    if small.size:
+        warnings.warn(
+            f"The values of {kind} {(small + 1).tolist()} are below {SMALLEST:.0e}: "
+            "their squares vanish, and they count as constant. Choose another unit.",
+            UnderflowWarning,
+        )
 
 
 def default_kernel(features):
@@ -137,13 +182,68 @@ def default_kernel(features):
 
 def check_kernel(kernel, features):
     """Raise a ValueError where the kernel is not one for these features."""
+    _check_hyperparameters(kernel)
     try:
-        kernel(features[:1])
-    except (ValueError, IndexError, AttributeError) as error:
+        shape = np.shape(kernel(features[:1]))
+    except (ValueError, TypeError, IndexError, AttributeError) as error:
         raise ValueError(
             f"kernel={kernel!r} cannot take X, which has {features.shape[1]} features "
             f"beside the task column: {error}"
         ) from error
+    if shape != (1, 1):
+        raise ValueError(
+            f"kernel of type {type(kernel).__name__} gives an array of shape {shape} "
+            "for one sample; a covariance has shape (1, 1)."
+        )
+
+
+def _check_hyperparameters(kernel):
+    """Raise a ValueError where learning cannot start at the kernel's values."""
+    params = kernel.get_params()
+    for h in (h for h in kernel.hyperparameters if not h.fixed):
+        try:
+            value = np.asarray(params[h.name], dtype=np.float64)
+            lower, upper = np.asarray(h.bounds, dtype=np.float64).T
+            usable = _is_between(value, lower, upper)
+        except (TypeError, ValueError):
+            usable = False
+        if not usable:
+            bounds = np.asarray(h.bounds).tolist()
+            raise ValueError(
+                f"The kernel's {h.name}={params[h.name]!r} must be positive and lie "
+                f"between its bounds, {bounds}, which must be positive and ascending, "
+                "or 'fixed'."
+            )
+
+
+def _is_between(value, lower, upper):
+    slack = 1.0 + ROUNDING  # what was learned may start another fit
+    inside = (lower <= value * slack) & (value <= upper * slack)
+    return bool(np.all((lower > 0.0) & inside & np.isfinite(value)))
+
+
+def check_memory(n_samples, n_outputs):
+    """Raise an InsufficientMemoryError where the covariances cannot be held."""
+    needed = 8.0 * n_samples**2 * max(MATRICES, n_outputs)  # a factor of each is kept
+    available = available_memory()
+    if needed > available:
+        raise InsufficientMemoryError(
+            f"Exact inference with {n_samples} samples needs about "
+            f"{needed / GIB:.3g} GiB of memory, but {available / GIB:.3g} GiB are "
+            "available. Fit fewer samples, or a SingleTaskGP, whose matrices are of "
+            "one task each, or a BayesianLinearRegression, which has none."
+        )
+
+
+def available_memory():
+    """Bytes that can still be allocated; infinite where the system does not tell."""
+    with contextlib.suppress(OSError, ValueError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        line = next(line for line in lines if line.startswith("MemAvailable:"))
+        return 1024 * int(line.split()[1])
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # not Linux
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return math.inf
 
 
 class Training(NamedTuple):
@@ -182,6 +282,7 @@ class Training(NamedTuple):
 
     def pairs(self, kernel, noise_variance, noise_bounds, n_noise, **options):
         """The data and the settings of each output."""
+        check_memory(*self.Y.shape)
         for j, data in enumerate(self.data(), start=1):
             scale = data.y.std() or 1.0
             fixed = isinstance(noise_bounds, str)

@@ -2,7 +2,26 @@
 
 import numpy as np
 
-__all__ = ["JitterWarning", "NotPositiveDefiniteError", "PrecisionWarning"]
+__all__ = [
+    "InsufficientMemoryError",
+    "JitterWarning",
+    "NotPositiveDefiniteError",
+    "PrecisionWarning",
+    "UnderflowWarning",
+]
+
+
+class InsufficientMemoryError(MemoryError):
+    """The matrices of a fit cannot be held in the memory that is available.
+
+    Raised before anything is allocated; the message says how much is needed.
+
+    Examples
+    --------
+    >>> from skmtgp.exceptions import InsufficientMemoryError
+    >>> issubclass(InsufficientMemoryError, MemoryError)
+    True
+    """
 
 
 class NotPositiveDefiniteError(np.linalg.LinAlgError):
@@ -41,4 +60,17 @@ class PrecisionWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import PrecisionWarning
     >>> warnings.simplefilter("ignore", PrecisionWarning)
+    """
+
+
+class UnderflowWarning(RuntimeWarning):
+    """A feature or target is so small that the squares of its values vanish.
+
+    It counts as constant then. Other units avoid this.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import UnderflowWarning
+    >>> warnings.simplefilter("error", UnderflowWarning)
     """

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 from sklearn.base import BaseEstimator
-from sklearn.utils import check_random_state
+from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import PosteriorMixin
@@ -427,6 +427,7 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
             If a task was not seen in fit.
         """
         check_is_fitted(self)
+        check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)
         features, codes = check_test(self, X)
         draws = np.empty((len(features), self._n_outputs, n_samples))

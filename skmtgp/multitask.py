@@ -215,6 +215,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _learn(self, training):
         M = len(training.tasks)
+        if isinstance(self.rank, (bool, np.bool_)):
+            raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
         form = low_rank(M, self.rank or M, self.diagonal)

@@ -386,7 +386,10 @@ class DensePosterior:
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         half = self._half(X, tasks)
-        return self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X) - half.T @ half
+        covariance = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X) - half.T @ half
+        diagonal = np.einsum("ii->i", covariance)  # a view
+        np.maximum(diagonal, 0.0, out=diagonal)  # as in `variance`
+        return covariance
 
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from all the others.

@@ -238,7 +238,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     centre[:n_kernel] = settings.kernel.theta
 
     def metric(theta):
-        return likelihood.fisher_information(theta) + np.eye(len(theta))
+        return information_or_zero(likelihood, theta) + np.eye(len(theta))
 
     def objective(theta):
         value, gradient = likelihood.value_and_grad(theta)
@@ -262,6 +262,15 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y))
     _report_end(data, settings, form, mode)
     return mode
+
+
+def information_or_zero(likelihood, theta):
+    """Fisher information of theta; zero where K of its rows is singular."""
+    try:
+        information = likelihood.fisher_information(theta)
+    except np.linalg.LinAlgError:  # the gradient alone points the way
+        return np.zeros((len(theta), len(theta)))
+    return information if np.isfinite(information).all() else np.zeros_like(information)
 
 
 def annealed(data, settings, form, theta):

@@ -25,6 +25,7 @@ from skmtgp.learning.climbing import (
 from skmtgp.task_covariance import low_rank
 
 SHAKES = 3
+SINGULAR = 1e-12  # of the mean diagonal
 
 
 def learn_fixed(data, settings, form):
@@ -101,7 +102,9 @@ def augmented_task_covariance(data, posterior):
     np.divide(observed, count, out=T_aug, where=count > 0.0)
     eta_squared = np.square(T_aug).mean()  # tr(T_aug^T T_aug) / (M N)
     K_x = posterior.kernel(X)
-    K_x[np.diag_indices_from(K_x)] += eta_squared
+    # Where there is nothing to explain, or next to nothing, K_x alone is singular.
+    floor = SINGULAR * np.diagonal(K_x).mean() + np.finfo(np.float64).tiny
+    K_x[np.diag_indices_from(K_x)] += max(eta_squared, floor)
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 

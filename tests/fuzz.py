@@ -1,0 +1,343 @@
+"""Random public calls on random small inputs: a right answer or a clear error.
+
+A case is one estimator, one table and the calls that can be made with them, all drawn
+from the case's own seed: `--case K` runs one alone. What is legal must work, whatever
+is not must end in an error of a documented class, and neither may print, warn of
+anything but the package's own, or change what it should not.
+"""
+
+import argparse
+import contextlib
+import io
+import pickle
+import signal
+import sys
+import time
+import traceback
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from fuzz_inputs import make_estimator, make_problem
+from sklearn.base import clone
+from sklearn.exceptions import (
+    ConvergenceWarning,
+    NotFittedError,
+    UndefinedMetricWarning,
+)
+from sklearn.pipeline import Pipeline
+
+from skmtgp import add_task, exceptions, metrics
+from skmtgp.model_selection import TaskStratifiedKFold
+
+ERRORS = ValueError, TypeError, NotFittedError, exceptions.InsufficientMemoryError
+WARNINGS = (
+    ConvergenceWarning,
+    UndefinedMetricWarning,  # of r2_score, for a single row
+    exceptions.JitterWarning,
+    exceptions.PrecisionWarning,
+    exceptions.UnderflowWarning,
+)
+LONGEST = 30  # seconds of a case
+
+
+class Wrong(AssertionError):
+    """What must not happen did."""
+
+
+def require(condition, what):
+    if not condition:
+        raise Wrong(what)
+
+
+def is_documented(error):
+    """Whether an error is of a documented class; NumPy's LinAlgError is not."""
+    ours = isinstance(error, exceptions.NotPositiveDefiniteError)
+    return isinstance(error, ERRORS) and (
+        ours or not isinstance(error, np.linalg.LinAlgError)
+    )
+
+
+@contextlib.contextmanager
+def watched(what):
+    """Context in which nothing is printed, and warnings are the package's own."""
+    out = io.StringIO()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+            yield
+    require(not out.getvalue(), f"{what} printed {out.getvalue()[:200]!r}")
+    for w in caught:
+        where = f"{w.category.__name__}: {w.message} ({w.filename}:{w.lineno})"
+        require(issubclass(w.category, WARNINGS), f"{what} warned of {where}")
+
+
+def attempt(what, call, *args, legal=True, **options):
+    """What the call returns, or None where it was refused as it should be."""
+    try:
+        with watched(what):
+            return call(*args, **options)
+    except (Wrong, TimeoutError):
+        raise
+    except BaseException as error:
+        described = f"{what} raised {type(error).__name__}: {error}"
+        require(is_documented(error), described)
+        require(not legal, f"{described}, and the input is legal")
+        return None
+
+
+@dataclass
+class Case:
+    """One estimator and its data.
+
+    Attributes
+    ----------
+    seed : list of int
+        Where all of it comes from.
+    rng : numpy.random.Generator
+        Draws the rest.
+    problem : Problem
+        Data, and whether they can be used.
+    estimator : estimator
+        Not fitted.
+    legal : bool
+        Whether fit must succeed.
+    """
+
+    seed: list
+
+    def __post_init__(self):
+        self.rng = np.random.default_rng(self.seed)
+        self.problem = make_problem(self.rng)
+        self.estimator, legal = make_estimator(self.rng, self.problem)
+        self.legal = legal and self.problem.fault is None
+
+    def __str__(self):
+        shape = np.shape(self.problem.X), np.shape(self.problem.y)
+        kind = "legal" if self.legal else self.problem.fault or "illegal parameter"
+        return f"{self.estimator!r} on {shape[0]} and {shape[1]}, {kind}"
+
+    def run(self):
+        """Make the calls; raises Wrong."""
+        self.check_unfitted()
+        model = self.fit()
+        if model is None or not self.legal:  # the tasks may be another column
+            return
+        calls = [
+            self.check_predictions,
+            self.check_samples,
+            self.check_likelihood,
+            self.check_copies,
+            self.check_new_data,
+            self.check_scores,
+            self.check_new_task,
+            self.check_left_out,
+            self.check_splits,
+        ]
+        for k in self.rng.permutation(len(calls)):
+            before = pickle.dumps(model)
+            calls[k](model)
+            same = pickle.dumps(model) == before
+            require(same, f"{calls[k].__name__} changed the model")
+        self.check_refit(model)
+
+    def check_unfitted(self):
+        repr(self.estimator)
+        attempt("repr in HTML", self.estimator._repr_html_)
+        params = self.estimator.get_params()
+        attempt("predict before fit", self.refused, NotFittedError)
+        attempt("clone", clone, self.estimator)
+        after = self.estimator.get_params()
+        same = all(after[name] is value for name, value in params.items())
+        require(same and after.keys() == params.keys(), "parameters changed")
+
+    def refused(self, kind):
+        try:
+            self.estimator.predict(self.problem.new)
+        except kind:
+            return
+        raise Wrong("predict worked before fit")
+
+    def fit(self):
+        """The fitted model, or None where fit was refused."""
+        before = dict(vars(self.estimator))
+        X, y = self.problem.X, self.problem.y
+        model = attempt("fit", self.estimator.fit, X, y, legal=self.legal)
+        if model is None and not isinstance(self.estimator, Pipeline):
+            after = vars(self.estimator)
+            same = all(after.get(name) is value for name, value in before.items())
+            require(same and after.keys() == before.keys(), "fit failed half-way")
+        return model
+
+    def check_predictions(self, model):
+        noisy = {"include_noise": bool(self.rng.integers(2))}
+        for X in (self.problem.X, self.problem.new):
+            mean = attempt("predict", model.predict, X)
+            again, std = attempt("std", model.predict, X, return_std=True, **noisy)
+            third, cov = attempt("cov", model.predict, X, return_cov=True, **noisy)
+            require(np.array_equal(mean, again), "the mean depends on return_std")
+            require(np.array_equal(mean, third), "the mean depends on return_cov")
+            for name, values in [("mean", mean), ("std", std), ("cov", cov)]:
+                require(np.isfinite(values).all(), f"the {name} is not finite")
+            require((std >= 0.0).all(), "a standard deviation is negative")
+            n = len(mean)
+            require((cov[range(n), range(n)] >= 0.0).all(), "a variance is negative")
+
+    def check_samples(self, model):
+        model = model[-1] if isinstance(model, Pipeline) else model
+        if model is not self.estimator:
+            return
+        n = int(self.rng.integers(1, 4))
+        draws = attempt("sample_y", model.sample_y, self.problem.new, n)
+        require(np.isfinite(draws).all(), "a draw is not finite")
+        require(draws.shape[-1] == n, "the number of draws is wrong")
+        bad = [-1, 0.5, None, "a"][self.rng.integers(4)]
+        attempt("sample_y", model.sample_y, self.problem.new, bad, legal=False)
+
+    def check_likelihood(self, model):
+        if not hasattr(model, "log_marginal_likelihood"):
+            return
+        value = model.log_marginal_likelihood()
+        require(np.isfinite(value), f"the likelihood is {value}")
+        theta = getattr(model, "best_estimator_", model).theta_
+        theta = theta + self.rng.choice([0.0, 0.1, 10.0]) * self.rng.normal(
+            size=len(theta)
+        )
+        evaluate = model.log_marginal_likelihood
+        pair = attempt("likelihood", evaluate, theta, eval_gradient=True)
+        finite = np.isfinite(pair[0])
+        require(finite == np.isfinite(pair[1]).all(), "the gradient is not finite")
+        attempt("likelihood", evaluate, theta[1:], legal=False)
+
+    def check_copies(self, model):
+        copy = pickle.loads(pickle.dumps(model))
+        X = self.problem.new
+        same = np.array_equal(copy.predict(X), model.predict(X))
+        require(same, "a pickled model predicts something else")
+        fresh = clone(model)
+        require(repr(fresh) == repr(model), "the clone is another estimator")
+        require("tasks_" not in vars(fresh), "the clone is fitted")
+        attempt("repr in HTML", model._repr_html_)
+
+    def check_new_data(self, model):
+        for X in self.problem.bad_new(self.rng):
+            with contextlib.suppress(AttributeError):  # of a pipeline's selection
+                attempt("predict", model.predict, X, legal=False)
+
+    def check_scores(self, model):
+        X, y = self.problem.X, self.problem.y
+        score = attempt("score", model.score, X, y)
+        require(len(y) < 2 or np.isfinite(score), f"the score is {score}")
+        mean, std = model.predict(X, return_std=True, include_noise=True)
+        true, tasks = np.array(y, dtype=float), {"tasks": self.problem.labels}
+        nmse, msll, coverage = (
+            metrics.normalized_mean_squared_error,
+            metrics.mean_standardized_log_loss,
+            metrics.coverage,
+        )
+        attempt("nMSE", nmse, true, mean, **tasks, legal=False)  # y may be constant
+        options = tasks | {"y_train": true}
+        attempt("MSLL", msll, true, mean, std, **options, legal=False)
+        attempt("coverage", coverage, true, mean, std, **tasks, legal=False)
+
+    def check_splits(self, model):
+        """Every training set has every task, or the split is refused."""
+        n_splits = int(self.rng.integers(0, 5))
+        X, y = self.problem.X, self.problem.y
+
+        def split():
+            folds = TaskStratifiedKFold(n_splits, task_feature=self.problem.position)
+            return list(folds.split(X, y))
+
+        labels = self.problem.labels
+        for train, _ in attempt("split", split, legal=False) or []:
+            known = len(np.unique(labels[train])) == self.problem.n_tasks
+            require(known, "a training set lacks a task")
+
+    def check_new_task(self, model):
+        if not hasattr(model, "add_task") and not isinstance(model, Pipeline):
+            return
+        X, y, legal = self.problem.novel(self.rng)
+        able = hasattr(model[-1] if isinstance(model, Pipeline) else model, "add_task")
+        prior = [None, "tasks"][self.rng.integers(2)]
+        legal = legal and able
+        extended = attempt("add_task", add_task, model, X, y, prior=prior, legal=legal)
+        if extended is not None:
+            means = attempt("predict", extended.predict, X)
+            require(np.isfinite(means).all(), "the mean of a new task is not finite")
+
+    def check_left_out(self, model):
+        if not hasattr(model, "loo_predict"):
+            return
+        mean, std = attempt("loo_predict", model.loo_predict)
+        finite = np.isfinite(mean).all() and np.isfinite(std).all()
+        require(finite and (std >= 0.0).all(), "loo_predict is not finite")
+
+    def check_refit(self, model):
+        before = dict(vars(model))
+        bad = np.full(len(self.problem.y), np.nan)
+        attempt("fit", model.fit, self.problem.X, bad, legal=False)
+        if not isinstance(model, Pipeline):
+            same = all(vars(model).get(name) is v for name, v in before.items())
+            require(same and vars(model).keys() == before.keys(), "fit half-failed")
+        again = attempt("fit", clone(model).fit, self.problem.X, self.problem.y)
+        X = self.problem.new
+        same = np.allclose(again.predict(X), model.predict(X), rtol=1e-6)
+        require(same or self.problem.random, "fit depends on what was fitted before")
+
+
+def overdue(*_):
+    raise TimeoutError(f"the case took more than {LONGEST} s")
+
+
+def run_case(seed, k):
+    """What was wrong with a case, or None."""
+    signal.alarm(LONGEST)
+    case = None
+    try:
+        case = Case([seed, k])
+        case.run()
+    except Exception as error:
+        why = str(error) if isinstance(error, Wrong) else traceback.format_exc()
+        return f"case {k}: {case}\n    {why}"
+    finally:
+        signal.alarm(0)
+    return None
+
+
+def read_arguments():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--cases", type=int, default=2000, help="how many")
+    parser.add_argument("--seed", type=int, default=0, help="of all cases")
+    parser.add_argument("--case", type=int, help="run this one alone")
+    parser.add_argument("--minutes", type=float, default=np.inf, help="stop after")
+    parser.add_argument("--verbose", action="store_true", help="describe each case")
+    return parser.parse_args()
+
+
+def main():
+    options = read_arguments()
+    signal.signal(signal.SIGALRM, overdue)
+    cases = range(options.cases) if options.case is None else [options.case]
+    begin, failures, done = time.perf_counter(), 0, 0
+    for k in cases:
+        if time.perf_counter() - begin > 60.0 * options.minutes:
+            break
+        if options.verbose:
+            print(f"case {k}: {Case([options.seed, k])}", flush=True)
+        wrong = run_case(options.seed, k)
+        done += 1
+        if wrong:
+            failures += 1
+            print(
+                f"{wrong}\n    again: python tests/fuzz.py --seed {options.seed} "
+                f"--case {k}",
+                flush=True,
+            )
+    seconds = time.perf_counter() - begin
+    print(f"{done} cases in {seconds:.0f} s, {failures} failed")
+    return int(failures > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

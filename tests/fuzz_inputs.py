@@ -1,0 +1,323 @@
+"""What the fuzz draws: tables, their faults, and estimators."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from scipy.sparse import csr_array
+from sklearn.compose import ColumnTransformer
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    DotProduct,
+    Matern,
+    RationalQuadratic,
+    WhiteKernel,
+)
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import MinMaxScaler
+
+from skmtgp import (
+    BayesianLinearRegression,
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    make_inverse_dynamics_regressor,
+)
+from skmtgp.kernels import ARDLinear, Columns
+
+LABELS = {
+    "int": np.arange(9) * 7 - 3,
+    "numbers as text": np.array(["10", "9", "-1", "1e3", "0", "007", "7", "2.5", "x"]),
+    "text": np.array(["b", "", "é", "a b", "B", "None", "nan", "z" * 40, "task"]),
+}
+
+
+def pick(rng, options):
+    return options[rng.integers(len(options))]
+
+
+@dataclass
+class Problem:
+    """A table, its targets and where they come from.
+
+    Attributes
+    ----------
+    features, codes, labels, y : ndarrays
+        Numbers, the task of each row as a number and as a label, targets.
+    names : ndarray
+        Labels of the tasks; the last one is of no row.
+    position : int
+        Of the task column.
+    container : str
+        What X is.
+    X : array-like
+        What fit gets.
+    fault : str or None
+        What is wrong with X or y.
+    random : bool
+        Whether fit may differ from time to time.
+    """
+
+    features: np.ndarray
+    codes: np.ndarray
+    names: np.ndarray
+    y: np.ndarray
+    position: int
+    container: str
+    X: object = None
+    new: object = None
+    fault: str = None
+    random: bool = field(default=False)
+
+    def __post_init__(self):
+        self.labels = self.names[self.codes]
+        self.n_tasks = len(np.unique(self.codes))
+        self.X = self.table(self.features, self.labels)
+        half = slice(None, None, 2)
+        moved = self.features[half] + 0.1 * self.features.std(axis=0)
+        self.new = self.table(moved, self.labels[half])
+
+    def table(self, features, labels):
+        """X as the user has it."""
+        width = features.shape[1] + 1
+        table = np.empty((len(features), width), dtype=object)
+        table[:, np.arange(width) != self.position] = features
+        table[:, self.position] = labels
+        if self.container == "array" and "O" not in (features.dtype, labels.dtype):
+            return table.astype(float)
+        if self.container == "frame":
+            columns = [f"c{j}" for j in range(width)]
+            return pd.DataFrame(table, columns=columns).infer_objects()
+        return table.tolist() if self.container == "list" else table
+
+    def task_feature(self, rng):
+        """A way to say where the tasks are."""
+        width = self.features.shape[1] + 1
+        ways = [self.position, self.position - width]
+        if self.container == "frame":
+            ways.append(f"c{self.position}")
+        return pick(rng, ways)
+
+    def novel(self, rng):
+        """X and y of a new task, and whether they can be added."""
+        n = int(rng.integers(1, 4))
+        label = self.names[[-1]] if rng.integers(4) else self.labels[:1]
+        rows = rng.integers(len(self.y), size=n)
+        table = self.table(self.features[rows], np.repeat(label, n))
+        return table, self.y[rows], label[0] == self.names[-1]
+
+    def bad_new(self, rng):
+        """Tables that cannot be predicted."""
+        nothing = np.empty((0, self.features.shape[1] + 1))
+        wide = self.table(np.column_stack([self.features] * 2), self.labels)
+        unknown = self.table(self.features, np.repeat(self.names[-1:], len(self.y)))
+        wild = self.features * np.nan
+        return [nothing, wide, unknown, self.table(wild, self.labels), None, "X", 3.0]
+
+
+def make_problem(rng):
+    """Data of 1 to 8 tasks, 1 to 40 rows and 1 to 4 features, often with a fault."""
+    n_tasks, n, p = (int(rng.integers(1, most + 1)) for most in (8, 40, 4))
+    codes = rng.integers(n_tasks, size=n)
+    container = pick(rng, ["array", "array", "object", "list", "frame"])
+    kinds = ["int"] if container == "array" else list(LABELS)
+    names = rng.permutation(LABELS[pick(rng, kinds)])
+    features = make_features(rng, n, p)
+    y = make_targets(rng, features, codes)
+    position = int(rng.integers(p + 1))
+    problem = Problem(features, codes, names, y, position, container)
+    return spoil(rng, problem) if rng.integers(4) == 0 else problem
+
+
+def make_features(rng, n, p):
+    F = rng.normal(size=(n, p))
+    if rng.integers(3) == 0:  # the same inputs for several rows
+        F = F[rng.integers(max(1, n // 2), size=n)]
+    for j in range(p):
+        way = rng.integers(8)
+        if way == 0:
+            F[:, j] = rng.normal()
+        elif way == 1:
+            F[:, j] = 3.0 * F[:, 0]
+        elif way == 2:
+            F[:, j] = F[:, j].round()
+        if way in (3, 4):
+            F[:, j] = F[:, j] * 10.0 ** rng.uniform(-9, 9) + rng.choice([0.0, 1e3])
+    return F
+
+
+def make_targets(rng, features, codes):
+    """Targets of one or several outputs, some constant, some of wild scale."""
+    n_outputs = pick(rng, [None, None, 1, 2])
+    slopes = rng.normal(size=(9, n_outputs or 1))
+    x = features[:, :1] / (features[:, :1].std() or 1.0)
+    y = slopes[codes] * np.sin(x) + rng.choice([0.0, 1e-6, 0.1, 1.0]) * rng.normal(
+        size=(len(codes), n_outputs or 1)
+    )
+    y = y * rng.choice([0.0, 1.0, 1.0, 1.0, 10.0 ** rng.uniform(-9, 9)])
+    y = y + rng.choice([0.0, 0.0, 0.1, 1e4])
+    return y if n_outputs else y[:, 0]
+
+
+def spoil(rng, problem):
+    """The same with one fault."""
+    name = pick(rng, list(FAULTS))
+    features, y = problem.features.copy(), problem.y.copy()
+    if name in VALUES:
+        target = features if rng.integers(2) else y
+        target[rng.integers(len(y))] = VALUES[name]
+        problem.X, problem.y = problem.table(features, problem.labels), y
+        problem.fault = name
+        return problem
+    problem.X, problem.y = FAULTS[name](problem)
+    problem.fault = name
+    return problem
+
+
+VALUES = {"NaN": np.nan, "infinity": np.inf, "1e300": 1e300, "-1e308": -1e308}
+FAULTS = dict.fromkeys(VALUES) | {
+    "short y": lambda p: (p.X, np.append(p.y, p.y, axis=0)),
+    "no y": lambda p: (p.X, None),
+    "text for y": lambda p: (p.X, ["text"] * len(p.y)),
+    "complex y": lambda p: (p.X, p.y + 1j),
+    "y in three dimensions": lambda p: (p.X, p.y.reshape(-1, 1, 1, 1)),
+    "complex X": lambda p: (p.features + 1j, p.y),
+    "X in three dimensions": lambda p: (p.features[None], p.y),
+    "X in one dimension": lambda p: (p.features[:, 0], p.y),
+    "no rows": lambda p: (np.empty((0, 3)), p.y[:0]),
+    "no features": lambda p: (np.asarray(p.X, dtype=object)[:, :0], p.y),
+    "sparse X": lambda p: (csr_array(p.features), p.y),
+    "text in X": lambda p: (
+        p.table(np.full(p.features.shape, "u", object), p.labels),
+        p.y,
+    ),
+    "missing label": lambda p: (
+        p.table(p.features, np.array([None] * len(p.y), dtype=object)),
+        p.y,
+    ),
+    "continuous labels": lambda p: (
+        p.table(p.features, np.arange(len(p.y)) + 0.3),
+        p.y,
+    ),
+    "mixed labels": lambda p: (
+        p.table(
+            np.vstack([p.features] * 2), np.array(["a", 1] * len(p.y), dtype=object)
+        ),
+        np.concatenate([p.y] * 2),
+    ),
+    "ragged X": lambda p: ([[1.0, 2.0], [1.0]], p.y[:2]),
+    "a scalar": lambda p: (3.0, p.y),
+    "text": lambda p: ("X", "y"),
+}
+
+
+def make_kernel(rng, p):
+    kernels = [
+        None,
+        None,
+        RBF(np.ones(p)),
+        ConstantKernel() * RBF(),
+        ARDLinear(np.ones(p)) + ConstantKernel() * Columns(RBF(), [0]),
+        Matern(nu=1.5) + WhiteKernel(),
+        RationalQuadratic() * ConstantKernel(2.0, "fixed"),
+        DotProduct() + RBF(length_scale_bounds="fixed"),
+    ]
+    return kernels[rng.integers(len(kernels))]
+
+
+def common_params(rng, problem):
+    fixed = {"noise_variance": 10.0 ** rng.uniform(-12, 1)}
+    fixed["noise_variance_bounds"] = "fixed"
+    learned = {"noise_variance": 10.0 ** rng.uniform(-9, 1)}
+    return pick(rng, [fixed, learned, learned, {}]) | {
+        "kernel": make_kernel(rng, problem.features.shape[1]),
+        "task_feature": problem.task_feature(rng),
+        "normalize_y": bool(rng.integers(4)),
+        "max_iter": pick(rng, [0, 1, 3, 10, 30]),
+        "tol": 10.0 ** rng.uniform(-4, 1),
+    }
+
+
+def fixed_model(rng, problem):
+    cls = pick(rng, [IndependentGP, PooledGP])
+    own = {"noise": pick(rng, ["shared", "per_task"]), "diagonal": not rng.integers(3)}
+    return cls(**common_params(rng, problem) | own)
+
+
+def single_model(rng, problem):
+    return SingleTaskGP(**common_params(rng, problem))
+
+
+def multi_model(rng, problem):
+    params = common_params(rng, problem) | {
+        "rank": pick(rng, [None, 1, 1 + int(rng.integers(problem.n_tasks))]),
+        "noise": pick(rng, ["shared", "per_task"]),
+        "diagonal": not rng.integers(4),
+        "learning": pick(rng, ["annealed", "staged", "simultaneous"]),
+        "truncation": pick(rng, ["eigen", "cholesky"]),
+        "n_restarts_optimizer": int(rng.integers(4) == 0),
+        "random_state": pick(rng, [0, None]),
+    }
+    problem.random = params["random_state"] is None
+    return MultiTaskGPRegressor(**params)
+
+
+def linear_model(rng, problem):
+    return BayesianLinearRegression(
+        task_feature=problem.task_feature(rng),
+        pooled=bool(rng.integers(2)),
+        fit_intercept=bool(rng.integers(4)),
+        weight_variance=10.0 ** rng.uniform(-9, 9),
+        noise_shape=rng.uniform(0.6, 9.0),  # up to 0.5 one row has no variance
+        noise_rate=10.0 ** rng.uniform(-9, 3),
+    )
+
+
+def search_model(rng, problem):
+    model = multi_model(rng, problem).set_params(n_restarts_optimizer=0)
+    ranks = rng.integers(1, 6, size=rng.integers(1, 3)).tolist()
+    criterion, keep = pick(rng, ["bic", "aic", "hqc"]), bool(rng.integers(2))
+    return RankSearchIC(model, ranks=ranks, criterion=criterion, keep_estimators=keep)
+
+
+def piped_model(rng, problem):
+    """A pipeline that scales the features and puts the tasks last."""
+    columns = np.delete(np.arange(problem.features.shape[1] + 1), problem.position)
+    scaled = ColumnTransformer(
+        [("scaled", MinMaxScaler(), columns.tolist())], remainder="passthrough"
+    )
+    model = multi_model(rng, problem).set_params(task_feature=-1)
+    return make_pipeline(scaled, model)
+
+
+def robot_model(rng, problem):
+    """The paper's pipeline, where there are three features: one joint."""
+    if problem.features.shape[1] != 3:
+        return piped_model(rng, problem)
+    model = multi_model(rng, problem).set_params(task_feature=-1, kernel=None)
+    return make_inverse_dynamics_regressor(
+        model, n_joints=1, task_feature=problem.task_feature(rng)
+    )
+
+
+MODELS = [fixed_model, single_model, multi_model, linear_model, search_model]
+PIPELINES = [piped_model, robot_model]
+JUNK = [None, "junk", -9, 0.75, np.nan, np.inf, object(), [], (1, 2, 3), 1e9, b"x"]
+
+
+def make_estimator(rng, problem):
+    """An estimator, and whether its parameters are legal."""
+    known = (
+        MODELS if problem.fault is None else MODELS[:-1]
+    )  # others' errors are theirs
+    model = pick(rng, known)(rng, problem)
+    if rng.integers(6):
+        return model, True
+    names = [n for n in model.get_params(deep=False) if n not in ("steps", "n_jobs")]
+    names = [n for n in names if n not in ("verbose", "memory", "transform_input")]
+    if names:
+        model.set_params(**{pick(rng, names): JUNK[rng.integers(len(JUNK))]})
+    return model, not names

@@ -1,0 +1,513 @@
+"""Hard cases: each ends in a right answer or in an error that says what to do.
+
+What `test_inputs.py` has already is not repeated here.
+"""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.sparse import csr_array
+from sklearn.base import clone
+from sklearn.exceptions import NotFittedError
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    CompoundKernel,
+    ConstantKernel,
+    ExpSineSquared,
+)
+
+from skmtgp import (
+    BayesianLinearRegression,
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    _training,
+    linear,
+)
+from skmtgp.exceptions import (
+    InsufficientMemoryError,
+    NotPositiveDefiniteError,
+    UnderflowWarning,
+)
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.kernels import ARDLinear
+
+GPS = {
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(),
+    "IndependentGP": IndependentGP(),
+    "PooledGP": PooledGP(),
+    "SingleTaskGP": SingleTaskGP(),
+    "RankSearchIC": RankSearchIC(ranks=(1, 2)),
+}
+SHARED = {name: GPS[name] for name in list(GPS)[:3]}  # all rows in one matrix
+ALL = GPS | {"BayesianLinearRegression": BayesianLinearRegression()}
+each = pytest.mark.parametrize("model", ALL.values(), ids=ALL)
+each_gp = pytest.mark.parametrize("model", GPS.values(), ids=GPS)
+each_shared = pytest.mark.parametrize("model", SHARED.values(), ids=SHARED)
+
+
+@pytest.fixture(autouse=True)
+def nothing_is_printed(capsys):
+    yield
+    assert capsys.readouterr() == ("", "")
+
+
+def columns(features, tasks):
+    return np.column_stack([features, tasks])
+
+
+def draw(n=24, n_tasks=3, n_features=2, seed=0):
+    """Features, tasks and targets of smooth functions with a little noise."""
+    rng = np.random.default_rng(seed)
+    tasks, F = np.arange(n) % n_tasks, rng.uniform(-1.0, 1.0, (n, n_features))
+    y = (1.0 + tasks) * F[:, 0] + 0.3 * np.sin(2.0 * F[:, -1])
+    return F, tasks, y + 0.01 * rng.standard_normal(n)
+
+
+F, TASKS, Y = draw()
+X = columns(F, TASKS)
+
+
+def with_params(model, **params):
+    """A clone with other parameters, those of the estimator inside a search."""
+    model = clone(model)
+    if isinstance(model, RankSearchIC):
+        return model.set_params(estimator=MultiTaskGPRegressor(**params))
+    return model.set_params(**params)
+
+
+def fitted(model, X, y, **params):
+    return with_params(model, **params).fit(X, y)
+
+
+def assert_sound(model, X):
+    """Finite predictions, variances that are not negative."""
+    mean, std = model.predict(X, return_std=True, include_noise=True)
+    assert np.isfinite(mean).all()
+    assert np.isfinite(std).all()
+    assert (std > 0.0).all()
+    cov = model.predict(X, return_cov=True)[1]
+    assert np.isfinite(cov).all()
+    return mean, std
+
+
+class TestFewRows:
+    @each
+    def test_one_task(self, model):
+        model = fitted(model, columns(F, 7 * np.ones(24)), F[:, 0])
+        assert model.score(columns(F, 7 * np.ones(24)), F[:, 0]) > 0.99
+        best = getattr(model, "best_estimator_", model)
+        assert best.tasks_.tolist() == [7]
+
+    def test_one_task_has_rank_one(self):
+        search = RankSearchIC().fit(columns(F, np.zeros(24)), Y)
+        assert search.best_rank_ == 1
+        assert search.best_estimator_.task_covariance_.shape == (1, 1)
+
+    @each
+    def test_one_row(self, model):
+        mean, _ = assert_sound(fitted(model, X[:1], Y[:1]), X[:1])
+        np.testing.assert_allclose(mean, Y[:1], rtol=1e-6)
+
+    @each
+    def test_one_row_of_each_task(self, model):
+        one = columns(F[:5], np.arange(5))
+        mean, std = assert_sound(fitted(model, one, Y[:5]), one)
+        assert (np.abs(mean - Y[:5]) <= 5.0 * std).all()
+
+    @each
+    def test_a_task_with_one_row_among_large_ones(self, model):
+        tasks = np.where(np.arange(24) == 0, 2, TASKS % 2)
+        model = fitted(model, columns(F, tasks), Y)
+        mean, std = assert_sound(model, columns(F, np.full(24, 2)))
+        assert np.abs(mean[0] - Y[0]) <= 5.0 * std[0]
+
+    @each_gp
+    def test_fewer_rows_than_parameters(self, model):
+        model = fitted(model, X[:3], Y[:3])
+        assert getattr(model, "best_estimator_", model).n_hyperparameters_ > 3
+        assert_sound(model, X)
+
+
+class TestTargets:
+    @each
+    def test_constant(self, model):
+        mean, _ = assert_sound(fitted(model, X, np.full(24, 3.0)), X)
+        np.testing.assert_allclose(mean, 3.0, rtol=1e-6)
+
+    @each
+    def test_as_large_as_1e300(self, model):
+        match = r"y has values as large as .*e\+300 in column 0; beyond 1e\+75 the squ"
+        with pytest.raises(ValueError, match=match):
+            fitted(model, X, 1e300 * Y)
+
+    @each
+    @pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.UnderflowWarning")
+    def test_as_small_as_1e300(self, model):
+        with pytest.warns(UnderflowWarning, match=r"of output \[1\] are below 1e-150"):
+            model = fitted(model, X, 1e-300 * Y)
+        assert (np.abs(assert_sound(model, X)[0]) <= 1e-299).all()
+
+    def test_one_of_them_as_small_as_1e300(self):
+        with pytest.warns(UnderflowWarning, match=r"output \[2\] are .*another unit"):
+            model = PooledGP().fit(X, np.column_stack([Y, 1e-300 * Y]))
+        np.testing.assert_allclose(
+            model.predict(X)[:, 0], PooledGP().fit(X, Y).predict(X)
+        )
+
+    @each_gp
+    @pytest.mark.parametrize("unit", [2.0**230, 2.0**-400])
+    def test_of_any_other_unit(self, model, unit):
+        """About 1e69 and 1e-120, exact in binary."""
+        expected = fitted(model, X, Y).predict(X, return_std=True)
+        found = fitted(model, X, unit * Y).predict(X, return_std=True)
+        np.testing.assert_allclose(np.divide(found, unit), expected, rtol=1e-5)
+
+    @each_shared
+    def test_repeated_rows_that_disagree(self, model):
+        """The noise that learning begins with is far too small."""
+        twice = np.vstack([X, X])
+        model = fitted(model, twice, np.r_[Y, Y + 1.0], noise_variance=1e-10)
+        assert_sound(model, X)
+        assert model.noise_variance_ > 0.2
+
+    @each_shared
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.JitterWarning")
+    def test_repeated_rows_that_disagree_without_noise(self, model):
+        twice, far = np.vstack([X, X]), np.r_[Y, Y + 1.0]
+        params = {"noise_variance": 1e-10, "noise_variance_bounds": "fixed"}
+        model = fitted(model, twice, far, kernel=RBF(0.5, "fixed"), **params)
+        mean, _ = assert_sound(model, X)
+        if not isinstance(model, PooledGP):
+            np.testing.assert_allclose(mean, Y + 0.5, atol=0.05)
+
+
+class TestFeatures:
+    @each
+    def test_all_rows_equal(self, model):
+        same = columns(np.ones((24, 2)), np.zeros(24))
+        mean, std = assert_sound(fitted(model, same, Y), same)
+        np.testing.assert_allclose(mean, Y.mean(), atol=0.1 * Y.std())
+        assert (std >= 0.5 * Y.std()).all()
+
+    @each
+    def test_constant_feature(self, model):
+        kernels = [{}, {}]
+        if not isinstance(model, BayesianLinearRegression):
+            kernels = [{"kernel": RBF([1.0] * k), "max_iter": 0} for k in (2, 3)]
+        expected = fitted(model, X, Y, **kernels[0]).predict(X)
+        more = np.insert(X, 0, 7.0, axis=1)
+        found = fitted(model, more, Y, **kernels[1]).predict(more)
+        np.testing.assert_allclose(found, expected, rtol=1e-5, atol=1e-5)
+
+    @each
+    def test_constant_feature_when_learning(self, model):
+        more = np.insert(X, 0, 7.0, axis=1)
+        assert_sound(fitted(model, more, Y), more)
+
+    @each
+    def test_collinear_features(self, model):
+        more = columns(np.column_stack([F, -2.0 * F[:, 0]]), TASKS)
+        model = fitted(model, more, Y)
+        assert_sound(model, more)
+        assert model.score(more, Y) > 0.6
+
+    @each_gp
+    def test_as_large_as_1e12(self, model):
+        """Exact in binary: the default kernel has the features' units."""
+        large = columns(2.0**40 * F, TASKS)
+        expected = fitted(model, X, Y).predict(X)
+        found = fitted(model, large, Y).predict(large)
+        np.testing.assert_allclose(found, expected, atol=0.02)  # of the noise, 0.01
+
+    @each_gp
+    def test_far_from_zero(self, model):
+        """Of the features only four digits are left."""
+        far = columns(F + 1e12, TASKS)
+        model = fitted(model, far, Y)
+        assert_sound(model, far)
+        assert model.score(far, Y) > 0.6
+
+    @each
+    def test_as_large_as_1e300(self, model):
+        large = X.copy()
+        large[3, 1] = -1e300
+        match = r"X has values as large as 1.0e\+300 in column 1; .* another unit"
+        with pytest.raises(ValueError, match=match):
+            fitted(model, large, Y)
+        model = fitted(model, X, Y)
+        with pytest.raises(ValueError, match=match):
+            model.predict(large)
+
+    @each
+    def test_column_is_named(self, model):
+        table = pd.DataFrame({"load": TASKS, "u": F[:, 0], "v": 1e300 * F[:, 1]})
+        with pytest.raises(ValueError, match=r"as large as .* in column 'v'; beyond"):
+            fitted(model, table, Y, task_feature="load")
+
+    @each
+    @pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.UnderflowWarning")
+    def test_as_small_as_1e300(self, model):
+        small = X * [1.0, 1e-300, 1.0]
+        with pytest.warns(UnderflowWarning, match=r"feature \[2\] are below 1e-150"):
+            model = fitted(model, small, Y)
+        assert_sound(model, small)
+
+
+BAD_DATA = {
+    "complex X": (X + 1j, Y, ValueError, "Complex data not supported"),
+    "complex y": (X, Y + 1j, ValueError, "Complex data not supported"),
+    "X in three dimensions": (X[None], Y, ValueError, "array with dim 3"),
+    "sparse X": (csr_array(X), Y, TypeError, "Sparse data was passed for X"),
+    "ragged X": ([[1.0, 2.0], [1.0]], Y[:2], ValueError, "inhomogeneous"),
+    "an outlandish label": (
+        columns(F.astype(object), [10**30] * 24),
+        Y,
+        ValueError,
+        r"must lie within 2\*\*63, but 10{30} does not",
+    ),
+    "NaN among strings in a list": (
+        [[0.5, "a"], [0.1, float("nan")]],
+        Y[:2],
+        ValueError,
+        "1 missing labels",
+    ),
+    "a number among strings in a list": (
+        [[0.5, "a"], [0.1, 1]],
+        Y[:2],
+        ValueError,
+        "Task labels must all be integers or all be strings",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("table", "target", "error", "match"), BAD_DATA.values(), ids=BAD_DATA
+)
+@each
+def test_bad_data(model, table, target, error, match):
+    model = clone(model)
+    with pytest.raises(error, match=match):
+        model.fit(table, target)
+    with pytest.raises(NotFittedError):
+        model.predict(X)
+
+
+class TestTasks:
+    @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+    def test_five_hundred(self):
+        rng = np.random.default_rng(0)
+        tasks, x = np.arange(1000) % 500, rng.uniform(-1.0, 1.0, 1000)
+        slopes = rng.normal(size=500)
+        y = slopes[tasks] * np.sin(2.0 * x)
+        model = MultiTaskGPRegressor(rank=1, max_iter=2, learning="staged")
+        model.fit(columns(x, tasks), y)
+        assert model.task_factor_.shape == (500, 1)
+        assert_sound(model, columns(x, tasks)[:50])
+        assert model.score(columns(x, tasks), y) > 0.9
+
+    @each
+    @pytest.mark.parametrize("container", [np.asarray, np.ndarray.tolist])
+    def test_strings_that_look_like_numbers(self, model, container):
+        names = np.array(["1", "2", "10"])[TASKS]
+        table = columns(F.astype(object), names)
+        model = fitted(model, container(table), Y)
+        best = getattr(model, "best_estimator_", model)
+        assert best.tasks_.tolist() == ["1", "10", "2"]
+        order = np.argsort(["1", "2", "10"])  # tasks as numbers, in that order
+        numbers = columns(F, np.argsort(order)[TASKS])
+        expected = fitted(clone(model), numbers, Y).predict(numbers)
+        np.testing.assert_allclose(model.predict(table), expected)
+        with pytest.raises(ValueError, match="Unknown tasks 1, 2"):
+            model.predict(columns(F, TASKS % 2 + 1))
+
+    def test_labels_of_half_precision(self):
+        model = BayesianLinearRegression().fit(X.astype(np.float16), Y)
+        assert model.tasks_.tolist() == [0, 1, 2]
+
+    @pytest.mark.parametrize(
+        ("n_samples", "error"), [(-1, ValueError), (1.5, TypeError), (None, TypeError)]
+    )
+    def test_number_of_draws(self, n_samples, error):
+        model = BayesianLinearRegression().fit(X, Y)
+        with pytest.raises(error, match="n_samples"):
+            model.sample_y(X, n_samples)
+
+
+HYPERPARAMETERS = "must be positive and lie between its bounds"
+BAD_KERNELS = {
+    "reversed bounds": (RBF(1.0, (10.0, 0.1)), rf"length_scale=1.0 {HYPERPARAMETERS}"),
+    "outside": (RBF(1.0, (10.0, 100.0)), rf"{HYPERPARAMETERS}, \[\[10.0, 100.0\]\]"),
+    "negative": (RBF(-1.0), HYPERPARAMETERS),
+    "zero": (RBF(0.0), HYPERPARAMETERS),
+    "NaN": (2.0 * RBF(np.nan), r"kernel's k2__length_scale=nan must be positive"),
+    "infinite": (RBF(np.inf), HYPERPARAMETERS),
+    "text": (RBF("a"), HYPERPARAMETERS),
+    "negative bound": (RBF(1.0, (-1.0, 1.0)), HYPERPARAMETERS),
+    "bounds of text": (RBF(1.0, "fix"), "must be positive and ascending, or 'fixed'"),
+    "one of several": (ARDLinear([1.0, -1.0]), r"kernel's weights=\[1.0, -1.0\] must"),
+    "several kernels": (
+        CompoundKernel([RBF(), RBF()]),
+        r"CompoundKernel gives an array of shape \(1, 1, 2\)",
+    ),
+}
+
+
+@pytest.mark.parametrize(("kernel", "match"), BAD_KERNELS.values(), ids=BAD_KERNELS)
+@each_gp
+def test_bad_kernels(model, kernel, match):
+    with pytest.raises(ValueError, match=match):
+        fitted(model, X, Y, kernel=kernel)
+
+
+def test_learned_kernel_at_its_bound_starts_another_fit():
+    kernel = ConstantKernel(0.3, (0.1, 1.0)) * RBF(1.0, (0.7, 1.3))
+    first = PooledGP(kernel).fit(X, 100.0 * Y)
+    again = PooledGP(first.kernel_, max_iter=0).fit(X, 100.0 * Y)
+    assert str(again.kernel_) == str(first.kernel_)
+
+
+def test_what_is_no_covariance():
+    """Periodic in a distance is positive definite in one dimension only."""
+    F, tasks, y = draw(40, 1)
+    kernel = ExpSineSquared(1.0, 0.7, "fixed", "fixed")
+    fixed = {"noise_variance": 1e-10, "noise_variance_bounds": "fixed"}
+    with pytest.raises(NotPositiveDefiniteError, match="increase noise_variance"):
+        PooledGP(kernel, max_iter=0, **fixed).fit(columns(F, tasks), y)
+
+
+@pytest.mark.parametrize("noise_variance", [1e-3, 2.0])
+@each_gp
+def test_noise_variance_outside_its_bounds(model, noise_variance):
+    match = rf"noise_variance={noise_variance}.* noise_variance_bounds=\(0.01, 1.0\)"
+    params = {"noise_variance": noise_variance, "noise_variance_bounds": (0.01, 1.0)}
+    with pytest.raises(ValueError, match=match):
+        fitted(model, X, Y, max_iter=0, **params)
+
+
+def interrupted_at(monkeypatch, owner, name, call):
+    """Raise KeyboardInterrupt in the given call of a function."""
+    original, calls = getattr(owner, name), iter(range(call))
+
+    def interrupted(*args, **kwargs):
+        if next(calls, None) is None:
+            raise KeyboardInterrupt
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(owner, name, interrupted)
+
+
+class TestSingular:
+    """Found by tests/fuzz.py: NumPy's LinAlgError came through."""
+
+    @pytest.mark.parametrize("value", ["singular", np.nan])
+    def test_information(self, monkeypatch, value):
+        """Learning goes on without it, to the same mode."""
+        expected = PooledGP().fit(X, Y).log_marginal_likelihood_value_
+
+        def information(self, theta):
+            if value == "singular":
+                return np.linalg.inv(np.zeros((2, 2)))
+            return np.full((len(theta), len(theta)), value)
+
+        monkeypatch.setattr(DenseLikelihood, "fisher_information", information)
+        found = PooledGP().fit(X, Y).log_marginal_likelihood_value_
+        assert found == pytest.approx(expected, abs=0.1)
+
+    @pytest.mark.parametrize("learning", ["annealed", "staged"])
+    def test_first_estimate_of_the_task_covariance(self, learning):
+        """Nothing to explain, and inputs that the kernel cannot tell apart."""
+        kernel = RBF(1e12, "fixed")
+        model = MultiTaskGPRegressor(kernel, learning=learning).fit(X, 0.0 * Y)
+        np.testing.assert_allclose(model.predict(X), 0.0, atol=1e-12)
+
+
+class TestInterrupted:
+    """In the last steps, when the first output or task is done already."""
+
+    PLACES = {
+        name: (DenseLikelihood, "posterior", 1 if name in SHARED else 2) for name in GPS
+    } | {"BayesianLinearRegression": (linear, "_Posterior", 1)}
+
+    @pytest.mark.parametrize("before", ["unfitted", "fitted"])
+    @pytest.mark.parametrize("name", ALL)
+    def test_fit(self, monkeypatch, name, before):
+        is_linear = name == "BayesianLinearRegression"
+        model = with_params(ALL[name], **({} if is_linear else {"max_iter": 0}))
+        if before == "fitted":
+            model.fit(X[:, 1:], Y)
+        kept = dict(vars(model))
+        interrupted_at(monkeypatch, *self.PLACES[name])
+        with pytest.raises(KeyboardInterrupt):
+            model.fit(X, np.column_stack([Y, Y]))
+        assert vars(model).keys() == kept.keys()
+        assert all(vars(model)[key] is value for key, value in kept.items())
+
+    def test_add_task(self, monkeypatch):
+        model = MultiTaskGPRegressor(max_iter=0).fit(X, Y)
+        kept = dict(vars(model))
+        monkeypatch.setattr(DenseLikelihood, "posterior", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            model.add_task([[0.0, 0.0, 9.0]], [1.0])
+        assert vars(model).keys() == kept.keys()
+        assert all(vars(model)[key] is value for key, value in kept.items())
+
+
+def interrupt(*_):
+    raise KeyboardInterrupt
+
+
+class TestMemory:
+    N = 200_000
+
+    @pytest.fixture
+    def large(self):
+        rng = np.random.default_rng(0)
+        return columns(rng.normal(size=self.N), np.zeros(self.N)), np.ones(self.N)
+
+    @pytest.fixture
+    def sixteen_gib(self, monkeypatch):
+        monkeypatch.setattr(_training, "available_memory", lambda: 16 * 2.0**30)
+
+    @each_gp
+    def test_that_cannot_suffice(self, model, large, sixteen_gib):
+        match = (
+            "Exact inference with 200000 samples needs about 894 GiB of memory, but 16 "
+            "GiB are available. Fit fewer samples, or a SingleTaskGP, .* or a Bayesian"
+        )
+        model = clone(model)
+        with pytest.raises(InsufficientMemoryError, match=match):
+            model.fit(*large)
+        with pytest.raises(NotFittedError):
+            model.predict(large[0][:1])
+
+    def test_of_many_outputs(self, monkeypatch):
+        """The factor of each is kept: 5 of 24 x 24 doubles."""
+        monkeypatch.setattr(_training, "available_memory", lambda: 8.0 * 24**2 * 4.0)
+        PooledGP(max_iter=0).fit(X, np.column_stack([Y] * 3))
+        with pytest.raises(MemoryError):
+            PooledGP(max_iter=0).fit(X, np.column_stack([Y] * 5))
+
+    def test_that_suffices_for_single_tasks(self, monkeypatch):
+        monkeypatch.setattr(_training, "available_memory", lambda: 8.0 * 24**2)
+        SingleTaskGP(max_iter=0).fit(X, Y)
+        with pytest.raises(MemoryError):
+            PooledGP(max_iter=0).fit(X, Y)
+
+    def test_is_no_matter_for_linear_regression(self, large, sixteen_gib):
+        assert BayesianLinearRegression().fit(*large).coef_.shape == (1, 1)
+
+    def test_of_this_machine(self):
+        assert 2.0**20 < _training.available_memory() < 2.0**50
+
+    @pytest.mark.parametrize("text", ["", "MemFree: 1 kB", "MemAvailable: much"])
+    def test_where_the_system_does_not_tell(self, monkeypatch, text):
+        monkeypatch.setattr(_training.Path, "read_text", lambda self: text)
+        assert 2.0**20 < _training.available_memory() < 2.0**50
+        monkeypatch.delattr(_training.os, "sysconf")
+        assert _training.available_memory() == math.inf

@@ -276,11 +276,12 @@ def machine_section(folder, rows):
     """Versions, processor, date, command."""
     path = folder / "machine.json"
     machine = json.loads(path.read_text()) if path.exists() else {}
-    commands = machine.pop("commands", {})
+    runs = machine.pop("runs", [])
     lines = [f"- {key.replace('_', ' ')}: {value}" for key, value in machine.items()]
     lines += [
-        f"- {part}: `{run['command']}`, {run['threads']} threads, at {run['commit']}"
-        for part, run in commands.items()
+        f"- {run['begun']}: `{run['command']}` at {run['commit']}, "
+        f"beside it: {run['beside']}"
+        for run in runs
     ]
     versions = sorted({(r["package"], r["version"]) for r in rows if "version" in r})
     text = ", ".join(f"{NAMES[package]} {version}" for package, version in versions)

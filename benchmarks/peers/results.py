@@ -60,20 +60,30 @@ class Table:
         ]
 
 
-def write_machine(folder, command, parts, threads):
-    """Say where and how the results of these parts came about."""
+def write_machine(folder, command, **run):
+    """Say where and how results came about: one entry a run, the newest last.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    command : str
+        What was run.
+    **run : object
+        What else is to be known of it: the threads, what ran beside it, ...
+    """
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "machine.json"
-    commands = json.loads(path.read_text())["commands"] if path.exists() else {}
-    run = {"command": command.split(" --results")[0], "threads": threads}
-    commands |= {part: {**run, "commit": commit()} for part in parts}
+    runs = json.loads(path.read_text())["runs"] if path.exists() else []
+    begun = time.strftime("%Y-%m-%d %H:%M", time.gmtime())
+    runs.append({"command": command, **run, "commit": commit(), "begun": begun})
     machine = {
         "processor": processor(),
         "cores": n_cores(),
         "memory_gib": memory_gib(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "commands": commands,
+        "runs": runs,
     }
     path.write_text(json.dumps(machine, indent=2) + "\n")
 

@@ -276,6 +276,7 @@ def parse():
     add("--budget-max", type=float, default=600.0, help="seconds")
     add("--time-budget", type=float, default=20.0, help="seconds of repeated timings")
     add("--results", type=Path, default=RESULTS)
+    add("--beside", default="nothing", help="what else runs on the machine, to be told")
     add("--redo", action="store_true", help="measure again what is there")
     arguments = parser.parse_args()
     arguments.plan = make_plan(arguments.fit_sizes, arguments.draws)
@@ -285,8 +286,12 @@ def parse():
 def main():
     """Measure what is missing."""
     arguments = parse()
-    command = " ".join(["python benchmarks/peers/run.py", *sys.argv[1:]])
-    write_machine(arguments.results, command, arguments.parts, arguments.threads)
+    write_machine(
+        arguments.results,
+        " ".join(["python benchmarks/peers/run.py", *sys.argv[1:]]),
+        threads=arguments.threads,
+        beside=arguments.beside,
+    )
     runner = Runner(arguments)
     threadpool_limits(arguments.threads)
     parts = {

@@ -51,11 +51,11 @@ class Adapter:
     def fit(self, recorder):
         """Learn, noting the likelihoods of the model itself on all of the data."""
         inner = DenseLikelihood.value_and_grad
+        forms = (LowRank, WithDiagonal) if self.diagonal else LowRank  # 0 is a diagonal
 
         def recorded(likelihood, theta):
             value, gradient = inner(likelihood, theta)
-            form = likelihood.task_covariance
-            ours = isinstance(form, WithDiagonal if self.diagonal else LowRank)
+            ours = isinstance(likelihood.task_covariance, forms)
             whole = len(likelihood.y) == self.n
             recorder(value if ours and whole else -np.inf)
             return value, gradient

@@ -1,10 +1,11 @@
 """Multi-task Gaussian processes with scikit-learn's interface."""
 
-from skmtgp.baselines import IndependentGP, PooledGP, SingleTaskGP
+from skmtgp.baselines import IndependentGP, PooledGP
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor
+from skmtgp.single_task import SingleTaskGP
 
 __version__ = "0.1.0.dev0"
 

@@ -1,24 +1,25 @@
-"""What the estimators share: fitting, storing, predicting."""
+"""What the Gaussian process regressors share: fitting, storing, predicting."""
 
 import warnings
 from abc import ABCMeta, abstractmethod
 from numbers import Integral, Real
-from typing import Literal, Self, overload
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
-from sklearn.utils import check_array, check_random_state, check_scalar
+from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._memory import check_memory
+from skmtgp._posterior import PosteriorMixin
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
 from skmtgp._tasks import complete_design
 from skmtgp._training import (
     Training,
     check_kernel,
-    check_test,
     check_training,
     default_kernel,
     unchanged_on_failure,
@@ -26,51 +27,6 @@ from skmtgp._training import (
 from skmtgp.exceptions import PrecisionWarning
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
-
-
-class PosteriorMixin(RegressorMixin):
-    """Regressor with a task column whose predictions have a covariance."""
-
-    def sample_y(
-        self,
-        X: ArrayLike,
-        n_samples: int = 1,
-        random_state: np.random.RandomState | int | None = 0,
-    ) -> NDArray[np.float64]:
-        """Draw f from its posterior.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples_X, n_features)
-            Inputs, with the task labels in column `task_feature`.
-        n_samples : int, default=1
-            Number of draws.
-        random_state : int, RandomState instance or None, default=0
-            Source of randomness.
-
-        Returns
-        -------
-        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
-            Draws.
-        """
-        check_scalar(n_samples, "n_samples", Integral, min_val=0)
-        rng = check_random_state(random_state)
-        mean, cov = self.predict(X, return_cov=True)
-        single_output = mean.ndim == 1
-        mean, cov = mean.reshape(len(mean), -1), cov.reshape(*cov.shape[:2], -1)
-        draws = [
-            rng.multivariate_normal(
-                mean[:, j], cov[..., j], n_samples, check_valid="ignore"
-            ).T
-            for j in range(mean.shape[1])
-        ]
-        return draws[0] if single_output else np.stack(draws, axis=1)
-
-    def __sklearn_tags__(self):
-        tags = super().__sklearn_tags__()
-        tags.input_tags.categorical = True
-        tags.target_tags.multi_output = True
-        return tags
 
 
 class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
@@ -119,75 +75,10 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
         with unchanged_on_failure(self):
             features, labels, Y = check_training(self, X, y)
             training = self._scale(features, labels, Y)
+            check_memory(*training.Y.shape)
             form, modes = self._learn(training)
             self._store(training, self._objectives(training, form), modes)
         return self
-
-    @overload
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: Literal[False] = False,
-        return_cov: Literal[False] = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64]: ...
-
-    @overload
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: bool = False,
-        return_cov: bool = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: bool = False,
-        return_cov: bool = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict the mean of f and, if asked, its uncertainty.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`.
-        return_std : bool, default=False
-            Whether to return the standard deviation of each prediction too.
-        return_cov : bool, default=False
-            Whether to return the covariance of the predictions of an output too.
-        include_noise : bool, default=False
-            Whether the uncertainty is that of a new observation, f plus noise, rather
-            than that of f.
-
-        Returns
-        -------
-        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Predictive mean, in the units of y.
-        y_std : ndarray of the shape of y_mean
-            Predictive standard deviation. Only if `return_std`.
-        y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
-            Predictive covariance. Only if `return_cov`.
-
-        Raises
-        ------
-        ValueError
-            If a task was not seen in fit.
-        """
-        if return_std and return_cov:
-            raise ValueError("Set return_std or return_cov, not both.")
-        check_is_fitted(self)
-        features, codes = check_test(self, X)
-        mean = self._join(self._means(features, codes) * self._scales + self._centres)
-        if return_std:
-            return mean, self._join(
-                np.sqrt(self._variances(features, codes, include_noise))
-            )
-        if return_cov:
-            return mean, self._join(self._covariances(features, codes, include_noise))
-        return mean
 
     def loo_predict(
         self, include_noise: bool = False
@@ -444,13 +335,9 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
             + (0 if noise_is_fixed else likelihood.n_noise)
         )
 
-    def _join(self, values):
-        """Without the axis of the outputs where y was one-dimensional."""
-        return values[..., 0] if self._single_output else values
-
     def _means(self, features, codes):
-        """Means of the scaled outputs, of shape (n_samples, n_outputs)."""
-        return np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
+        means = np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
+        return means * self._scales + self._centres
 
     def _variances(self, features, codes, include_noise):
         variances = np.empty((len(features), len(self._posteriors)))

@@ -1,10 +1,7 @@
 """Training and test data as the estimators get them: checked, encoded, scaled."""
 
 import contextlib
-import math
-import os
 import warnings
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -12,14 +9,12 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.utils import check_array, check_consistent_length
 
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
-from skmtgp.exceptions import InsufficientMemoryError, UnderflowWarning
+from skmtgp.exceptions import UnderflowWarning
 from skmtgp.learning.climbing import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
-MATRICES = 3  # n x n doubles that learning takes, by benchmarks/memory.py
 ROUNDING = 1e-6  # of a value at its bound
-GIB = 2.0**30
 
 
 @contextlib.contextmanager
@@ -222,30 +217,6 @@ def _is_between(value, lower, upper):
     return bool(np.all((lower > 0.0) & inside & np.isfinite(value)))
 
 
-def check_memory(n_samples, n_outputs):
-    """Raise an InsufficientMemoryError where the covariances cannot be held."""
-    needed = 8.0 * n_samples**2 * max(MATRICES, n_outputs)  # a factor of each is kept
-    available = available_memory()
-    if needed > available:
-        raise InsufficientMemoryError(
-            f"Exact inference with {n_samples} samples needs about "
-            f"{needed / GIB:.3g} GiB of memory, but {available / GIB:.3g} GiB are "
-            "available. Fit fewer samples, or a SingleTaskGP, whose matrices are of "
-            "one task each, or a BayesianLinearRegression, which has none."
-        )
-
-
-def available_memory():
-    """Bytes that can still be allocated; infinite where the system does not tell."""
-    with contextlib.suppress(OSError, ValueError, StopIteration):
-        lines = Path("/proc/meminfo").read_text().splitlines()
-        line = next(line for line in lines if line.startswith("MemAvailable:"))
-        return 1024 * int(line.split()[1])
-    with contextlib.suppress(AttributeError, OSError, ValueError):  # not Linux
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    return math.inf
-
-
 class Training(NamedTuple):
     """Training data, checked.
 
@@ -282,7 +253,6 @@ class Training(NamedTuple):
 
     def pairs(self, kernel, noise_variance, noise_bounds, n_noise, **options):
         """The data and the settings of each output."""
-        check_memory(*self.Y.shape)
         for j, data in enumerate(self.data(), start=1):
             scale = data.y.std() or 1.0
             fixed = isinstance(noise_bounds, str)

@@ -1,135 +1,18 @@
 """Bayesian linear regression, which the paper begins its comparison with."""
 
 from numbers import Integral, Real
-from typing import Literal, Self, overload
+from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_triangular
-from scipy.special import gammaln
+from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
-from sklearn.utils import check_random_state, check_scalar
-from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import PosteriorMixin
+from skmtgp._posterior import PosteriorMixin
 from skmtgp._sklearn_compat import Interval, fit_context
-from skmtgp._training import check_test, check_training, unchanged_on_failure
+from skmtgp._training import check_training, unchanged_on_failure
+from skmtgp.inference.linear import LinearPosterior
 
 __all__ = ["BayesianLinearRegression"]
-
-RESOLVED = 10.0 * np.finfo(np.float64).eps  # of a column's norm, by QR
-
-
-class _Posterior:
-    """Normal-inverse-gamma posterior of one regression.
-
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-        Covariates without the constant.
-    Y : ndarray of shape (n_samples, n_outputs)
-        Targets.
-    model : BayesianLinearRegression
-        Has the parameters of the prior.
-    """
-
-    def __init__(self, features, Y, model):
-        self.has_intercept = model.fit_intercept
-        self.centre = np.zeros(features.shape[1])
-        if self.has_intercept:
-            self.centre = features.mean(axis=0)
-        design = self._design(features)
-        n, p = design.shape
-        prior = self._root_of_prior(design, model.weight_variance)
-        rows = np.block([[design, Y], [prior, np.zeros((p, Y.shape[1]))]])
-        R = np.linalg.qr(rows, mode="r")
-        self.root = R[:p, :p]  # V_n^{-1} = root^T root
-        self.weights = solve_triangular(self.root, R[:p, p:])
-        self.shape = model.noise_shape + 0.5 * n
-        self.rate = model.noise_rate + 0.5 * np.square(R[p:, p:]).sum(axis=0)
-        self.log_evidence = self._log_evidence(n, model)
-
-    def _log_evidence(self, n, model):
-        """Log density of Y, of shape (n_outputs,)."""
-        log_det = 2.0 * np.log(np.abs(np.diagonal(self.root))).sum()  # of V_n^{-1}
-        return (
-            gammaln(self.shape)
-            - gammaln(model.noise_shape)
-            + model.noise_shape * np.log(model.noise_rate)
-            - self.shape * np.log(self.rate)
-            - 0.5 * (log_det + len(self.root) * np.log(model.weight_variance))
-            - 0.5 * n * np.log(2.0 * np.pi)
-        )
-
-    def _design(self, features):
-        """Covariates in columns, the constant last.
-
-        They are centred: features far from zero are nearly collinear with the constant.
-        """
-        centred = features - self.centre
-        if not self.has_intercept:
-            return centred
-        return np.column_stack([centred, np.ones(len(features))])
-
-    def _root_of_prior(self, design, weight_variance):
-        """A matrix B with B^T B = V_0^{-1}, for the weights of the centred covariates.
-
-        The constant's weight is then the intercept plus centre @ coef.
-        """
-        B = np.eye(design.shape[1])
-        if self.has_intercept:
-            B[-1, :-1] = -self.centre
-        B /= np.sqrt(weight_variance)
-        # A prior that is flat beyond the digits of the data would leave the pivots of
-        # collinear covariates to rounding.
-        floor = RESOLVED * np.linalg.norm(design, axis=0)
-        np.fill_diagonal(B, np.maximum(np.diagonal(B), floor))
-        return B
-
-    @property
-    def coef(self):
-        """Of shape (n_features, n_outputs)."""
-        return self.weights[: len(self.centre)]
-
-    @property
-    def intercept(self):
-        """Of shape (n_outputs,)."""
-        if not self.has_intercept:
-            return np.zeros(self.weights.shape[1])
-        return self.weights[-1] - self.centre @ self.coef
-
-    @property
-    def noise_variance(self):
-        """Posterior mean of sigma^2, of shape (n_outputs,)."""
-        if self.shape <= 1.0:
-            return np.full_like(self.rate, np.inf)
-        return self.rate / (self.shape - 1.0)
-
-    def mean(self, features):
-        """Of f, of shape (n_samples, n_outputs)."""
-        return self._design(features) @ self.weights
-
-    def variances(self, features):
-        """Of f in units of sigma^2, of shape (n_samples,)."""
-        return np.square(self._half(features)).sum(axis=0)
-
-    def covariances(self, features):
-        """Of f in units of sigma^2, of shape (n_samples, n_samples)."""
-        half = self._half(features)
-        return half.T @ half
-
-    def _half(self, features):
-        """A matrix H with H^T H = X V_n X^T."""
-        return solve_triangular(self.root, self._design(features).T, trans="T")
-
-    def draw(self, features, n_draws, rng):
-        """Draws of f, of shape (n_samples, n_outputs, n_draws)."""
-        size = *self.weights.shape, n_draws
-        precision = rng.gamma(self.shape, size=size[1:]) / self.rate[:, None]
-        normal = rng.standard_normal(size) / np.sqrt(precision)
-        deviation = solve_triangular(self.root, normal.reshape(size[0], -1))
-        weights = self.weights[..., None] + deviation.reshape(size)
-        return np.tensordot(self._design(features), weights, 1)
 
 
 class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
@@ -209,8 +92,12 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
 
     Then f at covariates x has a Student-t distribution with :math:`2 a_n` degrees of
     freedom, mean :math:`x^T \beta_n` and squared scale :math:`x^T V_n x\, b_n / a_n`;
-    for an observation, 1 is added to :math:`x^T V_n x`. The mean depends neither on
-    :math:`a_0` nor on :math:`b_0`. The evidence is
+    for an observation, 1 is added to :math:`x^T V_n x`. Its standard deviation, which
+    `predict` gives, is the scale times :math:`\sqrt{a_n / (a_n - 1)}`; it is infinite
+    where :math:`a_n \le 1`: one sample of the task and an :math:`a_0` of 0.5 or less.
+    Predictions by different regressions have no covariance. A draw has weights and a
+    noise variance of its own for each regression and output: its values lie on a plane.
+    The mean depends neither on :math:`a_0` nor on :math:`b_0`. The evidence is
 
     .. math::
         \log p(y) = \log\frac{\Gamma(a_n)\, b_0^{a_0}}{\Gamma(a_0)\, b_n^{a_n}}
@@ -303,8 +190,14 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
         if self.pooled:
             self._regressions = np.zeros(n_tasks, dtype=int)
         which = self._regressions[codes]
+        prior = {
+            "has_intercept": self.fit_intercept,
+            "weight_variance": self.weight_variance,
+            "noise_shape": self.noise_shape,
+            "noise_rate": self.noise_rate,
+        }
         self._posteriors = [
-            _Posterior(features[which == r], Y[which == r], self)
+            LinearPosterior(features[which == r], Y[which == r], **prior)
             for r in range(which.max() + 1)
         ]
         self._store()
@@ -326,115 +219,6 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
         values = np.ascontiguousarray(np.moveaxis(np.array(values), -1, 0))
         return values[0] if self._single_output else values
 
-    @overload
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: Literal[False] = False,
-        return_cov: Literal[False] = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64]: ...
-
-    @overload
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: bool = False,
-        return_cov: bool = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: bool = False,
-        return_cov: bool = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict the mean of f and, if asked, its uncertainty.
-
-        The distribution is Student's t with `degrees_of_freedom_` nu; its scale is the
-        standard deviation times sqrt((nu - 2) / nu). Where nu is 2 or less (one sample
-        of the task and a `noise_shape` of 0.5 or less) it has no finite variance, and
-        the uncertainty is infinite.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`.
-        return_std : bool, default=False
-            Whether to return the standard deviation of each prediction too.
-        return_cov : bool, default=False
-            Whether to return the covariance of the predictions of an output too; that
-            of different tasks is zero, unless they are pooled.
-        include_noise : bool, default=False
-            Whether the uncertainty is that of a new observation, f plus noise, rather
-            than that of f.
-
-        Returns
-        -------
-        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Predictive mean, in the units of y.
-        y_std : ndarray of the shape of y_mean
-            Predictive standard deviation. Only if `return_std`.
-        y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
-            Predictive covariance. Only if `return_cov`.
-
-        Raises
-        ------
-        ValueError
-            If a task was not seen in fit.
-        """
-        if return_std and return_cov:
-            raise ValueError("Set return_std or return_cov, not both.")
-        check_is_fitted(self)
-        features, codes = check_test(self, X)
-        mean = self._means(features, codes)
-        if return_std:
-            return mean, np.sqrt(self._variances(features, codes, include_noise))
-        if return_cov:
-            return mean, self._covariances(features, codes, include_noise)
-        return mean
-
-    def sample_y(
-        self,
-        X: ArrayLike,
-        n_samples: int = 1,
-        random_state: np.random.RandomState | int | None = 0,
-    ) -> NDArray[np.float64]:
-        """Draw f from its posterior, which is Student's t.
-
-        Each draw has weights and a noise variance of its own for each regression and
-        output: its values lie on a plane.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples_X, n_features)
-            Inputs, with the task labels in column `task_feature`.
-        n_samples : int, default=1
-            Number of draws.
-        random_state : int, RandomState instance or None, default=0
-            Source of randomness.
-
-        Returns
-        -------
-        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
-            Draws.
-
-        Raises
-        ------
-        ValueError
-            If a task was not seen in fit.
-        """
-        check_is_fitted(self)
-        check_scalar(n_samples, "n_samples", Integral, min_val=0)
-        rng = check_random_state(random_state)
-        features, codes = check_test(self, X)
-        draws = np.empty((len(features), self._n_outputs, n_samples))
-        for rows, posterior in self._parts(codes):
-            draws[rows] = posterior.draw(features[rows], n_samples, rng)
-        return draws[:, 0] if self._single_output else draws
-
     @property
     def _n_outputs(self):
         return len(self.log_marginal_likelihoods_)
@@ -445,22 +229,18 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
         for r in np.unique(which):
             yield np.flatnonzero(which == r), self._posteriors[r]
 
-    def _join(self, values):
-        """Without the axis of the outputs where y was one-dimensional."""
-        return values[..., 0] if self._single_output else values
-
     def _means(self, features, codes):
         means = np.empty((len(features), self._n_outputs))
         for rows, posterior in self._parts(codes):
             means[rows] = posterior.mean(features[rows])
-        return self._join(means)
+        return means
 
     def _variances(self, features, codes, include_noise):
         variances = np.empty((len(features), self._n_outputs))
         for rows, posterior in self._parts(codes):
             relative = posterior.variances(features[rows]) + float(include_noise)
             variances[rows] = _times(relative, posterior.noise_variance)
-        return self._join(variances)
+        return variances
 
     def _covariances(self, features, codes, include_noise):
         n = len(features)
@@ -470,7 +250,13 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
             relative[np.diag_indices_from(relative)] += float(include_noise)
             block = _times(relative, posterior.noise_variance)
             covariances[np.ix_(rows, rows)] = block
-        return self._join(covariances)
+        return covariances
+
+    def _draws(self, features, codes, n_draws, rng):
+        draws = np.empty((len(features), self._n_outputs, n_draws))
+        for rows, posterior in self._parts(codes):
+            draws[rows] = posterior.draw(features[rows], n_draws, rng)
+        return draws
 
 
 def _times(relative, noise_variance):

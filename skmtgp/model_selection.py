@@ -2,14 +2,15 @@
 
 from copy import copy
 from numbers import Integral
-from typing import Literal, Self, overload
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import PosteriorMixin
+from skmtgp._memory import check_memory
+from skmtgp._posterior import PosteriorMixin
 from skmtgp._sklearn_compat import StrOptions, fit_context
 from skmtgp._splitting import TaskStratifiedKFold
 from skmtgp._training import check_training, unchanged_on_failure
@@ -152,8 +153,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         )
         model._validate_params()
         training = model._scale(*check_training(model, X, y))
-        M = len(training.tasks)
-        forms = [low_rank(M, r, model.diagonal) for r in self._check_ranks(M)]
+        n, n_outputs = training.Y.shape
+        ranks = self._check_ranks(len(training.tasks))
+        check_memory(n, n_outputs * (len(ranks) if self.keep_estimators else 1))
+        forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
         modes = model._learn_ranks(training, forms)
         self.results_ = _results(model, training, forms, modes)
         best = int(np.argmin(self.results_[self.criterion]))
@@ -177,60 +180,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
             raise ValueError(f"ranks={self.ranks!r} must be 1 or more.")
         return np.unique(np.minimum(ranks, n_tasks)).tolist()
 
-    @overload
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: Literal[False] = False,
-        return_cov: Literal[False] = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64]: ...
-
-    @overload
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: bool = False,
-        return_cov: bool = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
-
-    def predict(
-        self,
-        X: ArrayLike,
-        return_std: bool = False,
-        return_cov: bool = False,
-        include_noise: bool = False,
-    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict with the best model, see :meth:`MultiTaskGPRegressor.predict`.
-
-        Parameters
-        ----------
-        X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in the estimator's column `task_feature`.
-        return_std : bool, default=False
-            Whether to return the standard deviation of each prediction too.
-        return_cov : bool, default=False
-            Whether to return the covariance of the predictions of an output too.
-        include_noise : bool, default=False
-            Whether the uncertainty is that of a new observation rather than that of f.
-
-        Returns
-        -------
-        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Predictive mean, in the units of y.
-        y_std : ndarray of the shape of y_mean
-            Predictive standard deviation. Only if `return_std`.
-        y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
-            Predictive covariance. Only if `return_cov`.
-        """
-        check_is_fitted(self)
-        return self.best_estimator_.predict(
-            X,
-            return_std=return_std,
-            return_cov=return_cov,
-            include_noise=include_noise,
-        )
+    def _model(self):
+        return self.best_estimator_
 
     def loo_predict(
         self, include_noise: bool = False

@@ -12,6 +12,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
+from skmtgp._memory import check_memory
 from skmtgp._sklearn_compat import Interval, StrOptions
 from skmtgp._training import check_new_task
 from skmtgp.learning.novel import add_task
@@ -302,6 +303,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
         training, position = self._training().with_task(*check_new_task(self, X, y))
+        check_memory(*training.Y.shape)
         extended = self._extend(training, position, informed=prior is not None)
         model = copy(self)
         model._store(training, *zip(*extended, strict=True))

@@ -8,12 +8,12 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp.baselines import SingleTaskGP
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.preprocessing import InverseDynamicsFeatures
+from skmtgp.single_task import SingleTaskGP
 
 __all__ = ["add_task", "make_inverse_dynamics_regressor"]
 

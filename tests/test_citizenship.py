@@ -398,11 +398,11 @@ TRUSTED = {
     "SingleTaskGP": {
         *FIXED,
         "skmtgp.baselines.PooledGP",
-        "skmtgp.baselines.SingleTaskGP",
+        "skmtgp.single_task.SingleTaskGP",
     },
     "BayesianLinearRegression": {
         "skmtgp.linear.BayesianLinearRegression",
-        "skmtgp.linear._Posterior",
+        "skmtgp.inference.linear.LinearPosterior",
     },
     "RankSearchIC": {*LOW_RANK, "skmtgp.model_selection.RankSearchIC"},
 }

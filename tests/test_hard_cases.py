@@ -25,7 +25,7 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _training,
+    _memory,
     linear,
 )
 from skmtgp.exceptions import (
@@ -432,7 +432,7 @@ class TestInterrupted:
 
     PLACES = {
         name: (DenseLikelihood, "posterior", 1 if name in SHARED else 2) for name in GPS
-    } | {"BayesianLinearRegression": (linear, "_Posterior", 1)}
+    } | {"BayesianLinearRegression": (linear, "LinearPosterior", 1)}
 
     @pytest.mark.parametrize("before", ["unfitted", "fitted"])
     @pytest.mark.parametrize("name", ALL)
@@ -472,7 +472,7 @@ class TestMemory:
 
     @pytest.fixture
     def sixteen_gib(self, monkeypatch):
-        monkeypatch.setattr(_training, "available_memory", lambda: 16 * 2.0**30)
+        monkeypatch.setattr(_memory, "available_memory", lambda: 16 * 2.0**30)
 
     @each_gp
     def test_that_cannot_suffice(self, model, large, sixteen_gib):
@@ -488,13 +488,22 @@ class TestMemory:
 
     def test_of_many_outputs(self, monkeypatch):
         """The factor of each is kept: 5 of 24 x 24 doubles."""
-        monkeypatch.setattr(_training, "available_memory", lambda: 8.0 * 24**2 * 4.0)
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 24**2 * 4.0)
         PooledGP(max_iter=0).fit(X, np.column_stack([Y] * 3))
         with pytest.raises(MemoryError):
             PooledGP(max_iter=0).fit(X, np.column_stack([Y] * 5))
 
+    def test_of_many_ranks(self, monkeypatch):
+        """The factor of each is kept where the estimators are."""
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 24**2 * 3.0)
+        estimator = MultiTaskGPRegressor(max_iter=0)
+        search = RankSearchIC(estimator, ranks=(1, 2))
+        search.fit(X, np.column_stack([Y, Y]))
+        with pytest.raises(MemoryError):
+            search.set_params(keep_estimators=True).fit(X, np.column_stack([Y, Y]))
+
     def test_that_suffices_for_single_tasks(self, monkeypatch):
-        monkeypatch.setattr(_training, "available_memory", lambda: 8.0 * 24**2)
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 24**2)
         SingleTaskGP(max_iter=0).fit(X, Y)
         with pytest.raises(MemoryError):
             PooledGP(max_iter=0).fit(X, Y)
@@ -503,11 +512,11 @@ class TestMemory:
         assert BayesianLinearRegression().fit(*large).coef_.shape == (1, 1)
 
     def test_of_this_machine(self):
-        assert 2.0**20 < _training.available_memory() < 2.0**50
+        assert 2.0**20 < _memory.available_memory() < 2.0**50
 
     @pytest.mark.parametrize("text", ["", "MemFree: 1 kB", "MemAvailable: much"])
     def test_where_the_system_does_not_tell(self, monkeypatch, text):
-        monkeypatch.setattr(_training.Path, "read_text", lambda self: text)
-        assert 2.0**20 < _training.available_memory() < 2.0**50
-        monkeypatch.delattr(_training.os, "sysconf")
-        assert _training.available_memory() == math.inf
+        monkeypatch.setattr(_memory.Path, "read_text", lambda self: text)
+        assert 2.0**20 < _memory.available_memory() < 2.0**50
+        monkeypatch.delattr(_memory.os, "sysconf")
+        assert _memory.available_memory() == math.inf

@@ -10,13 +10,29 @@ import skmtgp
 
 ROOT = Path(skmtgp.__file__).parent
 LAYERS = [
-    {"exceptions", "_linalg", "_bfgs", "_tasks", "_sklearn_compat", "_parallel"},
+    {
+        "exceptions",
+        "_linalg",
+        "_bfgs",
+        "_tasks",
+        "_sklearn_compat",
+        "_parallel",
+        "_memory",
+    },
     {"metrics"},
     {"kernels", "task_covariance"},
     {"_contraction"},
     {"inference"},
     {"learning"},
-    {"_training", "_base", "multitask", "baselines", "linear"},
+    {
+        "_training",
+        "_posterior",
+        "_base",
+        "multitask",
+        "baselines",
+        "single_task",
+        "linear",
+    },
     {
         "_splitting",
         "model_selection",

@@ -1,0 +1,43 @@
+"""Whether the memory suffices, before it is allocated."""
+
+import contextlib
+import math
+import os
+from pathlib import Path
+
+from skmtgp.exceptions import InsufficientMemoryError
+
+MATRICES = 3  # n x n doubles that learning takes, by benchmarks/memory.py
+GIB = 2.0**30
+
+
+def check_memory(n_samples, n_factors):
+    """Raise an InsufficientMemoryError where the covariances cannot be held.
+
+    Parameters
+    ----------
+    n_samples : int
+        Rows of a covariance.
+    n_factors : int
+        Covariances whose factors are kept.
+    """
+    needed = 8.0 * n_samples**2 * max(MATRICES, n_factors)
+    available = available_memory()
+    if needed > available:
+        raise InsufficientMemoryError(
+            f"Exact inference with {n_samples} samples needs about "
+            f"{needed / GIB:.3g} GiB of memory, but {available / GIB:.3g} GiB are "
+            "available. Fit fewer samples, or a SingleTaskGP, whose matrices are of "
+            "one task each, or a BayesianLinearRegression, which has none."
+        )
+
+
+def available_memory():
+    """Bytes that can still be allocated; infinite where the system does not tell."""
+    with contextlib.suppress(OSError, ValueError, StopIteration):
+        lines = Path("/proc/meminfo").read_text().splitlines()
+        line = next(line for line in lines if line.startswith("MemAvailable:"))
+        return 1024 * int(line.split()[1])
+    with contextlib.suppress(AttributeError, OSError, ValueError):  # not Linux
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    return math.inf

@@ -1,0 +1,154 @@
+"""What all estimators share: predictions from the posterior."""
+
+from numbers import Integral
+from typing import Literal, overload
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import RegressorMixin
+from sklearn.utils import check_random_state, check_scalar
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._training import check_test
+
+
+class PosteriorMixin(RegressorMixin):
+    """Regressor with a task column whose predictions have a covariance.
+
+    What `_model` returns has `task_feature`, `tasks_`, `_single_output` and, in units
+    of y,
+
+    - ``_means(features, codes)``, of shape (n_samples, n_outputs);
+    - ``_variances(features, codes, include_noise)``, of the same shape;
+    - ``_covariances(features, codes, include_noise)``, of shape (n_samples, n_samples,
+      n_outputs).
+    """
+
+    def _model(self):
+        """The estimator that holds the posterior."""
+        return self
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = False,
+        return_cov: Literal[False] = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: bool = False,
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict the mean of f and, if asked, its uncertainty.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        return_std : bool, default=False
+            Whether to return the standard deviation of each prediction too.
+        return_cov : bool, default=False
+            Whether to return the covariance of the predictions of an output too.
+        include_noise : bool, default=False
+            Whether the uncertainty is that of a new observation, f plus noise, rather
+            than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Predictive mean, in the units of y.
+        y_std : ndarray of the shape of y_mean
+            Predictive standard deviation. Only if `return_std`.
+        y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
+            Predictive covariance. Only if `return_cov`.
+
+        Raises
+        ------
+        ValueError
+            If a task was not seen in fit, or if both `return_std` and `return_cov` are
+            asked for.
+        """
+        if return_std and return_cov:
+            raise ValueError("Set return_std or return_cov, not both.")
+        check_is_fitted(self)
+        model = self._model()
+        features, codes = check_test(model, X)
+        mean = model._join(model._means(features, codes))
+        if return_std:
+            variances = model._variances(features, codes, include_noise)
+            return mean, model._join(np.sqrt(variances))
+        if return_cov:
+            covariances = model._covariances(features, codes, include_noise)
+            return mean, model._join(covariances)
+        return mean
+
+    def sample_y(
+        self,
+        X: ArrayLike,
+        n_samples: int = 1,
+        random_state: np.random.RandomState | int | None = 0,
+    ) -> NDArray[np.float64]:
+        """Draw f from its posterior.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples_X, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        n_samples : int, default=1
+            Number of draws.
+        random_state : int, RandomState instance or None, default=0
+            Source of randomness.
+
+        Returns
+        -------
+        y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
+            Draws.
+
+        Raises
+        ------
+        ValueError
+            If a task was not seen in fit.
+        """
+        check_scalar(n_samples, "n_samples", Integral, min_val=0)
+        rng = check_random_state(random_state)
+        check_is_fitted(self)
+        model = self._model()
+        features, codes = check_test(model, X)
+        draws = model._draws(features, codes, n_samples, rng)
+        return draws[:, 0] if model._single_output else draws
+
+    def _draws(self, features, codes, n_draws, rng):
+        """Draws of f, of shape (n_samples, n_outputs, n_draws)."""
+        means = self._means(features, codes)
+        covariances = self._covariances(features, codes, include_noise=False)
+        draws = [
+            rng.multivariate_normal(mean, covariance, n_draws, check_valid="ignore").T
+            for mean, covariance in zip(
+                means.T, np.moveaxis(covariances, 2, 0), strict=True
+            )
+        ]
+        return np.stack(draws, axis=1)
+
+    def _join(self, values):
+        """Without the axis of the outputs where y was one-dimensional."""
+        return values[..., 0] if self._single_output else values
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.input_tags.categorical = True
+        tags.target_tags.multi_output = True
+        return tags

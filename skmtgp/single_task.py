@@ -1,0 +1,276 @@
+"""A model for each task alone: the paper's sGP."""
+
+import warnings
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, clone
+from sklearn.gaussian_process.kernels import Kernel
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._base import BaseMultiTaskGP
+from skmtgp._parallel import printer, run
+from skmtgp._posterior import PosteriorMixin
+from skmtgp._sklearn_compat import fit_context
+from skmtgp._training import check_training, unchanged_on_failure
+from skmtgp.baselines import PooledGP
+
+
+class SingleTaskGP(PosteriorMixin, BaseEstimator):
+    """A Gaussian process of its own for each task, sGP.
+
+    Each task and output has its own hyperparameters, learned from its samples alone;
+    predictions for different tasks have no covariance.
+
+    Parameters
+    ----------
+    kernel : Kernel, default=None
+        Kernel over the columns of X without the task column, with its starting values
+        and bounds. None is an amplitude times a squared exponential with one
+        length-scale for each feature, started and bounded relative to the feature's
+        standard deviation.
+    task_feature : int or str, default=-1
+        Position or name of the column of X with the task labels (int or str).
+    noise_variance : float, default=1e-2
+        Where learning starts, relative to the variance of the target.
+    noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
+        Bounds of the noise variance, relative to the variance of the target.
+    normalize_y : bool, default=True
+        Whether to take each output off its mean and to divide it by its standard
+        deviation before learning, for each task separately. The model's mean is zero
+        otherwise.
+    inference : {"auto", "dense"}, default="auto"
+        How the likelihood is computed. "auto" is dense and exact.
+    max_iter : int, default=2000
+        Most iterations of each maximisation; 0 keeps the starting values.
+    tol : float, default=1e-2
+        Gain in the log likelihood, in nats, under which a maximisation ends.
+    n_jobs : int, default=None
+        Number of tasks learned at the same time, see :term:`n_jobs`.
+    verbose : int, default=0
+        Whether to print a line for each of them.
+
+    Attributes
+    ----------
+    tasks_ : ndarray of shape (n_tasks,)
+        Task labels, sorted.
+    estimators_ : list of n_tasks PooledGP
+        The model of each task, fitted on features followed by a constant column.
+    tasks_train_ : ndarray of shape (n_samples,)
+        Position in `tasks_` of each training sample's task.
+    log_marginal_likelihood_value_ : float
+        Log density of y in its own units, summed over tasks and outputs.
+    log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
+        The same for each output.
+    n_hyperparameters_ : int
+        Number of hyperparameters of all kernels and noises.
+    n_iter_ : int
+        Iterations on the way to the mode, of the output with most of them.
+    n_evaluations_ : int
+        Likelihoods and gradients that learning took, summed over tasks and outputs.
+    n_features_in_ : int
+        Number of columns of X, the task column counted.
+    feature_names_in_ : ndarray of shape (n_features_in_,)
+        Their names, if X has any.
+
+    See Also
+    --------
+    IndependentGP : Tasks that share their kernel.
+
+    Notes
+    -----
+    Chai, Williams, Klanke and Vijayakumar (2008), section 6: "for each context and each
+    joint, we train ... a sGP model with the corresponding training data
+    separately".
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp import SingleTaskGP
+    >>> x, task = np.tile(np.linspace(0, 6, 20), 2), np.repeat(["a", "b"], 20)
+    >>> X = np.column_stack([x.astype(object), task])
+    >>> y = np.sin(x) * np.where(task == "a", 1.0, -1.0)
+    >>> SingleTaskGP().fit(X, y).predict([[1.5, "a"], [1.5, "b"]]).round(3)
+    array([ 0.997, -0.997])
+    """
+
+    _parameter_constraints = {
+        name: constraint
+        for name, constraint in BaseMultiTaskGP._parameter_constraints.items()
+        if name != "noise"
+    }
+
+    def __init__(
+        self,
+        kernel: Kernel | None = None,
+        *,
+        task_feature: int | str = -1,
+        noise_variance: float = 1e-2,
+        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
+        normalize_y: bool = True,
+        inference: Literal["auto", "dense"] = "auto",
+        max_iter: int = 2000,
+        tol: float = 1e-2,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
+        self.kernel = kernel
+        self.task_feature = task_feature
+        self.noise_variance = noise_variance
+        self.noise_variance_bounds = noise_variance_bounds
+        self.normalize_y = normalize_y
+        self.inference = inference
+        self.max_iter = max_iter
+        self.tol = tol
+        self.n_jobs = n_jobs
+        self.verbose = verbose
+
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn the hyperparameters of each task.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets. Outputs are learned separately.
+
+        Returns
+        -------
+        self : object
+            Fitted estimator.
+        """
+        with unchanged_on_failure(self):
+            self._fit(*check_training(self, X, y))
+        return self
+
+    def _fit(self, features, labels, Y):
+        self.tasks_, self.tasks_train_ = np.unique(labels, return_inverse=True)
+        params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
+        alone = PooledGP(**params | {"verbose": 0})
+        X = np.column_stack([features, np.zeros(len(features))])
+        rows = [self.tasks_train_ == m for m in range(len(self.tasks_))]
+        results = run(
+            _fit_alone,
+            [(alone, X[r], Y[r]) for r in rows],
+            n_jobs=self.n_jobs,
+            report=printer(self.verbose, self._describe),
+        )
+        self.estimators_ = fitted = [estimator for estimator, _ in results]
+        for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):
+            for category, message in caught:
+                warnings.warn(f"Task {label!r}: {message}", category)
+        self.n_iter_ = max(e.n_iter_ for e in fitted)
+        self.n_evaluations_ = sum(e.n_evaluations_ for e in fitted)
+        self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
+        self.log_marginal_likelihoods_ = sum(
+            e.log_marginal_likelihoods_ for e in fitted
+        )
+        self.log_marginal_likelihood_value_ = float(
+            self.log_marginal_likelihoods_.sum()
+        )
+
+    def _describe(self, m, result):
+        estimator, _ = result
+        return (
+            f"task {m + 1} of {len(self.tasks_)} after {estimator.n_iter_} iterations"
+        )
+
+    def _means(self, features, codes):
+        means = np.empty((len(features), self._n_outputs))
+        for rows, model in self._parts(codes):
+            means[rows] = model._means(features[rows], np.zeros_like(rows))
+        return means
+
+    def _variances(self, features, codes, include_noise):
+        variances = np.empty((len(features), self._n_outputs))
+        for rows, model in self._parts(codes):
+            alone = features[rows], np.zeros_like(rows)
+            variances[rows] = model._variances(*alone, include_noise)
+        return variances
+
+    def _covariances(self, features, codes, include_noise):
+        covariances = np.zeros((len(features), len(features), self._n_outputs))
+        for rows, model in self._parts(codes):
+            alone = features[rows], np.zeros_like(rows)
+            block = model._covariances(*alone, include_noise)
+            covariances[np.ix_(rows, rows)] = block
+        return covariances
+
+    def _parts(self, codes):
+        """The rows of each task and its model."""
+        for m in np.unique(codes):
+            yield np.flatnonzero(codes == m), self.estimators_[m]
+
+    def loo_predict(
+        self, include_noise: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict each training sample from all the others of its task.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the uncertainty is that of the observation that was left out, f
+            plus noise, rather than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Mean of f at each training sample given the others, in the units of y and
+            in the order of the rows that `fit` was given.
+        y_std : ndarray of the shape of y_mean
+            Its standard deviation.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12, for each task alone; see
+        :meth:`MultiTaskGPRegressor.loo_predict`, also for scores. The hyperparameters,
+        the mean and the scale of each task are kept, which have seen the sample that is
+        left out.
+
+        The only sample of a task gets the prior. With `normalize_y` the prior's mean is
+        the task's `y_mean_`, which is that sample itself: its error is zero and tells
+        nothing, and its `y_scale_` is 1, so that the standard deviation is the kernel's
+        own. Leave such tasks out of scores. Without `normalize_y` the mean is 0.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import SingleTaskGP
+        >>> from skmtgp.metrics import normalized_mean_squared_error
+        >>> x, task = np.tile(np.linspace(0, 6, 20), 2), np.repeat(["a", "b"], 20)
+        >>> X = np.column_stack([x.astype(object), task])
+        >>> y = np.sin(x) * np.where(task == "a", 1.0, -1.0)
+        >>> mean, std = SingleTaskGP().fit(X, y).loo_predict()
+        >>> normalized_mean_squared_error(y, mean, tasks=task) < 1e-4
+        True
+        """
+        check_is_fitted(self)
+        shape = len(self.tasks_train_), *self.estimators_[0].y_train_.shape[1:]
+        mean, std = np.empty(shape), np.empty(shape)
+        for rows, model in self._parts(self.tasks_train_):
+            mean[rows], std[rows] = model.loo_predict(include_noise)
+        return mean, std
+
+    @property
+    def _n_outputs(self):
+        return len(self.log_marginal_likelihoods_)
+
+    @property
+    def _single_output(self):
+        return self.estimators_[0]._single_output
+
+
+def _fit_alone(estimator, X, y):
+    """A fitted clone, and what it warned of: the caller names the task."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        fitted = clone(estimator).fit(X, y)
+    return fitted, [(w.category, str(w.message)) for w in caught]

@@ -7,14 +7,15 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._estimator import Estimator
 from skmtgp._memory import check_memory
 from skmtgp._posterior import PosteriorMixin
+from skmtgp._progress import fitting, with_callbacks
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
 from skmtgp._tasks import complete_design
 from skmtgp._training import (
@@ -22,14 +23,13 @@ from skmtgp._training import (
     check_kernel,
     check_training,
     default_kernel,
-    unchanged_on_failure,
 )
 from skmtgp.exceptions import PrecisionWarning
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
 
-class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
+class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
@@ -47,9 +47,10 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
     }
 
     @abstractmethod
-    def _learn(self, training):
+    def _learn(self, training, progress):
         """The form of K^rho and the mode of each output."""
 
+    @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the hyperparameters by maximising the marginal likelihood.
@@ -72,11 +73,11 @@ class BaseMultiTaskGP(PosteriorMixin, BaseEstimator, metaclass=ABCMeta):
             If a parameter, a feature, a label or a target cannot be used. The estimator
             is then as it was before.
         """
-        with unchanged_on_failure(self):
+        with fitting(self, X, y, verbose=self.verbose) as progress:
             features, labels, Y = check_training(self, X, y)
             training = self._scale(features, labels, Y)
             check_memory(*training.Y.shape)
-            form, modes = self._learn(training)
+            form, modes = self._learn(training, progress)
             self._store(training, self._objectives(training, form), modes)
         return self
 

@@ -41,13 +41,6 @@ def run(function, jobs, *, n_jobs=None, report=None):
     return results
 
 
-def printer(verbose, describe):
-    """A report that prints ``describe(position, result)``, or None if not verbose."""
-    if not verbose:
-        return None
-    return lambda i, result: print(f"[skmtgp] {describe(i, result)}", flush=True)
-
-
 def limit_threads(n_samples):
     """Context in which small matrices are not spread over threads, which slows them."""
     return BLAS.limit(limits=1) if n_samples < SMALL else contextlib.nullcontext()

@@ -1,6 +1,5 @@
 """Training and test data as the estimators get them: checked, encoded, scaled."""
 
-import contextlib
 import warnings
 from typing import NamedTuple
 
@@ -15,18 +14,6 @@ from skmtgp.learning.climbing import Data, Settings
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
-
-
-@contextlib.contextmanager
-def unchanged_on_failure(estimator):
-    """Context in which an exception leaves the estimator as it was before."""
-    before = vars(estimator).copy()
-    try:
-        yield
-    except BaseException:
-        vars(estimator).clear()
-        vars(estimator).update(before)
-        raise
 
 
 def check_training(estimator, X, y):

@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp._parallel import printer, run
+from skmtgp._parallel import run
 from skmtgp._training import default_kernel
 from skmtgp.learning.stages import learn_fixed
 from skmtgp.task_covariance import identity, ones
@@ -55,7 +55,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
     def _learns_amplitude(self):
         return self.kernel is None
 
-    def _learn(self, training):
+    def _learn(self, training, progress):
         form = self._form(len(training.tasks), self.diagonal)
         pairs = self._pairs(training)
 
@@ -66,7 +66,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
             )
 
         jobs = [(*pair, form) for pair in pairs]
-        report = printer(self.verbose, describe)
+        report = progress("learning", len(jobs), describe)
         return form, run(learn_fixed, jobs, n_jobs=self.n_jobs, report=report)
 
 

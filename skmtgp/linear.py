@@ -5,17 +5,18 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from sklearn.base import BaseEstimator
 
+from skmtgp._estimator import Estimator
 from skmtgp._posterior import PosteriorMixin
+from skmtgp._progress import fitting, with_callbacks
 from skmtgp._sklearn_compat import Interval, fit_context
-from skmtgp._training import check_training, unchanged_on_failure
+from skmtgp._training import check_training
 from skmtgp.inference.linear import LinearPosterior
 
 __all__ = ["BayesianLinearRegression"]
 
 
-class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
+class BayesianLinearRegression(PosteriorMixin, Estimator):
     r"""Bayesian linear regression of its own for each task, LR.
 
     For each task and output, with the covariates x and the constant in the rows of D,
@@ -156,6 +157,7 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
         self.noise_shape = noise_shape
         self.noise_rate = noise_rate
 
+    @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Compute the posterior of the weights and of the noise variance.
@@ -178,7 +180,7 @@ class BayesianLinearRegression(PosteriorMixin, BaseEstimator):
             If a parameter, a feature, a label or a target cannot be used. The estimator
             is then as it was before.
         """
-        with unchanged_on_failure(self):
+        with fitting(self, X, y):
             self._fit(*check_training(self, X, y))
         return self
 

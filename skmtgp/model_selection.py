@@ -6,21 +6,23 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, MetaEstimatorMixin, clone
+from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._estimator import Estimator
 from skmtgp._memory import check_memory
 from skmtgp._posterior import PosteriorMixin
+from skmtgp._progress import fitting, with_callbacks
 from skmtgp._sklearn_compat import StrOptions, fit_context
 from skmtgp._splitting import TaskStratifiedKFold
-from skmtgp._training import check_training, unchanged_on_failure
+from skmtgp._training import check_training
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.task_covariance import low_rank
 
 __all__ = ["RankSearchIC", "TaskStratifiedKFold"]
 
 
-class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
+class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     r"""Multi-task GP whose rank is chosen by an information criterion.
 
     One rank is chosen for all outputs, the one that minimises
@@ -120,6 +122,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         self.n_jobs = n_jobs
         self.verbose = verbose
 
+    @with_callbacks
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the model at each rank and keep the best one.
@@ -141,15 +144,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         ValueError
             If a rank, a feature, a label or a target cannot be used.
         """
-        with unchanged_on_failure(self):
-            self._fit(X, y)
+        with fitting(self, X, y, verbose=self._verbosity()) as progress:
+            self._fit(X, y, progress)
         return self
 
-    def _fit(self, X, y):
+    def _fit(self, X, y, progress):
         model = clone(self.estimator) if self.estimator else MultiTaskGPRegressor()
         model.set_params(
             n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
-            verbose=max(model.verbose, self.verbose),
+            verbose=self._verbosity(),
         )
         model._validate_params()
         training = model._scale(*check_training(model, X, y))
@@ -157,7 +160,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         ranks = self._check_ranks(len(training.tasks))
         check_memory(n, n_outputs * (len(ranks) if self.keep_estimators else 1))
         forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
-        modes = model._learn_ranks(training, forms)
+        modes = model._learn_ranks(training, forms, progress)
         self.results_ = _results(model, training, forms, modes)
         best = int(np.argmin(self.results_[self.criterion]))
         self.best_rank_ = forms[best].rank
@@ -169,6 +172,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, BaseEstimator):
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())
+
+    def _verbosity(self):
+        return max(self.verbose, getattr(self.estimator, "verbose", 0))
 
     def _check_ranks(self, n_tasks):
         ranks = np.asarray(self.ranks)

@@ -214,17 +214,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.random_state = random_state
         self.verbose = verbose
 
-    def _learn(self, training):
+    def _learn(self, training, progress):
         M = len(training.tasks)
         if isinstance(self.rank, (bool, np.bool_)):
             raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
         form = low_rank(M, self.rank or M, self.diagonal)
-        (modes,) = self._learn_ranks(training, [form])
+        (modes,) = self._learn_ranks(training, [form], progress)
         return form, modes
 
-    def _learn_ranks(self, training, forms):
+    def _learn_ranks(self, training, forms, progress):
         """Modes for each form and output."""
         learn = {
             "annealed": learn_ranks,
@@ -242,7 +242,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             forms,
             seeds=seeds.tolist(),
             n_jobs=self.n_jobs,
-            verbose=self.verbose,
+            progress=progress,
         )
         return list(zip(*modes, strict=True))
 

@@ -6,19 +6,21 @@ from typing import Any, Self
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, TransformerMixin
+from sklearn.base import TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
-from ._sklearn_compat import check_feature_names_in, wants_pandas
-from ._tasks import EXACT, locate_task_column, read_table, split_table
+from skmtgp._estimator import Estimator
+from skmtgp._progress import fitting, with_callbacks
+from skmtgp._sklearn_compat import check_feature_names_in, wants_pandas
+from skmtgp._tasks import EXACT, locate_task_column, read_table, split_table
 
 __all__ = ["InverseDynamicsFeatures"]
 
 STANDSTILL = 1e-9  # rad/s; slower than this a velocity is rounding noise of either sign
 
 
-class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
+class InverseDynamicsFeatures(TransformerMixin, Estimator):
     r"""Standardised state, signs of the velocities and task, from state and task.
 
     The states x = (q, qd, qdd) of a robot with J joints are scaled to zero mean and
@@ -77,6 +79,7 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
         self.n_joints = n_joints
         self.task_feature = task_feature
 
+    @with_callbacks
     def fit(self, X: ArrayLike, y: Any = None) -> Self:
         """Learn the mean and the scale of each column of the states.
 
@@ -99,8 +102,14 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
             If `n_joints` or `task_feature` is of another type.
         ValueError
             If X does not have 3 J + 1 columns or no column `task_feature`, if a number
-            is missing or infinite, or if a task label is missing or fractional.
+            is missing or infinite, or if a task label is missing or fractional. The
+            transformer is then as it was before.
         """
+        with fitting(self, X, y):
+            self._fit(X)
+        return self
+
+    def _fit(self, X):
         table = read_table(self, X, reset=True)
         n_features = self.n_features_in_
         self._task_position = locate_task_column(
@@ -109,7 +118,6 @@ class InverseDynamicsFeatures(TransformerMixin, BaseEstimator):
         self.n_joints_ = self._count_joints(n_features)
         scaler = StandardScaler().fit(self._split(table)[0])
         self.mean_, self.scale_ = scaler.mean_, scaler.scale_
-        return self
 
     def transform(self, X: ArrayLike) -> NDArray[Any] | pd.DataFrame:
         """Standardise the states, add the signs, move the task to the end.

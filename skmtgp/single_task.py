@@ -5,19 +5,21 @@ from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, clone
+from sklearn.base import clone
 from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp._parallel import printer, run
+from skmtgp._estimator import Estimator
+from skmtgp._parallel import run
 from skmtgp._posterior import PosteriorMixin
+from skmtgp._progress import fitting, with_callbacks
 from skmtgp._sklearn_compat import fit_context
-from skmtgp._training import check_training, unchanged_on_failure
+from skmtgp._training import check_training
 from skmtgp.baselines import PooledGP
 
 
-class SingleTaskGP(PosteriorMixin, BaseEstimator):
+class SingleTaskGP(PosteriorMixin, Estimator):
     """A Gaussian process of its own for each task, sGP.
 
     Each task and output has its own hyperparameters, learned from its samples alone;
@@ -126,6 +128,7 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
         self.n_jobs = n_jobs
         self.verbose = verbose
 
+    @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Learn the hyperparameters of each task.
@@ -142,11 +145,11 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
         self : object
             Fitted estimator.
         """
-        with unchanged_on_failure(self):
-            self._fit(*check_training(self, X, y))
+        with fitting(self, X, y, verbose=self.verbose) as progress:
+            self._fit(*check_training(self, X, y), progress)
         return self
 
-    def _fit(self, features, labels, Y):
+    def _fit(self, features, labels, Y, progress):
         self.tasks_, self.tasks_train_ = np.unique(labels, return_inverse=True)
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         alone = PooledGP(**params | {"verbose": 0})
@@ -156,7 +159,7 @@ class SingleTaskGP(PosteriorMixin, BaseEstimator):
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
             n_jobs=self.n_jobs,
-            report=printer(self.verbose, self._describe),
+            report=progress("learning", len(rows), self._describe),
         )
         self.estimators_ = fitted = [estimator for estimator, _ in results]
         for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):

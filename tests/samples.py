@@ -62,3 +62,14 @@ def posteriors(model, X, y, Z):
         )
         found.append((mean + centre, cov))
     return found
+
+
+class Listener:
+    """Keeps what learning tells of its progress."""
+
+    def __init__(self):
+        self.stages, self.lines = [], []
+
+    def __call__(self, stage, n_jobs, describe):
+        self.stages.append((stage, n_jobs))
+        return lambda i, result: self.lines.append(describe(i, result))

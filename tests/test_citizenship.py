@@ -39,6 +39,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp._estimator import DOCUMENTATION
 from skmtgp.model_selection import TaskStratifiedKFold
 
 QUICK = {"max_iter": 3}
@@ -524,7 +525,8 @@ class TestInterface:
     def test_html(self, fitted):
         for model in (fitted, clone(fitted), make_pipeline(clone(fitted))):
             html = estimator_html_repr(model)
-            assert type(fitted).__name__ in html
+            name = type(fitted).__name__
+            assert f'href="{DOCUMENTATION}/api/{name}.html"' in html
 
     def test_nothing_is_printed(self, estimator):
         with contextlib.redirect_stdout(io.StringIO()) as out:

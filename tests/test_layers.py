@@ -18,6 +18,7 @@ LAYERS = [
         "_sklearn_compat",
         "_parallel",
         "_memory",
+        "_progress",
     },
     {"metrics"},
     {"kernels", "task_covariance"},
@@ -25,6 +26,7 @@ LAYERS = [
     {"inference"},
     {"learning"},
     {
+        "_estimator",
         "_training",
         "_posterior",
         "_base",

@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import textbook
+from samples import Listener
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.learning import climbing, paper
@@ -212,11 +213,10 @@ class TestBoth:
         for mode, other in zip(one, two, strict=True):
             assert_same(mode, other)
 
-    def test_report(self, learn, capsys):
+    def test_report(self, learn):
         pairs = [(draw(RELATED), configure(max_iter=1, name="torque"))]
-        learn(pairs, FORMS[:2], seeds=(1,))
-        assert capsys.readouterr() == ("", "")
-        learn(pairs, FORMS[:2], seeds=(1,), verbose=1)
-        lines = capsys.readouterr().out.splitlines()
-        starts = [line.split(": log marginal likelihood")[0] for line in lines]
-        assert starts == [f"[skmtgp] torque, rank {rank}" for rank in (1, 2)]
+        listener = Listener()
+        learn(pairs, FORMS[:2], seeds=(1,), progress=listener)
+        starts = [line.split(": log marginal likelihood")[0] for line in listener.lines]
+        assert starts == [f"torque, rank {rank}" for rank in (1, 2)]
+        assert listener.stages == [("learning", 2)]

@@ -209,6 +209,15 @@ def test_labels_pass_through_a_column_transformer_before(states):
     )
 
 
+def test_a_failed_fit_changes_nothing(states):
+    features = InverseDynamicsFeatures().fit(frame(states))
+    before = dict(vars(features))
+    with pytest.raises(ValueError, match="X has 5 columns"):
+        features.fit(np.ones((2, 5)))
+    assert vars(features).keys() == before.keys()
+    assert all(vars(features)[key] is value for key, value in before.items())
+
+
 @pytest.mark.parametrize("width", [2, 3, 5, 6, 20])
 def test_widths_that_are_not_of_a_robot(width):
     message = (

@@ -7,36 +7,21 @@ over all rows: to compare with :func:`skmtgp.learning.ranks.learn_ranks`.
 import numpy as np
 
 from skmtgp._parallel import run
+from skmtgp._progress import silent
 from skmtgp.learning.climbing import best_of, climb
 from skmtgp.learning.ranks import (
     by_output,
+    description,
     make_starts,
     more_starts,
-    rank_printer,
 )
 from skmtgp.learning.stages import Start, likeliest, with_starts
 
 
-def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
+def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     """Section 3: steps 1 and 2 from K_0^rho = 1 1^T and I, step 3 from the likelier.
 
-    Parameters
-    ----------
-    pairs : list of (Data, Settings)
-        For each output.
-    forms : list of LowRank
-        Forms of K^rho.
-    seeds : sequence of int, default=()
-        One for each additional start, as for `learn_ranks`.
-    n_jobs : int, default=None
-        Processes.
-    verbose : int, default=0
-        Whether to print a line for each rank and output.
-
-    Returns
-    -------
-    modes : list of list of Mode
-        For each output and form.
+    Parameters and result are those of :func:`skmtgp.learning.ranks.learn_ranks`.
     """
     starts = make_starts(pairs, n_jobs, relaxed=False)
     more = more_starts(pairs, starts, seeds, n_jobs)
@@ -45,7 +30,7 @@ def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         for pair, of_output, others in zip(pairs, starts, more, strict=True)
         for form in forms
     ]
-    report = rank_printer(pairs, forms, verbose)
+    report = progress("learning", len(jobs), description(pairs, forms))
     return by_output(run(_third_step, jobs, n_jobs=n_jobs, report=report), forms)
 
 
@@ -58,26 +43,11 @@ def _third_step(data, settings, form, starts, more):
     return with_starts(best_of(modes), [*starts, *more])
 
 
-def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, verbose=0):
+def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, progress=silent):
     """All parameters at once, from theta_0^x, sigma_0^2 and a random K_0^rho.
 
-    Parameters
-    ----------
-    pairs : list of (Data, Settings)
-        For each output.
-    forms : list of LowRank
-        Forms of K^rho.
-    seeds : sequence of int
-        One for each start.
-    n_jobs : int, default=None
-        Processes.
-    verbose : int, default=0
-        Whether to print a line for each rank and output.
-
-    Returns
-    -------
-    modes : list of list of Mode
-        For each output and form.
+    Parameters and result are those of :func:`skmtgp.learning.ranks.learn_ranks`; there
+    is one start for each seed.
 
     Notes
     -----
@@ -85,7 +55,7 @@ def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, verbose=0):
     no gradient, and of the second, cut to a lower rank, nothing is left for most tasks.
     """
     jobs = [(*pair, form, seeds) for pair in pairs for form in forms]
-    report = rank_printer(pairs, forms, verbose)
+    report = progress("learning", len(jobs), description(pairs, forms))
     return by_output(run(_from_random, jobs, n_jobs=n_jobs, report=report), forms)
 
 

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from skmtgp._parallel import printer, run
+from skmtgp._parallel import run
+from skmtgp._progress import silent
 from skmtgp.learning.climbing import best_of, climb, refine
 from skmtgp.learning.stages import (
     SHAKES,
@@ -22,7 +23,7 @@ from skmtgp.learning.stages import (
 from skmtgp.task_covariance import identity, ones
 
 
-def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
+def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     """Learn models of several ranks for several outputs.
 
     Parameters
@@ -36,8 +37,8 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         others are perturbed with these seeds.
     n_jobs : int, default=None
         Processes.
-    verbose : int, default=0
-        Whether to print a line for each rank and output.
+    progress : callable, default=silent
+        Told of each rank and output, see :func:`skmtgp._progress.fitting`.
 
     Returns
     -------
@@ -45,7 +46,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         The best mode found, for each output and form.
     """
     coarse = [(data.levels()[0], settings) for data, settings in pairs]
-    report = rank_printer(pairs, forms, verbose)
+    describe = description(pairs, forms)
     starts = make_starts(coarse, n_jobs)
     more = more_starts(coarse, starts, seeds, n_jobs)
     jobs = [
@@ -55,6 +56,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
     ]
     shakes = SHAKES if len(forms) == 1 else 1  # other ranks will help
     follow = partial(second_stage, shakes=shakes)
+    report = progress("learning", len(jobs), describe)
     modes = by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
@@ -65,12 +67,13 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, verbose=0):
         for pair, of_output in zip(pairs, modes, strict=True)
         for form, mode in zip(forms, of_output, strict=True)
     ]
+    report = progress("learning from all rows", len(jobs), describe)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
 
-def rank_printer(pairs, forms, verbose):
-    """What prints a line for each output and form, or None."""
+def description(pairs, forms):
+    """What to say of the mode of an output and form, which come in this order."""
     names = [f"{settings.name}, {form}" for _, settings in pairs for form in forms]
 
     def describe(i, mode):
@@ -79,7 +82,7 @@ def rank_printer(pairs, forms, verbose):
             f"{mode.n_samples} rows after {mode.n_iter} iterations"
         )
 
-    return printer(verbose, describe)
+    return describe
 
 
 def by_output(modes, forms):

@@ -1,0 +1,85 @@
+"""What a long fit tells while it goes on: lines, and scikit-learn's callbacks."""
+
+from contextlib import contextmanager
+
+try:
+    from sklearn.callback import CallbackSupportMixin, with_callbacks
+except ImportError:  # before scikit-learn 1.9
+
+    class CallbackSupportMixin:  # type: ignore[no-redef]
+        """Callbacks do not exist."""
+
+    def with_callbacks(method):
+        """Callbacks do not exist."""
+        return method
+
+
+__all__ = ["CallbackSupportMixin", "fitting", "silent", "with_callbacks"]
+
+
+@contextmanager
+def fitting(estimator, X, y, *, verbose=0):
+    """Context of a fit, which gives what reports its progress.
+
+    An exception leaves the estimator as it was before. The callbacks of the estimator
+    are told that the fit begins, what is done of it, and that it has ended.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Being fitted, by a method with the decorator `with_callbacks`.
+    X, y : array-like
+        Training data, for the callbacks.
+    verbose : int, default=0
+        Whether to print lines.
+
+    Yields
+    ------
+    progress : callable
+        ``progress(stage, n_jobs, describe)`` gives what is to be called with the
+        position and the result of each job of a stage when it is done, or None if
+        nobody listens. ``describe(position, result)`` is the line that is printed.
+    """
+    context = None
+    if getattr(estimator, "_skl_callbacks", None):
+        context = estimator._init_callback_context(max_subtasks=None)
+        context.call_on_fit_task_begin(estimator=estimator, X=X, y=y)
+    before = vars(estimator).copy()
+    try:
+        yield _reporter(estimator, context, verbose)
+        if context:
+            context.call_on_fit_task_end(
+                estimator=estimator, X=X, y=y, reconstruction_attributes={}
+            )
+    except BaseException:
+        vars(estimator).clear()
+        vars(estimator).update(before)
+        raise
+
+
+def silent(stage, n_jobs, describe):
+    """Progress that nobody listens to."""
+
+
+def _reporter(estimator, context, verbose):
+    if not (context or verbose):
+        return silent
+
+    def progress(stage, n_jobs, describe):
+        if context:
+            of_stage = context.subcontext(task_name=stage, max_subtasks=n_jobs)
+            of_stage.call_on_fit_task_begin(estimator=estimator)
+
+        def report(i, result):
+            if verbose:
+                print(f"[skmtgp] {describe(i, result)}", flush=True)
+            if context:
+                job = of_stage.subcontext(task_name="job")
+                job.call_on_fit_task_begin(estimator=estimator)
+                job.call_on_fit_task_end(estimator=estimator)
+                if i + 1 == n_jobs:
+                    of_stage.call_on_fit_task_end(estimator=estimator)
+
+        return report
+
+    return progress

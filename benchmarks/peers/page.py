@@ -59,7 +59,9 @@ not where it is as shipped. Every peer starts where skmtgp's own best
 mode came from: skmtgp's first stage, which the peers get for nothing, and which counts
 in skmtgp's time. Each peer is run as its documentation's example of multi-task
 regression does (*shipped*) and with the best settings known for it (*best*). A fit that
-reaches its budget of time ends with the best parameters so far.
+reaches its budget of time ends with the best parameters so far. Fits have one thread
+each; their times are the processor's, which other work on the machine hardly changes,
+but those of the peers at n = 280 are the time that passed while other work went on.
 
 Likelihoods and errors are those of one plain implementation
 (`benchmarks/peers/reference.py`), at the parameters that each package ended with.
@@ -193,7 +195,13 @@ def medians_table(fits, n):
         )
         for r in summary(fits, n)
     ]
-    return "Medians over joints and draws:\n\n" + table(head.split(","), rows)
+    budgets = [
+        r["budget"] for r in usable(fits) if r["n"] == n and r["package"] != OURS
+    ]
+    text = "Medians over joints and draws"
+    if budgets:
+        text += f"; the peers may take {min(budgets):.0f} to {max(budgets):.0f} s"
+    return f"{text}:\n\n" + table(head.split(","), rows)
 
 
 def likelihood_of(rows):

@@ -148,6 +148,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     ``noise_variance_`` for a sample with itself. Time grows with the cube of the number
     of samples, memory with its square.
 
+    Results do not depend on `n_jobs`, to the bit below 600 samples. From there on the
+    processes share the threads of linear algebra, and other numbers of threads round
+    differently: results then are the same to about the digits that `tol` asks for, or
+    to the bit if there is one thread only (``OMP_NUM_THREADS=1``).
+
     References
     ----------
     .. [1] K. M. A. Chai, C. K. I. Williams, S. Klanke and S. Vijayakumar, "Multi-task

@@ -1,0 +1,53 @@
+"""Configuration of the documentation; ``make docs`` builds it without a network."""
+
+from importlib import import_module
+
+import skmtgp
+
+project = "skmtgp"
+author = "the skmtgp developers"
+project_copyright = author
+version = release = skmtgp.__version__
+
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.doctest",
+    "sphinx.ext.mathjax",
+    "sphinx_copybutton",
+]
+source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
+suppress_warnings = ["myst.xref_missing"]  # of files that the repository has
+exclude_patterns = ["_build", "images"]
+templates_path = ["_templates"]
+myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
+myst_heading_anchors = 3
+copybutton_prompt_text = r">>> |\.\.\. |\$ "
+copybutton_prompt_is_regexp = True
+
+autosummary_generate = True
+MODULES = ["datasets", "exceptions", "kernels", "metrics", "model_selection"]
+PUBLIC = ["skmtgp", *(f"skmtgp.{name}" for name in [*MODULES, "preprocessing"])]
+autosummary_filename_map = {  # the pages that estimators link to
+    f"{module}.{name}": name
+    for module in PUBLIC
+    for name in import_module(module).__all__
+}
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+doctest_test_doctest_blocks = ""  # pytest runs those of the docstrings
+doctest_global_setup = "import numpy as np; import pandas as pd"
+trim_doctest_flags = True
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"skmtgp {version}"
+html_theme_options = {
+    "navigation_with_keys": False,
+    "show_prev_next": True,
+    "secondary_sidebar_items": ["page-toc"],
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+html_show_sourcelink = False

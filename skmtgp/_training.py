@@ -14,6 +14,7 @@ from skmtgp.learning.climbing import Data, Settings
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
+RESOLVED = 10.0 * np.finfo(np.float64).eps  # of the largest value of a column
 
 
 def check_training(estimator, X, y):
@@ -157,8 +158,8 @@ def default_kernel(features):
         Length-scales start at the square root of n_features times the standard
         deviation of their feature, between a hundredth and a thousand times that.
     """
-    deviation = features.std(axis=0)
-    scale = np.where(deviation > 0.0, deviation, 1.0) * np.sqrt(features.shape[1])
+    deviation, rounding = features.std(axis=0), RESOLVED * np.abs(features).max(axis=0)
+    scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
     return RBF(scale, np.outer(scale, [1e-2, 1e3]))
 
 

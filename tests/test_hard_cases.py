@@ -210,6 +210,19 @@ class TestFeatures:
         more = np.insert(X, 0, 7.0, axis=1)
         assert_sound(fitted(model, more, Y), more)
 
+    @each_gp
+    @pytest.mark.parametrize("value", [0.1, -1e9 / 3.0])
+    def test_constant_that_rounding_makes_vary(self, model, value):
+        """Its standard deviation is not zero, but no scale of it either."""
+        model = with_params(model, max_iter=0)
+        expected, found = (
+            clone(model)
+            .fit(np.insert(X, 0, v, axis=1), Y)
+            .predict(np.insert(X, 0, v + 1e-3, axis=1))
+            for v in (0.0, value)
+        )
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
     @each
     def test_collinear_features(self, model):
         more = columns(np.column_stack([F, -2.0 * F[:, 0]]), TASKS)

@@ -15,7 +15,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.doctest",
-    "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",
     "sphinx_copybutton",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
@@ -27,6 +27,7 @@ myst_heading_anchors = 3
 copybutton_prompt_text = r">>> |\.\.\. |\$ "
 copybutton_prompt_is_regexp = True
 
+autodoc_typehints = "none"
 autosummary_generate = True
 MODULES = ["datasets", "exceptions", "kernels", "metrics", "model_selection"]
 PUBLIC = ["skmtgp", *(f"skmtgp.{name}" for name in [*MODULES, "preprocessing"])]

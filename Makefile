@@ -6,28 +6,34 @@ WORKERS ?= 2
 PYTESTFLAGS ?=
 
 VENV := .venv
+CONSTRAINTS :=
+OLDEST := .venv-oldest
 BIN := $(VENV)/bin
-PIP := $(BIN)/python -m pip --disable-pip-version-check install -q
+PIP := $(BIN)/python -m pip --disable-pip-version-check install -q \
+    $(CONSTRAINTS:%=-c %)
 # Parallel tests share the cores: one thread each for linear algebra.
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test fuzz lint bench bench-own bench-short bench-envs \
-    bench-page paper paper-short paper-page clean
+.PHONY: help demo demo-short test coverage test-oldest fuzz lint docs bench bench-own \
+    bench-short bench-envs bench-page paper paper-short paper-page clean
 
 help:
 	@echo 'make demo        learn a robot arm under many loads and compare the models'
 	@echo 'make demo-short  the same, smaller'
 	@echo 'make test        run all tests'
+	@echo 'make coverage    the same, and which lines and branches they miss'
+	@echo 'make test-oldest the same with the oldest supported versions, on Python 3.11'
 	@echo 'make fuzz        2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint        check style and formatting'
+	@echo 'make docs        the documentation, in docs/_build/html; its examples are run'
 	@echo 'make bench       compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-short the same with one small problem'
 	@echo 'make paper       the experiments of the paper: hours, see examples/paper/README.md'
 	@echo 'make paper-short the same, tiny: a minute'
 	@echo 'make paper-page  docs/paper.md from what is measured'
-	@echo 'make clean       remove .venv, caches and build products'
+	@echo 'make clean       remove what was installed, caches and build products'
 
 demo: $(VENV)/ready-to-run
 	$(BIN)/python examples/puma560_loads.py
@@ -38,6 +44,20 @@ demo-short: $(VENV)/ready-to-run
 test: $(VENV)/ready-to-test
 	$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) $(PYTESTFLAGS)
 
+# coverage's own percentage counts lines and branches together.
+PERCENT := import json, sys; t = json.load(sys.stdin)["totals"]; \
+    print("Covered: {:.1%} of lines, {:.1%} of branches".format( \
+        t["covered_lines"] / t["num_statements"], \
+        t["covered_branches"] / t["num_branches"]))
+
+coverage: $(VENV)/ready-to-test
+	$(ONE_THREAD) $(BIN)/python -m pytest --cov --cov-report= -n $(WORKERS) $(PYTESTFLAGS)
+	@$(BIN)/coverage json -q -o - | $(BIN)/python -c '$(PERCENT)'
+	$(BIN)/coverage report --fail-under=95
+
+test-oldest:
+	@$(MAKE) --no-print-directory test VENV=$(OLDEST) CONSTRAINTS=.ci/oldest.txt
+
 FUZZFLAGS ?=
 
 fuzz: $(VENV)/ready-to-test
@@ -46,6 +66,13 @@ fuzz: $(VENV)/ready-to-test
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+# The examples first: a page that does not run is not shown.
+SPHINX := $(ONE_THREAD) $(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/.cache
+docs: $(VENV)/ready-for-docs
+	$(SPHINX) -b doctest docs docs/_build/doctest
+	$(SPHINX) -b html docs docs/_build/html
+	@echo docs/_build/html/index.html
 
 # Every package that is compared has an environment of its own. One that cannot be
 # installed is left out: the results then say so.
@@ -100,7 +127,7 @@ paper-page: $(VENV)/ready-to-run
 	$(BIN)/python examples/paper/page.py
 
 # The stamps are written last, so that an interrupted installation is done again.
-$(VENV)/ready-to-run: pyproject.toml
+$(VENV)/ready-to-run: pyproject.toml $(CONSTRAINTS)
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	    echo "skmtgp needs Python 3.11 or newer, but $(PYTHON) is:" \
 	        "$$($(PYTHON) --version 2>&1). Try: make $(MAKECMDGOALS) PYTHON=python3.12" >&2; \
@@ -118,6 +145,11 @@ $(VENV)/ready-to-test: $(VENV)/ready-to-run
 	@$(PIP) -e '.[test]'
 	@touch $@
 
+$(VENV)/ready-for-docs: $(VENV)/ready-to-run
+	@echo 'Installing the tools of the documentation into $(VENV)'
+	$(PIP) -e '.[docs]'
+	@touch $@
+
 $(VENV)/ready-to-bench: $(VENV)/ready-to-run
 	@$(PIP) -e '.[bench,puma]'
 	@touch $@
@@ -125,5 +157,6 @@ $(VENV)/ready-to-bench: $(VENV)/ready-to-run
 clean:
 	rm -rf benchmarks/.envs benchmarks/.problems benchmarks/.short
 	rm -rf examples/paper/results/short
-	rm -rf $(VENV) build dist htmlcov .coverage .pytest_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(OLDEST) build dist docs/_build docs/api/*.rst htmlcov .coverage*
+	rm -rf .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -242,7 +242,7 @@ class _BFGS:
         """Go there; the model learns from it where the curvature was positive."""
         s, y = x - self.x, g - self.g
         self.x, self.f, self.g = x, f, g
-        if s @ y > 0.0:
+        if s @ y > 1e-300:  # a smaller one loses its digits to underflow
             self.hessian.update(s, y)
 
 

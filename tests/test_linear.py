@@ -365,7 +365,7 @@ def test_draws_are_planes():
     draws = BayesianLinearRegression().fit(X, y).sample_y(Z, 3)
     for rows in regressions(Z, False):
         D = design(split(Z)[0][rows])
-        residuals = np.linalg.lstsq(D, draws[rows])[1]
+        residuals = np.linalg.lstsq(D, draws[rows], rcond=None)[1]
         assert (residuals < 1e-18 * np.square(draws).sum()).all()
 
 

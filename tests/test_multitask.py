@@ -353,6 +353,11 @@ def test_restarts_are_drawn_from_the_random_state(monkeypatch):
     assert gain >= 0.0
 
 
+def test_rank_that_is_no_number():
+    with pytest.raises(TypeError, match="rank=True must be an int or None, not a bool"):
+        MultiTaskGPRegressor(rank=True).fit(*draw())
+
+
 def test_verbosity(capsys):
     model = MultiTaskGPRegressor(rank=2, max_iter=0, verbose=1).fit(*draw(n_outputs=2))
     lines = capsys.readouterr().out.splitlines()

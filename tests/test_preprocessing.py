@@ -2,11 +2,11 @@ import numpy as np
 import pandas as pd
 import pytest
 import sklearn
+from checks import checks_of
 from sklearn.compose import ColumnTransformer
 from sklearn.exceptions import NotFittedError
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from skmtgp.datasets import load_puma560
 from skmtgp.kernels import inverse_dynamics_kernel
@@ -48,14 +48,7 @@ class OfAnyWidth(InverseDynamicsFeatures):
         return (n_features - 1) // 3
 
 
-def failing_checks(estimator):
-    if not sklearn.__version__.startswith("1.6."):
-        return {}
-    reason = "scikit-learn 1.6 subtracts a float from its own integers in place"
-    return {"check_positive_only_tag_during_fit": reason}
-
-
-@parametrize_with_checks([OfAnyWidth()], expected_failed_checks=failing_checks)
+@checks_of([OfAnyWidth()])
 def test_scikit_learns_checks(estimator, check):
     # The class itself refuses the widths of most checks; see the test of its errors.
     check(estimator)

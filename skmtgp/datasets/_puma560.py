@@ -61,7 +61,7 @@ def fetch_puma560(
         Whether to return ``(data, target)`` instead of a Bunch.
     as_frame : bool, default=False
         Whether data and target are pandas frames; the load is then a categorical
-        ``"c1"``..``"c15"``.
+        ``"c1"`` to ``"c15"``.
 
     Returns
     -------
@@ -165,7 +165,7 @@ def load_puma560(
         Whether to return ``(data, target)`` instead of a Bunch.
     as_frame : bool, default=False
         Whether data and target are pandas frames; the load is then a categorical
-        ``"c1"``..``"c15"``.
+        ``"c1"`` to ``"c15"``.
 
     Returns
     -------

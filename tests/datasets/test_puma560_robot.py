@@ -69,10 +69,11 @@ def test_torques_are_linear_in_the_loads_ten_parameters(loads):
     empty = inverse_dynamics(*states)
     parameters = loads[INERTIAL].to_numpy()
     effects = [inverse_dynamics(*states, load=p) - empty for p in parameters]
-    regressor, *_ = np.linalg.lstsq(parameters[:10], np.reshape(effects[:10], (10, -1)))
+    torques = np.reshape(effects, (15, -1))
+    regressor, *_ = np.linalg.lstsq(parameters[:10], torques[:10], rcond=None)
     assert np.linalg.matrix_rank(parameters[:10]) == 10
     predicted = parameters[10:] @ regressor
-    np.testing.assert_allclose(predicted, np.reshape(effects[10:], (5, -1)), atol=1e-7)
+    np.testing.assert_allclose(predicted, torques[10:], atol=1e-7)
     both = inverse_dynamics(*states, load=parameters[3] + parameters[7]) - empty
     np.testing.assert_allclose(both, effects[3] + effects[7], rtol=0, atol=1e-11)
 

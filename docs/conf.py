@@ -29,7 +29,14 @@ copybutton_prompt_is_regexp = True
 
 autodoc_typehints = "none"
 autosummary_generate = True
-MODULES = ["datasets", "exceptions", "kernels", "metrics", "model_selection"]
+MODULES = [
+    "datasets",
+    "exceptions",
+    "inspection",
+    "kernels",
+    "metrics",
+    "model_selection",
+]
 PUBLIC = ["skmtgp", *(f"skmtgp.{name}" for name in [*MODULES, "preprocessing"])]
 autosummary_filename_map = {  # the pages that estimators link to
     f"{module}.{name}": name

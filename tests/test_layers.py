@@ -38,6 +38,7 @@ LAYERS = [
     {
         "_splitting",
         "model_selection",
+        "inspection",
         "preprocessing",
         "pipeline",
     },

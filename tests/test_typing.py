@@ -9,6 +9,7 @@ MODULES = [
     "skmtgp",
     "skmtgp.datasets",
     "skmtgp.kernels",
+    "skmtgp.inspection",
     "skmtgp.metrics",
     "skmtgp.preprocessing",
 ]

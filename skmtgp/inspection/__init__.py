@@ -1,0 +1,24 @@
+"""Pictures of fitted models, in scikit-learn's convention of displays.
+
+A display holds the data of a picture; ``plot`` draws them, also again and in other
+ways, and keeps what it has drawn: ``ax_``, ``figure_`` and the artists. Drawing needs
+matplotlib: ``pip install "skmtgp[plot]"``.
+"""
+
+from skmtgp.inspection._coverage import CoverageDisplay
+from skmtgp.inspection._kernel_relevance import KernelRelevanceDisplay
+from skmtgp.inspection._learning_curve import TaskLearningCurveDisplay
+from skmtgp.inspection._rank_selection import RankSelectionDisplay
+from skmtgp.inspection._residuals import TaskResidualsDisplay
+from skmtgp.inspection._task_covariance import TaskCovarianceDisplay
+from skmtgp.inspection._trajectory import TrajectoryDisplay
+
+__all__ = [
+    "CoverageDisplay",
+    "KernelRelevanceDisplay",
+    "RankSelectionDisplay",
+    "TaskCovarianceDisplay",
+    "TaskLearningCurveDisplay",
+    "TaskResidualsDisplay",
+    "TrajectoryDisplay",
+]

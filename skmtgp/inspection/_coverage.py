@@ -1,0 +1,219 @@
+"""Whether intervals hold as many targets as they should."""
+
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+from sklearn.utils import check_consistent_length
+
+from skmtgp.inspection._drawing import COLORS, Display
+from skmtgp.inspection._models import (
+    check_tasks,
+    check_vector,
+    predictions,
+    tasks_of,
+)
+from skmtgp.metrics import coverage
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LEVELS = np.linspace(0.05, 0.95, 19)
+
+
+class CoverageDisplay(Display):
+    """Empirical coverage of central intervals against their level, for each task.
+
+    Parameters
+    ----------
+    levels : array-like of shape (n_levels,)
+        Nominal levels of the intervals, between 0 and 1.
+    coverages : array-like of shape (n_tasks, n_levels)
+        Share of each task's targets inside them.
+    tasks : array-like of shape (n_tasks,), default=None
+        Labels of the tasks, which become those of the lines.
+
+    Attributes
+    ----------
+    task_lines_ : list of n_tasks matplotlib Line2D
+        The coverage of each task; none where there is one task.
+    line_ : matplotlib Line2D
+        The mean over tasks, :func:`skmtgp.metrics.coverage`.
+    diagonal_ : matplotlib Line2D
+        Where a calibrated model is.
+    ax_ : matplotlib Axes
+        Where they are drawn.
+    figure_ : matplotlib Figure
+        The figure of the axes.
+
+    See Also
+    --------
+    skmtgp.metrics.coverage : The mean at one level.
+
+    Notes
+    -----
+    Below the diagonal the model is overconfident, above it too careful.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp.inspection import CoverageDisplay
+    >>> display = CoverageDisplay(
+    ...     levels=[0.5, 0.9], coverages=[[0.4, 0.8], [0.5, 1.0]], tasks=["a", "b"]
+    ... )
+    >>> display.plot()  # doctest: +SKIP
+
+    From predictions, and those from a fitted model:
+
+    >>> CoverageDisplay.from_predictions(
+    ...     y, mean, std, tasks=tasks
+    ... )  # doctest: +SKIP
+    >>> CoverageDisplay.from_estimator(model, X, y)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        *,
+        levels: ArrayLike,
+        coverages: ArrayLike,
+        tasks: ArrayLike | None = None,
+    ) -> None:
+        self.levels = levels
+        self.coverages = coverages
+        self.tasks = tasks
+
+    def plot(self, *, ax: "Axes | None" = None) -> Self:
+        """Draw a line for each task, their mean and the diagonal.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+
+        Returns
+        -------
+        display : CoverageDisplay
+            This one.
+        """
+        levels, coverages = np.asarray(self.levels), np.atleast_2d(self.coverages)
+        ax = self._set_axes(ax, figsize=(4.8, 4.8))
+        self.diagonal_ = ax.plot(
+            [0, 1], [0, 1], color="black", lw=1, ls="--", label="calibrated"
+        )[0]
+        several = len(coverages) > 1
+        self.task_lines_ = self._draw_tasks(levels, coverages) if several else []
+        name = f"mean of {len(coverages)} tasks" if several else "coverage"
+        self.line_ = ax.plot(
+            levels, coverages.mean(axis=0), color=COLORS[0], lw=2.4, label=name
+        )[0]
+        ax.set(xlim=(0, 1), ylim=(-0.01, 1.01), aspect="equal")
+        ax.set(xlabel="nominal level", ylabel="share of targets inside")
+        ax.legend()
+        return self
+
+    def _draw_tasks(self, levels, coverages):
+        """A line for each task with its name, and one word for all in the legend."""
+        thin = {"color": "0.6", "lw": 0.8, "alpha": 0.7}
+        lines = self.ax_.plot(levels, coverages.T, **thin)
+        tasks = range(len(lines)) if self.tasks is None else self.tasks
+        for line, task in zip(lines, tasks, strict=True):
+            line.set_label(f"_{task}")
+        self.ax_.plot([], [], label="each task", **thin)
+        return lines
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator,
+        X: ArrayLike,
+        y: ArrayLike,
+        *,
+        output: int = 0,
+        task_feature: int | str | None = None,
+        levels: ArrayLike = LEVELS,
+        ax: "Axes | None" = None,
+    ) -> Self:
+        """Predict test data and draw the coverage of their intervals.
+
+        Parameters
+        ----------
+        estimator : estimator
+            Fitted model of the package, or a Pipeline that ends with one.
+        X : array-like of shape (n_samples, n_features)
+            Inputs as the estimator takes them.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+        output : int, default=0
+            Which of several outputs.
+        task_feature : int or str, default=None
+            Position or name of the task column of X. None is that of the estimator or
+            of a pipeline's first step.
+        levels : array-like of shape (n_levels,), default=0.05, 0.1, ..., 0.95
+            Nominal levels of the intervals, between 0 and 1.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+
+        Returns
+        -------
+        display : CoverageDisplay
+            Drawn.
+
+        Raises
+        ------
+        NotFittedError
+            If the estimator was not fitted.
+        ValueError
+            If there is no such output, if a level is not between 0 and 1, or if nothing
+            tells the task column.
+        """
+        columns = predictions(estimator, X, y, output)
+        tasks = tasks_of(estimator, X, task_feature)
+        return cls.from_predictions(*columns, tasks=tasks, levels=levels, ax=ax)
+
+    @classmethod
+    def from_predictions(
+        cls,
+        y_true: ArrayLike,
+        y_mean: ArrayLike,
+        y_std: ArrayLike,
+        *,
+        tasks: ArrayLike | None = None,
+        levels: ArrayLike = LEVELS,
+        ax: "Axes | None" = None,
+    ) -> Self:
+        """Draw the coverage of the intervals of predictions.
+
+        Parameters
+        ----------
+        y_true, y_mean : array-like of shape (n_samples,)
+            Targets and predictive means.
+        y_std : array-like of shape (n_samples,)
+            Predictive standard deviations of the targets (noise included), positive.
+        tasks : array-like of shape (n_samples,), default=None
+            Task of each sample. None is one task.
+        levels : array-like of shape (n_levels,), default=0.05, 0.1, ..., 0.95
+            Nominal levels of the intervals, between 0 and 1.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+
+        Returns
+        -------
+        display : CoverageDisplay
+            Drawn.
+
+        Raises
+        ------
+        ValueError
+            If a level is not between 0 and 1 or a standard deviation is not positive.
+        """
+        given = {"y_true": y_true, "y_mean": y_mean, "y_std": y_std}
+        columns = [check_vector(values, name) for name, values in given.items()]
+        labels = check_tasks(tasks, len(columns[0]))
+        check_consistent_length(*columns, labels)
+        known, levels = np.unique(labels), np.atleast_1d(levels)
+        found = []
+        for task in known:
+            alone = [values[labels == task] for values in columns]
+            found.append([coverage(*alone, level=p) for p in levels.tolist()])
+        return cls(levels=levels, coverages=np.array(found), tasks=known).plot(ax=ax)

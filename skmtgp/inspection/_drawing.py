@@ -1,0 +1,86 @@
+"""What the displays share: axes, colours, names of many things."""
+
+import math
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; yellow is too pale.
+COLORS = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#cc79a7", "#999999"
+MARKERS = "osD^vPX"
+LEAST = 6.5  # points; smaller letters cannot be read
+
+
+class Display:
+    """Base of the displays."""
+
+    def _set_axes(self, ax, figsize=None):
+        """The axes to draw on, new ones if None."""
+        if ax is None:
+            _, ax = pyplot().subplots(figsize=figsize, layout="constrained")
+        self.ax_, self.figure_ = ax, ax.figure
+        return ax
+
+
+def pyplot():
+    """matplotlib.pyplot; the package does without it until something is drawn."""
+    try:
+        import matplotlib.pyplot
+    except ImportError as error:
+        raise ImportError(
+            'Drawing needs matplotlib: pip install "skmtgp[plot]".'
+        ) from error
+    return matplotlib.pyplot
+
+
+def check_option(name, value, allowed):
+    """Raise a ValueError unless the value is one of those allowed."""
+    if value not in allowed:
+        raise ValueError(
+            f"{name}={value!r} must be one of {', '.join(map(repr, allowed))}."
+        )
+
+
+def style(k):
+    """Colour and marker of the k-th of several lines."""
+    return {"color": COLORS[k % len(COLORS)], "marker": MARKERS[k % len(MARKERS)]}
+
+
+def label_positions(axis, labels):
+    """Name the positions 0, 1, ...: in small letters, or only some, if many.
+
+    Parameters
+    ----------
+    axis : matplotlib Axis
+        Whose limits are set already.
+    labels : sequence of str
+        One for each position.
+    """
+    room = points(axis) / max(1, len(labels))
+    size = letter_size()
+    upright = axis.axis_name == "x" and 0.65 * size * longest(labels) > room
+    if axis.axis_name == "y" or upright:  # a line of text is 1.2 times as high as wide
+        size = max(LEAST, min(size, room / 1.2))
+    step = math.ceil(1.1 * size / room) if axis.axis_name == "y" or upright else 1
+    shown = range(0, len(labels), step)
+    axis.set_ticks(shown, [labels[k] for k in shown], fontsize=size)
+    axis.set_tick_params(labelrotation=90 if upright else 0)
+
+
+def points(axis):
+    """Length of an axis in points."""
+    figure = axis.axes.figure.figure  # of a subfigure, the whole one
+    engine = figure.get_layout_engine()
+    if engine is not None:  # it would move the axes later, when they are drawn
+        engine.execute(figure)
+    axis.axes.apply_aspect()
+    box = axis.axes.get_window_extent()
+    pixels = box.width if axis.axis_name == "x" else box.height
+    return 72.0 * pixels / figure.dpi
+
+
+def letter_size():
+    """The user's own, in points."""
+    return float(pyplot().rcParams["font.size"])
+
+
+def longest(texts):
+    """Number of letters of the longest."""
+    return max((len(text) for text in texts), default=0)

@@ -1,0 +1,251 @@
+"""Which features the kernel listens to."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    Exponentiation,
+    Kernel,
+    KernelOperator,
+    Matern,
+)
+from sklearn.pipeline import Pipeline
+from sklearn.utils import check_array
+
+from skmtgp._tasks import locate_task_column
+from skmtgp.inspection._drawing import Display, label_positions, style
+from skmtgp.inspection._models import check_output, model_with
+from skmtgp.kernels import ARDLinear, Columns
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class KernelRelevanceDisplay(Display):
+    r"""Relevance of each feature in the parts of a kernel (ARD).
+
+    Parameters
+    ----------
+    relevances : array-like of shape (n_parts, n_features)
+        Relevance of each feature in each part of the kernel, NaN where a part does
+        not see a feature. The axis is logarithmic; what is not positive is left out.
+    parts : sequence of n_parts str
+        Names of the parts.
+    feature_names : sequence of n_features str
+        Names of the features.
+
+    Attributes
+    ----------
+    lines_ : list of n_parts matplotlib Line2D
+        The relevances of each part, as dots.
+    ax_ : matplotlib Axes
+        Where they are drawn.
+    figure_ : matplotlib Figure
+        The figure of the axes.
+
+    See Also
+    --------
+    skmtgp.kernels.ARDLinear : Linear kernel with a weight for each feature.
+
+    Notes
+    -----
+    The relevance of a feature is :math:`1 / \ell_d`, one over its length-scale, in a
+    squared exponential or Matern kernel, in units of one over the feature's; and its
+    weight :math:`w_d`, in units of one over their square, in an ARDLinear kernel. They
+    compare features that have the same scale, such as standardised ones, and not one
+    part with another. Automatic relevance determination: Rasmussen and Williams (2006),
+    section 5.1. A relevance at its lower bound means that the part does not need the
+    feature.
+
+    Examples
+    --------
+    >>> from sklearn.gaussian_process.kernels import RBF
+    >>> from skmtgp.inspection import KernelRelevanceDisplay
+    >>> display = KernelRelevanceDisplay(
+    ...     relevances=[[2.0, 0.01]],
+    ...     parts=["squared exponential: 1 / length_scale"],
+    ...     feature_names=["temperature", "moisture"],
+    ... )
+    >>> display.plot()  # doctest: +SKIP
+
+    That of a fitted model:
+
+    >>> KernelRelevanceDisplay.from_estimator(model)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        *,
+        relevances: ArrayLike,
+        parts: Sequence[str],
+        feature_names: Sequence[str],
+    ) -> None:
+        self.relevances = relevances
+        self.parts = parts
+        self.feature_names = feature_names
+
+    def plot(self, *, ax: "Axes | None" = None) -> Self:
+        """Draw a row of dots for each feature, on a logarithmic axis.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+
+        Returns
+        -------
+        display : KernelRelevanceDisplay
+            This one.
+
+        Raises
+        ------
+        ValueError
+            If the relevances are not of these parts and features, or none is positive.
+        """
+        relevances, names = self._checked()
+        ax = self._set_axes(ax, figsize=(6.4, min(10.0, 1.6 + 0.22 * len(names))))
+        rows = np.arange(len(names))
+        self.lines_ = [
+            ax.plot(values, rows, ls="", ms=6, label=part, **style(k))[0]
+            for k, (part, values) in enumerate(zip(self.parts, relevances, strict=True))
+        ]
+        ax.set(xscale="log", ylim=(len(names) - 0.5, -0.5), xlabel="relevance")
+        ax.set_xlim(_decades(relevances))
+        ax.grid(alpha=0.3)
+        ax.set_axisbelow(True)
+        label_positions(ax.yaxis, names)
+        ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False)
+        return self
+
+    def _checked(self):
+        """Relevances that fit the parts, and the names of the features."""
+        relevances = check_array(self.relevances, ensure_all_finite="allow-nan")
+        names = [str(name) for name in self.feature_names]
+        if relevances.shape != (len(self.parts), len(names)):
+            raise ValueError(
+                f"relevances has shape {relevances.shape}; {len(self.parts)} parts and "
+                f"{len(names)} features need {(len(self.parts), len(names))}."
+            )
+        if not (relevances > 0.0).any():
+            raise ValueError("No relevance is positive, so there is nothing to draw.")
+        return relevances, names
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator,
+        *,
+        output: int = 0,
+        feature_names: Sequence[str] | None = None,
+        ax: "Axes | None" = None,
+    ) -> Self:
+        """Draw the relevances in the kernel that a model has learned.
+
+        Parameters
+        ----------
+        estimator : estimator
+            Fitted: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC, or a
+            Pipeline that ends with one.
+        output : int, default=0
+            Which of several outputs.
+        feature_names : sequence of str, default=None
+            Names of the features that the kernel sees, those of the model's X without
+            the task column. None takes those that the model saw in `fit` or, in a
+            Pipeline, those that the steps before it tell, else x0, x1, ...
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+
+        Returns
+        -------
+        display : KernelRelevanceDisplay
+            Drawn.
+
+        Raises
+        ------
+        NotFittedError
+            If the estimator was not fitted.
+        TypeError
+            If the model has no kernel, or one for each task.
+        ValueError
+            If there is no such output, if the kernel has no part with relevances, or if
+            there are too many or too few names.
+        """
+        instead = "pass a Gaussian process; of a SingleTaskGP one of its estimators_."
+        model = model_with("kernel_", estimator, instead)
+        kernels = model.kernel_ if isinstance(model.kernel_, list) else [model.kernel_]
+        check_output(output, len(kernels))
+        names = feature_names
+        if names is None:
+            names = _feature_names(estimator, model)
+        parts, relevances = _relevances(kernels[output], model.n_features_in_ - 1)
+        display = cls(relevances=relevances, parts=parts, feature_names=list(names))
+        return display.plot(ax=ax)
+
+
+def _decades(values):
+    """Limits that are powers of ten, with a margin: a small difference stays small."""
+    logarithms = np.log10(values[values > 0.0])
+    return 10.0 ** np.array(
+        [np.floor(logarithms.min()) - 0.1, np.ceil(logarithms.max()) + 0.1]
+    )
+
+
+class Part(NamedTuple):
+    """A part of a kernel, and the relevances of the columns that it sees."""
+
+    name: str
+    relevances: ArrayLike
+    columns: NDArray[np.intp]
+
+
+def _relevances(kernel, n_features):
+    """Names of the parts, and an array of a row for each."""
+    parts = list(_walk(kernel, np.arange(n_features)))
+    if not parts:
+        raise ValueError(
+            f"{kernel} has no part with relevances: RBF, Matern or ARDLinear."
+        )
+    found = np.full((len(parts), n_features), np.nan)
+    for row, part in zip(found, parts, strict=True):
+        row[part.columns] = part.relevances
+    return [part.name for part in parts], found
+
+
+def _walk(kernel: Kernel, columns: NDArray[np.intp]) -> Iterator[Part]:
+    """The parts of a kernel of some columns that have relevances."""
+    if isinstance(kernel, KernelOperator):
+        yield from _walk(kernel.k1, columns)
+        yield from _walk(kernel.k2, columns)
+    elif isinstance(kernel, Exponentiation):
+        yield from _walk(kernel.kernel, columns)
+    elif isinstance(kernel, Columns):
+        yield from _walk(kernel.kernel, columns[np.asarray(kernel.columns, dtype=int)])
+    elif isinstance(kernel, RBF):  # Matern is one of its subclasses
+        name = "Matern" if isinstance(kernel, Matern) else "squared exponential"
+        relevances = 1.0 / np.asarray(kernel.length_scale)
+        yield Part(f"{name}: 1 / length_scale", relevances, columns)
+    elif isinstance(kernel, ARDLinear):
+        yield Part("linear: weight", kernel.weights, columns)
+
+
+def _feature_names(estimator, model):
+    """Names of the model's features, without the task column."""
+    names = getattr(model, "feature_names_in_", None)
+    if names is None and isinstance(estimator, Pipeline):
+        names = _names_of_steps(estimator)
+    if names is None:
+        names = [f"x{k}" for k in range(model.n_features_in_)]
+    task = locate_task_column(model.task_feature, model.n_features_in_, names)
+    return np.delete(np.asarray(names, dtype=object), task)
+
+
+def _names_of_steps(pipeline):
+    """Names of the columns that the last step gets, if the steps before it tell."""
+    try:
+        return pipeline[:-1].get_feature_names_out()
+    except (AttributeError, ValueError):
+        return None

@@ -1,0 +1,250 @@
+"""How errors fall with the number of samples."""
+
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from numbers import Integral
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+from sklearn.model_selection import BaseCrossValidator, learning_curve
+
+from skmtgp._splitting import TaskStratifiedKFold
+from skmtgp.inspection._drawing import Display, pyplot, style
+from skmtgp.inspection._models import task_column
+from skmtgp.metrics import make_normalized_mse_scorer
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLUMNS = "model", "n", "error", "draw"
+FEW = 10  # numbers of samples that can all be written on an axis
+CLOSE = 1.2  # ratio of neighbours whose names would overlap
+
+
+class TaskLearningCurveDisplay(Display):
+    """Error against the number of training samples, for one or several models.
+
+    Parameters
+    ----------
+    results : DataFrame or mapping
+        A row for each fit, with columns model, n (number of training samples), error
+        (positive) and draw (which random set of samples or fold).
+
+    Attributes
+    ----------
+    lines_ : dict of str to matplotlib Line2D
+        Medians over draws, by model.
+    bands_ : dict of str to matplotlib PolyCollection
+        From the least to the largest error of all draws, by model.
+    ax_ : matplotlib Axes
+        Where they are drawn.
+    figure_ : matplotlib Figure
+        The figure of the axes.
+
+    See Also
+    --------
+    skmtgp.metrics.normalized_mean_squared_error : The paper's error.
+
+    Notes
+    -----
+    Both axes are logarithmic, as in Figure 4 of Chai, Williams, Klanke and Vijayakumar
+    (2008).
+
+    Examples
+    --------
+    >>> from skmtgp.inspection import TaskLearningCurveDisplay
+    >>> results = {
+    ...     "model": ["mGP", "mGP", "mGP", "mGP"],
+    ...     "n": [280, 280, 560, 560],
+    ...     "draw": [1, 2, 1, 2],
+    ...     "error": [1e-5, 3e-5, 1e-6, 2e-6],
+    ... }
+    >>> display = TaskLearningCurveDisplay(results=results)
+    >>> display.plot()  # doctest: +SKIP
+
+    Of models that are to be fitted:
+
+    >>> from skmtgp import MultiTaskGPRegressor, PooledGP
+    >>> models = {"pGP": PooledGP(), "mGP": MultiTaskGPRegressor(rank=2)}
+    >>> TaskLearningCurveDisplay.from_estimator(models, X, y)  # doctest: +SKIP
+    """
+
+    def __init__(self, *, results: pd.DataFrame | Mapping[str, Any]) -> None:
+        self.results = results
+
+    def plot(self, *, ax: "Axes | None" = None, ylabel: str = "nMSE") -> Self:
+        """Draw a line and a band for each model.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        ylabel : str, default="nMSE"
+            What the errors are.
+
+        Returns
+        -------
+        display : TaskLearningCurveDisplay
+            This one.
+
+        Raises
+        ------
+        ValueError
+            If a column is missing, if an error is not positive, or if there are several
+            errors of one model, n and draw.
+        """
+        table = _check_results(self.results)
+        ax = self._set_axes(ax)
+        self.lines_, self.bands_ = {}, {}
+        for k, (name, rows) in enumerate(table.groupby("model", sort=False)):
+            self.lines_[name], self.bands_[name] = self._draw(name, rows, style(k))
+        ax.set(xlabel="training samples", ylabel=ylabel)
+        _log_axes(ax, np.unique(table["n"]))
+        ax.legend()
+        return self
+
+    def _draw(self, name, rows, look):
+        """The line and the band of a model."""
+        errors = rows.groupby("n")["error"].agg(["min", "median", "max"])
+        n, light = errors.index, {"color": look["color"], "alpha": 0.2, "lw": 0}
+        (line,) = self.ax_.plot(n, errors["median"], ms=5, label=str(name), **look)
+        return line, self.ax_.fill_between(n, errors["min"], errors["max"], **light)
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator | Mapping[str, BaseEstimator],
+        X: ArrayLike,
+        y: ArrayLike,
+        *,
+        train_sizes: ArrayLike = (0.1, 0.2, 0.4, 0.7, 1.0),
+        cv: int | BaseCrossValidator = 5,
+        task_feature: int | str | None = None,
+        n_jobs: int | None = None,
+        ax: "Axes | None" = None,
+    ) -> Self:
+        """Fit models to more and more samples and draw their errors.
+
+        Parameters
+        ----------
+        estimator : estimator or mapping of str to estimators
+            A model or Pipeline, or several by name. They are cloned.
+        X : array-like of shape (n_samples, n_features)
+            Inputs as the estimators take them.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets. The errors are averaged over outputs.
+        train_sizes : array-like, default=(0.1, 0.2, 0.4, 0.7, 1.0)
+            Numbers of training samples, or shares of the largest training set.
+        cv : int or cross-validator, default=5
+            Number of folds of a :class:`~skmtgp.model_selection.TaskStratifiedKFold`
+            that shuffles, always in the same way; or something else that splits.
+        task_feature : int or str, default=None
+            Position or name of the task column of X. None is that of the estimator or
+            of a pipeline's first step.
+        n_jobs : int, default=None
+            Number of fits at the same time, see :term:`n_jobs`.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+
+        Returns
+        -------
+        display : TaskLearningCurveDisplay
+            Drawn. Its `results` hold the nMSE of each model, fold and number of
+            training samples.
+
+        Raises
+        ------
+        ValueError
+            If nothing tells the task column, or the folds cannot be made.
+        """
+        pyplot()  # not after hours of fits
+        models = estimator
+        if not isinstance(models, Mapping):
+            models = {type(estimator).__name__: estimator}
+        options = {"train_sizes": np.asarray(train_sizes), "n_jobs": n_jobs}
+        results = [
+            _errors(model, X, y, cv, task_column(model, task_feature), options).assign(
+                model=name
+            )
+            for name, model in models.items()
+        ]
+        return cls(results=pd.concat(results, ignore_index=True)).plot(ax=ax)
+
+    @classmethod
+    def from_results(
+        cls,
+        results: pd.DataFrame | Mapping[str, Sequence],
+        *,
+        ax: "Axes | None" = None,
+        ylabel: str = "nMSE",
+    ) -> Self:
+        """Draw errors that were measured.
+
+        Parameters
+        ----------
+        results : DataFrame or mapping
+            A row for each fit, with columns model, n (number of training samples),
+            error (positive) and draw (which random set of samples or fold).
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        ylabel : str, default="nMSE"
+            What the errors are.
+
+        Returns
+        -------
+        display : TaskLearningCurveDisplay
+            Drawn.
+
+        Raises
+        ------
+        ValueError
+            If a column is missing, if an error is not positive, or if there are several
+            errors of one model, n and draw.
+        """
+        return cls(results=results).plot(ax=ax, ylabel=ylabel)
+
+
+def _errors(model, X, y, cv, column, options):
+    """n, draw and error of each fit of one model."""
+    if isinstance(cv, Integral):
+        cv = TaskStratifiedKFold(cv, task_feature=column, shuffle=True, random_state=0)
+    scorer = make_normalized_mse_scorer(column)
+    sizes, _, scores = learning_curve(model, X, y, cv=cv, scoring=scorer, **options)
+    n, draw = np.broadcast_arrays(sizes[:, None], np.arange(scores.shape[1]))
+    return pd.DataFrame(
+        {"n": n.ravel(), "draw": draw.ravel(), "error": -scores.ravel()}
+    )
+
+
+def _check_results(results):
+    table = pd.DataFrame(results)
+    missing = [name for name in COLUMNS if name not in table.columns]
+    if missing:
+        raise ValueError(f"results lack {missing}; they need columns {list(COLUMNS)}.")
+    if not len(table):
+        raise ValueError("results have no rows.")
+    if (table["error"] <= 0.0).any():
+        raise ValueError(
+            f"Errors must be positive for a logarithmic axis; the least is "
+            f"{table['error'].min()!s}."
+        )
+    if table.duplicated(["model", "n", "draw"]).any():
+        raise ValueError(
+            "results have several errors of one model, n and draw: select one output, "
+            "or number the draws."
+        )
+    return table
+
+
+def _log_axes(ax, sizes):
+    """Logarithmic axes; the numbers of samples are named if they are few."""
+    ax.set(xscale="log", yscale="log")
+    ax.grid(alpha=0.3)
+    if len(sizes) > FEW:
+        return
+    close = [b for a, b in pairwise(sizes) if b / a < CLOSE]
+    ax.set_xticks(sizes, ["" if n in close else f"{n:g}" for n in sizes])
+    ax.set_xticks([], minor=True)

@@ -1,0 +1,182 @@
+"""What the displays ask of estimators: the model inside, its tasks, its predictions."""
+
+from numbers import Integral
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.pipeline import Pipeline
+from sklearn.utils import check_array
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._tasks import check_labels, task_labels
+
+
+def fitted_model(estimator):
+    """The model at the end of a pipeline and inside a search.
+
+    Parameters
+    ----------
+    estimator : estimator
+        A model, a Pipeline, a RankSearchIC or a search such as GridSearchCV.
+
+    Returns
+    -------
+    model : estimator
+        The model.
+
+    Raises
+    ------
+    NotFittedError
+        If it was not fitted.
+    """
+    model = _last(estimator)
+    check_is_fitted(model)
+    return model
+
+
+def _last(estimator):
+    if isinstance(estimator, Pipeline):
+        return _last(estimator[-1])
+    if hasattr(estimator, "best_estimator_"):
+        return _last(estimator.best_estimator_)
+    return estimator
+
+
+def model_with(attribute, estimator, instead):
+    """The fitted model, which must have an attribute; `instead` tells what to do."""
+    model = fitted_model(estimator)
+    if not hasattr(model, attribute):
+        name = type(model).__name__
+        raise TypeError(f"{name} has no {attribute.rstrip('_')}: {instead}")
+    return model
+
+
+def select_output(values, output, axis=-1):
+    """One output of an array that has an axis of outputs.
+
+    Parameters
+    ----------
+    values : ndarray
+        Of a model with several outputs.
+    output : int
+        Which of them.
+    axis : int, default=-1
+        That of the outputs.
+
+    Returns
+    -------
+    selected : ndarray
+        Without that axis.
+    """
+    check_output(output, values.shape[axis])
+    return np.take(values, output, axis=axis)
+
+
+def check_output(output, n_outputs):
+    """Raise a ValueError unless there is such an output."""
+    is_int = isinstance(output, Integral) and not isinstance(output, bool)
+    if not is_int or not 0 <= output < n_outputs:
+        raise ValueError(
+            f"output={output!r} must be an integer from 0 to {n_outputs - 1}, as there "
+            f"are {n_outputs} outputs."
+        )
+
+
+def predictions(estimator, X, y, output):
+    """Targets of one output and what is predicted of new observations.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted.
+    X : array-like of shape (n_samples, n_features)
+        Inputs.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets.
+    output : int
+        Which of them.
+
+    Returns
+    -------
+    y_true, y_mean, y_std : ndarrays of shape (n_samples,)
+        Targets, predictive means and standard deviations, with the noise.
+
+    Raises
+    ------
+    NotFittedError
+        If the estimator was not fitted.
+    ValueError
+        If y has not the outputs of the model, or not this one.
+    """
+    fitted_model(estimator)
+    # A search's own predict may not pass return_std on.
+    model = getattr(estimator, "best_estimator_", estimator)
+    mean, std = model.predict(X, return_std=True, include_noise=True)
+    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
+    if y.shape != mean.shape:
+        raise ValueError(
+            f"y has shape {y.shape}, but the predictions have shape {mean.shape}."
+        )
+    columns = (values.reshape(len(mean), -1) for values in (y, mean, std))
+    return tuple(select_output(values, output) for values in columns)
+
+
+def task_column(estimator, task_feature=None):
+    """Position or name of the task column of the X that an estimator takes.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted or not.
+    task_feature : int or str, default=None
+        What the user says.
+
+    Returns
+    -------
+    task_feature : int or str
+        The user's, or else that of the estimator or of a pipeline's first step.
+
+    Raises
+    ------
+    ValueError
+        If neither tells it.
+    """
+    if task_feature is not None:
+        return task_feature
+    first = estimator
+    while not hasattr(first, "task_feature"):
+        if isinstance(first, Pipeline):
+            first = first[0]
+        elif hasattr(first, "estimator"):  # of a search; RankSearchIC's may be None
+            if first.estimator is None:
+                return -1
+            first = first.estimator
+        else:
+            raise ValueError(
+                f"{type(first).__name__} does not tell which column of X holds the "
+                "tasks: pass task_feature, its position or name."
+            )
+    return first.task_feature
+
+
+def tasks_of(estimator, X, task_feature=None):
+    """The task of each row of the X that an estimator takes."""
+    return task_labels(X, task_column(estimator, task_feature))
+
+
+def check_vector(values, name) -> NDArray[np.float64]:
+    """Numbers, one for each sample."""
+    values = check_array(values, ensure_2d=False, dtype=np.float64, input_name=name)
+    if values.ndim != 1:
+        raise ValueError(
+            f"{name} has shape {values.shape}, but must have shape (n_samples,): pass "
+            "one output."
+        )
+    return values
+
+
+def check_tasks(tasks, n_samples):
+    """Labels of the tasks of samples; a single one where there are none."""
+    if tasks is None:
+        return np.full(n_samples, "all")
+    return check_labels(tasks)

@@ -1,0 +1,149 @@
+"""What an information criterion says of each rank."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from sklearn.base import BaseEstimator
+from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp.inspection._drawing import Display, check_option, style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CRITERIA = "bic", "aic", "hqc"
+CLEAR = (
+    10.0  # a difference of BIC that is very strong evidence (Kass and Raftery, 1995)
+)
+
+
+class RankSelectionDisplay(Display):
+    """Information criteria against the rank of the task covariance.
+
+    Parameters
+    ----------
+    results : mapping or DataFrame
+        ``results_`` of a RankSearchIC: columns rank, bic, aic and hqc.
+    best_rank : int
+        The rank that was chosen.
+
+    Attributes
+    ----------
+    lines_ : list of matplotlib Line2D
+        One for each criterion.
+    chosen_ : matplotlib Line2D
+        The mark of the chosen rank.
+    ax_ : matplotlib Axes
+        Where they are drawn.
+    figure_ : matplotlib Figure
+        The figure of the axes.
+
+    See Also
+    --------
+    RankSearchIC : Chooses the rank.
+
+    Examples
+    --------
+    >>> from skmtgp.inspection import RankSelectionDisplay
+    >>> results = {"rank": [1, 2, 3], "bic": [420.0, 300.0, 310.0]}
+    >>> display = RankSelectionDisplay(results=results, best_rank=2)
+    >>> display.plot()  # doctest: +SKIP
+    """
+
+    def __init__(self, *, results: Mapping[str, Any], best_rank: int) -> None:
+        self.results = results
+        self.best_rank = best_rank
+
+    def plot(
+        self, *, ax: "Axes | None" = None, criteria: str | Sequence[str] = "bic"
+    ) -> Self:
+        """Draw one criterion, or compare several.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        criteria : str or sequence of str, default="bic"
+            "bic", "aic" or "hqc"; several are drawn less the minimum of each, on an
+            axis that is linear up to 10 and logarithmic above.
+
+        Returns
+        -------
+        display : RankSelectionDisplay
+            This one.
+
+        Raises
+        ------
+        ValueError
+            If a criterion is none of these.
+        """
+        names: list[str] = [criteria] if isinstance(criteria, str) else [*criteria]
+        for name in names or [""]:
+            check_option("criteria", name, CRITERIA)
+        ax = self._set_axes(ax)
+        label = f"rank {self.best_rank}, chosen"
+        self.chosen_ = ax.axvline(
+            self.best_rank, color="0.6", lw=6, alpha=0.4, label=label
+        )
+        several = len(names) > 1
+        self.lines_ = [self._draw(name, k, several) for k, name in enumerate(names)]
+        if several:
+            ax.set_yscale("symlog", linthresh=CLEAR)
+        ax.set_ylabel("criterion less its minimum" if several else names[0].upper())
+        ax.set_xticks(np.asarray(self.results["rank"]))
+        ax.set_xlabel("rank of the task covariance")
+        ax.legend()
+        return self
+
+    def _draw(self, name, k, relative):
+        values = np.asarray(self.results[name], dtype=np.float64)
+        values = values - values.min() if relative else values
+        ranks = np.asarray(self.results["rank"])
+        (line,) = self.ax_.plot(ranks, values, label=name.upper(), **style(k))
+        return line
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator,
+        *,
+        ax: "Axes | None" = None,
+        criteria: str | Sequence[str] | None = None,
+    ) -> Self:
+        """Draw what a search has found.
+
+        Parameters
+        ----------
+        estimator : RankSearchIC or Pipeline that ends with one
+            Fitted.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        criteria : str or sequence of str, default=None
+            "bic", "aic" or "hqc"; several are drawn less the minimum of each. None is
+            the one that the search used.
+
+        Returns
+        -------
+        display : RankSelectionDisplay
+            Drawn.
+
+        Raises
+        ------
+        NotFittedError
+            If the search was not fitted.
+        TypeError
+            If the estimator is not a RankSearchIC.
+        ValueError
+            If a criterion is none of these.
+        """
+        search = estimator[-1] if isinstance(estimator, Pipeline) else estimator
+        check_is_fitted(search)
+        if not hasattr(search, "results_"):
+            raise TypeError(
+                f"{type(search).__name__} has compared no ranks: fit a RankSearchIC."
+            )
+        display = cls(results=search.results_, best_rank=search.best_rank_)
+        criteria = search.criterion if criteria is None else criteria
+        return display.plot(ax=ax, criteria=criteria)

@@ -1,0 +1,238 @@
+"""What is left of the targets of each task."""
+
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import ndtri
+from sklearn.base import BaseEstimator
+from sklearn.utils import check_consistent_length
+
+from skmtgp.inspection._drawing import COLORS, Display, check_option, label_positions
+from skmtgp.inspection._models import (
+    check_tasks,
+    check_vector,
+    predictions,
+    tasks_of,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+class TaskResidualsDisplay(Display):
+    """Residuals of each task as box plots.
+
+    Parameters
+    ----------
+    residuals : array-like of shape (n_samples,)
+        Targets less predictive means, in units of y.
+    y_std : array-like of shape (n_samples,), default=None
+        Predictive standard deviations of the targets (noise included), positive. They
+        are needed for standardised residuals only.
+    tasks : array-like of shape (n_samples,), default=None
+        Task of each sample. None is one task.
+
+    Attributes
+    ----------
+    boxes_ : dict of lists of matplotlib artists
+        What ``ax.boxplot`` returns: boxes, medians, whiskers, caps and fliers. A box
+        goes from the first to the third quartile, the whiskers reach to the last sample
+        within 1.5 times its length.
+    tasks_ : ndarray of shape (n_tasks,)
+        The task of each box.
+    ax_ : matplotlib Axes
+        Where they are drawn.
+    figure_ : matplotlib Figure
+        The figure of the axes.
+
+    See Also
+    --------
+    CoverageDisplay : Whether the standard deviations are right.
+
+    Examples
+    --------
+    >>> from skmtgp.inspection import TaskResidualsDisplay
+    >>> display = TaskResidualsDisplay(
+    ...     residuals=[0.1, -0.2, 0.3, 0.0], tasks=["a", "a", "b", "b"]
+    ... )
+    >>> display.plot()  # doctest: +SKIP
+
+    From predictions, and those from a fitted model:
+
+    >>> TaskResidualsDisplay.from_predictions(
+    ...     y, mean, tasks=tasks
+    ... )  # doctest: +SKIP
+    >>> TaskResidualsDisplay.from_estimator(
+    ...     model, X, y, kind="standardized"
+    ... )  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        *,
+        residuals: ArrayLike,
+        y_std: ArrayLike | None = None,
+        tasks: ArrayLike | None = None,
+    ) -> None:
+        self.residuals = residuals
+        self.y_std = y_std
+        self.tasks = tasks
+
+    def plot(
+        self,
+        *,
+        ax: "Axes | None" = None,
+        kind: Literal["residual", "standardized"] = "residual",
+    ) -> Self:
+        """Draw a box for each task.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        kind : {"residual", "standardized"}, default="residual"
+            Whether the residuals are in units of y or divided by `y_std`, with the
+            central interval of level 0.95 of a standard normal.
+
+        Returns
+        -------
+        display : TaskResidualsDisplay
+            This one.
+
+        Raises
+        ------
+        ValueError
+            If `kind` is neither, or if `y_std` is needed and missing or not positive.
+        """
+        check_option("kind", kind, ("residual", "standardized"))
+        residuals = self._standardized() if kind == "standardized" else self._raw()
+        labels = check_tasks(self.tasks, len(residuals))
+        check_consistent_length(residuals, labels)
+        self.tasks_ = np.unique(labels)
+        groups = [residuals[labels == task] for task in self.tasks_]
+        ax = self._set_axes(ax)
+        edge = ndtri(0.975)
+        for level in (-edge, 0.0, edge) if kind == "standardized" else (0.0,):
+            ax.axhline(level, color="0.5", lw=0.8, ls="--" if level else "-", zorder=0)
+        self.boxes_ = ax.boxplot(groups, **_box_style(len(groups)))
+        ax.set(xlim=(-0.6, len(groups) - 0.4), xlabel="task")
+        ax.set_ylabel("residual" + " / standard deviation" * (kind == "standardized"))
+        label_positions(ax.xaxis, [str(task) for task in self.tasks_.tolist()])
+        return self
+
+    def _raw(self):
+        return check_vector(self.residuals, "residuals")
+
+    def _standardized(self):
+        if self.y_std is None:
+            raise ValueError("kind='standardized' needs y_std.")
+        residuals, std = self._raw(), check_vector(self.y_std, "y_std")
+        check_consistent_length(residuals, std)
+        if not (std > 0.0).all():
+            raise ValueError(f"y_std must be positive; its minimum is {std.min()!s}.")
+        return residuals / std
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator,
+        X: ArrayLike,
+        y: ArrayLike,
+        *,
+        output: int = 0,
+        task_feature: int | str | None = None,
+        ax: "Axes | None" = None,
+        kind: Literal["residual", "standardized"] = "residual",
+    ) -> Self:
+        """Predict test data and draw the residuals.
+
+        Parameters
+        ----------
+        estimator : estimator
+            Fitted model of the package, or a Pipeline that ends with one.
+        X : array-like of shape (n_samples, n_features)
+            Inputs as the estimator takes them.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+        output : int, default=0
+            Which of several outputs.
+        task_feature : int or str, default=None
+            Position or name of the task column of X. None is that of the estimator or
+            of a pipeline's first step.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        kind : {"residual", "standardized"}, default="residual"
+            Whether the residuals are in units of y or divided by their predictive
+            standard deviation.
+
+        Returns
+        -------
+        display : TaskResidualsDisplay
+            Drawn.
+
+        Raises
+        ------
+        NotFittedError
+            If the estimator was not fitted.
+        ValueError
+            If there is no such output or kind, or nothing tells the task column.
+        """
+        y_true, mean, std = predictions(estimator, X, y, output)
+        tasks = tasks_of(estimator, X, task_feature)
+        return cls.from_predictions(y_true, mean, std, tasks=tasks, ax=ax, kind=kind)
+
+    @classmethod
+    def from_predictions(
+        cls,
+        y_true: ArrayLike,
+        y_mean: ArrayLike,
+        y_std: ArrayLike | None = None,
+        *,
+        tasks: ArrayLike | None = None,
+        ax: "Axes | None" = None,
+        kind: Literal["residual", "standardized"] = "residual",
+    ) -> Self:
+        """Draw the residuals of predictions.
+
+        Parameters
+        ----------
+        y_true, y_mean : array-like of shape (n_samples,)
+            Targets and predictive means.
+        y_std : array-like of shape (n_samples,), default=None
+            Predictive standard deviations of the targets (noise included), positive.
+        tasks : array-like of shape (n_samples,), default=None
+            Task of each sample. None is one task.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        kind : {"residual", "standardized"}, default="residual"
+            Whether the residuals are in units of y or divided by `y_std`.
+
+        Returns
+        -------
+        display : TaskResidualsDisplay
+            Drawn.
+
+        Raises
+        ------
+        ValueError
+            If `kind` is neither, or if `y_std` is needed and missing or not positive.
+        """
+        targets, means = check_vector(y_true, "y_true"), check_vector(y_mean, "y_mean")
+        check_consistent_length(targets, means)
+        display = cls(residuals=targets - means, y_std=y_std, tasks=tasks)
+        return display.plot(ax=ax, kind=kind)
+
+
+def _box_style(n_boxes):
+    return {
+        "positions": range(n_boxes),
+        "widths": 0.6,
+        "manage_ticks": False,
+        "patch_artist": True,
+        "boxprops": {"facecolor": COLORS[4], "edgecolor": COLORS[0]},
+        "medianprops": {"color": "black"},
+        "whiskerprops": {"color": COLORS[0]},
+        "capprops": {"color": COLORS[0]},
+        "flierprops": {"marker": ".", "ms": 3, "mec": COLORS[0], "alpha": 0.6},
+    }

@@ -1,0 +1,84 @@
+"""Time and memory of one sparse bound and its gradient as the rows grow.
+
+``python benchmarks/sparse.py`` prints a table for the paper's kernel, 14 tasks and rank
+4: seconds of the processor on one thread, the best of a few, and the most memory over
+that of the data (n x m doubles are given beside it). Both should grow as n^1 and n^0:
+with n = 100,000 the rows are most of the work. ``--million`` adds n = 1,000,000 (at
+m = 100 half a minute and 200 MB of data).
+"""
+
+import argparse
+import tracemalloc
+from time import process_time
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from skmtgp.inference.sparse import SparseBound
+from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.task_covariance import LowRank
+
+N_TASKS, RANK, MIB = 14, 4, 2.0**20
+
+
+def make(n, m, seed=0):
+    """A bound over random data, and parameters at which to evaluate it."""
+    rng = np.random.default_rng(seed)
+    X = rng.standard_normal((n, 24))
+    np.sign(X[:, :6], out=X[:, 18:])
+    kernel, form = inverse_dynamics_kernel(6), LowRank(N_TASKS, RANK)
+    tasks, y = np.arange(n) % N_TASKS, rng.standard_normal(n)
+    bound = SparseBound(kernel, form, X, tasks, y, X[:m].copy())
+    F = rng.standard_normal(form.n_parameters)
+    return bound, np.concatenate([kernel.theta, F, [np.log(1e-2)]])
+
+
+def measure(n, m, repeats):
+    """Best seconds of a value, of a value with its gradient, and peak bytes."""
+    bound, theta = make(n, m)
+    tracemalloc.start()
+    bound.value_and_grad(theta)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    rows = [
+        (seconds(bound.value, theta), seconds(bound.value_and_grad, theta))
+        for _ in range(repeats)
+    ]
+    return *np.min(rows, axis=0), peak
+
+
+def seconds(function, *arguments):
+    """Seconds of the processor of one call."""
+    begin = process_time()
+    function(*arguments)
+    return process_time() - begin
+
+
+def main():
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--n", type=int, nargs="+", default=[10_000, 100_000])
+    parser.add_argument("--m", type=int, nargs="+", default=[50, 100, 200, 400])
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--million", action="store_true", help="n = 1,000,000 too")
+    arguments = parser.parse_args()
+    sizes = [*arguments.n, *([1_000_000] if arguments.million else [])]
+    print("   m         n   value s  value+grad s  time ~ n^     MiB   n x m MiB")
+    with threadpool_limits(1):
+        for m in arguments.m:
+            before = None
+            for n in sizes:
+                a, b, peak = measure(n, m, arguments.repeats)
+                power = np.nan
+                if before:
+                    power = np.log(b / before[1]) / np.log(n / before[0])
+                print(
+                    f"{m:4d} {n:9d} {a:9.3f} {b:13.3f} {power:10.2f} "
+                    f"{peak / MIB:7.1f} {8.0 * n * m / MIB:11.1f}",
+                    flush=True,
+                )
+                before = n, b
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,192 @@
+"""Whitened features of the inducing inputs.
+
+With K_ZZ = L L^T for the m inducing inputs Z, the features of x are
+phi(x) = L^{-1} k^x(Z, x): k^x(x, x') is phi(x) . phi(x') and what they leave.
+"""
+
+import warnings
+
+import numpy as np
+
+from skmtgp._linalg import Cholesky
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
+from skmtgp.inference.inputs import contract_inputs
+
+DIAGONAL = 64  # rows of a tile of which only the diagonal counts
+JITTERS = 0.0, *(10.0**power for power in range(-14, -3))  # of the mean diagonal
+
+
+class Features:
+    """The features phi(x) = L^{-1} k^x(Z, x) at given parameters.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        k^x; only its form matters.
+    node : Node
+        Its fast form.
+    theta : ndarray of shape (n_theta,)
+        Its parameters.
+    Z : ndarray of shape (n_inducing, n_features)
+        Inducing inputs.
+
+    Attributes
+    ----------
+    jitter : float
+        What was added to the diagonal of K_ZZ, relative to its mean, so that it has a
+        factor: noise of the inducing variables, which leaves the bound a bound.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If no jitter helps.
+    """
+
+    def __init__(self, kernel, node, theta, Z):
+        self.kernel, self.node = kernel.clone_with_theta(theta), node
+        self.theta, self.Z = theta, Z
+        bound, everywhere = node.bind(theta, Z), slice(0, len(Z))
+        K, tape = bound.block(everywhere, everywhere)
+        self._inducing = bound, tape, everywhere
+        self.cholesky, self.jitter = _factorise(np.broadcast_to(K, (len(Z),) * 2))
+
+    def __len__(self):
+        return len(self.Z)
+
+    def warn_of_jitter(self):
+        """Say what was added to K_ZZ, if anything was."""
+        if self.jitter:
+            warnings.warn(
+                f"The covariance of the {len(self)} inducing inputs is not positive "
+                f"definite in floating point; {self.jitter:.0e} of its mean diagonal "
+                "was added to its diagonal. Fewer inducing inputs avoid this.",
+                JitterWarning,
+            )
+
+    def tile(self, X):
+        """The features of some rows, with what their gradient needs."""
+        return Tile(self, X)
+
+    def against(self, X):
+        """k^x between rows of X and the inducing inputs."""
+        return self._inducing[0].against(X)
+
+    def contract(self, Omega):
+        """Gradient by theta through K_ZZ, and its adjoint.
+
+        Parameters
+        ----------
+        Omega : ndarray of shape (n_inducing, n_inducing)
+            sum_i phibar_i phi_i^T for the adjoints phibar_i of the features, symmetric
+            because no objective depends on a rotation of the features.
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_theta,)
+            Its gradient.
+        adjoint : ndarray of shape (n_inducing, n_inducing)
+            -1/2 L^{-T} Omega L^{-1}, jitter included.
+        """
+        bound, tape, everywhere = self._inducing
+        half = self.cholesky.half_solve(Omega, transposed=True)
+        adjoint = -0.5 * self.cholesky.half_solve(half.T, transposed=True)
+        m = len(self)
+        adjoint.flat[:: m + 1] += self.jitter / m * np.trace(adjoint)
+        return bound.contract(adjoint, tape, everywhere, everywhere), adjoint
+
+    def contract_inputs(self, adjoint):
+        """Gradient by Z through K_ZZ."""
+        bound, tape, everywhere = self._inducing
+        n_features = self.Z.shape[1]
+        return 2.0 * contract_inputs(
+            bound, adjoint, tape, everywhere, everywhere, n_features
+        )
+
+
+def _factorise(K):
+    """The factor of K, and the least relative jitter with which there is one."""
+    unit = np.diagonal(K).mean() * np.eye(len(K))
+    for jitter in JITTERS:
+        try:
+            return Cholesky(np.asfortranarray(K + jitter * unit)), jitter
+        except NotPositiveDefiniteError:
+            pass
+    raise NotPositiveDefiniteError(
+        f"The covariance of the {len(K)} inducing inputs is not positive definite, "
+        f"even with {jitter:.0e} of its mean added to the diagonal. Choose fewer "
+        "inducing inputs, or check them for extreme values."
+    )
+
+
+class Tile:
+    """The features of a block of rows.
+
+    Parameters
+    ----------
+    features : Features
+        Theirs.
+    X : ndarray of shape (n_samples, n_features)
+        Inputs.
+
+    Attributes
+    ----------
+    phi : ndarray of shape (n_inducing, n_samples)
+        The features.
+    rest : ndarray of shape (n_samples,)
+        k^x(x, x) - |phi(x)|^2, the variance that they leave unexplained.
+    """
+
+    def __init__(self, features, X):
+        self.features, m = features, len(features)
+        # k^x(Z, X) is a tile of the kernel between the rows of [Z; X]
+        bound = features.node.bind(features.theta, np.vstack([features.Z, X]))
+        self.bound, n = bound, m + len(X)
+        tileable = features.node.tileable
+        self.rows, self.cols = slice(0, m if tileable else n), slice(m * tileable, n)
+        K, self.tape = bound.block(self.rows, self.cols)
+        K = np.broadcast_to(K, (self.rows.stop, n - self.cols.start))
+        self.phi = features.cholesky.half_solve(K[:m, -len(X) :])
+        self.rest = features.kernel.diag(X) - np.einsum("ji,ji->i", self.phi, self.phi)
+
+    def contract(self, phi_bar, diagonal):
+        """Gradient by theta, and the adjoint of k^x(Z, X).
+
+        Parameters
+        ----------
+        phi_bar : ndarray of shape (n_inducing, n_samples)
+            Adjoints of the features.
+        diagonal : ndarray of shape (n_samples,)
+            Adjoints of k^x(x, x).
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_theta,)
+            Its gradient, but for K_ZZ's part.
+        adjoint : ndarray of shape (n_inducing, n_samples)
+            L^{-T} phi_bar.
+        """
+        adjoint = self.features.cholesky.half_solve(phi_bar, transposed=True)
+        if self.features.node.tileable:
+            gradient = self.bound.contract(adjoint, self.tape, self.rows, self.cols)
+            return gradient + self._contract_diagonal(diagonal), adjoint
+        m = len(self.features)
+        W = np.zeros((self.rows.stop,) * 2)
+        W[:m, m:] = adjoint
+        np.einsum("ii->i", W)[m:] = diagonal
+        return self.bound.contract(W, self.tape, self.rows, self.cols), adjoint
+
+    def _contract_diagonal(self, diagonal):
+        gradient, m = 0.0, len(self.features)
+        for a in range(0, len(diagonal), DIAGONAL):
+            W = np.diag(diagonal[a : a + DIAGONAL])
+            rows = slice(m + a, m + a + len(W))
+            tape = self.bound.block(rows, rows)[1]
+            gradient = gradient + self.bound.contract(W, tape, rows, rows)
+        return gradient
+
+    def contract_inputs(self, adjoint):
+        """Gradient by Z through k^x(Z, X)."""
+        n_features = self.features.Z.shape[1]
+        return contract_inputs(
+            self.bound, adjoint, self.tape, self.rows, self.cols, n_features
+        )

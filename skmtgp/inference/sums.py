@@ -1,0 +1,192 @@
+"""Sums over the rows, which are all that sparse inference sees of them.
+
+Two passes over the rows, block by block: :func:`sum_features` goes forward,
+:func:`sum_gradients` backward. The sums of disjoint sets of rows add up to those of
+all, so that the sets may lie on different machines.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass
+class FeatureSums:
+    """Sums over the rows of each task.
+
+    Attributes
+    ----------
+    S : ndarray of shape (n_tasks, n_inducing, n_inducing)
+        sum_i phi_i phi_i^T.
+    s : ndarray of shape (n_tasks, n_inducing)
+        sum_i phi_i y_i.
+    rest : ndarray of shape (n_tasks,)
+        sum_i k^x(x_i, x_i) - |phi_i|^2.
+    n : ndarray of shape (n_tasks,)
+        Numbers of rows.
+    """
+
+    S: np.ndarray
+    s: np.ndarray
+    rest: np.ndarray
+    n: np.ndarray
+
+    def __add__(self, other):
+        return _add(self, other)
+
+
+@dataclass
+class ResidualSums:
+    """Sums of e_i = y_i - omega_m . phi_i over the rows of each task.
+
+    Attributes
+    ----------
+    squares : ndarray of shape (n_tasks,)
+        sum_i e_i^2.
+    errors : ndarray of shape (n_tasks, n_inducing)
+        sum_i phi_i e_i.
+    """
+
+    squares: np.ndarray
+    errors: np.ndarray
+
+    def __add__(self, other):
+        return _add(self, other)
+
+
+@dataclass
+class GradientSums(ResidualSums):
+    """The same with the gradient.
+
+    Attributes
+    ----------
+    theta : ndarray of shape (n_theta,)
+        Gradient by the kernel's theta, but for K_ZZ's part.
+    Z : ndarray of shape (n_inducing, n_features)
+        The same by the inducing inputs, if it was asked for.
+    """
+
+    theta: np.ndarray
+    Z: np.ndarray
+
+
+def _add(one, other):
+    names = vars(one)
+    return type(one)(**{key: getattr(one, key) + getattr(other, key) for key in names})
+
+
+def sum_features(features, n_tasks, blocks):
+    """The forward pass over some rows.
+
+    Parameters
+    ----------
+    features : Features
+        At the parameters.
+    n_tasks : int
+        Number of tasks M.
+    blocks : iterable of (ndarray, ndarray, ndarray)
+        X, tasks and y of some rows at a time.
+
+    Returns
+    -------
+    sums : FeatureSums
+        Those of several sets of rows add up to those of all.
+    """
+    m = len(features)
+    S, s = np.zeros((n_tasks, m, m)), np.zeros((n_tasks, m))
+    rest, n = np.zeros((2, n_tasks))
+    for X, tasks, y in blocks:
+        X, tasks, y, parts = _by_task(X, tasks, y)
+        tile = features.tile(X)
+        for task, rows in parts:
+            phi = tile.phi[:, rows]
+            S[task] += phi @ phi.T
+            s[task] += phi @ y[rows]
+        rest += np.bincount(tasks, tile.rest, n_tasks)
+        n += np.bincount(tasks, minlength=n_tasks)
+    return FeatureSums(S, s, rest, n)
+
+
+def sum_residuals(features, omega, blocks):
+    """The backward pass over some rows without the gradient.
+
+    Parameters
+    ----------
+    features : Features
+        At the parameters.
+    omega : ndarray of shape (n_tasks, n_inducing)
+        Weights of the features.
+    blocks : iterable of (ndarray, ndarray, ndarray)
+        X, tasks and y of some rows at a time.
+
+    Returns
+    -------
+    sums : ResidualSums
+        Those of several sets of rows add up to those of all.
+    """
+    sums = ResidualSums(np.zeros(len(omega)), np.zeros_like(omega))
+    for X, tasks, y in blocks:
+        X, _, y, parts = _by_task(X, tasks, y)
+        _add_residuals(sums, features.tile(X).phi, omega, y, parts)
+    return sums
+
+
+def _add_residuals(sums, phi, omega, y, parts):
+    """Add those of a block to the sums, and return the residuals."""
+    error = np.empty(len(y))
+    for task, rows in parts:
+        error[rows] = y[rows] - omega[task] @ phi[:, rows]
+        sums.squares[task] += error[rows] @ error[rows]
+        sums.errors[task] += phi[:, rows] @ error[rows]
+    return error
+
+
+def sum_gradients(features, adjoint, blocks, *, inputs=False):
+    """The backward pass over some rows.
+
+    Parameters
+    ----------
+    features : Features
+        At the parameters.
+    adjoint : Adjoint
+        What the gradient needs of all rows.
+    blocks : iterable of (ndarray, ndarray, ndarray)
+        X, tasks and y of some rows at a time.
+    inputs : bool, default=False
+        Whether the gradient by the inducing inputs is wanted too.
+
+    Returns
+    -------
+    sums : GradientSums
+        Those of several sets of rows add up to those of all.
+    """
+    omega = adjoint.omega
+    sums = GradientSums(
+        squares=np.zeros(len(omega)),
+        errors=np.zeros_like(omega),
+        theta=np.zeros(len(features.theta)),
+        Z=np.zeros_like(features.Z),
+    )
+    for X, tasks, y in blocks:
+        X, tasks, y, parts = _by_task(X, tasks, y)
+        tile = features.tile(X)
+        alpha = _add_residuals(sums, tile.phi, omega, y, parts) / adjoint.noise[tasks]
+        phi_bar = np.empty_like(tile.phi)
+        for task, rows in parts:
+            phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
+            phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
+        gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
+        sums.theta += gradient
+        if inputs:
+            sums.Z += tile.contract_inputs(K_bar)
+    return sums
+
+
+def _by_task(X, tasks, y):
+    """The rows sorted by task, and for each task that has any where they are."""
+    order = np.argsort(tasks, kind="stable")
+    tasks = tasks[order]
+    present, starts = np.unique(tasks, return_index=True)
+    stops = [*starts[1:], len(tasks)]
+    parts = zip(present, map(slice, starts, stops), strict=True)
+    return X[order], tasks, y[order], list(parts)

@@ -1,0 +1,292 @@
+r"""The posterior of the weights of features that tasks share, and its adjoints.
+
+Eq. 3 of the paper with features phi(x) for the latent functions, z_alpha = v_alpha .
+phi, and, where K^rho has a diagonal kappa, with a function of each task's own:
+
+.. math::
+    f^m(x) = \omega_m^T \phi(x), \quad
+    \omega_m = \sum_\alpha F_{m\alpha} v_\alpha + \sqrt{\kappa_m} w_m, \quad
+    v_\alpha, w_m \sim N(0, I)
+
+Nothing here depends on the number of rows.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skmtgp._linalg import Cholesky
+
+
+def invert(cholesky):
+    """The symmetric inverse, which takes the place of the factor."""
+    lower = np.tril(cholesky.invert())
+    return lower + np.tril(lower, -1).T
+
+
+class Weights:
+    """Posterior of the weights.
+
+    Parameters
+    ----------
+    sums : FeatureSums
+        What the rows say about them.
+    F : ndarray of shape (n_tasks, rank)
+        Shares of the tasks in the latent functions.
+    kappa : ndarray of shape (n_tasks,)
+        Variances of the tasks' own functions.
+    noise : ndarray of shape (n_tasks,)
+        Noise variances.
+
+    Attributes
+    ----------
+    T : ndarray of shape (n_tasks, n_features, n_features)
+        T_m = (I + kappa_m S_m / sigma_m^2)^{-1} S_m / sigma_m^2, the precision with
+        which the rows of task m tell F_m . v: its own function is integrated out.
+    keep : dict
+        (I + kappa_m S_m / sigma_m^2)^{-1} of the tasks with functions of their own.
+    cholesky : Cholesky
+        Of A = I + sum_m F_m F_m^T (x) T_m, the precision of v.
+    V : ndarray of shape (rank, n_features)
+        Mean of v.
+    omega : ndarray of shape (n_tasks, n_features)
+        Mean of omega_m.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If a precision cannot be factorised.
+    """
+
+    def __init__(self, sums, F, kappa, noise):
+        self.sums, self.F, self.kappa, self.noise = sums, F, kappa, noise
+        self.K_diagonal = np.square(F).sum(axis=1) + kappa
+        self.T, t, self.log_det = self._integrate_own()
+        (n_tasks, rank), m = F.shape, t.shape[1]
+        pairs = self.pairs().T @ self.T.reshape(n_tasks, -1)
+        A = pairs.reshape(rank, rank, m, m).swapaxes(1, 2).reshape(rank * m, -1)
+        A.flat[:: len(A) + 1] += 1.0
+        self.cholesky = Cholesky(A.T)
+        self.log_det += self.cholesky.log_det()
+        self.V = self.cholesky.solve((F.T @ t).ravel()).reshape(rank, m)
+        shared = F @ self.V
+        self.own = t - np.einsum("mij,mj->mi", self.T, shared)
+        self.omega = shared + kappa[:, None] * self.own
+        own = np.square(self.own).sum(axis=1)
+        self.penalty = np.square(self.V).sum() + kappa @ own
+
+    def pairs(self):
+        """F_{m alpha} F_{m beta}, of shape (n_tasks, rank^2)."""
+        return np.einsum("ma,mb->mab", self.F, self.F).reshape(len(self.F), -1)
+
+    def _integrate_own(self):
+        """T_m, sum_i phi_i y_i weighed likewise, and the log-determinant of this."""
+        T = self.sums.S / self.noise[:, None, None]
+        t = self.sums.s / self.noise[:, None]
+        self.keep, log_det = {}, 0.0
+        for task in np.flatnonzero(self.kappa):
+            own = np.eye(len(T[task])) + self.kappa[task] * T[task]
+            cholesky = Cholesky(np.asfortranarray(own))
+            t[task] = cholesky.solve(t[task])
+            log_det += cholesky.log_det()
+            self.keep[task] = invert(cholesky)
+            T[task] = self._without_own(T[task], self.kappa[task], self.keep[task])
+        return T, t, log_det
+
+    def _without_own(self, T, kappa, keep):
+        """(I + kappa T)^{-1} T by the way that saves digits; `keep` is its factor."""
+        if kappa * np.abs(np.diagonal(T)).max() > 1.0:
+            return (np.eye(len(T)) - keep) / kappa
+        product = keep @ T
+        return 0.5 * (product + product.T)
+
+    def refined(self, errors):
+        """Mean weights with more digits, from the residuals that `omega` leaves.
+
+        A step of iterative refinement: without noise half of the digits are lost in
+        the Gram matrices, and come back from sums over the rows.
+
+        Parameters
+        ----------
+        errors : ndarray of shape (n_tasks, n_features)
+            sum_i phi_i e_i.
+
+        Returns
+        -------
+        omega : ndarray of shape (n_tasks, n_features)
+            Mean of omega_m.
+        """
+        own = errors / self.noise[:, None] - self.own
+        for task, keep in self.keep.items():
+            own[task] = keep @ own[task]
+        V = self.F.T @ (self.own + own) - self.V
+        shared = self.F @ self.cholesky.solve(V.ravel()).reshape(V.shape)
+        own -= np.einsum("mij,mj->mi", self.T, shared)
+        return self.omega + shared + self.kappa[:, None] * own
+
+    def log_density(self, squares):
+        """The bound, given the sums of squared residuals of each task.
+
+        Titsias (2009), eq. 9. The quadratic form is computed as the minimum over v, w
+        of squares / sigma^2 + |v|^2 + |w|^2: an error of the weights changes it in
+        second order only, and never to a value that is too small.
+        """
+        log_det = self.log_det + self.sums.n @ np.log(2.0 * np.pi * self.noise)
+        fit = (squares / self.noise).sum() + self.penalty
+        return -0.5 * (log_det + fit + self.K_diagonal @ (self.sums.rest / self.noise))
+
+
+class Adjoint(NamedTuple):
+    """What the backward pass needs of all rows.
+
+    The adjoint of phi_i is alpha_i omega_m + C_m phi_i with alpha_i = e_i / sigma_m^2.
+
+    Attributes
+    ----------
+    omega : ndarray of shape (n_tasks, n_features)
+        Mean weights.
+    C : ndarray of shape (n_tasks, n_features, n_features)
+        (K^rho_mm I - Sigma_m) / sigma_m^2.
+    noise : ndarray of shape (n_tasks,)
+        sigma_m^2.
+    diagonal : ndarray of shape (n_tasks,)
+        Adjoints of k^x(x_i, x_i), -1/2 K^rho_mm / sigma_m^2.
+    """
+
+    omega: np.ndarray
+    C: np.ndarray
+    noise: np.ndarray
+    diagonal: np.ndarray
+
+
+class Covariances:
+    """Posterior covariances of the weights, and the gradient of the bound.
+
+    Parameters
+    ----------
+    weights : Weights
+        The factor of its precision becomes the inverse.
+
+    Attributes
+    ----------
+    inverse : ndarray of shape (rank, rank, n_features, n_features)
+        Of A, the covariances of v_alpha and v_beta.
+    Sigma : ndarray of shape (n_tasks, n_features, n_features)
+        Covariances of omega_m.
+    """
+
+    def __init__(self, weights):
+        self.weights = weights
+        rank, m = weights.V.shape
+        inverse = invert(weights.cholesky).reshape(rank, m, rank, m)
+        self.inverse = np.ascontiguousarray(inverse.swapaxes(1, 2))
+        B = weights.pairs() @ self.inverse.reshape(rank * rank, -1)
+        self.Sigma = B.reshape(-1, m, m)  # of F_m . v
+        self.P = {}  # of the tasks with functions of their own: Phi^T K^{-1} Phi
+        for task in np.flatnonzero(weights.kappa):
+            T, B, kappa = weights.T[task], self.Sigma[task], weights.kappa[task]
+            keep = weights.keep[task]
+            self.P[task] = T - T @ B @ T
+            self.Sigma[task] = kappa * keep + keep @ B @ keep
+
+    def between(self, phi, tasks):
+        """Posterior covariances of omega_m . phi for given features and tasks.
+
+        Parameters
+        ----------
+        phi : ndarray of shape (n_features, n_samples)
+            Features, in columns.
+        tasks : ndarray of shape (n_samples,)
+            Task of each column.
+
+        Returns
+        -------
+        covariance : ndarray of shape (n_samples, n_samples)
+            O((rank n_features)^2) each.
+        """
+        weights, own, kept = self.weights, np.zeros((len(tasks),) * 2), phi.copy()
+        for task in self.P:
+            rows = np.flatnonzero(tasks == task)
+            kept[:, rows] = weights.keep[task] @ phi[:, rows]
+            of_task = weights.kappa[task] * phi[:, rows].T @ kept[:, rows]
+            own[np.ix_(rows, rows)] = of_task
+        shares = np.einsum("ia,ji->aji", weights.F[tasks], kept)
+        solved = np.einsum("abjk,bki->aji", self.inverse, shares, optimize=True)
+        return own + np.tensordot(shares, solved, ([0, 1], [0, 1]))
+
+    def adjoint(self):
+        """What the backward pass over the rows needs."""
+        weights, scale = self.weights, self.weights.K_diagonal / self.weights.noise
+        C = self.Sigma / -weights.noise[:, None, None]
+        np.einsum("mii->mi", C)[...] += scale[:, None]
+        return Adjoint(weights.omega, C, weights.noise, -0.5 * scale)
+
+    def omega_bar(self):
+        """sum_i phibar_i phi_i^T, the adjoint of K_ZZ for `Features.contract`.
+
+        sum_m Sigma_m S_m / sigma_m^2 is the identity minus A^{-1}, and the like, so
+        that no sum over the tasks takes a product of matrices.
+        """
+        weights = self.weights
+        scale = weights.K_diagonal / weights.noise
+        Omega = weights.V.T @ weights.V + np.tensordot(scale, weights.sums.S, 1)
+        Omega += np.einsum("aaij->ij", self.inverse)
+        Omega.flat[:: len(Omega) + 1] -= len(weights.V)
+        for task, P in self.P.items():
+            own, kappa = weights.own[task], weights.kappa[task]
+            Omega += kappa * (np.multiply.outer(own, own) - P)
+        return 0.5 * (Omega + Omega.T)
+
+    def gradients(self, back):
+        """Gradients by F, kappa and log noise variances.
+
+        Those by F are not taken from the derivative by K^rho, whose terms of the size
+        of 1 / sigma^2 cancel.
+
+        Parameters
+        ----------
+        back : GradientSums
+            The backward pass.
+
+        Returns
+        -------
+        d_F : ndarray of shape (n_tasks, rank)
+        d_kappa : ndarray of shape (n_tasks,)
+            Zero where kappa is.
+        d_noise : ndarray of shape (n_tasks,)
+        """
+        weights, sums = self.weights, self.weights.sums
+        rest = sums.rest / weights.noise
+        a = back.errors / weights.noise[:, None]
+        d_F = a @ weights.V.T - weights.F * rest[:, None]
+        d_F -= np.einsum("mb,mba->ma", weights.F, self._overlaps())
+        d_kappa = np.zeros(len(rest))
+        for task, P in self.P.items():
+            d_kappa[task] = np.square(a[task]).sum() - np.trace(P) - rest[task]
+        spread = np.einsum("mij,mij->m", sums.S, self.Sigma)
+        d_noise = (spread + back.squares) / weights.noise
+        d_noise += weights.K_diagonal * rest - sums.n
+        return d_F, 0.5 * d_kappa, 0.5 * d_noise
+
+    def _overlaps(self):
+        """tr(T_m cov(v_alpha, v_beta)), of shape (n_tasks, rank, rank)."""
+        (n_tasks, rank), m = self.weights.F.shape, len(self.inverse[0, 0])
+        flat = self.weights.T.reshape(n_tasks, -1) @ self.inverse.reshape(-1, m * m).T
+        return flat.reshape(n_tasks, rank, rank)
+
+    def task_gradient(self, back):
+        """Derivative of the bound by K^rho, of shape (n_tasks, n_tasks).
+
+        With alpha = K^{-1} y and the features Phi_m of a task's rows, half of
+        a_m . a_m' - tr(Phi_m^T [K^{-1}]_mm' Phi_m'), less half the trace term.
+        """
+        weights, F, T = self.weights, self.weights.F, self.weights.T
+        a = back.errors / weights.noise[:, None]
+        D = a @ a.T
+        for task, F_m in enumerate(F):
+            half = T[task] @ np.tensordot(F_m, self.inverse, 1)  # (rank, m, m)
+            D[task] += np.einsum("nb,bij,nij->n", F, half, T, optimize=True)
+            D[task, task] -= (
+                np.trace(T[task]) + weights.sums.rest[task] / weights.noise[task]
+            )
+        return 0.25 * (D + D.T)

@@ -22,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor
 from skmtgp._parallel import map_threads
-from skmtgp.inference.dense import TILE
+from skmtgp.inference.tiles import TILE
 from skmtgp.kernels import inverse_dynamics_kernel
 
 N_TASKS, RANK = 14, 4

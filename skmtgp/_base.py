@@ -15,8 +15,8 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._estimator import Estimator
 from skmtgp._memory import check_memory
 from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting, with_callbacks
-from skmtgp._sklearn_compat import Interval, StrOptions, fit_context
+from skmtgp._progress import fitting
+from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
 from skmtgp._tasks import complete_design
 from skmtgp._training import (
     Training,
@@ -25,6 +25,7 @@ from skmtgp._training import (
     default_kernel,
 )
 from skmtgp.exceptions import PrecisionWarning
+from skmtgp.inference.choice import choose
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
@@ -39,7 +40,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean"],
-        "inference": [StrOptions({"auto", "dense"})],
+        "inference": [StrOptions({"auto", "dense", "kronecker"})],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
         "n_jobs": [Integral, None],
@@ -76,7 +77,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         with fitting(self, X, y, verbose=self.verbose) as progress:
             features, labels, Y = check_training(self, X, y)
             training = self._scale(features, labels, Y)
-            check_memory(*training.Y.shape)
+            self._check_memory(training, n_models=1)
             form, modes = self._learn(training, progress)
             self._store(training, self._objectives(training, form), modes)
         return self
@@ -119,9 +120,9 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
 
         f has the same mean and the variance :math:`\sigma_i^2` less that of the noise,
         0 where rounding makes that negative. If a JitterWarning said that something was
-        added to the diagonal of K, that counts as noise. For each output the triangular
-        factor of K is inverted in a copy, which takes n x n numbers for a while and one
-        and a half times as long as to factorise K.
+        added to the diagonal of K, that counts as noise. For each output dense
+        inference inverts the triangular factor of K in a copy, which takes n x n
+        numbers for a while and one and a half times as long as to factorise K.
 
         The hyperparameters are kept, and so are `y_mean_` and `y_scale_`: all of them
         have seen the sample that is left out, so that these predictions are somewhat
@@ -237,18 +238,34 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             self._single_output,
         )
 
-    def _pairs(self, training):
-        """Data and settings of each output."""
+    def _kernel(self, training):
+        """k^x with its starting values."""
         kernel = self.kernel
         if kernel is None:
             kernel = self._default_kernel(training.features)
         check_kernel(kernel, training.features)
+        return kernel
+
+    def _method(self, training):
+        """The method of inference for these data."""
+        data = training.features, training.codes, training.tasks
+        return choose(self.inference, self._kernel(training), *data)
+
+    def _check_memory(self, training, n_models):
+        n, n_outputs = training.Y.shape
+        method = self._method(training)
+        n_rows = n // len(training.tasks) if method == "kronecker" else n
+        check_memory(n_rows, n_outputs * n_models, method)
+
+    def _pairs(self, training):
+        """Data and settings of each output."""
         n_noise = len(training.tasks) if self.noise == "per_task" else 1
         pairs = training.pairs(
-            kernel,
+            self._kernel(training),
             self.noise_variance,
             self._check_noise_bounds(),
             n_noise,
+            self._method(training),
             max_iter=self.max_iter,
             tol=self.tol,
             verbose=self.verbose,
@@ -279,7 +296,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
 
     def _store(self, training, likelihoods, modes):
         """Set the fitted attributes, in the target's own units."""
-        self._likelihoods = likelihoods
+        self._likelihoods, self.inference_ = likelihoods, likelihoods[0].inference
         self._posteriors = [
             likelihood.posterior(mode.theta)
             for likelihood, mode in zip(likelihoods, modes, strict=True)

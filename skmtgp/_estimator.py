@@ -2,7 +2,7 @@
 
 from sklearn.base import BaseEstimator
 
-from skmtgp._progress import CallbackSupportMixin
+from skmtgp._sklearn_compat import CallbackSupportMixin
 
 DOCUMENTATION = "https://skmtgp.readthedocs.io/en/stable"
 

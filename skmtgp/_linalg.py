@@ -1,13 +1,16 @@
-"""Cholesky factorisations, and what happens when they fail."""
+"""Cholesky factorisations and eigen-decompositions, and what happens when they fail."""
 
 import warnings
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import LinAlgError, eigh, solve_triangular
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
+
+ROUNDING = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
+INDEFINITE = 1e-6  # of the largest eigenvalue: more than that
 
 
 class Cholesky:
@@ -113,3 +116,38 @@ def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
         f"with {last:.0e} of its mean added to the diagonal. Check X and y for extreme "
         "values, or increase noise_variance."
     )
+
+
+def eigh_semidefinite(K):
+    """Eigenvalues and eigenvectors of a positive semi-definite matrix.
+
+    Parameters
+    ----------
+    K : ndarray of shape (n, n), Fortran-ordered
+        Symmetric matrix. It is overwritten.
+
+    Returns
+    -------
+    values : ndarray of shape (n,)
+        Ascending. Those that rounding may have made are 0, as those of a matrix of low
+        rank are.
+    vectors : ndarray of shape (n, n)
+        In columns, orthonormal.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If K is not finite or is indefinite beyond rounding.
+    """
+    if not np.isfinite(K).all():  # LAPACK might never return
+        raise NotPositiveDefiniteError("a covariance is not finite")
+    try:
+        # divide and conquer: vectors orthonormal to the last digits
+        values, vectors = eigh(
+            K, driver="evd", lower=True, overwrite_a=True, check_finite=False
+        )
+    except LinAlgError as error:
+        raise NotPositiveDefiniteError(str(error)) from error
+    if values[0] < -INDEFINITE * values[-1]:
+        raise NotPositiveDefiniteError(f"eigenvalue {values[0]:.1e} is negative")
+    return np.where(values < ROUNDING * values[-1], 0.0, values), vectors

@@ -7,25 +7,30 @@ from pathlib import Path
 
 from skmtgp.exceptions import InsufficientMemoryError
 
-MATRICES = 3  # n x n doubles that learning takes, by benchmarks/memory.py
+# Between what the covariances are, and how many of them learning takes, by
+# benchmarks/memory.py
+ROWS = {"dense": "samples", "kronecker": "inputs of each task"}
+MATRICES = {"dense": 3, "kronecker": 6}
 GIB = 2.0**30
 
 
-def check_memory(n_samples, n_factors):
+def check_memory(n_rows, n_factors, inference="dense"):
     """Raise an InsufficientMemoryError where the covariances cannot be held.
 
     Parameters
     ----------
-    n_samples : int
+    n_rows : int
         Rows of a covariance.
     n_factors : int
         Covariances whose factors are kept.
+    inference : {"dense", "kronecker"}, default="dense"
+        Whether the rows are samples, or the inputs that all tasks share.
     """
-    needed = 8.0 * n_samples**2 * max(MATRICES, n_factors)
+    needed = 8.0 * n_rows**2 * max(MATRICES[inference], n_factors)
     available = available_memory()
     if needed > available:
         raise InsufficientMemoryError(
-            f"Exact inference with {n_samples} samples needs about "
+            f"Exact inference with {n_rows} {ROWS[inference]} needs about "
             f"{needed / GIB:.3g} GiB of memory, but {available / GIB:.3g} GiB are "
             "available. Fit fewer samples, or a SingleTaskGP, whose matrices are of "
             "one task each, or a BayesianLinearRegression, which has none."

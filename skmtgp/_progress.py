@@ -2,19 +2,7 @@
 
 from contextlib import contextmanager
 
-try:
-    from sklearn.callback import CallbackSupportMixin, with_callbacks
-except ImportError:  # before scikit-learn 1.9
-
-    class CallbackSupportMixin:  # type: ignore[no-redef]
-        """Callbacks do not exist."""
-
-    def with_callbacks(method):
-        """Callbacks do not exist."""
-        return method
-
-
-__all__ = ["CallbackSupportMixin", "fitting", "silent", "with_callbacks"]
+from skmtgp._sklearn_compat import begin_callbacks
 
 
 @contextmanager
@@ -40,10 +28,7 @@ def fitting(estimator, X, y, *, verbose=0):
         position and the result of each job of a stage when it is done, or None if
         nobody listens. ``describe(position, result)`` is the line that is printed.
     """
-    context = None
-    if getattr(estimator, "_skl_callbacks", None):
-        context = estimator._init_callback_context(max_subtasks=None)
-        context.call_on_fit_task_begin(estimator=estimator, X=X, y=y)
+    context = begin_callbacks(estimator, X, y)
     before = vars(estimator).copy()
     try:
         yield _reporter(estimator, context, verbose)

@@ -1,4 +1,4 @@
-"""Every private import of scikit-learn, in one place."""
+"""What is private or new in scikit-learn, in one place."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -8,12 +8,27 @@ from sklearn.utils._param_validation import Interval, StrOptions
 from sklearn.utils._set_output import _get_output_config
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 
+try:
+    from sklearn.callback import CallbackSupportMixin, with_callbacks
+except ImportError:  # before scikit-learn 1.9
+
+    class CallbackSupportMixin:  # type: ignore[no-redef]
+        """Callbacks do not exist."""
+
+    def with_callbacks(method):
+        """Callbacks do not exist."""
+        return method
+
+
 __all__ = [
+    "CallbackSupportMixin",
     "Interval",
     "StrOptions",
+    "begin_callbacks",
     "check_feature_names_in",
     "fit_context",
     "wants_pandas",
+    "with_callbacks",
 ]
 
 Method = TypeVar("Method", bound=Callable)
@@ -23,3 +38,12 @@ fit_context: Callable[..., Callable[[Method], Method]] = _fit_context  # keeps t
 def wants_pandas(transformer):
     """Whether ``set_output`` or the configuration asks for frames of pandas."""
     return _get_output_config("transform", transformer)["dense"] == "pandas"
+
+
+def begin_callbacks(estimator, X, y):
+    """Tell the estimator's callbacks that its fit begins; their context, or None."""
+    if not getattr(estimator, "_skl_callbacks", None):
+        return None
+    context = estimator._init_callback_context(max_subtasks=None)
+    context.call_on_fit_task_begin(estimator=estimator, X=X, y=y)
+    return context

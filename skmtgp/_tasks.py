@@ -323,6 +323,46 @@ def complete_design(features, codes):
     return None if (rows < 0).any() else rows
 
 
+def check_complete(features, codes, tasks):
+    """Raise a ValueError where not each task is observed at each input, once.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_features)
+        Inputs, in any order.
+    codes : ndarray of shape (n_samples,)
+        Task of each row.
+    tasks : ndarray of shape (n_tasks,)
+        Labels of the tasks.
+
+    Raises
+    ------
+    ValueError
+        Naming up to five tasks that lack inputs or have one repeatedly.
+    """
+    distinct, which = np.unique(features, axis=0, return_inverse=True)
+    count = np.zeros((len(distinct), len(tasks)), dtype=int)
+    np.add.at(count, (which.reshape(-1), codes), 1)
+    if (count == 1).all():
+        return
+    lacking, repeated = (count == 0).sum(axis=0), (count > 1).sum(axis=0)
+    faults = [
+        f"task {label!r} {verb} {number} of the {len(distinct)} inputs{end}"
+        for verb, numbers, end in [
+            ("lacks", lacking, ""),
+            ("has", repeated, " more than once"),
+        ]
+        for label, number in zip(tasks.tolist(), numbers.tolist(), strict=True)
+        if number
+    ]
+    more = f" and {len(faults) - 5} more" if len(faults) > 5 else ""
+    raise ValueError(
+        "inference='kronecker' needs every task observed at the same inputs, once "
+        f"each, but {', '.join(faults[:5])}{more}. Complete the data, or set "
+        "inference='auto', which takes any."
+    )
+
+
 def _enumerate(labels, most=5):
     listed = ", ".join(repr(label) for label in labels[:most].tolist())
     return listed + (f", ... ({len(labels)} in all)" if len(labels) > most else "")

@@ -232,16 +232,20 @@ class Training(NamedTuple):
     y_scale: np.ndarray
     single_output: bool
 
-    def data(self):
+    def data(self, *, complete=False):
         """The data of each output, scaled, rows sorted by task."""
         order = np.argsort(self.codes, kind="stable")
         X, tasks = self.features[order], self.codes[order]
         Y = ((self.Y - self.y_mean) / self.y_scale)[order]
-        return [Data(X, tasks, np.ascontiguousarray(y), len(self.tasks)) for y in Y.T]
+        n_tasks = len(self.tasks)
+        return [Data(X, tasks, np.ascontiguousarray(y), n_tasks, complete) for y in Y.T]
 
-    def pairs(self, kernel, noise_variance, noise_bounds, n_noise, **options):
+    def pairs(
+        self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
+    ):
         """The data and the settings of each output."""
-        for j, data in enumerate(self.data(), start=1):
+        complete = inference == "kronecker"
+        for j, data in enumerate(self.data(complete=complete), start=1):
             scale = data.y.std() or 1.0
             fixed = isinstance(noise_bounds, str)
             bounds = (noise_variance,) * 2 if fixed else noise_bounds
@@ -251,6 +255,7 @@ class Training(NamedTuple):
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
                 name=f"output {j} of {self.Y.shape[1]}",
+                inference=inference,
                 **options,
             )
             yield data, settings

@@ -30,7 +30,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
-        inference: Literal["auto", "dense"] = "auto",
+        inference: Literal["auto", "dense", "kronecker"] = "auto",
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -97,8 +97,11 @@ class IndependentGP(_FixedTaskCovarianceGP):
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense"}, default="auto"
-        How the likelihood is computed. "auto" is dense and exact.
+    inference : {"auto", "dense", "kronecker"}, default="auto"
+        How the likelihood is computed; always exactly. "dense" decomposes the
+        covariance of all samples. "kronecker" decomposes those of the inputs and of the
+        tasks, and needs complete data: every task observed at the same inputs, once
+        each. "auto" is "kronecker" where the data are complete, "dense" elsewhere.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -138,6 +141,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Likelihoods and gradients that learning took, summed over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
+    inference_ : {"dense", "kronecker"}
+        How the likelihood is computed.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -146,7 +151,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Training targets.
     n_features_in_ : int
         Number of columns of X, the task column counted.
-    feature_names_in_ : ndarray of shape (n_features_in_,)
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Their names, if X has any.
 
     See Also
@@ -199,8 +204,11 @@ class PooledGP(_FixedTaskCovarianceGP):
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense"}, default="auto"
-        How the likelihood is computed. "auto" is dense and exact.
+    inference : {"auto", "dense", "kronecker"}, default="auto"
+        How the likelihood is computed; always exactly. "dense" decomposes the
+        covariance of all samples. "kronecker" decomposes those of the inputs and of the
+        tasks, and needs complete data: every task observed at the same inputs, once
+        each. "auto" is "kronecker" where the data are complete, "dense" elsewhere.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -240,6 +248,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Likelihoods and gradients that learning took, summed over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
+    inference_ : {"dense", "kronecker"}
+        How the likelihood is computed.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -248,7 +258,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         Training targets.
     n_features_in_ : int
         Number of columns of X, the task column counted.
-    feature_names_in_ : ndarray of shape (n_features_in_,)
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Their names, if X has any.
 
     See Also

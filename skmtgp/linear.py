@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from skmtgp._estimator import Estimator
 from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting, with_callbacks
-from skmtgp._sklearn_compat import Interval, fit_context
+from skmtgp._progress import fitting
+from skmtgp._sklearn_compat import Interval, fit_context, with_callbacks
 from skmtgp._training import check_training
 from skmtgp.inference.linear import LinearPosterior
 
@@ -70,7 +70,7 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         The same for each output.
     n_features_in_ : int
         Number of columns of X, the task column counted.
-    feature_names_in_ : ndarray of shape (n_features_in_,)
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Their names, if X has any.
 
     See Also

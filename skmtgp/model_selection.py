@@ -10,10 +10,9 @@ from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator
-from skmtgp._memory import check_memory
 from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting, with_callbacks
-from skmtgp._sklearn_compat import StrOptions, fit_context
+from skmtgp._progress import fitting
+from skmtgp._sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._splitting import TaskStratifiedKFold
 from skmtgp._training import check_training
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -69,7 +68,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         The model of each rank in `results_`, fitted. Only if `keep_estimators`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
-    feature_names_in_ : ndarray of shape (n_features_in_,)
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Their names, if X has any.
 
     See Also
@@ -156,9 +155,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         )
         model._validate_params()
         training = model._scale(*check_training(model, X, y))
-        n, n_outputs = training.Y.shape
         ranks = self._check_ranks(len(training.tasks))
-        check_memory(n, n_outputs * (len(ranks) if self.keep_estimators else 1))
+        model._check_memory(training, len(ranks) if self.keep_estimators else 1)
         forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
         modes = model._learn_ranks(training, forms, progress)
         self.results_ = _results(model, training, forms, modes)

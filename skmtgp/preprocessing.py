@@ -11,8 +11,8 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator
-from skmtgp._progress import fitting, with_callbacks
-from skmtgp._sklearn_compat import check_feature_names_in, wants_pandas
+from skmtgp._progress import fitting
+from skmtgp._sklearn_compat import check_feature_names_in, wants_pandas, with_callbacks
 from skmtgp._tasks import EXACT, locate_task_column, read_table, split_table
 
 __all__ = ["InverseDynamicsFeatures"]
@@ -40,14 +40,14 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
     ----------
     n_joints_ : int
         Number of joints J.
-    mean_ : ndarray of shape (3 * n_joints_,)
+    mean_ : ndarray of shape (3 * `n_joints_`,)
         Mean of each column of x in training, in its own units.
-    scale_ : ndarray of shape (3 * n_joints_,)
+    scale_ : ndarray of shape (3 * `n_joints_`,)
         Standard deviation of each column of x in training, in its own units; 1 where
         the column is constant.
     n_features_in_ : int
         Number of columns seen in `fit`, 3 J + 1.
-    feature_names_in_ : ndarray of shape (n_features_in_,)
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Names of the columns seen in `fit`, if they had any.
 
     See Also

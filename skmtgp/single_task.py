@@ -13,8 +13,9 @@ from skmtgp._base import BaseMultiTaskGP
 from skmtgp._estimator import Estimator
 from skmtgp._parallel import run
 from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting, with_callbacks
-from skmtgp._sklearn_compat import fit_context
+from skmtgp._progress import fitting
+from skmtgp._sklearn_compat import fit_context, with_callbacks
+from skmtgp._tasks import check_complete
 from skmtgp._training import check_training
 from skmtgp.baselines import PooledGP
 
@@ -42,8 +43,11 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning, for each task separately. The model's mean is zero
         otherwise.
-    inference : {"auto", "dense"}, default="auto"
-        How the likelihood is computed. "auto" is dense and exact.
+    inference : {"auto", "dense", "kronecker"}, default="auto"
+        How the likelihood is computed; always exactly. "auto" is "dense", a Cholesky
+        decomposition of each task's covariance; "kronecker" is an
+        eigen-decomposition, which takes longer for one task alone and needs distinct
+        inputs.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -71,9 +75,11 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
         Likelihoods and gradients that learning took, summed over tasks and outputs.
+    inference_ : {"dense", "kronecker"}
+        How the likelihood is computed.
     n_features_in_ : int
         Number of columns of X, the task column counted.
-    feature_names_in_ : ndarray of shape (n_features_in_,)
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Their names, if X has any.
 
     See Also
@@ -111,7 +117,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
-        inference: Literal["auto", "dense"] = "auto",
+        inference: Literal["auto", "dense", "kronecker"] = "auto",
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -155,6 +161,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         alone = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
         rows = [self.tasks_train_ == m for m in range(len(self.tasks_))]
+        if self.inference == "kronecker":  # while the tasks have their labels
+            for m, r in enumerate(rows):
+                one = np.zeros(np.count_nonzero(r), dtype=int)
+                check_complete(features[r], one, self.tasks_[[m]])
         results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
@@ -165,6 +175,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):
             for category, message in caught:
                 warnings.warn(f"Task {label!r}: {message}", category)
+        self.inference_ = fitted[0].inference_
         self.n_iter_ = max(e.n_iter_ for e in fitted)
         self.n_evaluations_ = sum(e.n_evaluations_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)

@@ -21,7 +21,7 @@ from sklearn.gaussian_process.kernels import (
 
 from skmtgp import _linalg
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
-from skmtgp.inference import dense
+from skmtgp.inference import tiles
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.task_covariance import identity, low_rank, ones
@@ -97,7 +97,7 @@ def textbook_value(likelihood, theta):
 
 @pytest.fixture(params=[7, 288], ids=["small tiles", "one tile"])
 def tile(request, monkeypatch):
-    monkeypatch.setattr(dense, "TILE", request.param)
+    monkeypatch.setattr(tiles, "TILE", request.param)
 
 
 @pytest.mark.usefixtures("tile")
@@ -128,7 +128,7 @@ def test_gradient(kernel, form, n_noise):
 def test_tiles_do_not_matter(kernel, monkeypatch):
     form, results = low_rank(M, 2), []
     for size in (1, 2, 7, 22, 23, 24):
-        monkeypatch.setattr(dense, "TILE", size)
+        monkeypatch.setattr(tiles, "TILE", size)
         likelihood = DenseLikelihood(kernel, form, *draw())
         value, gradient = likelihood.value_and_grad(parameters(kernel, form))
         results.append(np.r_[value, gradient])
@@ -138,7 +138,7 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
 
 def test_rows_of_a_task_in_several_tiles(monkeypatch):
     # tile edges within tasks, a tile with several tasks, and tasks without rows
-    monkeypatch.setattr(dense, "TILE", 16)
+    monkeypatch.setattr(tiles, "TILE", 16)
     kernel, form = inverse_dynamics_kernel(1), low_rank(9, 3)
     rng = np.random.default_rng(3)
     tasks = np.repeat([1, 2, 3, 4, 8], [21, 1, 3, 2, 40])
@@ -162,7 +162,7 @@ class TestMemory:
 
     @pytest.fixture(params=KERNELS)
     def likelihood(self, request, monkeypatch):
-        monkeypatch.setattr(dense, "TILE", 7)
+        monkeypatch.setattr(tiles, "TILE", 7)
         return DenseLikelihood(KERNELS[request.param], low_rank(M, 2), *draw())
 
     def test_evaluations_do_not_disturb_each_other(self, likelihood):
@@ -262,7 +262,7 @@ def test_fisher_information_of_some_rows(n_rows, monkeypatch):
     theta = parameters(RBF(ARD), form, M)
     few = DenseLikelihood(RBF(ARD), form, X[rows], tasks[rows], y[rows], M)
     expected = len(y) / n_rows * few.fisher_information(theta)
-    monkeypatch.setattr(dense, "FISHER_ROWS", n_rows)
+    monkeypatch.setattr("skmtgp.inference.likelihood.FISHER_ROWS", n_rows)
     actual = DenseLikelihood(RBF(ARD), form, *draw(), M).fisher_information(theta)
     np.testing.assert_allclose(actual, expected, rtol=1e-12)
 
@@ -327,7 +327,7 @@ def test_mean_of_tasks():
 @every_kernel
 @pytest.mark.parametrize("size", [1, 5, 300])
 def test_mean_in_tiles(kernel, size, monkeypatch):
-    monkeypatch.setattr(dense, "TILE", size)
+    monkeypatch.setattr(tiles, "TILE", size)
     form, rng = low_rank(M, 2), np.random.default_rng(7)
     Z, tasks = rng.standard_normal((31, D)), rng.integers(0, M, 31)
     likelihood = DenseLikelihood(kernel, form, *draw())

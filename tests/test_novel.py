@@ -5,6 +5,7 @@ from scipy.stats import multivariate_t
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.inference.border import BorderLikelihood
+from skmtgp.inference.choice import extended
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import novel
 from skmtgp.learning.novel import Rows, add_task, learn_border
@@ -239,13 +240,12 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     tasks = np.append(tasks, np.full(8, position))
     order = np.argsort(tasks, kind="stable")
     X, y = np.vstack([problem.X, problem.X_new]), np.append(problem.y, problem.y_new)
-    extended = problem.likelihood.extended(
-        form, X[order], tasks[order], y[order], M + 1 if per_task else 1
-    )
-    value = extended.value(mode.theta)
+    data, n_noise = (X[order], tasks[order], y[order]), M + 1 if per_task else 1
+    larger = extended(problem.likelihood, form, *data, n_noise, position)
+    value = larger.value(mode.theta)
     added = value - problem.likelihood.value(problem.theta)
     np.testing.assert_allclose(added, mode.value, rtol=1e-7)
-    kernel, _, log_noise = extended.split(mode.theta)
+    kernel, _, log_noise = larger.split(mode.theta)
     np.testing.assert_array_equal(kernel, KERNEL.theta)
     old = problem.likelihood.split(problem.theta)[2]
     if per_task:  # the geometric mean of the others

@@ -15,7 +15,6 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._progress import fitting, silent
 from skmtgp.learning import climbing
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
@@ -150,9 +149,3 @@ def test_callback_that_fails():
     with pytest.raises(RuntimeError, match="from the callback"):
         model.set_callbacks(Failing()).fit(X, 2.0 * Y)
     np.testing.assert_array_equal(model.predict(X), before)
-
-
-def test_nobody_listens():
-    with fitting(PooledGP(), X, Y) as progress:
-        assert progress is silent
-        assert progress("learning", 2, str) is None

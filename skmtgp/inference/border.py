@@ -17,7 +17,7 @@ class BorderLikelihood:
 
     Parameters
     ----------
-    posterior : DensePosterior
+    posterior : Posterior
         Of the tasks so far.
     factor : ndarray of shape (n_tasks, rank)
         F, with F F^T the task covariance but for its diagonal.
@@ -39,13 +39,8 @@ class BorderLikelihood:
     def __init__(self, posterior, factor, X, y, noise, own):
         self.rank, self.own, self.y, self.noise = factor.shape[1], own, y, noise
         self.K_x = posterior.kernel(X)
-        of_rows = factor[posterior.tasks].T  # (rank, n_train)
-        cross = posterior.cross(X)  # (n_samples, n_train)
-        self.means = of_rows * posterior.alpha @ cross.T
-        # C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
-        self.halves = np.stack(
-            [posterior.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
-        )
+        # halves: C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
+        self.means, self.halves = posterior.latent(X, factor)
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""

@@ -7,5 +7,6 @@ learns several ranks that help each other, ``paper`` is section 3 without our ad
 - *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
 - *Annealed*: the noise variance is held up, at first.
 - *Shaken*: from a mode, the noise variance is raised again and all is learned anew.
-- Large data are learned *from coarse to fine*, beginning with a few hundred rows.
+- Large data are learned *from coarse to fine*, beginning with a few hundred rows, or,
+  of complete data, inputs.
 """

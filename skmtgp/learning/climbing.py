@@ -9,14 +9,15 @@ import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._bfgs import minimize
-from skmtgp.inference.dense import DenseLikelihood
+from skmtgp._tasks import complete_design
+from skmtgp.inference.choice import LIKELIHOODS
 
 RELAXED = 5.0  # standard deviation of the log parameters of k^x
 RELAXED_TOL = 0.3  # nats
 HELD = 1e-5  # noise variance while it is held up, in variances of the target
-COARSE = 300  # rows, or
+COARSE = 300  # rows, of complete data inputs, or
 COARSE_PER_TASK = 20  # if that is more
-REFINEMENT = 4.0  # most rows of a level for each row of the coarser one
+REFINEMENT = 4.0  # most of them in a level for each of the coarser one
 DOUBT = 1.0  # nats
 REPORT_EVERY = 100  # iterations
 
@@ -35,15 +36,21 @@ class Data:
         Targets.
     n_tasks : int
         Number of tasks M.
+    complete : bool, default=False
+        Whether parts of them are to be complete as they are: all tasks at the same
+        inputs, once each.
     """
 
     X: np.ndarray
     tasks: np.ndarray
     y: np.ndarray
     n_tasks: int
+    complete: bool = False
 
     def levels(self):
         """The data from coarse to fine: a few hundred of the rows, more, all.
+
+        Of complete data it is a few hundred of the inputs.
 
         Returns
         -------
@@ -51,25 +58,37 @@ class Data:
             Each is part of the next; the last is `self`.
         """
         n, coarsest = len(self.y), max(COARSE, COARSE_PER_TASK * self.n_tasks)
+        if self.complete:
+            n, coarsest = n // self.n_tasks, COARSE
         if n < 2 * coarsest:
             return [self]
         steps = ceil(log(n / coarsest) / log(REFINEMENT))
         sizes = np.geomspace(coarsest, n, steps + 1)[:-1]
         return [*(self.thinned(int(size)) for size in sizes), self]
 
-    def thinned(self, n_samples):
-        """About `n_samples` of the rows, of each task its share and at least one.
+    def thinned(self, size):
+        """About `size` of the rows, of each task its share and at least one.
 
-        The rows are drawn at random, but fewer rows are always part of more.
+        Of complete data it is as many inputs. What is left is drawn at random, but less
+        is always part of more.
         """
+        rows = np.sort(self._inputs(size) if self.complete else self._rows(size))
+        return replace(self, X=self.X[rows], tasks=self.tasks[rows], y=self.y[rows])
+
+    def _rows(self, n_samples):
         n = len(self.tasks)
         order = np.random.default_rng(0).permutation(n)
         kept = []
         for m in np.unique(self.tasks):
             rows = order[self.tasks[order] == m]
             kept.append(rows[: -(-len(rows) * n_samples // n)])
-        rows = np.sort(np.concatenate(kept))
-        return replace(self, X=self.X[rows], tasks=self.tasks[rows], y=self.y[rows])
+        return np.concatenate(kept)
+
+    def _inputs(self, n_inputs):
+        """The rows of some of the inputs."""
+        rows = complete_design(self.X, self.tasks)
+        order = np.random.default_rng(0).permutation(len(rows))
+        return rows[order[:n_inputs]].ravel()
 
 
 @dataclass(frozen=True)
@@ -96,6 +115,8 @@ class Settings:
         What is learned, for the lines that are printed.
     verbose : int, default=0
         2 or more prints lines during each climb.
+    inference : str, default="dense"
+        The likelihood, a key of :data:`skmtgp.inference.choice.LIKELIHOODS`.
     """
 
     kernel: Kernel
@@ -107,6 +128,7 @@ class Settings:
     truncation: str = "eigen"
     name: str = "output"
     verbose: int = 0
+    inference: str = "dense"
 
     @property
     def log_held(self):
@@ -129,10 +151,8 @@ class Settings:
 
     def likelihood(self, data, form):
         """The objective for a form of K^rho."""
-        n_noise = len(self.log_noise)
-        return DenseLikelihood(
-            self.kernel, form, data.X, data.tasks, data.y, n_noise=n_noise
-        )
+        make, n_noise = LIKELIHOODS[self.inference], len(self.log_noise)
+        return make(self.kernel, form, data.X, data.tasks, data.y, n_noise=n_noise)
 
     def bounds(self, form):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""

@@ -38,9 +38,9 @@ def add_task(
 
     Parameters
     ----------
-    likelihood : DenseLikelihood
+    likelihood : Likelihood
         Of the tasks so far.
-    posterior : DensePosterior
+    posterior : Posterior
         The same at theta.
     theta : ndarray of shape (n_theta,)
         What was learned of them.

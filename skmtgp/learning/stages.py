@@ -85,7 +85,7 @@ def augmented_task_covariance(data, posterior):
     ----------
     data : Data
         Observations.
-    posterior : DensePosterior
+    posterior : Posterior
         The GP with (theta_1^x, K_0^rho, sigma_1^2).
 
     Returns

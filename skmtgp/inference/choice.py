@@ -1,0 +1,86 @@
+"""Which method of inference: the estimators' parameter of that name."""
+
+import numpy as np
+from sklearn.gaussian_process.kernels import WhiteKernel
+
+from skmtgp._tasks import check_complete, complete_design
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.extended import ExtendedLikelihood
+from skmtgp.inference.kronecker import KroneckerLikelihood
+
+LIKELIHOODS = {"dense": DenseLikelihood, "kronecker": KroneckerLikelihood}
+
+
+def choose(inference, kernel, features, codes, tasks):
+    """The method for these data.
+
+    Parameters
+    ----------
+    inference : {"auto", "dense", "kronecker"}
+        What the user asked for.
+    kernel : Kernel
+        k^x.
+    features : ndarray of shape (n_samples, n_features)
+        Inputs.
+    codes : ndarray of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1.
+    tasks : ndarray of shape (n_tasks,)
+        Labels of the tasks.
+
+    Returns
+    -------
+    method : str
+        A key of LIKELIHOODS. "auto" is "kronecker" for complete data of two tasks or
+        more, whose eigen-decompositions are then faster than a Cholesky decomposition
+        of all samples, and "dense" otherwise.
+
+    Raises
+    ------
+    ValueError
+        If `inference` is "kronecker" and would not be exact.
+    """
+    if inference == "kronecker":
+        check_complete(features, codes, tasks)
+        _check_inputs_are_all(kernel, features)
+    if inference != "auto":
+        return inference
+    is_complete = len(tasks) > 1 and complete_design(features, codes) is not None
+    if is_complete and depends_on_inputs_only(kernel, features):
+        return "kronecker"
+    return "dense"
+
+
+def depends_on_inputs_only(kernel, features):
+    """Whether k^x is a function of the inputs.
+
+    A WhiteKernel is not: it tells samples of different tasks at one input apart.
+    """
+    parts = [kernel, *kernel.get_params().values()]
+    if any(isinstance(part, WhiteKernel) for part in parts):
+        return False
+    x = features[:1]  # a user's kernel may have noise of its own
+    return np.allclose(kernel(x), kernel(x, x), rtol=1e-9, atol=0.0)
+
+
+def _check_inputs_are_all(kernel, features):
+    if not depends_on_inputs_only(kernel, features):
+        raise ValueError(
+            "inference='kronecker' needs a kernel of the inputs alone, but "
+            f"kernel={kernel} has noise of its own for each sample, such as a "
+            "WhiteKernel. Leave it to noise_variance, or set inference='auto'."
+        )
+
+
+def extended(likelihood, task_covariance, X, tasks, y, n_noise, position):
+    """The likelihood with a task at `position` added, with the same kernel.
+
+    It stays with the likelihood's method. Where complete data are not complete any
+    more, the novel tasks' rows are eliminated from their covariance, exactly.
+    """
+    data = likelihood.kernel, task_covariance, X, tasks, y, n_noise
+    if likelihood.inference != "kronecker":
+        return LIKELIHOODS[likelihood.inference](*data)
+    if complete_design(X, tasks) is not None:
+        return KroneckerLikelihood(*data)
+    novel = [m + (m >= position) for m in likelihood.novel]
+    return ExtendedLikelihood(*data, [*novel, position])

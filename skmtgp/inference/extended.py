@@ -1,0 +1,192 @@
+r"""Exact inference with complete data and a few more rows, of tasks that joined later.
+
+With K the covariance of the complete data, B that between them and the other rows, and
+K_b that of those,
+
+.. math:: \begin{pmatrix} K & B \\ B^T & K_b \end{pmatrix}^{-1}
+    = \begin{pmatrix} K^{-1} & 0 \\ 0 & 0 \end{pmatrix} + \begin{pmatrix} P \\ -I
+    \end{pmatrix} S^{-1} \begin{pmatrix} P^T & -I \end{pmatrix},
+    \quad P = K^{-1} B, \quad S = K_b - B^T P,
+
+so that K is only seen through its eigen-decomposition. S is the covariance of the other
+rows given the complete data.
+"""
+
+import numpy as np
+
+from skmtgp._linalg import Cholesky, cholesky_with_jitter
+from skmtgp.inference.eigen import KroneckerEigen
+from skmtgp.inference.kronecker import EigenLikelihood, KroneckerLikelihood
+from skmtgp.inference.likelihood import log_density
+from skmtgp.inference.posterior import Posterior
+
+
+class ExtendedLikelihood(EigenLikelihood):
+    """The likelihood of complete data of some tasks and any data of novel ones.
+
+    Parameters
+    ----------
+    kernel, task_covariance, X, tasks, y, n_noise
+        See KroneckerLikelihood.
+    novel : sequence of int
+        The novel tasks.
+
+    Attributes
+    ----------
+    base : KroneckerLikelihood
+        Of the complete data.
+    old, new : ndarray of shape (n_old,) and (n_new,)
+        Rows of the complete data, and the others.
+    inputs : ndarray of shape (n_inputs + n_new, n_features)
+        Those of the complete data, then those of the other rows.
+    """
+
+    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise, novel):
+        is_novel = np.isin(tasks, novel)
+        self.old, self.new = np.flatnonzero(~is_novel), np.flatnonzero(is_novel)
+        self.novel, old = list(novel), self.old
+        self.base = KroneckerLikelihood(
+            kernel, task_covariance, X[old], tasks[old], y[old], n_noise
+        )
+        self.observed = self.base.observed
+        inputs = np.vstack([self.base.inputs, X[self.new]])
+        super().__init__(kernel, task_covariance, X, tasks, y, n_noise, inputs)
+
+    def posterior(self, theta):
+        """The posterior of f given y.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        posterior : ExtendedPosterior
+            Where S is singular in floating point, a JitterWarning says what was added
+            to it.
+        """
+        return ExtendedPosterior(self, theta)
+
+    def _decompose(self, K_x, K_rho, noise):
+        N, tasks = len(self.base.inputs), self.tasks[self.new]
+        corner = K_x[:N, :N].copy(order="F")
+        eigen = KroneckerEigen(corner, K_rho, noise, self.observed)
+        # B^T, of shape (n_new, n_inputs, n_observed), and P^T
+        cross = K_x[N:, :N, None] * K_rho[tasks][:, None, self.observed]
+        P = eigen.solve(cross)
+        S = K_rho[np.ix_(tasks, tasks)] * K_x[N:, N:]
+        S -= np.tensordot(cross, P, axes=((1, 2), (1, 2)))
+        S.flat[:: len(S) + 1] += noise[self.noise_of_row[self.new]]
+        cholesky = Cholesky(np.asfortranarray(S))
+        rotated = eigen.rotate(self.base.Y)
+        alpha = eigen.rotate_back(rotated / eigen.values)
+        rest = self.y[self.new] - np.tensordot(cross, alpha, axes=2)
+        half = cholesky.half_solve(rest)
+        value = self.base.log_density(eigen, rotated)
+        value += log_density(half @ half, cholesky.log_det(), len(half))
+        V = self._vectors(cholesky, half, P, alpha, len(K_rho))
+        return value, eigen, np.append(1.0, -np.ones(len(S))), V, K_x @ V
+
+    def _vectors(self, cholesky, half, P, alpha, n_tasks):
+        """K^{-1} y, sign 1, and the columns of (P, -I)^T S^{-1/2}, sign -1."""
+        n_new, N, _ = P.shape
+        columns = np.hstack([P.reshape(n_new, -1), -np.eye(n_new)])
+        columns = cholesky.half_solve(columns)
+        first = np.append(alpha, np.zeros(n_new)) - half @ columns
+        old, new = np.split(np.vstack([first, columns]), [alpha.size], axis=1)
+        V = np.zeros((1 + n_new, N + n_new, n_tasks))
+        V[:, :N, self.observed] = old.reshape(-1, *alpha.shape)
+        V[:, N + np.arange(n_new), self.tasks[self.new]] = new
+        return V
+
+
+class ExtendedPosterior(Posterior):
+    """Posterior of f given complete data and a few more rows.
+
+    Parameters
+    ----------
+    likelihood : ExtendedLikelihood
+        Where the data and the model's form come from.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+
+    Attributes
+    ----------
+    base : KroneckerPosterior
+        Given the complete data alone.
+    cholesky : Cholesky
+        Of S.
+    """
+
+    def __init__(self, likelihood, theta):
+        super().__init__(likelihood, theta)
+        self.old, self.new = likelihood.old, likelihood.new
+        self.X, tasks = likelihood.X[self.new], self.tasks[self.new]
+        self.base = base = likelihood.base.posterior(theta)
+        S = base.covariance(self.X, tasks) + np.diag(self.noise[self.new])
+        self.cholesky = cholesky_with_jitter(lambda: S.copy(order="F"))
+        self.jitter = np.zeros(len(self.tasks))
+        self.jitter[self.new] = self.cholesky.jitter
+        half = self.cholesky.half_solve(
+            likelihood.y[self.new] - base.mean(self.X, tasks)
+        )
+        self.log_likelihood = base.log_likelihood + log_density(
+            half @ half, self.cholesky.log_det(), len(half)
+        )
+        self._set_alpha(self.cholesky.half_solve(half, transposed=True))
+
+    def _set_alpha(self, of_new):
+        """K^{-1} y: that of the complete data less P times that of the others."""
+        base, self.alpha = self.base, np.empty(len(self.tasks))
+        weighed = np.tensordot(of_new, self._cross_to_base(), axes=1)
+        self.A = base.A - base.eigen.solve(weighed)
+        self.alpha[self.old], self.alpha[self.new] = base.by_row(self.A), of_new
+        self.weights = self._weights(self.K_rho)
+
+    def _weights(self, loadings):
+        """Of k^x at each training input, for sums of tasks or of latent functions."""
+        of_new = loadings[:, self.tasks[self.new]] * self.alpha[self.new]
+        return np.hstack([loadings[:, self.base.observed] @ self.A.T, of_new])
+
+    def _cross_to_base(self):
+        """B^T, of shape (n_new, n_inputs, n_observed)."""
+        loadings = self.K_rho[np.ix_(self.tasks[self.new], self.base.observed)]
+        return self.base.cross(self.X)[..., None] * loadings[:, None]
+
+    def latent(self, X, factor):
+        """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
+        own, (_, of_old) = self.tasks[self.new], self.base.latent(X, factor)
+        cross, means = self.cross(X), self._weights(factor.T) @ self.cross(X).T
+        loadings = self.K_rho[np.ix_(self.base.observed, own)]
+        prior = factor[own].T[..., None] * cross[:, -len(own) :].T
+        given = prior - self.base.half(self.X, loadings).T @ of_old
+        of_new = [self.cholesky.half_solve(of_latent) for of_latent in given]
+        return means, np.hstack([of_old, np.stack(of_new)])
+
+    def explained(self, X, tasks):
+        """What the data take off the variance of f, of shape (n_samples,)."""
+        of_new = np.square(self._half(X, tasks)).sum(axis=0)
+        return self.base.explained(X, tasks) + of_new
+
+    def explained_covariance(self, X, tasks):
+        """What they take off its covariance, (n_samples, n_samples)."""
+        half = self._half(X, tasks)
+        return self.base.explained_covariance(X, tasks) + half.T @ half
+
+    def _half(self, X, tasks):
+        """S^{-1/2} times the covariance of the other rows and f(X), given the old."""
+        own = self.tasks[self.new]
+        prior = self.K_rho[np.ix_(own, tasks)] * self.cross(X)[:, -len(own) :].T
+        explained = self.base.explained_between(self.X, own, X, tasks)
+        return self.cholesky.half_solve(prior - explained)
+
+    def precision(self):
+        """The diagonal of K^{-1}, of shape (n_train,)."""
+        P = self.base.eigen.solve(self._cross_to_base())
+        columns = self.cholesky.half_solve(P.reshape(len(P), -1))
+        of_old = np.square(columns).sum(axis=0).reshape(P.shape[1:])
+        precision = np.empty(len(self.tasks))
+        precision[self.old] = self.base.precision() + self.base.by_row(of_old)
+        precision[self.new] = self.cholesky.inverse_diagonal()
+        return precision

@@ -1,0 +1,281 @@
+"""Exact inference with complete data: all tasks at the same inputs, once each.
+
+With N inputs and M tasks it takes time O(N^3 + M^3 + N M (N + M)) and memory O(N^2).
+"""
+
+from abc import abstractmethod
+
+import numpy as np
+
+from skmtgp._parallel import limit_threads
+from skmtgp._tasks import complete_design
+from skmtgp.inference.eigen import KroneckerEigen
+from skmtgp.inference.likelihood import log_density
+from skmtgp.inference.posterior import Posterior
+from skmtgp.inference.tiles import TiledLikelihood
+
+
+class EigenLikelihood(TiledLikelihood):
+    """A likelihood whose gradients come from a KroneckerEigen and a few vectors.
+
+    With G = sum_v s_v v v^T - K^{-1}, where v are vectors over all samples and s_v are
+    1 or -1, dL = 1/2 sum_ij G_ij dK_ij. K is that of the complete data, whose inputs
+    come first; `observed` are their tasks.
+    """
+
+    inference = "kronecker"
+
+    def _evaluate(self, theta):
+        """The value; NotPositiveDefiniteError where K cannot be decomposed."""
+        with limit_threads(len(self.inputs)), self._workspace() as workspace:
+            bound, K_rho, noise = self._bind(theta)
+            self._fill(bound, workspace.K)
+            return self._decompose(workspace.K, K_rho, noise)[0]
+
+    def _differentiate(self, theta):
+        """The value and its gradients by kernel theta, K^rho and log noise."""
+        with limit_threads(len(self.inputs)), self._workspace() as workspace:
+            bound, K_rho, noise = self._bind(theta)
+            tapes = self._fill(bound, workspace.K, workspace.tiles)
+            value, *rest = self._decompose(workspace.K, K_rho, noise)
+            return value, *self._pull_back(bound, tapes, K_rho, noise, *rest)
+
+    @abstractmethod
+    def _decompose(self, K_x, K_rho, noise):
+        """The value and what its gradients are made of.
+
+        Returns
+        -------
+        value : float
+            Log marginal likelihood.
+        eigen : KroneckerEigen
+            The complete data's K.
+        signs : ndarray of shape (n_vectors,)
+            s_v.
+        V : ndarray of shape (n_vectors, n_inputs, n_tasks)
+            v, 0 where there is no sample.
+        K_V : ndarray of shape (n_vectors, n_inputs, n_tasks)
+            K^x V.
+        """
+
+    def _fill(self, bound, K, memory=None):
+        """K^x in K, and for each tile (K_x, tape)."""
+
+        def put(K_x, rows, cols):
+            K[rows, cols], K[cols, rows] = K_x, np.transpose(K_x)
+
+        return self._fill_tiles(bound, put, memory)
+
+    def _pull_back(self, bound, tapes, K_rho, noise, eigen, signs, V, K_V):
+        """Gradients by kernel theta, K^rho and log noise."""
+        between = np.ix_(self.observed, self.observed)
+        signed = signs[:, None, None] * V
+        d_kernel = self._pull_back_K_x(bound, tapes, eigen, signed @ K_rho, V)
+        # dL/dK^rho = 1/2 (sum_v s_v V^T K^x V - d log|K| / dK^rho)
+        D = np.tensordot(signed, K_V, axes=((0, 1), (0, 1)))
+        D[between] -= eigen.log_det_by_K_rho()
+        d_noise = np.einsum("vim,vim->m", signed, V)
+        d_noise[self.observed] -= eigen.log_det_by_noise()
+        if self.n_noise == 1:
+            d_noise = d_noise.sum(keepdims=True)
+        return d_kernel, 0.25 * (D + D.T), 0.5 * noise * d_noise
+
+    def _pull_back_K_x(self, bound, tapes, eigen, left, right):
+        """dL/dK^x = 1/2 (sum_v s_v V K^rho V^T - U diag(c) U^T), contracted."""
+        n, N = len(self.inputs), len(eigen.L)
+        U = np.zeros((n, N))
+        U[:N] = eigen.U
+        left, right = (np.moveaxis(a, 0, 1).reshape(n, -1) for a in (left, right))
+        left = np.hstack([left, -U * eigen.log_det_by_K_x()])
+        right = np.hstack([right, U])
+
+        def contract(rows, cols, K_x, tape):
+            G = left[rows] @ right[cols].T
+            self._halve(G, rows, cols)
+            return bound.contract(G, tape, rows, cols)
+
+        return sum(self._map_tiles(contract, tapes), np.zeros(self.node.n_dims))
+
+
+class KroneckerLikelihood(EigenLikelihood):
+    """The likelihood of complete data.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        k^x; only its form matters, theta sets its free hyperparameters.
+    task_covariance : FixedTaskCovariance or LowRank
+        Form of K^rho, which may have tasks without data.
+    X : ndarray of shape (n_samples, n_features)
+        Inputs without the task column, sorted by task.
+    tasks : ndarray of shape (n_samples,)
+        Task of each row, ascending.
+    y : ndarray of shape (n_samples,)
+        Targets, of which the model takes the mean to be zero.
+    n_noise : int, default=1
+        1 for a noise variance shared by the tasks, n_tasks for one each.
+
+    Attributes
+    ----------
+    observed : ndarray of shape (n_observed,)
+        The tasks with data.
+    rows : ndarray of shape (n_inputs, n_observed)
+        The row of each input and task.
+    inputs : ndarray of shape (n_inputs, n_features)
+        The inputs.
+    Y : ndarray of shape (n_inputs, n_observed)
+        The targets.
+
+    Raises
+    ------
+    ValueError
+        If the data are not complete.
+    """
+
+    novel = ()
+
+    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise=1):
+        self.observed, codes = np.unique(tasks, return_inverse=True)
+        self.rows = complete_design(X, codes)
+        if self.rows is None:
+            raise ValueError("The tasks are not observed at the same inputs once each.")
+        inputs = X[self.rows[:, 0]]
+        super().__init__(kernel, task_covariance, X, tasks, y, n_noise, inputs)
+        self.Y = y[self.rows]
+
+    def posterior(self, theta):
+        """The posterior of f given y.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        posterior : KroneckerPosterior
+            Nothing is ever added to its covariance.
+        """
+        return KroneckerPosterior(self, theta)
+
+    def log_density(self, eigen, rotated):
+        """Log density of y, given K and U^T Y W."""
+        fit = np.vdot(rotated, rotated / eigen.values)
+        return log_density(fit, eigen.log_det(), self.Y.size)
+
+    def eigen(self, theta):
+        """K decomposed."""
+        bound, K_rho, noise = self._bind(theta)
+        K_x = np.empty((len(self.inputs),) * 2)
+        self._fill(bound, K_x)
+        return KroneckerEigen(K_x.T, K_rho, noise, self.observed)
+
+    def _decompose(self, K_x, K_rho, noise):
+        eigen = KroneckerEigen(K_x.T, K_rho, noise, self.observed)
+        rotated = eigen.rotate(self.Y)
+        alpha, V = rotated / eigen.values, np.zeros((2, *self.Y.shape[:1], len(K_rho)))
+        V[0][:, self.observed] = eigen.rotate_back(alpha)
+        V[1][:, self.observed] = eigen.rotate_back(eigen.L[:, None] * alpha)
+        return self.log_density(eigen, rotated), eigen, np.ones(1), V[:1], V[1:]
+
+
+class KroneckerPosterior(Posterior):
+    """Posterior of f given complete data.
+
+    Parameters
+    ----------
+    likelihood : KroneckerLikelihood
+        Where the data and the model's form come from.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+
+    Attributes
+    ----------
+    eigen : KroneckerEigen
+        K.
+    A, of_f : ndarray of shape (n_inputs, n_observed)
+        K^{-1} y of each input and task, and what of it tells of f.
+    """
+
+    def __init__(self, likelihood, theta):
+        super().__init__(likelihood, theta)
+        self.observed, self.rows = likelihood.observed, likelihood.rows
+        self.eigen = eigen = likelihood.eigen(theta)
+        rotated = eigen.rotate(likelihood.Y)
+        self.log_likelihood = likelihood.log_density(eigen, rotated)
+        alpha = rotated / eigen.values
+        self.A = eigen.rotate_back(alpha)
+        self.alpha = self.by_row(self.A)
+        # f has no part along eigenvectors of eigenvalue zero, but alpha a large one
+        self.of_f = eigen.rotate_back(alpha * (eigen.values > 1.0))
+        self.weights = self.K_rho[:, self.observed] @ self.of_f.T
+
+    def latent(self, X, factor):
+        """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
+        of_tasks = factor[self.observed]
+        means = of_tasks.T @ self.A.T @ self.cross(X).T
+        halves = [self.half(X, row[:, None]) for row in of_tasks.T]
+        return means, np.stack(halves)
+
+    def half(self, X, loadings):
+        """C^{-1} cov(y, g(X)), where K = C C^T, for sums g of the latent functions.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        loadings : ndarray of shape (n_observed, n_samples or 1)
+            cov(f^m(x), g(x')) = loading k^x(x, x') for each observed task m.
+
+        Returns
+        -------
+        half : ndarray of shape (n_train, n_samples)
+            Its rows are in the order of the eigenvalues.
+        """
+        half = self._along_x(X).T[:, None] * (self.eigen.W.T @ loadings)
+        half /= np.sqrt(self.eigen.values)[..., None]
+        return half.reshape(-1, len(X))
+
+    def explained(self, X, tasks):
+        """What the data take off the variance of f, of shape (n_samples,)."""
+        weights = (1.0 / self.eigen.values) @ np.square(self._along_tasks())
+        return np.einsum("ti,it->t", np.square(self._along_x(X)), weights[:, tasks])
+
+    def explained_covariance(self, X, tasks):
+        """What they take off its covariance, (n_samples, n_samples)."""
+        along = self._along_x(X), tasks
+        return self._between(along, along)
+
+    def explained_between(self, X, tasks, Z, tasks_of_Z):
+        """What the data take off cov(f(X), f(Z))."""
+        return self._between((self._along_x(X), tasks), (self._along_x(Z), tasks_of_Z))
+
+    def _between(self, left, right):
+        """The same block by block of their tasks, from k^x along the eigenvectors."""
+        (of_X, tasks), (of_Z, tasks_of_Z) = left, right
+        along_tasks, explained = self._along_tasks(), np.empty((len(of_X), len(of_Z)))
+        for m in np.unique(tasks):
+            for n in np.unique(tasks_of_Z):
+                rows, cols = tasks == m, tasks_of_Z == n
+                product = along_tasks[:, m] * along_tasks[:, n]
+                weights = (product / self.eigen.values).sum(axis=1)
+                explained[np.ix_(rows, cols)] = of_X[rows] * weights @ of_Z[cols].T
+        return explained
+
+    def _along_x(self, X):
+        """k^x(X, inputs) U, of shape (n_samples, n_inputs)."""
+        return self.cross(X) @ self.eigen.U
+
+    def _along_tasks(self):
+        """W^T K^rho, of shape (n_observed, n_tasks)."""
+        return self.eigen.W.T @ self.K_rho[self.observed]
+
+    def precision(self):
+        """The diagonal of K^{-1}, of shape (n_train,)."""
+        return self.by_row(self.eigen.inverse_diagonal())
+
+    def by_row(self, of_inputs):
+        """Numbers of each input and task, in the order of the training rows."""
+        by_row = np.empty(of_inputs.size)
+        by_row[self.rows] = of_inputs
+        return by_row

@@ -1,0 +1,173 @@
+"""What the posteriors share: means in tiles, variances, leave-one-out."""
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from skmtgp._parallel import map_threads
+from skmtgp.inference import tiles
+
+
+class Posterior(ABC):
+    """Posterior of f at given parameters: the standard GP formulae with eq. 6.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Where the data and the model's form come from.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        k^x at these parameters.
+    K_rho : ndarray of shape (n_tasks, n_tasks)
+        K^rho at these parameters.
+    noise : ndarray of shape (n_samples,)
+        Noise variance of each training sample.
+    jitter : float or ndarray of shape (n_samples,)
+        What was added to it.
+    alpha : ndarray of shape (n_samples,)
+        K^{-1} y.
+    weights : ndarray of shape (n_tasks, n_inputs)
+        Of k^x at each training input in the mean of each task.
+    log_likelihood : float
+        Log marginal likelihood of the targets.
+    """
+
+    jitter = 0.0
+
+    def __init__(self, likelihood, theta):
+        kernel, rho, log_noise = likelihood.split(theta)
+        self.kernel = likelihood.kernel.clone_with_theta(kernel)
+        self.bound = likelihood.node.bind(kernel, likelihood.inputs)
+        self.K_rho = likelihood.task_covariance.matrix(rho)
+        self.tasks = likelihood.tasks
+        self.noise = np.exp(log_noise)[likelihood.noise_of_row]
+
+    @abstractmethod
+    def explained(self, X, tasks):
+        """What the data take off the variance of f, of shape (n_samples,)."""
+
+    @abstractmethod
+    def explained_covariance(self, X, tasks):
+        """What they take off its covariance, (n_samples, n_samples)."""
+
+    @abstractmethod
+    def precision(self):
+        """The diagonal of K^{-1}, of shape (n_train,)."""
+
+    @abstractmethod
+    def latent(self, X, factor):
+        """The latent functions z_a of eq. 3 and 5, of which f^m = sum_a F_ma z_a.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        factor : ndarray of shape (n_tasks, rank)
+            F.
+
+        Returns
+        -------
+        means : ndarray of shape (rank, n_samples)
+            Their posterior means at X.
+        halves : ndarray of shape (rank, n_train, n_samples)
+            C^{-1} cov(y, z_a(X)), where K = C C^T.
+        """
+
+    def mean(self, X, tasks):
+        """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
+        order = np.argsort(tasks, kind="stable")  # few tasks meet in a tile
+        cross, tasks, mean = (
+            self.bound.against(X[order]),
+            tasks[order],
+            np.empty(len(X)),
+        )
+
+        def of_rows(rows):
+            present, column = np.unique(tasks[rows], return_inverse=True)
+            of_tasks = self._weigh(cross, rows, self.weights[present])
+            return of_tasks[np.arange(len(column)), column]
+
+        mean[order] = _by_rows(of_rows, len(X))
+        return mean
+
+    def mean_of_tasks(self, X, tasks):
+        """Mean of f for each row of X and each of the tasks.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        tasks : ndarray of shape (n_tasks,)
+            Tasks.
+
+        Returns
+        -------
+        mean : ndarray of shape (n_samples, n_tasks)
+            f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i.
+        """
+        cross, weights = self.bound.against(X), self.weights[tasks]
+        return _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
+
+    def variance(self, X, tasks):
+        """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
+        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
+        return np.maximum(prior - self.explained(X, tasks), 0.0)
+
+    def covariance(self, X, tasks):
+        """Covariance of f, of shape (n_samples, n_samples)."""
+        prior = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X)
+        covariance = prior - self.explained_covariance(X, tasks)
+        diagonal = np.einsum("ii->i", covariance)  # a view
+        np.maximum(diagonal, 0.0, out=diagonal)  # as in `variance`
+        return covariance
+
+    def leave_one_out(self, include_noise=False):
+        """Each training sample predicted from all the others.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the variances are those of the observations, not those of f.
+
+        Returns
+        -------
+        residual : ndarray of shape (n_samples,)
+            y_i - mu_i, where mu_i is the mean of f given the other samples.
+        variance : ndarray of shape (n_samples,)
+            Its variance. What was added to the diagonal of a covariance that is
+            singular in floating point counts as noise.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eq. 5.12: y_i - mu_i = alpha_i / [K^{-1}]_ii,
+        and 1 / [K^{-1}]_ii is the variance of y_i given the others.
+        """
+        precision = self.precision()
+        noise = self.noise + self.jitter
+        variance = np.maximum(1.0 / precision - noise, 0.0)
+        return self.alpha / precision, variance + noise * include_noise
+
+    def cross(self, X):
+        """k^x between rows of X and the training inputs, (n_samples, n_inputs)."""
+        shape = len(X), self.weights.shape[1]
+        K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
+        return np.broadcast_to(K_x, shape)
+
+    def _weigh(self, cross, rows, weights):
+        """K^x(X[rows], X_train) times the weights, which are in rows, in tiles."""
+        size, n = rows.stop - rows.start, weights.shape[1]
+        step = max(1, tiles.TILE**2 // size)
+        total = np.zeros((size, len(weights)))
+        for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
+            total += cross.times(rows, cols, weights[:, cols].T)
+        return total
+
+
+def _by_rows(function, n):
+    """``function(rows)`` for n rows, a tile's at a time, put together again."""
+    jobs = [(slice(a, min(a + tiles.TILE, n)),) for a in range(0, n, tiles.TILE)]
+    return np.concatenate(map_threads(function, jobs))

@@ -1,0 +1,124 @@
+"""Likelihoods that fill K^x, and contract its gradient, tile by tile."""
+
+import contextlib
+from itertools import pairwise
+
+import numpy as np
+
+from skmtgp._contraction import allocate
+from skmtgp._parallel import map_threads
+from skmtgp.inference.likelihood import Likelihood
+
+TILE = 240
+
+
+class TiledLikelihood(Likelihood):
+    """A likelihood whose K^x is filled in tiles, those of one triangle.
+
+    Parameters
+    ----------
+    kernel, task_covariance, X, tasks, y, n_noise
+        See Likelihood.
+    inputs : ndarray of shape (n_inputs, n_features)
+        The inputs that K^x is between.
+
+    Attributes
+    ----------
+    pairs : list of (slice, slice)
+        Rows and columns of each tile.
+    """
+
+    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise, inputs):
+        super().__init__(kernel, task_covariance, X, tasks, y, n_noise)
+        self.inputs, n = inputs, len(inputs)
+        edges = np.linspace(0, n, -(-n // TILE) + 1 if self.node.tileable else 2)
+        self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        self.pairs = [(a, b) for i, a in enumerate(self.tiles) for b in self.tiles[i:]]
+        side = max(tile.stop - tile.start for tile in self.tiles)
+        self.upper = np.triu(np.ones((side, side)), 1)
+        np.fill_diagonal(self.upper, 0.5)
+        self._spare = []
+
+    def __getstate__(self):
+        return vars(self) | {"_spare": []}
+
+    def release(self):
+        """Give back the memory that is kept for the next evaluation."""
+        self._spare.clear()
+
+    @contextlib.contextmanager
+    def _workspace(self):
+        """The memory of an evaluation before, or new memory where there is none."""
+        workspace = self._spare.pop() if self._spare else Workspace(self.pairs)
+        try:
+            yield workspace
+        finally:
+            self._spare.append(workspace)
+
+    def _bind(self, theta):
+        """k^x, K^rho and the noise variances at theta."""
+        kernel, rho, log_noise = self.split(theta)
+        bound = self.node.bind(kernel, self.inputs)
+        return bound, self.task_covariance.matrix(rho), np.exp(log_noise)
+
+    def _fill_tiles(self, bound, put, memory=None):
+        """Call ``put(K_x, rows, cols)`` for each tile; return (K_x, tape) of each.
+
+        `memory` has Arrays for each tile; without it nothing is kept.
+        """
+
+        def fill(rows, cols, arrays):
+            new = iter(arrays).__next__ if arrays else allocate
+            K_x, tape = bound.block(rows, cols, new)
+            put(K_x, rows, cols)
+            return (K_x, tape) if arrays else None
+
+        memory = memory or [None] * len(self.pairs)
+        jobs = [
+            (*pair, arrays) for pair, arrays in zip(self.pairs, memory, strict=True)
+        ]
+        return map_threads(fill, jobs)
+
+    def _map_tiles(self, function, kept):
+        """``function(rows, cols, K_x, tape)`` of each tile."""
+        jobs = [(*pair, *of) for pair, of in zip(self.pairs, kept, strict=True)]
+        return map_threads(function, jobs)
+
+    def _halve(self, G, rows, cols):
+        """Leave of a tile what one triangle takes, and half of the diagonal."""
+        if rows == cols:
+            G *= self.upper[: len(G), : len(G)]
+
+
+class Workspace:
+    """The memory of an evaluation, for the next one: fresh memory takes time.
+
+    Parameters
+    ----------
+    pairs : list of (slice, slice)
+        Rows and columns of each tile, the last tile at the last row.
+
+    Attributes
+    ----------
+    K : ndarray of shape (n_inputs, n_inputs)
+        Place for the covariance.
+    tiles : list of Arrays
+        Places for what the gradient needs of each tile.
+    """
+
+    def __init__(self, pairs):
+        self.K = np.empty((pairs[-1][0].stop,) * 2)
+        self.tiles = [Arrays((a.stop - a.start, b.stop - b.start)) for a, b in pairs]
+
+
+class Arrays:
+    """Arrays of one shape without end, the same ones in each iteration."""
+
+    def __init__(self, shape):
+        self.shape, self.made = shape, []
+
+    def __iter__(self):
+        yield from self.made
+        while True:
+            self.made.append(np.empty(self.shape))
+            yield self.made[-1]

@@ -165,6 +165,8 @@ def fits_section(fits):
         text.append(f"## Fits at n = {n}\n")
         text.append(f"![likelihood against time](images/benchmark-fits-{n}.png)\n")
         text += [medians_table(fits, n)]
+        if len({row["fits"] for row in summary(fits, n)}) > 1:
+            text.append("Not everything has been measured: see the column *fits*.\n")
         for draw_median, title in ((likelihood_of, LIKELIHOODS), (error_of, ERRORS)):
             text += [title, joints_table(fits, n, draw_median)]
     if text:
@@ -200,8 +202,14 @@ def medians_table(fits, n):
     ]
     text = "Medians over joints and draws"
     if budgets:
-        text += f"; the peers may take {min(budgets):.0f} to {max(budgets):.0f} s"
+        text += f"; a peer may take {span(budgets)} s"
     return f"{text}:\n\n" + table(head.split(","), rows)
+
+
+def span(values):
+    """The least and the largest, or the only one."""
+    ends = sorted({f"{min(values):.0f}", f"{max(values):.0f}"}, key=float)
+    return " to ".join(ends)
 
 
 def likelihood_of(rows):

@@ -157,6 +157,6 @@ $(VENV)/ready-to-bench: $(VENV)/ready-to-run
 clean:
 	rm -rf benchmarks/.envs benchmarks/.problems benchmarks/.short
 	rm -rf examples/paper/results/short
-	rm -rf $(VENV) $(OLDEST) build dist docs/_build docs/api/*.rst htmlcov .coverage*
+	rm -rf $(VENV) $(OLDEST) build dist docs/_build docs/api/*.rst docs/auto_examples htmlcov .coverage*
 	rm -rf .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

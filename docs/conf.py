@@ -17,6 +17,7 @@ extensions = [
     "sphinx.ext.doctest",
     "sphinx-mathjax-offline",
     "sphinx_copybutton",
+    "sphinx_gallery.gen_gallery",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 suppress_warnings = ["myst.xref_missing"]  # of files that the repository has
@@ -48,6 +49,18 @@ numpydoc_xref_param_type = False
 doctest_test_doctest_blocks = ""  # pytest runs those of the docstrings
 doctest_global_setup = "import numpy as np; import pandas as pd"
 trim_doctest_flags = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "auto_examples",
+    "min_reported_time": 1,  # seconds
+    "reset_modules": ("matplotlib",),
+    "abort_on_example_error": True,
+    "capture_repr": (),
+    "write_computation_times": False,
+    "show_memory": False,
+    "show_signature": False,
+}
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"skmtgp {version}"

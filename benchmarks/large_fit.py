@@ -40,7 +40,7 @@ def main():
         f"n = {len(X)}, joint {arguments.joint}, rank {arguments.rank}: "
         f"{seconds:.0f} s (goal: 600 at n = 2800),\n"
         f"{fitted.n_evaluations_} likelihoods, log marginal likelihood "
-        f"{fitted.log_marginal_likelihood_value_:.1f}, nMSE in extrapolation {error:.1e}"
+        f"{fitted.log_marginal_likelihood_value_:.1f}, extrapolation nMSE {error:.1e}"
     )
     for warning in caught:
         print(f"{warning.category.__name__}: {warning.message}")

@@ -142,9 +142,14 @@ def eigh_semidefinite(K):
     if not np.isfinite(K).all():  # LAPACK might never return
         raise NotPositiveDefiniteError("a covariance is not finite")
     try:
-        # divide and conquer: vectors orthonormal to the last digits
+        # divide and conquer: vectors orthonormal to the last digits; SciPy 1.11 has no
+        # work space for it with one row
         values, vectors = eigh(
-            K, driver="evd", lower=True, overwrite_a=True, check_finite=False
+            K,
+            driver="evd" if len(K) > 1 else "evr",
+            lower=True,
+            overwrite_a=True,
+            check_finite=False,
         )
     except LinAlgError as error:
         raise NotPositiveDefiniteError(str(error)) from error

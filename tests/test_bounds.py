@@ -24,10 +24,10 @@ def required(project):
 def test_oldest_versions_are_the_lower_bounds():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     lines = PINS.read_text().splitlines()
-    pins = dict(line.split("==") for line in lines if "==" in line)
+    pins = dict(line.split()[0].split("==") for line in lines if "==" in line)
     bounds = required(project)
-    assert pins.keys() == bounds.keys() - UNTESTED
-    for name, version in pins.items():
+    assert pins.keys() >= bounds.keys() - UNTESTED
+    for name in bounds.keys() - UNTESTED:
         (bound,) = bounds[name].specifier
         assert bound.operator == ">="
-        assert f"{version}.".startswith(f"{bound.version}."), name
+        assert f"{pins[name]}.".startswith(f"{bound.version}."), name

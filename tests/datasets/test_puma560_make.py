@@ -126,7 +126,8 @@ def test_own_masses_sides_and_centres():
 
 def test_random_state_draws_loads_and_noise():
     same = small(noise=1.0, random_state=np.random.RandomState(5)).target
-    np.testing.assert_array_equal(small(noise=1.0, random_state=5).target, same)
+    # OpenBLAS of NumPy 1.26 rounds by where in memory a matrix lies
+    np.testing.assert_allclose(small(noise=1.0, random_state=5).target, same, 1e-11)
     assert not np.array_equal(small(random_state=5).target, small().target)
     assert not np.array_equal(
         small(random_state=None).target, small(random_state=None).target

@@ -87,7 +87,7 @@ bench: bench-own $(VENV)/ready-to-bench bench-envs
 	$(PAGE)
 
 # What the package's own benchmarks print is kept, and shown on the page.
-OWN := likelihood memory prediction modes
+OWN := likelihood memory prediction large_fit modes
 bench-own: $(VENV)/ready-to-bench
 	for name in $(OWN); do \
 	    $(BIN)/python benchmarks/$$name.py > benchmarks/results/$$name.part \

@@ -19,6 +19,7 @@ from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
 from skmtgp._tasks import complete_design
 from skmtgp._training import (
+    RESOLVED,
     Training,
     check_kernel,
     check_training,
@@ -48,8 +49,8 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
     }
 
     @abstractmethod
-    def _learn(self, training, progress):
-        """The form of K^rho and the mode of each output."""
+    def _learn(self, pairs, progress):
+        """The form of K^rho and the mode of each output, from its data and settings."""
 
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
@@ -77,9 +78,9 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         with fitting(self, X, y, verbose=self.verbose) as progress:
             features, labels, Y = check_training(self, X, y)
             training = self._scale(features, labels, Y)
-            self._check_memory(training, n_models=1)
-            form, modes = self._learn(training, progress)
-            self._store(training, self._objectives(training, form), modes)
+            pairs = self._pairs(training)
+            form, modes = self._learn(pairs, progress)
+            self._store(training, likelihoods(pairs, form), modes)
         return self
 
     def loo_predict(
@@ -122,7 +123,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         0 where rounding makes that negative. If a JitterWarning said that something was
         added to the diagonal of K, that counts as noise. For each output dense
         inference inverts the triangular factor of K in a copy, which takes n x n
-        numbers for a while and one and a half times as long as to factorise K.
+        numbers for a while.
 
         The hyperparameters are kept, and so are `y_mean_` and `y_scale_`: all of them
         have seen the sample that is left out, so that these predictions are somewhat
@@ -222,7 +223,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             mean, spread = Y.mean(axis=0), Y.std(axis=0)
         else:  # where the model has an amplitude, only the path of learning changes
             spread = np.sqrt(np.square(Y).mean(axis=0)) * self._learns_amplitude()
-        varies = spread > 10.0 * np.finfo(np.float64).eps * np.abs(mean)
+        varies = spread > RESOLVED * np.abs(mean)
         scale[varies] = spread[varies]
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
@@ -246,26 +247,20 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         check_kernel(kernel, training.features)
         return kernel
 
-    def _method(self, training):
-        """The method of inference for these data."""
+    def _pairs(self, training, n_models=1):
+        """Data and settings of each output, of which so many models are to be kept."""
+        kernel, (n, n_outputs) = self._kernel(training), training.Y.shape
         data = training.features, training.codes, training.tasks
-        return choose(self.inference, self._kernel(training), *data)
-
-    def _check_memory(self, training, n_models):
-        n, n_outputs = training.Y.shape
-        method = self._method(training)
+        method = choose(self.inference, kernel, *data)
         n_rows = n // len(training.tasks) if method == "kronecker" else n
         check_memory(n_rows, n_outputs * n_models, method)
-
-    def _pairs(self, training):
-        """Data and settings of each output."""
         n_noise = len(training.tasks) if self.noise == "per_task" else 1
         pairs = training.pairs(
-            self._kernel(training),
+            kernel,
             self.noise_variance,
             self._check_noise_bounds(),
             n_noise,
-            self._method(training),
+            method,
             max_iter=self.max_iter,
             tol=self.tol,
             verbose=self.verbose,
@@ -289,10 +284,6 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
                 "learning starts. Give one between them."
             )
         return bounds
-
-    def _objectives(self, training, form):
-        """The likelihood of each output."""
-        return [s.likelihood(data, form) for data, s in self._pairs(training)]
 
     def _store(self, training, likelihoods, modes):
         """Set the fitted attributes, in the target's own units."""
@@ -378,6 +369,11 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
         per_task = noise.shape[1] > 1
         return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
+
+
+def likelihoods(pairs, form):
+    """The likelihood of each output, from its data and settings."""
+    return [settings.likelihood(data, form) for data, settings in pairs]
 
 
 def _blocks(n_samples, n_train):

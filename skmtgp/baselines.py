@@ -55,9 +55,8 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
     def _learns_amplitude(self):
         return self.kernel is None
 
-    def _learn(self, training, progress):
-        form = self._form(len(training.tasks), self.diagonal)
-        pairs = self._pairs(training)
+    def _learn(self, pairs, progress):
+        form = self._form(pairs[0][0].n_tasks, self.diagonal)
 
         def describe(j, mode):
             return (

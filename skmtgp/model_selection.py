@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._base import likelihoods
 from skmtgp._estimator import Estimator
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
@@ -156,14 +157,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model._validate_params()
         training = model._scale(*check_training(model, X, y))
         ranks = self._check_ranks(len(training.tasks))
-        model._check_memory(training, len(ranks) if self.keep_estimators else 1)
+        pairs = model._pairs(training, len(ranks) if self.keep_estimators else 1)
         forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
-        modes = model._learn_ranks(training, forms, progress)
-        self.results_ = _results(model, training, forms, modes)
+        modes = model._learn_ranks(pairs, forms, progress)
+        objectives = [likelihoods(pairs, form) for form in forms]
+        self.results_ = _results(model, training, forms, objectives, modes)
         best = int(np.argmin(self.results_[self.criterion]))
         self.best_rank_ = forms[best].rank
         fitted = {
-            k: _fitted(model, training, forms[k], modes[k])
+            k: _fitted(model, training, forms[k], objectives[k], modes[k])
             for k in (range(len(forms)) if self.keep_estimators else [best])
         }
         self.best_estimator_ = fitted[best]
@@ -305,22 +307,20 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return "best_estimator_" in vars(self)
 
 
-def _fitted(model, training, form, modes):
+def _fitted(model, training, form, objectives, modes):
     """A copy of the model that has learned these modes."""
     model = copy(model).set_params(rank=form.rank)
-    model._store(training, model._objectives(training, form), modes)
+    model._store(training, objectives, modes)
     return model
 
 
-def _results(model, training, forms, modes):
+def _results(model, training, forms, objectives, modes):
     """The table of criteria, one entry for each form."""
     n, n_outputs = training.Y.shape
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values -= n * np.log(training.y_scale)  # a change of units
     log_likelihood = values.sum(axis=1)
-    count = np.array(
-        [sum(map(model._count, model._objectives(training, form))) for form in forms]
-    )
+    count = np.array([sum(map(model._count, of_rank)) for of_rank in objectives])
     n_observations = n * n_outputs
     deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
     return {

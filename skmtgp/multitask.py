@@ -230,17 +230,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.random_state = random_state
         self.verbose = verbose
 
-    def _learn(self, training, progress):
-        M = len(training.tasks)
+    def _learn(self, pairs, progress):
+        M = pairs[0][0].n_tasks
         if isinstance(self.rank, (bool, np.bool_)):
             raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
         form = low_rank(M, self.rank or M, self.diagonal)
-        (modes,) = self._learn_ranks(training, [form], progress)
+        (modes,) = self._learn_ranks(pairs, [form], progress)
         return form, modes
 
-    def _learn_ranks(self, training, forms, progress):
+    def _learn_ranks(self, pairs, forms, progress):
         """Modes for each form and output."""
         learn = {
             "annealed": learn_ranks,
@@ -253,7 +253,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         modes = learn(
             [
                 (data, replace(settings, truncation=self.truncation))
-                for data, settings in self._pairs(training)
+                for data, settings in pairs
             ],
             forms,
             seeds=seeds.tolist(),

@@ -92,7 +92,7 @@ def test_best_estimator_is_that_of_the_results(search, data):
 def test_criterion_chooses(data, monkeypatch, criterion, chosen):
     best = {"bic": 1, "aic": 3, "hqc": 2}
 
-    def disagreeing(model, training, forms, modes):
+    def disagreeing(model, training, forms, objectives, modes):
         ranks = np.array([form.rank for form in forms])
         return {"rank": ranks, **{c: np.abs(ranks - r) for c, r in best.items()}}
 

@@ -152,7 +152,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             Fitted estimator.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
-            self._fit(*check_training(self, X, y), progress)
+            features, labels, Y = check_training(self, X, y)
+            self._fit(features, labels, Y, progress)
         return self
 
     def _fit(self, features, labels, Y, progress):

@@ -136,7 +136,8 @@ class TestSettings:
         assert (theta[:-1] == -30.0).all()
 
 
-def test_a_diagonal_does_not_cost_likelihood(data, monkeypatch):
+@pytest.mark.parametrize("fine", [False, True])
+def test_a_diagonal_does_not_cost_likelihood(data, fine, monkeypatch):
     """Even if no climb of the model with a diagonal finds anything."""
 
     def lost(way):
@@ -146,17 +147,21 @@ def test_a_diagonal_does_not_cost_likelihood(data, monkeypatch):
 
         return follow
 
-    for module in (stages, climbing):
+    for module in (stages, climbing, ranks):
         monkeypatch.setattr(module, "climb", lost(climb))
-    settings = configure(max_iter=50)
-    starts = [first_stage(data, settings, form=f(M)) for f in (identity, ones)]
-    without = second_stage(data, settings, low_rank(M, 2), starts)
-    form = low_rank(M, 2, diagonal=True)
-    mode = second_stage(data, settings, form, starts)
-    np.testing.assert_allclose(mode.value, without.value, rtol=1e-9)
-    found = settings.likelihood(data, form).value(mode.theta)
-    np.testing.assert_allclose(mode.value, found, rtol=1e-12)
-    assert mode.n_evaluations > without.n_evaluations
+    if fine:
+        monkeypatch.setattr(climbing, "COARSE", 18)
+        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
+    pairs = [(data, configure(max_iter=50))]
+    [without] = learn_ranks(pairs, RANKS)
+    forms = [low_rank(M, r, diagonal=True) for r in (1, 2, 3)]
+    [modes] = learn_ranks(pairs, forms)
+    for form, mode, simpler in zip(forms, modes, without, strict=True):
+        assert mode.value > simpler.value - 1e-7
+        found = pairs[0][1].likelihood(data, form).value(mode.theta)
+        np.testing.assert_allclose(mode.value, found, rtol=1e-12)
+        assert mode.n_evaluations > simpler.n_evaluations
+        assert mode.n_samples == 36
 
 
 def test_a_diagonal_that_matters_is_found_where_noise_is_tiny():

@@ -30,7 +30,8 @@ N_PARAMETERS = 115  # of scikit-learn's kernel, whose gradient is n x n x p
 TENSOR_SHARE = 0.5  # of the memory, that it may take
 TIME_SETTINGS = {"gpytorch": SETTINGS, "botorch": SETTINGS}
 ABSENT = "not installed"
-GRACE = 120.0  # seconds over the budget, to load, to end an evaluation and to write
+WAIT = 5.0  # budgets, as the processor's time may count, and others may use it too
+GRACE = 120.0  # seconds more, to load, to end an evaluation and to write
 
 
 class Runner:
@@ -65,7 +66,7 @@ class Runner:
             command = [python, HERE / f"{package}_adapter.py", problem, result]
             command += ["--mode", mode, "--settings", settings]
             command += ["--budget", budget, "--threads", self.arguments.threads]
-            failure = execute(command, self.arguments.threads, 1.5 * budget + GRACE)
+            failure = execute(command, self.arguments.threads, WAIT * budget + GRACE)
             if failure or not result.exists():
                 return None, None, {"error": failure or "no result"}
             return load_result(result)

@@ -3,7 +3,8 @@
 A model of rank r is one of rank r + 1 too. Each rank's search is a draw of the lottery;
 what one of them won is handed to the others: where a rank ends below a lower one, it
 is learned again from that mode, with columns added; where a higher rank has found more,
-its mode is cut to the lower rank and learned on.
+its mode is cut to the lower rank and learned on. A model with a diagonal is learned
+on its own, and from the mode of the one without, which is part of it.
 """
 
 from functools import partial
@@ -15,10 +16,12 @@ from skmtgp._progress import silent
 from skmtgp.learning.climbing import best_of, climb, refine
 from skmtgp.learning.stages import (
     SHAKES,
+    add_diagonal,
     first_stage,
     full_rank_start,
     perturbed,
     second_stage,
+    with_starts,
 )
 from skmtgp.task_covariance import identity, ones
 
@@ -30,7 +33,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     ----------
     pairs : list of (Data, Settings)
         For each output.
-    forms : list of LowRank
+    forms : list of LowRank or list of WithDiagonal
         Forms of K^rho of ascending rank.
     seeds : sequence of int, default=()
         One for each additional start: the first of them truncates a full-rank fit, the
@@ -45,30 +48,61 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     modes : list of list of Mode
         The best mode found, for each output and form.
     """
-    coarse = [(data.levels()[0], settings) for data, settings in pairs]
-    describe = description(pairs, forms)
+    coarse = _coarsest(pairs)
     starts = make_starts(coarse, n_jobs)
     more = more_starts(coarse, starts, seeds, n_jobs)
-    jobs = [
-        (*pair, form, [*of_output, *others])
-        for pair, of_output, others in zip(coarse, starts, more, strict=True)
-        for form in forms
+    starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
+    options = {"n_jobs": n_jobs, "progress": progress}
+    if forms[0].n_kappa:
+        without = [form.form for form in forms]
+        simpler = _coarse_to_fine(pairs, without, starts, **options)
+        modes = _coarse_to_fine(pairs, forms, starts, **options)
+        modes = _with_diagonal(pairs, forms, simpler, modes, n_jobs)
+    else:
+        modes = _coarse_to_fine(pairs, forms, starts, **options)
+    return [
+        [with_starts(mode, of_output) for mode in of]
+        for of, of_output in zip(modes, starts, strict=True)
     ]
-    shakes = SHAKES if len(forms) == 1 else 1  # other ranks will help
-    follow = partial(second_stage, shakes=shakes)
+
+
+def _coarsest(pairs):
+    return [(data.levels()[0], settings) for data, settings in pairs]
+
+
+def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
+    """The best mode from some of the rows, learned on from more and more of them."""
+    describe = description(pairs, forms)
+    coarse, fine = _coarsest(pairs), any(len(data.levels()) > 1 for data, _ in pairs)
+    alone = len(forms) == 1 and not fine  # else other ranks and rows will help
+    follow = partial(second_stage, shakes=SHAKES if alone else 1)
+    jobs = [
+        (*p, form, of) for p, of in zip(coarse, starts, strict=True) for form in forms
+    ]
     report = progress("learning", len(jobs), describe)
     modes = by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
-    if all(len(data.levels()) == 1 for data, _ in pairs):
+    if not fine:
         return modes
-    jobs = [
-        (*pair, form, mode)
-        for pair, of_output in zip(pairs, modes, strict=True)
-        for form, mode in zip(forms, of_output, strict=True)
-    ]
+    jobs = _of_each(pairs, forms, modes)
     report = progress("learning from all rows", len(jobs), describe)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
+    return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
+
+
+def _with_diagonal(pairs, forms, simpler, modes, n_jobs):
+    """The better of a mode and what a diagonal makes of the one without.
+
+    The model without is part of the model with a diagonal, whose mode must not be
+    worse.
+    """
+    jobs = _of_each(pairs, forms, simpler)
+    grown = by_output(run(add_diagonal, jobs, n_jobs=n_jobs), forms)
+    modes = [
+        [best_of(both) for both in zip(*of_output, strict=True)]
+        for of_output in zip(modes, grown, strict=True)
+    ]
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
 
@@ -92,6 +126,14 @@ def by_output(modes, forms):
 
 def _of_output(pairs, forms, modes):
     return [(*pair, forms, of) for pair, of in zip(pairs, modes, strict=True)]
+
+
+def _of_each(pairs, forms, modes):
+    return [
+        (*pair, form, mode)
+        for pair, of_output in zip(pairs, modes, strict=True)
+        for form, mode in zip(forms, of_output, strict=True)
+    ]
 
 
 def make_starts(pairs, n_jobs, *, relaxed=True):

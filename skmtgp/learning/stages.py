@@ -127,34 +127,41 @@ def second_stage(data, settings, form, starts, *, shakes=SHAKES):
     Returns
     -------
     mode : Mode
-        The best one, with what was spent on all, the starts counted.
+        The best one, with what was spent on all.
     """
-    return with_starts(_best_mode(data, settings, form, starts, shakes), starts)
-
-
-def _best_mode(data, settings, form, starts, shakes):
     modes = [
         annealed(data, settings, form, start.theta(settings, form)) for start in starts
     ]
     direct = likeliest(starts).theta(settings, form)
     modes.append(climb(data, settings, form, direct))
-    if form.n_kappa:
-        modes.append(_from_simpler(data, settings, form, starts, shakes))
     return shake(data, settings, form, best_of(modes, doubt=DOUBT), shakes)
 
 
-def _from_simpler(data, settings, form, starts, shakes):
-    """The mode without a diagonal, as one with a diagonal and learned on from there.
+def add_diagonal(data, settings, form, simpler):
+    """The mode of a model, as one with a diagonal that does not matter, learned on.
 
-    The model without is part of the model with a diagonal, whose mode must not be
-    worse.
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    form : WithDiagonal
+        Form of K^rho.
+    simpler : Mode
+        A mode of the model of ``form.form``.
+
+    Returns
+    -------
+    mode : Mode
+        Not worse than with the smallest diagonal.
     """
-    simpler = _best_mode(data, settings, form.form, starts, shakes)
     kernel, rho, noise = settings.likelihood(data, form.form).split(simpler.theta)
     smallest = form.bounds(settings.scale)[-form.n_kappa :, 0]
     theta = np.concatenate([kernel, rho, smallest, noise])
     value = settings.likelihood(data, form).value(theta)
     raised = climb(data, settings, form, settings.with_noise(theta, form))
+    raised = raised._replace(n_iter=simpler.n_iter + raised.n_iter)
     return best_of([simpler._replace(theta=theta, value=value), raised])
 
 

@@ -2,6 +2,7 @@
 
 import warnings
 from abc import ABCMeta, abstractmethod
+from dataclasses import replace
 from numbers import Integral, Real
 from typing import Self
 
@@ -13,7 +14,7 @@ from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator
-from skmtgp._memory import check_memory
+from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
@@ -41,7 +42,8 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean"],
-        "inference": [StrOptions({"auto", "dense", "kronecker"})],
+        "inference": [StrOptions({"auto", "dense", "kronecker", "sparse"})],
+        "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
         "n_jobs": [Integral, None],
@@ -80,7 +82,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             training = self._scale(features, labels, Y)
             pairs = self._pairs(training)
             form, modes = self._learn(pairs, progress)
-            self._store(training, likelihoods(pairs, form), modes)
+            self._store(training, likelihoods(pairs, form, modes), modes)
         return self
 
     def loo_predict(
@@ -157,8 +159,9 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         0.03 -2.1 0.92
         """
         check_is_fitted(self)
-        order = np.argsort(self.tasks_train_, kind="stable")  # the posteriors' samples
-        residual, variance = np.empty((2, len(order), len(self._posteriors)))
+        order = self._training().order(self.inference_)  # the posteriors' samples
+        shape = len(self.tasks_train_), len(self._posteriors)
+        residual, variance = np.empty((2, *shape))
         for j, posterior in enumerate(self._posteriors):
             found = posterior.leave_one_out(include_noise)
             residual[order, j], variance[order, j] = found
@@ -215,6 +218,10 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         """Whether the model can scale itself to the targets."""
         return True
 
+    def _rank(self, n_tasks):
+        """How many latent functions the tasks share."""
+        return 1
+
     def _scale(self, features, labels, Y):
         tasks, codes = np.unique(labels, return_inverse=True)
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
@@ -252,9 +259,15 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         kernel, (n, n_outputs) = self._kernel(training), training.Y.shape
         data = training.features, training.codes, training.tasks
         method = choose(self.inference, kernel, *data)
-        n_rows = n // len(training.tasks) if method == "kronecker" else n
-        check_memory(n_rows, n_outputs * n_models, method)
-        n_noise = len(training.tasks) if self.noise == "per_task" else 1
+        n_tasks, n_factors = len(training.tasks), n_outputs * n_models
+        if method == "sparse":
+            n_inducing = min(n, self.n_inducing)
+            check_sparse_memory(n_inducing, n_tasks, self._rank(n_tasks), n_factors)
+        else:
+            check_memory(
+                n // n_tasks if method == "kronecker" else n, n_factors, method
+            )
+        n_noise = n_tasks if self.noise == "per_task" else 1
         pairs = training.pairs(
             kernel,
             self.noise_variance,
@@ -264,6 +277,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             max_iter=self.max_iter,
             tol=self.tol,
             verbose=self.verbose,
+            n_inducing=self.n_inducing,
         )
         return list(pairs)
 
@@ -300,6 +314,10 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         if training.single_output:
             self.y_train_ = training.Y[:, 0]
         self.theta_ = np.concatenate([mode.theta for mode in modes])
+        vars(self).pop("inducing_inputs_", None)
+        if self.inference_ == "sparse":
+            Z = [likelihood.Z for likelihood in likelihoods]
+            self.inducing_inputs_ = Z[0] if training.single_output else Z
         self._store_parameters(modes)
         self._store_summary(modes)
         self.n_hyperparameters_ = sum(self._count(o) for o in likelihoods)
@@ -371,9 +389,12 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
 
 
-def likelihoods(pairs, form):
-    """The likelihood of each output, from its data and settings."""
-    return [settings.likelihood(data, form) for data, settings in pairs]
+def likelihoods(pairs, form, modes):
+    """The likelihood of each output that its mode maximises."""
+    return [
+        settings.likelihood(replace(data, Z=mode.Z), form)
+        for (data, settings), mode in zip(pairs, modes, strict=True)
+    ]
 
 
 def _blocks(n_samples, n_train):

@@ -26,14 +26,45 @@ def check_memory(n_rows, n_factors, inference="dense"):
     inference : {"dense", "kronecker"}, default="dense"
         Whether the rows are samples, or the inputs that all tasks share.
     """
-    needed = 8.0 * n_rows**2 * max(MATRICES[inference], n_factors)
+    _check(
+        8.0 * n_rows**2 * max(MATRICES[inference], n_factors),
+        f"Exact inference with {n_rows} {ROWS[inference]}",
+        "Set inference='sparse', which approximates by inducing inputs, fit fewer "
+        "samples, or a SingleTaskGP, whose matrices are of one task each, or a "
+        "BayesianLinearRegression, which has none.",
+    )
+
+
+def check_sparse_memory(n_inducing, n_tasks, rank, n_factors):
+    """The same of sparse inference.
+
+    Parameters
+    ----------
+    n_inducing : int
+        Number m of inducing inputs.
+    n_tasks : int
+        Number of tasks M.
+    rank : int
+        Number r of latent functions.
+    n_factors : int
+        Posteriors that are kept, of M + r^2 matrices of m x m each; learning takes
+        four times that, by benchmarks/sparse.py.
+    """
+    matrices = (4 + n_factors) * (n_tasks + rank**2)
+    _check(
+        8.0 * n_inducing**2 * matrices,
+        f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
+        f"{rank}",
+        "Take fewer inducing inputs, or a lower rank.",
+    )
+
+
+def _check(needed, what, advice):
     available = available_memory()
     if needed > available:
         raise InsufficientMemoryError(
-            f"Exact inference with {n_rows} {ROWS[inference]} needs about "
-            f"{needed / GIB:.3g} GiB of memory, but {available / GIB:.3g} GiB are "
-            "available. Fit fewer samples, or a SingleTaskGP, whose matrices are of "
-            "one task each, or a BayesianLinearRegression, which has none."
+            f"{what} needs about {needed / GIB:.3g} GiB of memory, but "
+            f"{available / GIB:.3g} GiB are available. {advice}"
         )
 
 

@@ -232,9 +232,15 @@ class Training(NamedTuple):
     y_scale: np.ndarray
     single_output: bool
 
-    def data(self, *, complete=False):
-        """The data of each output, scaled, rows sorted by task."""
-        order = np.argsort(self.codes, kind="stable")
+    def order(self, inference):
+        """The rows as inference takes them: sorted by task, or as they are."""
+        if inference == "sparse":
+            return slice(None)
+        return np.argsort(self.codes, kind="stable")
+
+    def data(self, inference):
+        """The data of each output, scaled."""
+        order, complete = self.order(inference), inference == "kronecker"
         X, tasks = self.features[order], self.codes[order]
         Y = ((self.Y - self.y_mean) / self.y_scale)[order]
         n_tasks = len(self.tasks)
@@ -244,8 +250,7 @@ class Training(NamedTuple):
         self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
     ):
         """The data and the settings of each output."""
-        complete = inference == "kronecker"
-        for j, data in enumerate(self.data(complete=complete), start=1):
+        for j, data in enumerate(self.data(inference), start=1):
             scale = data.y.std() or 1.0
             fixed = isinstance(noise_bounds, str)
             bounds = (noise_variance,) * 2 if fixed else noise_bounds

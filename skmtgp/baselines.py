@@ -9,6 +9,7 @@ from skmtgp._base import BaseMultiTaskGP
 from skmtgp._parallel import run
 from skmtgp._training import default_kernel
 from skmtgp.learning.stages import learn_fixed
+from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.task_covariance import identity, ones
 
 
@@ -30,7 +31,8 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
-        inference: Literal["auto", "dense", "kronecker"] = "auto",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
+        n_inducing: int = 500,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -44,6 +46,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
         self.inference = inference
+        self.n_inducing = n_inducing
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
@@ -64,9 +67,11 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
                 f"(scaled) after {mode.n_iter} iterations"
             )
 
-        jobs = [(*pair, form) for pair in pairs]
+        jobs = [(*pair, form) for pair in exact_part(pairs)]
         report = progress("learning", len(jobs), describe)
-        return form, run(learn_fixed, jobs, n_jobs=self.n_jobs, report=report)
+        modes = [[m] for m in run(learn_fixed, jobs, n_jobs=self.n_jobs, report=report)]
+        modes = learn_rest(pairs, [form], modes, n_jobs=self.n_jobs, progress=progress)
+        return form, [mode for [mode] in modes]
 
 
 class IndependentGP(_FixedTaskCovarianceGP):
@@ -96,11 +101,16 @@ class IndependentGP(_FixedTaskCovarianceGP):
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense", "kronecker"}, default="auto"
-        How the likelihood is computed; always exactly. "dense" decomposes the
-        covariance of all samples. "kronecker" decomposes those of the inputs and of the
-        tasks, and needs complete data: every task observed at the same inputs, once
-        each. "auto" is "kronecker" where the data are complete, "dense" elsewhere.
+    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        How the likelihood is computed. "dense" decomposes the covariance of all
+        samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
+        complete data: every task observed at the same inputs, once each. "auto" is
+        "kronecker" where the data are complete, "dense" elsewhere; both are exact.
+        "sparse" approximates, for data too large for them: a lower bound on the
+        likelihood by inducing inputs takes its place.
+    n_inducing : int, default=500
+        Number of inducing inputs, only for "sparse": more are closer to exact, and
+        take time with their square or, many of them, their cube.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -125,7 +135,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
     y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
         Mean and standard deviation that `normalize_y` uses.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units, summed over the outputs.
+        Log density of y in its own units (a lower bound of it where inference is
+        sparse), summed over the outputs.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
@@ -140,8 +151,11 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Likelihoods and gradients that learning took, summed over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
-    inference_ : {"dense", "kronecker"}
+    inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
+    inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
+        Some of the training inputs; a list of n_outputs of them where y has two
+        dimensions. Only if inference is sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -203,11 +217,16 @@ class PooledGP(_FixedTaskCovarianceGP):
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense", "kronecker"}, default="auto"
-        How the likelihood is computed; always exactly. "dense" decomposes the
-        covariance of all samples. "kronecker" decomposes those of the inputs and of the
-        tasks, and needs complete data: every task observed at the same inputs, once
-        each. "auto" is "kronecker" where the data are complete, "dense" elsewhere.
+    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        How the likelihood is computed. "dense" decomposes the covariance of all
+        samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
+        complete data: every task observed at the same inputs, once each. "auto" is
+        "kronecker" where the data are complete, "dense" elsewhere; both are exact.
+        "sparse" approximates, for data too large for them: a lower bound on the
+        likelihood by inducing inputs takes its place.
+    n_inducing : int, default=500
+        Number of inducing inputs, only for "sparse": more are closer to exact, and
+        take time with their square or, many of them, their cube.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -232,7 +251,8 @@ class PooledGP(_FixedTaskCovarianceGP):
     y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
         Mean and standard deviation that `normalize_y` uses.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units, summed over the outputs.
+        Log density of y in its own units (a lower bound of it where inference is
+        sparse), summed over the outputs.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
@@ -247,8 +267,11 @@ class PooledGP(_FixedTaskCovarianceGP):
         Likelihoods and gradients that learning took, summed over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
-    inference_ : {"dense", "kronecker"}
+    inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
+    inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
+        Some of the training inputs; a list of n_outputs of them where y has two
+        dimensions. Only if inference is sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)

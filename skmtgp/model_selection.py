@@ -157,10 +157,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model._validate_params()
         training = model._scale(*check_training(model, X, y))
         ranks = self._check_ranks(len(training.tasks))
+        model.set_params(rank=ranks[-1])
         pairs = model._pairs(training, len(ranks) if self.keep_estimators else 1)
         forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
         modes = model._learn_ranks(pairs, forms, progress)
-        objectives = [likelihoods(pairs, form) for form in forms]
+        objectives = [
+            likelihoods(pairs, form, of_form)
+            for form, of_form in zip(forms, modes, strict=True)
+        ]
         self.results_ = _results(model, training, forms, objectives, modes)
         best = int(np.argmin(self.results_[self.criterion]))
         self.best_rank_ = forms[best].rank

@@ -19,6 +19,7 @@ from skmtgp.inference.choice import extended
 from skmtgp.learning.novel import add_task
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.task_covariance import low_rank
 
 
@@ -60,11 +61,16 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense", "kronecker"}, default="auto"
-        How the likelihood is computed; always exactly. "dense" decomposes the
-        covariance of all samples. "kronecker" decomposes those of the inputs and of the
-        tasks, and needs complete data: every task observed at the same inputs, once
-        each. "auto" is "kronecker" where the data are complete, "dense" elsewhere.
+    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        How the likelihood is computed. "dense" decomposes the covariance of all
+        samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
+        complete data: every task observed at the same inputs, once each. "auto" is
+        "kronecker" where the data are complete, "dense" elsewhere; both are exact.
+        "sparse" approximates, for data too large for them: a lower bound on the
+        likelihood by inducing inputs takes its place.
+    n_inducing : int, default=500
+        Number of inducing inputs, only for "sparse": more are closer to exact, and
+        take time with their square or, many of them, their cube.
     learning : {"annealed", "staged", "simultaneous"}, default="annealed"
         How the mode is searched for. "annealed" finds the best ones; "staged" is the
         heuristic of the paper's section 3 to the letter; "simultaneous" learns all
@@ -103,7 +109,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
         Mean and standard deviation that `normalize_y` uses.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units, summed over the outputs.
+        Log density of y in its own units (a lower bound of it where inference is
+        sparse), summed over the outputs.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
@@ -126,8 +133,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         share counts for each of them.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
-    inference_ : {"dense", "kronecker"}
+    inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
+    inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
+        Some of the training inputs; a list of n_outputs of them where y has two
+        dimensions. Only if inference is sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column.
     tasks_train_ : ndarray of shape (n_samples,)
@@ -202,7 +212,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
-        inference: Literal["auto", "dense", "kronecker"] = "auto",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
+        n_inducing: int = 500,
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
@@ -221,6 +232,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
         self.inference = inference
+        self.n_inducing = n_inducing
         self.learning = learning
         self.truncation = truncation
         self.n_restarts_optimizer = n_restarts_optimizer
@@ -236,9 +248,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
-        form = low_rank(M, self.rank or M, self.diagonal)
+        form = low_rank(M, self._rank(M), self.diagonal)
         (modes,) = self._learn_ranks(pairs, [form], progress)
         return form, modes
+
+    def _rank(self, n_tasks):
+        return self.rank or n_tasks
 
     def _learn_ranks(self, pairs, forms, progress):
         """Modes for each form and output."""
@@ -250,16 +265,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         n_seeds = self.n_restarts_optimizer + (self.learning == "simultaneous")
         rng = check_random_state(self.random_state)
         seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds)
-        modes = learn(
-            [
-                (data, replace(settings, truncation=self.truncation))
-                for data, settings in pairs
-            ],
-            forms,
-            seeds=seeds.tolist(),
-            n_jobs=self.n_jobs,
-            progress=progress,
-        )
+        pairs = [
+            (data, replace(settings, truncation=self.truncation))
+            for data, settings in pairs
+        ]
+        options = {"n_jobs": self.n_jobs, "progress": progress}
+        modes = learn(exact_part(pairs), forms, seeds=seeds.tolist(), **options)
+        modes = learn_rest(pairs, forms, modes, **options)
         return list(zip(*modes, strict=True))
 
     def add_task(
@@ -321,7 +333,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         training, position = self._training().with_task(*check_new_task(self, X, y))
         n_rows = len(self._likelihoods[0].inputs)
         n_rows += len(training.features) - len(self.X_train_)
-        check_memory(n_rows, len(self._likelihoods), self.inference_)
+        if self.inference_ != "sparse":
+            check_memory(n_rows, len(self._likelihoods), self.inference_)
         outputs = self._extend(training, position, informed=prior is not None)
         model = copy(self)
         model._store(training, *zip(*outputs, strict=True))
@@ -335,7 +348,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             self._likelihoods,
             self._posteriors,
             np.split(self.theta_, len(self._likelihoods)),
-            training.data(),
+            training.data(self.inference_),
             strict=True,
         )
         for likelihood, posterior, theta, data in outputs:
@@ -354,7 +367,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 tol=self.tol,
             )
             of_all = data.X, data.tasks, data.y
-            yield extended(likelihood, form, *of_all, n_noise, position), mode
+            more = extended(
+                likelihood, form, *of_all, n_noise, position, posterior.kernel
+            )
+            yield more, mode
 
     def _store(self, training, likelihoods, modes):
         super()._store(training, likelihoods, modes)

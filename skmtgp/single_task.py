@@ -43,11 +43,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning, for each task separately. The model's mean is zero
         otherwise.
-    inference : {"auto", "dense", "kronecker"}, default="auto"
-        How the likelihood is computed; always exactly. "auto" is "dense", a Cholesky
-        decomposition of each task's covariance; "kronecker" is an
-        eigen-decomposition, which takes longer for one task alone and needs distinct
-        inputs.
+    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        How the likelihood is computed. "auto" is "dense", a Cholesky decomposition of
+        each task's covariance; "kronecker" is an eigen-decomposition, which takes
+        longer for one task alone and needs distinct inputs. Both are exact. "sparse"
+        approximates, for tasks too large for them: a lower bound on the likelihood by
+        inducing inputs takes its place.
+    n_inducing : int, default=500
+        Number of inducing inputs of each task, only for "sparse".
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -66,7 +69,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units, summed over tasks and outputs.
+        Log density of y in its own units (a lower bound of it where inference is
+        sparse), summed over tasks and outputs.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
@@ -75,7 +79,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
         Likelihoods and gradients that learning took, summed over tasks and outputs.
-    inference_ : {"dense", "kronecker"}
+    inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
     n_features_in_ : int
         Number of columns of X, the task column counted.
@@ -117,7 +121,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
-        inference: Literal["auto", "dense", "kronecker"] = "auto",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
+        n_inducing: int = 500,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -129,6 +134,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
         self.inference = inference
+        self.n_inducing = n_inducing
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs

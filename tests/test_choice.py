@@ -382,12 +382,12 @@ def test_extended_keeps_to_the_method():
         (DenseLikelihood, DenseLikelihood),
         (KroneckerLikelihood, ExtendedLikelihood),
     ]:
-        found = extended(kind(RBF(), form, *data), more, *grown, 1, 3)
+        found = extended(kind(RBF(), form, *data), more, *grown, 1, 3, RBF())
         assert type(found) is expected
     new = X[0, :2], 0, 1.0  # before the others
     grown[1] = grown[1] + 1
     again = [np.insert(a, 0, b, axis=0) for a, b in zip(grown, new, strict=True)]
-    found = extended(found, low_rank(5, 1), *again, 1, 0)
+    found = extended(found, low_rank(5, 1), *again, 1, 0, RBF())
     assert found.novel == [4, 0]
 
 

@@ -491,7 +491,7 @@ class TestMemory:
     def test_that_cannot_suffice(self, model, large, sixteen_gib):
         match = (
             "Exact inference with 200000 samples needs about 894 GiB of memory, but 16 "
-            "GiB are available. Fit fewer samples, or a SingleTaskGP, .* or a Bayesian"
+            "GiB are available. Set inference='sparse', .* SingleTaskGP, .* or a Bay"
         )
         model = clone(model)
         with pytest.raises(InsufficientMemoryError, match=match):

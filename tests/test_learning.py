@@ -10,7 +10,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear
-from skmtgp.learning import climbing, ranks, stages
+from skmtgp.learning import climbing, nesting, ranks, stages
 from skmtgp.learning.climbing import (
     Data,
     Mode,
@@ -21,7 +21,8 @@ from skmtgp.learning.climbing import (
     refine,
     shake,
 )
-from skmtgp.learning.ranks import descend, learn_ranks, nest
+from skmtgp.learning.nesting import descend, nest
+from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.stages import (
     Start,
     augmented_task_covariance,
@@ -147,7 +148,7 @@ def test_a_diagonal_does_not_cost_likelihood(data, fine, monkeypatch):
 
         return follow
 
-    for module in (stages, climbing, ranks):
+    for module in (stages, climbing, nesting):
         monkeypatch.setattr(module, "climb", lost(climb))
     if fine:
         monkeypatch.setattr(climbing, "COARSE", 18)
@@ -527,7 +528,7 @@ class TestNest:
         assert nested[1].value > nested[0].value + 0.01
 
     def test_the_lower_mode_is_the_last_resort(self, data, forms, modes, monkeypatch):
-        monkeypatch.setattr(ranks, "climb", lambda *args: modes[1])
+        monkeypatch.setattr(nesting, "climb", lambda *args: modes[1])
         nested = nest(data, configure(), forms[:2], modes[:2])
         assert nested[1].value == modes[0].value
         likelihood = configure().likelihood(data, forms[1])
@@ -569,7 +570,7 @@ class TestDescend:
 
     def test_none_is_worse(self, data, forms, rising, monkeypatch):
         worst = rising[0]._replace(value=-1e9)
-        monkeypatch.setattr(ranks, "climb", lambda *args: worst)
+        monkeypatch.setattr(nesting, "climb", lambda *args: worst)
         better = descend(data, configure(), forms, rising)
         assert [m.value for m in better] == [m.value for m in rising]
 

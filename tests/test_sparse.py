@@ -19,12 +19,12 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp.exceptions import JitterWarning
-from skmtgp.inference import features, sparse
+from skmtgp.inference import features, likelihood
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.features import Features
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
-from skmtgp.inference.weights import Covariances
+from skmtgp.inference.weights import Gradients
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.task_covariance import identity, low_rank, ones
 
@@ -312,7 +312,7 @@ class TestSums:
     def test_backward(self, bound):
         theta = parameters(bound.kernel, bound.task_covariance, M)
         phi, weights = bound.forward(theta)
-        adjoint, blocks = Covariances(weights).adjoint(), list(bound.blocks())
+        adjoint, blocks = Gradients(weights).adjoint(), list(bound.blocks())
         whole, one, two = (
             sum_gradients(phi, adjoint, some)
             for some in (blocks, blocks[:2], blocks[2:])
@@ -329,7 +329,7 @@ class TestSums:
     def test_are_small(self, bound):
         theta = parameters(bound.kernel, bound.task_covariance, M)
         phi, weights = bound.forward(theta)
-        m, adjoint = len(bound.Z), Covariances(weights).adjoint()
+        m, adjoint = len(bound.Z), Gradients(weights).adjoint()
         for sums in (weights.sums, sum_gradients(phi, adjoint, bound.blocks())):
             assert max(part.size for part in vars(sums).values()) <= M * m * m
 
@@ -531,7 +531,7 @@ def test_fisher_information(n_noise):
 
 
 def test_fisher_information_of_some_rows(monkeypatch):
-    monkeypatch.setattr(sparse, "FISHER_ROWS", 5)
+    monkeypatch.setattr(likelihood, "FISHER_ROWS", 5)
     kernel, form, (X, tasks, y) = RBF(ARD), low_rank(M, 2), draw()
     theta, rows = parameters(kernel, form), np.linspace(0, len(y) - 1, 5).astype(int)
     few = dense(kernel, form, sample=Sample(X[rows], tasks[rows], y[rows]))

@@ -6,9 +6,9 @@ from sklearn.gaussian_process.kernels import WhiteKernel
 from skmtgp._tasks import check_complete, complete_design
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
+from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.kronecker import KroneckerLikelihood
-
-LIKELIHOODS = {"dense": DenseLikelihood, "kronecker": KroneckerLikelihood}
+from skmtgp.inference.sparse import SparseBound
 
 
 def choose(inference, kernel, features, codes, tasks):
@@ -16,7 +16,7 @@ def choose(inference, kernel, features, codes, tasks):
 
     Parameters
     ----------
-    inference : {"auto", "dense", "kronecker"}
+    inference : {"auto", "dense", "kronecker", "sparse"}
         What the user asked for.
     kernel : Kernel
         k^x.
@@ -29,8 +29,8 @@ def choose(inference, kernel, features, codes, tasks):
 
     Returns
     -------
-    method : str
-        A key of LIKELIHOODS. "auto" is "kronecker" for complete data of two tasks or
+    method : {"dense", "kronecker", "sparse"}
+        "auto" is "kronecker" for complete data of two tasks or
         more, whose eigen-decompositions are then faster than a Cholesky decomposition
         of all samples, and "dense" otherwise.
 
@@ -71,15 +71,22 @@ def _check_inputs_are_all(kernel, features):
         )
 
 
-def extended(likelihood, task_covariance, X, tasks, y, n_noise, position):
+def extended(likelihood, task_covariance, X, tasks, y, n_noise, position, kernel):
     """The likelihood with a task at `position` added, with the same kernel.
 
     It stays with the likelihood's method. Where complete data are not complete any
-    more, the novel tasks' rows are eliminated from their covariance, exactly.
+    more, the novel tasks' rows are eliminated from their covariance, exactly. The
+    inducing inputs of a bound get those of the novel task's that add to them, which
+    `kernel`, k^x as learned, tells.
     """
-    data = likelihood.kernel, task_covariance, X, tasks, y, n_noise
-    if likelihood.inference != "kronecker":
-        return LIKELIHOODS[likelihood.inference](*data)
+    data = likelihood.kernel, task_covariance, X, tasks, y
+    if likelihood.inference == "sparse":
+        Z = np.vstack([likelihood.Z, X[np.flatnonzero(tasks == position)]])
+        most = min(len(Z), 2 * len(likelihood.Z))
+        return SparseBound(*data, greedy_variance(kernel, Z, most), n_noise)
+    if likelihood.inference == "dense":
+        return DenseLikelihood(*data, n_noise)
+    data = *data, n_noise
     if complete_design(X, tasks) is not None:
         return KroneckerLikelihood(*data)
     novel = [m + (m >= position) for m in likelihood.novel]

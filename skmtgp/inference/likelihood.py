@@ -46,15 +46,19 @@ class Likelihood(ABC):
         self.task_covariance = task_covariance
         self.X, self.tasks, self.y = X, tasks, y
         self.n_noise = n_noise
-        self.noise_of_row = tasks if n_noise > 1 else np.zeros_like(tasks)
+        self.noise_of_row = tasks if n_noise > 1 else np.zeros(len(tasks), dtype=int)
 
     @abstractmethod
     def _evaluate(self, theta):
         """The value; NotPositiveDefiniteError where K cannot be factorised."""
 
     @abstractmethod
-    def _differentiate(self, theta):
-        """The value and its gradients by kernel theta, K^rho and log noise."""
+    def _evaluate_with_grad(self, theta):
+        """The same with the gradient by theta."""
+
+    @abstractmethod
+    def task_gradient(self, theta):
+        """Derivative of the value with respect to K^rho, (n_tasks, n_tasks)."""
 
     @abstractmethod
     def posterior(self, theta):
@@ -103,15 +107,9 @@ class Likelihood(ABC):
             Its gradient.
         """
         try:
-            value, d_kernel, D, d_noise = self._differentiate(theta)
+            return self._evaluate_with_grad(theta)
         except NotPositiveDefiniteError:
             return -np.inf, np.full(len(theta), np.nan)
-        d_rho = self.task_covariance.pull_back(self.split(theta)[1], D)
-        return value, np.concatenate([d_kernel, d_rho, d_noise])
-
-    def task_gradient(self, theta):
-        """Derivative of the value with respect to K^rho, (n_tasks, n_tasks)."""
-        return self._differentiate(theta)[2]
 
     def fisher_information(self, theta):
         """Fisher information of theta, from some of the rows.
@@ -149,7 +147,8 @@ class Likelihood(ABC):
         between, noise = np.ix_(tasks, tasks), np.exp(log_noise)
         K_rho = self.task_covariance.matrix(rho)[between]
         kernel = self.kernel.clone_with_theta(kernel)
-        K_x, dK_x = kernel(self.X[rows], eval_gradient=True)
+        X = np.asarray(self.X[rows], dtype=float)
+        K_x, dK_x = kernel(X, eval_gradient=True)
         dK_rho = self.task_covariance.derivatives(rho)
         derivatives = chain(
             (d * K_rho for d in np.moveaxis(dK_x, 2, 0)),

@@ -16,21 +16,19 @@ equals it where Z holds all inputs.
 
 import numpy as np
 
-from skmtgp._contraction import compile_kernel
 from skmtgp._parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.features import Features
 from skmtgp.inference.latent import latent_functions, pull_back
+from skmtgp.inference.likelihood import Likelihood
 from skmtgp.inference.sparse_posterior import SparsePosterior
 from skmtgp.inference.sums import sum_features, sum_gradients, sum_residuals
-from skmtgp.inference.weights import Covariances, Weights
+from skmtgp.inference.weights import Gradients, Weights
 
 BLOCK = 1024  # rows
-FISHER_ROWS = 200
 
 
-class SparseBound:
+class SparseBound(Likelihood):
     """Lower bound on the log marginal likelihood of one output over all tasks.
 
     Parameters
@@ -85,6 +83,8 @@ class SparseBound:
     by the kernel's theta: some per cent at worst, while greedily chosen ones keep 4.
     """
 
+    inference = "sparse"
+
     def __init__(
         self,
         kernel,
@@ -96,47 +96,30 @@ class SparseBound:
         n_noise=1,
         block_size=BLOCK,
     ):
-        self.kernel, self.node = kernel, compile_kernel(kernel)
-        self.task_covariance = task_covariance
-        self.X, self.tasks, self.y = X, tasks, y
-        self.Z = np.asarray(Z, dtype=float)
-        self.n_noise, self.block_size = n_noise, block_size
+        super().__init__(kernel, task_covariance, X, tasks, y, n_noise)
+        self.Z, self.block_size = np.asarray(Z, dtype=float), block_size
         if self.Z.shape[1:] != X.shape[1:] or not len(self.Z):
             raise ValueError(
                 f"Z has shape {self.Z.shape}; it needs at least one row and the "
                 f"{X.shape[1]} features of X."
             )
 
-    def split(self, theta):
-        """Theta's three parts: kernel, K^rho, log noise variances."""
-        return np.split(theta, [self.node.n_dims, len(theta) - self.n_noise])
+    @property
+    def inputs(self):
+        """Between what the covariances are: the inducing inputs."""
+        return self.Z
 
-    def value(self, theta):
-        """The bound; -inf where a matrix cannot be factorised."""
+    def _evaluate(self, theta):
+        """The bound; NotPositiveDefiniteError where a factorisation fails."""
         with limit_threads(len(self.y)):
-            try:
-                features, weights = self.forward(theta)
-            except NotPositiveDefiniteError:
-                return -np.inf
+            features, weights = self.forward(theta)
             sums = self.over_rows(sum_residuals, features, weights.omega)
         return weights.log_density(sums.squares)
 
-    def value_and_grad(self, theta):
-        """The bound and its gradient; -inf and nan where a factorisation fails.
-
-        Parameters
-        ----------
-        theta : ndarray of shape (n_theta,)
-            Parameters.
-
-        Returns
-        -------
-        value : float
-            The bound.
-        gradient : ndarray of shape (n_theta,)
-            Its gradient.
-        """
-        return self.value_and_grads(theta, inputs=False)[:2]
+    def _evaluate_with_grad(self, theta):
+        """The same with the gradient by theta."""
+        with limit_threads(len(self.y)):
+            return self._pull_back(theta, inputs=False)[:2]
 
     def value_and_grads(self, theta, inputs=True):
         """The bound and its gradients by theta and by the inducing inputs.
@@ -157,20 +140,20 @@ class SparseBound:
         d_Z : ndarray of shape (n_inducing, n_features) or None
             Its gradient by Z.
         """
-        with limit_threads(len(self.y)):
-            try:
-                features, weights = self.forward(theta)
-            except NotPositiveDefiniteError:
-                failed = np.full_like(self.Z, np.nan) if inputs else None
-                return -np.inf, np.full(len(theta), np.nan), failed
-            return self._differentiate(theta, features, weights, inputs)
+        try:
+            with limit_threads(len(self.y)):
+                return self._pull_back(theta, inputs)
+        except NotPositiveDefiniteError:
+            failed = np.full_like(self.Z, np.nan) if inputs else None
+            return -np.inf, np.full(len(theta), np.nan), failed
 
-    def _differentiate(self, theta, features, weights, inputs):
-        covariances = Covariances(weights)
-        adjoint = covariances.adjoint()
+    def _pull_back(self, theta, inputs):
+        features, weights = self.forward(theta)
+        gradients = Gradients(weights)
+        adjoint = gradients.adjoint()
         back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
-        d_kernel, K_bar = features.contract(covariances.omega_bar())
-        d_F, d_kappa, d_noise = covariances.gradients(back)
+        d_kernel, K_bar = features.contract(gradients.omega_bar())
+        d_F, d_kappa, d_noise = gradients.by_parameters(back)
         rho = self.split(theta)[1]
         d_rho = pull_back(self.task_covariance, rho, d_F, d_kappa)
         d_noise = d_noise if self.n_noise > 1 else [d_noise.sum()]
@@ -195,33 +178,9 @@ class SparseBound:
         """
         with limit_threads(len(self.y)):
             features, weights = self.forward(theta)
-            covariances = Covariances(weights)
-            back = self.over_rows(sum_gradients, features, covariances.adjoint())
-            return covariances.task_gradient(back)
-
-    def fisher_information(self, theta):
-        """Fisher information of theta in exact inference, from some of the rows.
-
-        Parameters
-        ----------
-        theta : ndarray of shape (n_theta,)
-            Parameters.
-
-        Returns
-        -------
-        information : ndarray of shape (n_theta, n_theta)
-            That of at most FISHER_ROWS rows, scaled to all.
-        """
-        n = len(self.y)
-        rows = np.linspace(0, n - 1, min(n, FISHER_ROWS)).astype(int)
-        rows = rows[np.argsort(self.tasks[rows], kind="stable")]
-        few = DenseLikelihood(
-            self.kernel,
-            self.task_covariance,
-            *self._read(rows),
-            n_noise=self.n_noise,
-        )
-        return few.fisher_information(theta) * (n / len(rows))
+            gradients = Gradients(weights)
+            back = self.over_rows(sum_gradients, features, gradients.adjoint())
+            return gradients.task_gradient(back)
 
     def posterior(self, theta):
         """The posterior of f given the inducing variables.

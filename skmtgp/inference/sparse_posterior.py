@@ -25,6 +25,10 @@ class SparsePosterior:
         K^rho at these parameters.
     features : Features
         Whitened features at these parameters.
+    V : ndarray of shape (rank, n_inducing)
+        Mean weights of the latent functions.
+    noise : ndarray of shape (n_tasks,)
+        Noise variance of each task.
     log_likelihood : float
         The bound on the log marginal likelihood of the targets.
 
@@ -39,9 +43,10 @@ class SparsePosterior:
             self.features, weights = bound.forward(theta)
             sums = bound.over_rows(sum_residuals, self.features, weights.omega)
             self.log_likelihood = weights.log_density(sums.squares)
-            self.omega = weights.refined(sums.errors)
+            self.V, self.omega = weights.refined(sums.errors)
             self.covariances = Covariances(weights)
         self.features.warn_of_jitter()
+        self.bound, self.noise = bound, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho = bound.task_covariance.matrix(bound.split(theta)[1])
         # f^m(x) = omega_m . L^{-1} k^x(Z, x)
@@ -86,14 +91,18 @@ class SparsePosterior:
         def of_rows(X, tasks):
             tile = self.features.tile(X)
             variance = self.K_rho[tasks, tasks] * tile.rest
-            for task in np.unique(tasks):
-                rows = tasks == task
-                phi = tile.phi[:, rows]
-                Sigma = self.covariances.Sigma[task]
-                variance[rows] += np.einsum("ji,ji->i", phi, Sigma @ phi)
-            return np.maximum(variance, 0.0)
+            return np.maximum(variance + self._spread(tile.phi, tasks), 0.0)
 
         return self._by_block(of_rows, X, tasks)
+
+    def _spread(self, phi, tasks):
+        """Variances of omega_m . phi for given features and tasks."""
+        spread = np.empty(len(tasks))
+        for task in np.unique(tasks):
+            rows = tasks == task
+            Sigma, of_task = self.covariances.Sigma[task], phi[:, rows]
+            spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
+        return spread
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
@@ -104,6 +113,66 @@ class SparsePosterior:
         diagonal = np.einsum("ii->i", covariance)  # a view
         np.maximum(diagonal, 0.0, out=diagonal)  # as in `variance`
         return covariance
+
+    def leave_one_out(self, include_noise=False):
+        """Each training sample predicted from all the others, by the same Z.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the variances are those of the observations, not those of f.
+
+        Returns
+        -------
+        residual : ndarray of shape (n_samples,)
+            y_i - mu_i, where mu_i is the mean of f given the other samples.
+        variance : ndarray of shape (n_samples,)
+            Its variance.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eq. 5.12, for the model with the features alone:
+        [K^{-1} y]_i = e_i / sigma^2 with the residuals e, and [K^{-1}]_ii =
+        (1 - h_i) / sigma^2 with h_i = phi_i^T Sigma_m phi_i / sigma^2. What the
+        features leave of the variance of f is added.
+        """
+        parts = [self._left_out(*block) for block in self.bound.blocks()]
+        residual, variance, noise = np.concatenate(parts, axis=1)
+        return residual, variance + noise * include_noise
+
+    def _left_out(self, X, tasks, y):
+        tile, noise = self.features.tile(X), self.noise[tasks]
+        share = self._spread(tile.phi, tasks) / noise
+        left = np.maximum(1.0 - share, np.finfo(float).eps)
+        error = y - np.einsum("ij,ji->i", self.omega[tasks], tile.phi)
+        rest = self.K_rho[tasks, tasks] * np.maximum(tile.rest, 0.0)
+        return np.stack([error / left, noise * share / left + rest, noise])
+
+    def latent(self, X, factor):
+        """The latent functions z_a at X.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples, n_features)
+            Inputs: few, for the arrays have as many numbers as the square of rank times
+            n_samples.
+        factor : ndarray of shape (n_tasks, rank)
+            F, which the posterior knows.
+
+        Returns
+        -------
+        means : ndarray of shape (rank, n_samples)
+            Their posterior means at X.
+        halves : ndarray of shape (rank, rank * n_samples, n_samples)
+            C_a with cov(z_a, z_b) = delta_ab k^x(X, X) - C_a^T C_b.
+        """
+        phi, (rank, n) = self.features.tile(X).phi, (factor.shape[1], len(X))
+        inverse = self.covariances.inverse
+        told = -np.einsum("ji,abjk,kl->aibl", phi, inverse, phi, optimize=True)
+        np.einsum("aial->ail", told)[...] += phi.T @ phi
+        values, vectors = np.linalg.eigh(told.reshape(rank * n, rank * n))
+        half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+        return self.V @ phi, half.reshape(-1, rank, n).swapaxes(0, 1)
 
     def _by_block(self, function, X, *parts):
         """``function(X, *parts)`` for blocks of rows, put together again."""

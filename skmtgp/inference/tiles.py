@@ -1,6 +1,7 @@
 """Likelihoods that fill K^x, and contract its gradient, tile by tile."""
 
 import contextlib
+from abc import abstractmethod
 from itertools import pairwise
 
 import numpy as np
@@ -41,6 +42,20 @@ class TiledLikelihood(Likelihood):
 
     def __getstate__(self):
         return vars(self) | {"_spare": []}
+
+    @abstractmethod
+    def _differentiate(self, theta):
+        """The value and its gradients by kernel theta, K^rho and log noise."""
+
+    def _evaluate_with_grad(self, theta):
+        """The value and its gradient; NotPositiveDefiniteError where K fails."""
+        value, d_kernel, D, d_noise = self._differentiate(theta)
+        d_rho = self.task_covariance.pull_back(self.split(theta)[1], D)
+        return value, np.concatenate([d_kernel, d_rho, d_noise])
+
+    def task_gradient(self, theta):
+        """Derivative of the value with respect to K^rho, (n_tasks, n_tasks)."""
+        return self._differentiate(theta)[2]
 
     def release(self):
         """Give back the memory that is kept for the next evaluation."""

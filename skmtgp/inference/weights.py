@@ -24,6 +24,11 @@ def invert(cholesky):
     return lower + np.tril(lower, -1).T
 
 
+def pairs_of(F):
+    """F_{m alpha} F_{m beta}, of shape (n_tasks, rank^2)."""
+    return np.einsum("ma,mb->mab", F, F).reshape(len(F), -1)
+
+
 class Weights:
     """Posterior of the weights.
 
@@ -63,7 +68,7 @@ class Weights:
         self.K_diagonal = np.square(F).sum(axis=1) + kappa
         self.T, t, self.log_det = self._integrate_own()
         (n_tasks, rank), m = F.shape, t.shape[1]
-        pairs = self.pairs().T @ self.T.reshape(n_tasks, -1)
+        pairs = pairs_of(F).T @ self.T.reshape(n_tasks, -1)
         A = pairs.reshape(rank, rank, m, m).swapaxes(1, 2).reshape(rank * m, -1)
         A.flat[:: len(A) + 1] += 1.0
         self.cholesky = Cholesky(A.T)
@@ -74,10 +79,6 @@ class Weights:
         self.omega = shared + kappa[:, None] * self.own
         own = np.square(self.own).sum(axis=1)
         self.penalty = np.square(self.V).sum() + kappa @ own
-
-    def pairs(self):
-        """F_{m alpha} F_{m beta}, of shape (n_tasks, rank^2)."""
-        return np.einsum("ma,mb->mab", self.F, self.F).reshape(len(self.F), -1)
 
     def _integrate_own(self):
         """T_m, sum_i phi_i y_i weighed likewise, and the log-determinant of this."""
@@ -113,6 +114,8 @@ class Weights:
 
         Returns
         -------
+        V : ndarray of shape (rank, n_features)
+            Mean of v.
         omega : ndarray of shape (n_tasks, n_features)
             Mean of omega_m.
         """
@@ -120,9 +123,10 @@ class Weights:
         for task, keep in self.keep.items():
             own[task] = keep @ own[task]
         V = self.F.T @ (self.own + own) - self.V
-        shared = self.F @ self.cholesky.solve(V.ravel()).reshape(V.shape)
+        V = self.cholesky.solve(V.ravel()).reshape(V.shape)
+        shared = self.F @ V
         own -= np.einsum("mij,mj->mi", self.T, shared)
-        return self.omega + shared + self.kappa[:, None] * own
+        return self.V + V, self.omega + shared + self.kappa[:, None] * own
 
     def log_density(self, squares):
         """The bound, given the sums of squared residuals of each task.
@@ -160,12 +164,12 @@ class Adjoint(NamedTuple):
 
 
 class Covariances:
-    """Posterior covariances of the weights, and the gradient of the bound.
+    """Posterior covariances of the weights.
 
     Parameters
     ----------
     weights : Weights
-        The factor of its precision becomes the inverse.
+        The factor of its precision becomes the inverse. It is not kept.
 
     Attributes
     ----------
@@ -176,18 +180,20 @@ class Covariances:
     """
 
     def __init__(self, weights):
-        self.weights = weights
+        self.F, self.kappa, self.keep = weights.F, weights.kappa, weights.keep
         rank, m = weights.V.shape
         inverse = invert(weights.cholesky).reshape(rank, m, rank, m)
         self.inverse = np.ascontiguousarray(inverse.swapaxes(1, 2))
-        B = weights.pairs() @ self.inverse.reshape(rank * rank, -1)
-        self.Sigma = B.reshape(-1, m, m)  # of F_m . v
-        self.P = {}  # of the tasks with functions of their own: Phi^T K^{-1} Phi
-        for task in np.flatnonzero(weights.kappa):
-            T, B, kappa = weights.T[task], self.Sigma[task], weights.kappa[task]
-            keep = weights.keep[task]
-            self.P[task] = T - T @ B @ T
-            self.Sigma[task] = kappa * keep + keep @ B @ keep
+        self.Sigma = self.shared(slice(None))
+        for task, keep in self.keep.items():
+            own = self.kappa[task] * keep
+            self.Sigma[task] = own + keep @ self.Sigma[task] @ keep
+
+    def shared(self, tasks):
+        """Covariances of F_m . v."""
+        rank, _, m, _ = self.inverse.shape
+        B = pairs_of(self.F[tasks]) @ self.inverse.reshape(rank * rank, -1)
+        return B.reshape(-1, m, m)
 
     def between(self, phi, tasks):
         """Posterior covariances of omega_m . phi for given features and tasks.
@@ -204,20 +210,44 @@ class Covariances:
         covariance : ndarray of shape (n_samples, n_samples)
             O((rank n_features)^2) each.
         """
-        weights, own, kept = self.weights, np.zeros((len(tasks),) * 2), phi.copy()
-        for task in self.P:
+        own, kept = np.zeros((len(tasks),) * 2), phi.copy()
+        for task, keep in self.keep.items():
             rows = np.flatnonzero(tasks == task)
-            kept[:, rows] = weights.keep[task] @ phi[:, rows]
-            of_task = weights.kappa[task] * phi[:, rows].T @ kept[:, rows]
+            kept[:, rows] = keep @ phi[:, rows]
+            of_task = self.kappa[task] * phi[:, rows].T @ kept[:, rows]
             own[np.ix_(rows, rows)] = of_task
-        shares = np.einsum("ia,ji->aji", weights.F[tasks], kept)
+        shares = np.einsum("ia,ji->aji", self.F[tasks], kept)
         solved = np.einsum("abjk,bki->aji", self.inverse, shares, optimize=True)
         return own + np.tensordot(shares, solved, ([0, 1], [0, 1]))
+
+
+class Gradients:
+    """The gradient of the bound, before and after the backward pass over the rows.
+
+    Parameters
+    ----------
+    weights : Weights
+        The factor of its precision becomes the inverse.
+
+    Attributes
+    ----------
+    covariances : Covariances
+        Of the weights.
+    P : dict
+        Phi^T K^{-1} Phi of the tasks with functions of their own.
+    """
+
+    def __init__(self, weights):
+        self.weights, self.covariances = weights, Covariances(weights)
+        self.P = {}
+        for task in weights.keep:
+            T, [B] = weights.T[task], self.covariances.shared([task])
+            self.P[task] = T - T @ B @ T
 
     def adjoint(self):
         """What the backward pass over the rows needs."""
         weights, scale = self.weights, self.weights.K_diagonal / self.weights.noise
-        C = self.Sigma / -weights.noise[:, None, None]
+        C = self.covariances.Sigma / -weights.noise[:, None, None]
         np.einsum("mii->mi", C)[...] += scale[:, None]
         return Adjoint(weights.omega, C, weights.noise, -0.5 * scale)
 
@@ -230,14 +260,14 @@ class Covariances:
         weights = self.weights
         scale = weights.K_diagonal / weights.noise
         Omega = weights.V.T @ weights.V + np.tensordot(scale, weights.sums.S, 1)
-        Omega += np.einsum("aaij->ij", self.inverse)
+        Omega += np.einsum("aaij->ij", self.covariances.inverse)
         Omega.flat[:: len(Omega) + 1] -= len(weights.V)
         for task, P in self.P.items():
             own, kappa = weights.own[task], weights.kappa[task]
             Omega += kappa * (np.multiply.outer(own, own) - P)
         return 0.5 * (Omega + Omega.T)
 
-    def gradients(self, back):
+    def by_parameters(self, back):
         """Gradients by F, kappa and log noise variances.
 
         Those by F are not taken from the derivative by K^rho, whose terms of the size
@@ -263,15 +293,16 @@ class Covariances:
         d_kappa = np.zeros(len(rest))
         for task, P in self.P.items():
             d_kappa[task] = np.square(a[task]).sum() - np.trace(P) - rest[task]
-        spread = np.einsum("mij,mij->m", sums.S, self.Sigma)
+        spread = np.einsum("mij,mij->m", sums.S, self.covariances.Sigma)
         d_noise = (spread + back.squares) / weights.noise
         d_noise += weights.K_diagonal * rest - sums.n
         return d_F, 0.5 * d_kappa, 0.5 * d_noise
 
     def _overlaps(self):
         """tr(T_m cov(v_alpha, v_beta)), of shape (n_tasks, rank, rank)."""
-        (n_tasks, rank), m = self.weights.F.shape, len(self.inverse[0, 0])
-        flat = self.weights.T.reshape(n_tasks, -1) @ self.inverse.reshape(-1, m * m).T
+        (n_tasks, rank), inverse = self.weights.F.shape, self.covariances.inverse
+        by_pair = inverse.reshape(rank * rank, -1).T
+        flat = self.weights.T.reshape(n_tasks, -1) @ by_pair
         return flat.reshape(n_tasks, rank, rank)
 
     def task_gradient(self, back):
@@ -281,10 +312,11 @@ class Covariances:
         a_m . a_m' - tr(Phi_m^T [K^{-1}]_mm' Phi_m'), less half the trace term.
         """
         weights, F, T = self.weights, self.weights.F, self.weights.T
+        inverse = self.covariances.inverse
         a = back.errors / weights.noise[:, None]
         D = a @ a.T
         for task, F_m in enumerate(F):
-            half = T[task] @ np.tensordot(F_m, self.inverse, 1)  # (rank, m, m)
+            half = T[task] @ np.tensordot(F_m, inverse, 1)  # (rank, m, m)
             D[task] += np.einsum("nb,bij,nij->n", F, half, T, optimize=True)
             D[task, task] -= (
                 np.trace(T[task]) + weights.sums.rest[task] / weights.noise[task]

@@ -10,8 +10,15 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._bfgs import minimize
 from skmtgp._tasks import complete_design
-from skmtgp.inference.choice import LIKELIHOODS
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.kronecker import KroneckerLikelihood
+from skmtgp.inference.sparse import SparseBound
 
+EXACT = {
+    "dense": DenseLikelihood,
+    "kronecker": KroneckerLikelihood,
+    "sparse": DenseLikelihood,
+}
 RELAXED = 5.0  # standard deviation of the log parameters of k^x
 RELAXED_TOL = 0.3  # nats
 HELD = 1e-5  # noise variance while it is held up, in variances of the target
@@ -29,7 +36,8 @@ class Data:
     Attributes
     ----------
     X : ndarray of shape (n_samples, n_features)
-        Inputs, sorted by task.
+        Inputs, sorted by task. For sparse inference they may be in any order, and on
+        disk.
     tasks : ndarray of shape (n_samples,)
         Tasks, 0 to n_tasks - 1.
     y : ndarray of shape (n_samples,)
@@ -39,6 +47,8 @@ class Data:
     complete : bool, default=False
         Whether parts of them are to be complete as they are: all tasks at the same
         inputs, once each.
+    Z : ndarray of shape (n_inducing, n_features), default=None
+        Inducing inputs, for a bound on the likelihood.
     """
 
     X: np.ndarray
@@ -46,6 +56,7 @@ class Data:
     y: np.ndarray
     n_tasks: int
     complete: bool = False
+    Z: np.ndarray | None = None
 
     def levels(self):
         """The data from coarse to fine: a few hundred of the rows, more, all.
@@ -73,7 +84,9 @@ class Data:
         is always part of more.
         """
         rows = np.sort(self._inputs(size) if self.complete else self._rows(size))
-        return replace(self, X=self.X[rows], tasks=self.tasks[rows], y=self.y[rows])
+        rows = rows[np.argsort(self.tasks[rows], kind="stable")]
+        X, y = (np.asarray(part[rows], dtype=np.float64) for part in (self.X, self.y))
+        return replace(self, X=X, tasks=self.tasks[rows], y=y)
 
     def _rows(self, n_samples):
         n = len(self.tasks)
@@ -115,8 +128,11 @@ class Settings:
         What is learned, for the lines that are printed.
     verbose : int, default=0
         2 or more prints lines during each climb.
-    inference : str, default="dense"
-        The likelihood, a key of :data:`skmtgp.inference.choice.LIKELIHOODS`.
+    inference : {"dense", "kronecker", "sparse"}, default="dense"
+        How the likelihood is computed. With "sparse" it is exact for data without
+        inducing inputs.
+    n_inducing : int, default=0
+        Inducing inputs of sparse inference.
     """
 
     kernel: Kernel
@@ -129,6 +145,7 @@ class Settings:
     name: str = "output"
     verbose: int = 0
     inference: str = "dense"
+    n_inducing: int = 0
 
     @property
     def log_held(self):
@@ -151,8 +168,11 @@ class Settings:
 
     def likelihood(self, data, form):
         """The objective for a form of K^rho."""
-        make, n_noise = LIKELIHOODS[self.inference], len(self.log_noise)
-        return make(self.kernel, form, data.X, data.tasks, data.y, n_noise=n_noise)
+        arguments = self.kernel, form, data.X, data.tasks, data.y
+        n_noise = len(self.log_noise)
+        if data.Z is not None:
+            return SparseBound(*arguments, data.Z, n_noise)
+        return EXACT[self.inference](*arguments, n_noise)
 
     def bounds(self, form):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
@@ -183,6 +203,8 @@ class Mode(NamedTuple):
         Time that was spent on the same.
     n_samples : int
         Rows that it was learned from.
+    Z : ndarray of shape (n_inducing, n_features), default=None
+        Inducing inputs, if its value is a bound.
     """
 
     theta: np.ndarray
@@ -193,6 +215,7 @@ class Mode(NamedTuple):
     stalled: bool
     seconds: float
     n_samples: int
+    Z: np.ndarray | None = None
 
     def then(self, later):
         """A later mode that was reached by way of this one."""
@@ -279,7 +302,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     )
     away = best.x - centre
     value = 0.5 * (precision * away) @ away - best.value
-    mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y))
+    mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y), data.Z)
     _report_end(data, settings, form, mode)
     return mode
 

@@ -1,19 +1,16 @@
 """Models of several ranks, which help each other, from coarse to fine.
 
-A model of rank r is one of rank r + 1 too. Each rank's search is a draw of the lottery;
-what one of them won is handed to the others: where a rank ends below a lower one, it
-is learned again from that mode, with columns added; where a higher rank has found more,
-its mode is cut to the lower rank and learned on. A model with a diagonal is learned
+Each rank's search is a draw of the lottery; what one of them won is handed to the
+others, see :mod:`skmtgp.learning.nesting`. A model with a diagonal is learned
 on its own, and from the mode of the one without, which is part of it.
 """
 
 from functools import partial
 
-import numpy as np
-
 from skmtgp._parallel import run
 from skmtgp._progress import silent
-from skmtgp.learning.climbing import best_of, climb, refine
+from skmtgp.learning.climbing import best_of, refine
+from skmtgp.learning.nesting import descend, nest
 from skmtgp.learning.stages import (
     SHAKES,
     add_diagonal,
@@ -159,86 +156,3 @@ def more_starts(pairs, starts, seeds, n_jobs):
             run(full_rank_start, jobs, n_jobs=n_jobs), starts, strict=True
         )
     ]
-
-
-def descend(data, settings, forms, modes):
-    """Learn each rank again from the next higher one's mode, cut to its rank.
-
-    Parameters
-    ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    forms : list of LowRank
-        Forms of K^rho of ascending rank.
-    modes : list of Mode
-        The mode of each.
-
-    Returns
-    -------
-    modes : list of Mode
-        None is worse than before.
-    """
-    modes = list(modes)
-    for k in reversed(range(len(forms) - 1)):
-        if modes[k].value + settings.tol < modes[k + 1].value:
-            kernel, rho, noise = settings.likelihood(data, forms[k + 1]).split(
-                modes[k + 1].theta
-            )
-            cut = forms[k].parameters(forms[k + 1].matrix(rho))
-            start = settings.with_noise(np.concatenate([kernel, cut, noise]), forms[k])
-            again = climb(data, settings, forms[k], start)
-            modes[k] = best_of([modes[k], again])
-    return modes
-
-
-def nest(data, settings, forms, modes):
-    """Learn a rank again from a lower one's mode where it ended below it.
-
-    Parameters
-    ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    forms : list of LowRank
-        Forms of K^rho of ascending rank.
-    modes : list of Mode
-        The mode of each.
-
-    Returns
-    -------
-    modes : list of Mode
-        Their values do not fall as the rank grows.
-    """
-    modes = list(modes)
-    for k in range(1, len(forms)):
-        if modes[k].value < modes[k - 1].value:
-            embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], modes[k - 1])
-            regrown = climb(data, settings, forms[k], grown)
-            lower = modes[k - 1]._replace(theta=embedded, n_evaluations=0, seconds=0.0)
-            modes[k] = best_of([modes[k], regrown, lower])
-    return modes
-
-
-def _embed(data, settings, forms, mode):
-    """A mode as one of the next rank: with empty columns, and with better ones.
-
-    The best new columns are along the leading eigenvectors of dL / dK^rho; their
-    length is the best of a few.
-    """
-    lower, higher = forms
-    kernel, rho, noise = settings.likelihood(data, lower).split(mode.theta)
-    D = settings.likelihood(data, lower).task_gradient(mode.theta)
-    added = higher.rank - lower.rank
-    columns = np.linalg.eigh(D)[1][:, -added:]
-    size = np.sqrt(np.trace(lower.matrix(rho)))
-
-    def with_columns(length):
-        grown = lower.grown(rho, length * columns)
-        return np.concatenate([kernel, grown, noise])
-
-    likelihood = settings.likelihood(data, higher)
-    candidates = [with_columns(size * 10.0**-k) for k in range(1, 9)]
-    return with_columns(0.0), max(candidates, key=likelihood.value)

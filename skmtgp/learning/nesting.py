@@ -1,0 +1,93 @@
+"""Modes of models that are part of each other: a rank's is one of the next rank too.
+
+Where a rank ends below a lower one, it is learned again from that mode, with columns
+added; where a higher rank has found more, its mode is cut to the lower rank and learned
+on.
+"""
+
+import numpy as np
+
+from skmtgp.learning.climbing import best_of, climb
+
+
+def descend(data, settings, forms, modes):
+    """Learn each rank again from the next higher one's mode, cut to its rank.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    forms : list of LowRank
+        Forms of K^rho of ascending rank.
+    modes : list of Mode
+        The mode of each.
+
+    Returns
+    -------
+    modes : list of Mode
+        None is worse than before.
+    """
+    modes = list(modes)
+    for k in reversed(range(len(forms) - 1)):
+        if modes[k].value + settings.tol < modes[k + 1].value:
+            kernel, rho, noise = settings.likelihood(data, forms[k + 1]).split(
+                modes[k + 1].theta
+            )
+            cut = forms[k].parameters(forms[k + 1].matrix(rho))
+            start = settings.with_noise(np.concatenate([kernel, cut, noise]), forms[k])
+            again = climb(data, settings, forms[k], start)
+            modes[k] = best_of([modes[k], again])
+    return modes
+
+
+def nest(data, settings, forms, modes):
+    """Learn a rank again from a lower one's mode where it ended below it.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Kernel, bounds and budget.
+    forms : list of LowRank
+        Forms of K^rho of ascending rank.
+    modes : list of Mode
+        The mode of each.
+
+    Returns
+    -------
+    modes : list of Mode
+        Their values do not fall as the rank grows.
+    """
+    modes = list(modes)
+    for k in range(1, len(forms)):
+        if modes[k].value < modes[k - 1].value:
+            embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], modes[k - 1])
+            regrown = climb(data, settings, forms[k], grown)
+            lower = modes[k - 1]._replace(theta=embedded, n_evaluations=0, seconds=0.0)
+            modes[k] = best_of([modes[k], regrown, lower])
+    return modes
+
+
+def _embed(data, settings, forms, mode):
+    """A mode as one of the next rank: with empty columns, and with better ones.
+
+    The best new columns are along the leading eigenvectors of dL / dK^rho; their
+    length is the best of a few.
+    """
+    lower, higher = forms
+    kernel, rho, noise = settings.likelihood(data, lower).split(mode.theta)
+    D = settings.likelihood(data, lower).task_gradient(mode.theta)
+    added = higher.rank - lower.rank
+    columns = np.linalg.eigh(D)[1][:, -added:]
+    size = np.sqrt(np.trace(lower.matrix(rho)))
+
+    def with_columns(length):
+        grown = lower.grown(rho, length * columns)
+        return np.concatenate([kernel, grown, noise])
+
+    likelihood = settings.likelihood(data, higher)
+    candidates = [with_columns(size * 10.0**-k) for k in range(1, 9)]
+    return with_columns(0.0), max(candidates, key=likelihood.value)

@@ -1,0 +1,126 @@
+"""Learning from more rows than exact inference takes: the bound of sparse inference.
+
+Some of the rows are learned from exactly, by any of the learners. From the modes found
+there the bound over all rows is climbed, with inducing inputs chosen for the kernel as
+learned so far, which are the same for all ranks: their models stay part of each other.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from skmtgp._parallel import run
+from skmtgp._progress import silent
+from skmtgp.inference.inducing import greedy_variance
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.nesting import nest
+
+EXACT_ROWS = 1200
+ROUNDS = 2  # of choosing inducing inputs
+GAIN = 1e-4  # nats a row under which a climb of the bound ends
+
+
+def exact_part(pairs):
+    """What of the data exact inference learns from, for each output: all, or some rows.
+
+    Parameters
+    ----------
+    pairs : list of (Data, Settings)
+        For each output.
+
+    Returns
+    -------
+    pairs : list of (Data, Settings)
+        Of EXACT_ROWS rows where inference is sparse.
+    """
+    return [
+        (data.thinned(min(EXACT_ROWS, len(data.y))), settings)
+        if settings.inference == "sparse"
+        else (data, settings)
+        for data, settings in pairs
+    ]
+
+
+def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
+    """Learn on from all rows where the modes are those of a part.
+
+    Parameters
+    ----------
+    pairs : list of (Data, Settings)
+        For each output.
+    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
+        Forms of K^rho, of ascending rank.
+    modes : list of list of Mode
+        For each output and form, what `exact_part` of the pairs told.
+    n_jobs : int, default=None
+        Processes.
+    progress : callable, default=silent
+        Told of each output, see :func:`skmtgp._progress.fitting`.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        For each output and form. As they were where inference is exact.
+    """
+    if all(settings.inference != "sparse" for _, settings in pairs):
+        return modes
+    jobs = [(*pair, forms, of) for pair, of in zip(pairs, modes, strict=True)]
+
+    def describe(j, modes):
+        values = ", ".join(f"{mode.value:.2f}" for mode in modes)
+        return (
+            f"{pairs[j][1].name}: bound on the log marginal likelihood {values} "
+            f"(scaled) of {modes[0].n_samples} rows"
+        )
+
+    report = progress("learning from all rows by inducing inputs", len(jobs), describe)
+    return run(climb_bounds, jobs, n_jobs=n_jobs, report=report)
+
+
+def climb_bounds(data, settings, forms, modes):
+    """Climb the bound from modes of some of the rows.
+
+    Parameters
+    ----------
+    data : Data
+        Observations, of which there may be millions.
+    settings : Settings
+        Kernel, bounds and budget.
+    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
+        Forms of K^rho, of ascending rank.
+    modes : list of Mode
+        The mode of each.
+
+    Returns
+    -------
+    modes : list of Mode
+        Their values do not fall as the rank grows.
+    """
+    settings = replace(settings, tol=max(settings.tol, GAIN * len(data.y)))
+    best = None
+    for _ in range(ROUNDS):
+        summarised = replace(data, Z=inducing_inputs(data, settings, modes[-1]))
+        modes = [
+            _climb_on(summarised, settings, form, mode)
+            for form, mode in zip(forms, modes, strict=True)
+        ]
+        modes = nest(summarised, settings, forms, modes)
+        if best is None or modes[-1].value > best[-1].value:
+            best = modes
+    spent = zip(best, modes, strict=True)
+    return [mode._replace(n_evaluations=last.n_evaluations) for mode, last in spent]
+
+
+def _climb_on(data, settings, form, mode):
+    theta = mode.theta
+    if mode.Z is None:  # few rows ask for less noise than all do
+        theta = settings.with_noise(theta, form)
+    return mode.then(climb(data, settings, form, theta))
+
+
+def inducing_inputs(data, settings, mode):
+    """Inputs chosen for k^x as learned, of shape (n_inducing, n_features)."""
+    kernel = settings.kernel.clone_with_theta(mode.theta[: settings.kernel.n_dims])
+    return greedy_variance(
+        kernel, data.X, settings.n_inducing, random_state=np.random.RandomState(0)
+    )

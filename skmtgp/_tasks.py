@@ -124,12 +124,27 @@ def split_table(table, position, estimator=None):
     """
     if table.shape[1] < 2:
         raise ValueError("X has 0 feature(s) beside the task column; give at least 1.")
-    rest = np.delete(np.arange(table.shape[1]), position)
     columns = table.iloc if isinstance(table, pd.DataFrame) else table
+    rest = _other_columns(table, position)
     features = check_array(
         columns[:, rest], dtype=np.float64, input_name="X", estimator=estimator
     )
     return features, check_labels(columns[:, position])
+
+
+def _is_mapped(array):
+    """Whether an array is a view of a file."""
+    while isinstance(array, np.ndarray) and not isinstance(array, np.memmap):
+        array = array.base
+    return isinstance(array, np.memmap)
+
+
+def _other_columns(table, position):
+    """What to index for a copy of the columns but one; of a file, for a view of it."""
+    last = table.shape[1] - 1
+    if _is_mapped(table) and position in (0, last):
+        return slice(1, None) if position == 0 else slice(last)
+    return np.delete(np.arange(last + 1), position)
 
 
 def task_labels(X, task_feature=-1):
@@ -314,6 +329,8 @@ def complete_design(features, codes):
     n_tasks = codes.max() + 1
     n_inputs, rest = divmod(len(codes), n_tasks)
     if rest or (np.bincount(codes) != n_inputs).any():
+        return None
+    if len(np.unique(features[:, 0])) > n_inputs:  # most often, and quickly
         return None
     distinct, which = np.unique(features, axis=0, return_inverse=True)
     if len(distinct) != n_inputs:

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF
-from sklearn.utils import check_array, check_consistent_length
+from sklearn.preprocessing import StandardScaler
+from sklearn.utils import check_array, check_consistent_length, gen_batches
 
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
 from skmtgp.exceptions import UnderflowWarning
@@ -14,6 +15,7 @@ from skmtgp.learning.climbing import Data, Settings
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
+ROWS = 100_000  # of which the standard deviation is taken at once
 RESOLVED = 10.0 * np.finfo(np.float64).eps  # of the largest value of a column
 
 
@@ -123,7 +125,7 @@ def _check_target(table, y):
 
 def _check_magnitude(values, name, columns):
     """Raise a ValueError where squares of the values overflow."""
-    largest = np.abs(values).max(axis=0)
+    largest = _largest(values)
     if (largest > LARGEST).any():
         j = int(largest.argmax())
         raise ValueError(
@@ -133,8 +135,23 @@ def _check_magnitude(values, name, columns):
         )
 
 
+def _largest(values):
+    """The largest absolute value of each column, without an array of them all."""
+    return np.maximum(values.max(axis=0), -values.min(axis=0))
+
+
+def _deviation(values):
+    """Standard deviation of each column; of many rows, a part at a time."""
+    if len(values) <= ROWS:
+        return values.std(axis=0)
+    scaler = StandardScaler()
+    for rows in gen_batches(len(values), ROWS):
+        scaler.partial_fit(values[rows])
+    return np.sqrt(scaler.var_)
+
+
 def _warn_of_underflow(values, kind):
-    largest = np.abs(values).max(axis=0)
+    largest = _largest(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
         warnings.warn(
@@ -158,7 +175,7 @@ def default_kernel(features):
         Length-scales start at the square root of n_features times the standard
         deviation of their feature, between a hundredth and a thousand times that.
     """
-    deviation, rounding = features.std(axis=0), RESOLVED * np.abs(features).max(axis=0)
+    deviation, rounding = _deviation(features), RESOLVED * _largest(features)
     scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
     return RBF(scale, np.outer(scale, [1e-2, 1e3]))
 

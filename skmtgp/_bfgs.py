@@ -15,7 +15,8 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 ARMIJO, CURVATURE = 1e-4, 0.9
 LONGEST_STEP = 3.0
 GROWTH = 1.5  # of the trial step over the last accepted one, up to 1
-PATIENCE = 20
+PATIENCE = 20  # iterations that gain less than the tolerance, or
+CERTAIN, NOTHING = 3, 1e-4  # so few, where less than that part of it is expected
 MAX_LINE_SEARCH = 20
 MOST_DENSE = 1000  # parameters
 MEMORY = 50  # steps that limited memory keeps
@@ -158,6 +159,8 @@ class _BFGS:
             self._restart()
         while running and n_iter < max_iter and still < PATIENCE:
             direction, expected_gain = self._direction()
+            if still >= CERTAIN and expected_gain < NOTHING * tol:
+                break
             step = self._line_search(direction)
             stuck = step is None and self.hessian.fresh
             if stuck:

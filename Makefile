@@ -8,6 +8,7 @@ PYTESTFLAGS ?=
 VENV := .venv
 CONSTRAINTS :=
 OLDEST := .venv-oldest
+TRIAL := .venv-dist
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check install -q \
     $(CONSTRAINTS:%=-c %)
@@ -16,8 +17,8 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test coverage test-oldest fuzz lint docs bench bench-own \
-    bench-short bench-envs bench-page paper paper-short paper-page clean
+.PHONY: help demo demo-short test coverage test-oldest fuzz lint docs dist bench \
+    bench-own bench-short bench-envs bench-page paper paper-short paper-page clean
 
 help:
 	@echo 'make demo        learn a robot arm under many loads and compare the models'
@@ -28,6 +29,7 @@ help:
 	@echo 'make fuzz        2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint        check style and formatting'
 	@echo 'make docs        the documentation, in docs/_build/html; its examples are run'
+	@echo 'make dist        what a release is made of, in dist; it is checked and tried'
 	@echo 'make bench       compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-short the same with one small problem'
 	@echo 'make paper       the experiments of the paper: hours, see examples/paper/README.md'
@@ -73,6 +75,21 @@ docs: $(VENV)/ready-for-docs
 	$(SPHINX) -b doctest docs docs/_build/doctest
 	$(SPHINX) -b html docs docs/_build/html
 	@echo docs/_build/html/index.html
+
+# The wheel is built from the source distribution and tried on its own, with no extra:
+# python -P, in another directory, cannot see the checkout. Two examples need Pinocchio,
+# and are left out.
+dist: $(VENV)/ready-to-build
+	rm -rf dist $(TRIAL)
+	$(BIN)/python -m build
+	$(BIN)/python -m twine check --strict dist/*
+	$(BIN)/python .ci/check_dist.py
+	$(PYTHON) -m venv $(TRIAL)
+	$(TRIAL)/bin/python -m pip --disable-pip-version-check install -q dist/*.whl
+	cd $(TRIAL) && bin/python -P -m skmtgp
+	$(TRIAL)/bin/python -m pip --disable-pip-version-check install -q pytest
+	cd $(TRIAL) && $(ONE_THREAD) bin/python -P -m pytest -c ../pyproject.toml \
+	    -p no:cacheprovider -k 'not _make.make and not _robot.inverse' --pyargs skmtgp
 
 # Every package that is compared has an environment of its own. One that cannot be
 # installed is left out: the results then say so.
@@ -150,6 +167,11 @@ $(VENV)/ready-for-docs: $(VENV)/ready-to-run
 	$(PIP) -e '.[docs]'
 	@touch $@
 
+$(VENV)/ready-to-build: $(VENV)/ready-to-run
+	@echo 'Installing the tools of a release into $(VENV)'
+	@$(PIP) -e '.[dist]'
+	@touch $@
+
 $(VENV)/ready-to-bench: $(VENV)/ready-to-run
 	@$(PIP) -e '.[bench,puma]'
 	@touch $@
@@ -157,6 +179,6 @@ $(VENV)/ready-to-bench: $(VENV)/ready-to-run
 clean:
 	rm -rf benchmarks/.envs benchmarks/.problems benchmarks/.short
 	rm -rf examples/paper/results/short
-	rm -rf $(VENV) $(OLDEST) build dist docs/_build docs/api/*.rst docs/auto_examples htmlcov .coverage*
+	rm -rf $(VENV) $(OLDEST) $(TRIAL) build dist docs/_build docs/api/*.rst docs/auto_examples htmlcov .coverage*
 	rm -rf .pytest_cache .ruff_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,5 +1,6 @@
 """Multi-task Gaussian processes with scikit-learn's interface."""
 
+from skmtgp._show_versions import show_versions
 from skmtgp.baselines import IndependentGP, PooledGP
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
@@ -18,4 +19,5 @@ __all__ = [
     "SingleTaskGP",
     "add_task",
     "make_inverse_dynamics_regressor",
+    "show_versions",
 ]

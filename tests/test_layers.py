@@ -19,6 +19,7 @@ LAYERS = [
         "_parallel",
         "_memory",
         "_progress",
+        "_show_versions",
     },
     {"metrics"},
     {"kernels", "task_covariance"},
@@ -43,6 +44,7 @@ LAYERS = [
         "pipeline",
     },
     {"__init__"},
+    {"__main__"},
 ]
 LEVELS = {name: level for level, names in enumerate(LAYERS) for name in names}
 APART = "datasets"  # imports nothing of the package, and only __init__ may import it

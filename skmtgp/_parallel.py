@@ -4,6 +4,7 @@ import contextlib
 from concurrent.futures import ThreadPoolExecutor
 
 import scipy.linalg.lapack  # noqa: F401  its BLAS is to be found below
+from joblib import parallel_config
 from sklearn.utils.parallel import Parallel, delayed
 from threadpoolctl import ThreadpoolController
 
@@ -31,7 +32,7 @@ def run(function, jobs, *, n_jobs=None, report=None):
     results : list
         In the order of the jobs.
     """
-    tasks = (delayed(function)(*job) for job in jobs)
+    tasks = (delayed(_alone)(function, job) for job in jobs)
     if report is None:
         return Parallel(n_jobs=n_jobs)(tasks)
     results = []
@@ -39,6 +40,16 @@ def run(function, jobs, *, n_jobs=None, report=None):
         report(len(results), result)
         results.append(result)
     return results
+
+
+def _alone(function, job):
+    """``function(*job)`` in one process, which shares out nothing of it.
+
+    The arguments travel together, in a tuple: of large arrays that travel alone Dask
+    has one copy, on one worker, and the fit fails or hangs once that worker is dead.
+    """
+    with parallel_config(backend="sequential"):
+        return function(*job)
 
 
 def limit_threads(n_samples):

@@ -196,7 +196,8 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
             evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
-            results.append(evaluate(part))
+            with np.errstate(all="ignore"):  # far from any data
+                results.append(evaluate(part))
             likelihood.release()
         if not eval_gradient:
             return float(np.sum(results) + change_of_units)

@@ -236,6 +236,8 @@ def common_params(rng, problem):
         "kernel": make_kernel(rng, problem.features.shape[1]),
         "task_feature": problem.task_feature(rng),
         "normalize_y": bool(rng.integers(4)),
+        "inference": pick(rng, ["auto", "auto", "sparse"]),
+        "n_inducing": pick(rng, [1, 3, 10, 500]),
         "max_iter": pick(rng, [0, 1, 3, 10, 30]),
         "tol": 10.0 ** rng.uniform(-4, 1),
     }

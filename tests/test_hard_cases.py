@@ -533,3 +533,16 @@ class TestMemory:
         assert 2.0**20 < _memory.available_memory() < 2.0**50
         monkeypatch.delattr(_memory.os, "sysconf")
         assert _memory.available_memory() == math.inf
+
+
+@pytest.mark.parametrize("inference", ["dense", "sparse"])
+def test_likelihood_far_from_any_data(inference):
+    X, y = columns(np.linspace(0.0, 1.0, 12), np.arange(12) % 2), np.arange(12.0)
+    model = MultiTaskGPRegressor(rank=1, max_iter=0, inference=inference)
+    model.fit(X, y)
+    for theta in (1e5, -1e5):
+        theta = np.full_like(model.theta_, theta)
+        assert model.log_marginal_likelihood(theta) == -np.inf
+        value, gradient = model.log_marginal_likelihood(theta, eval_gradient=True)
+        assert value == -np.inf
+        assert np.isnan(gradient).all()

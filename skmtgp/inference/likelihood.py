@@ -1,5 +1,6 @@
 """What the likelihoods share: parameters, failures, the Fisher information."""
 
+import contextlib
 from abc import ABC, abstractmethod
 from itertools import chain
 from math import isqrt
@@ -87,9 +88,10 @@ class Likelihood(ABC):
     def value(self, theta):
         """Log marginal likelihood; -inf where K cannot be factorised."""
         try:
-            return self._evaluate(theta)
+            value = self._evaluate(theta)
         except NotPositiveDefiniteError:
             return -np.inf
+        return value if np.isfinite(value) else -np.inf
 
     def value_and_grad(self, theta):
         """Log marginal likelihood and its gradient; -inf and nan where K fails.
@@ -106,10 +108,11 @@ class Likelihood(ABC):
         gradient : ndarray of shape (n_theta,)
             Its gradient.
         """
-        try:
-            return self._evaluate_with_grad(theta)
-        except NotPositiveDefiniteError:
-            return -np.inf, np.full(len(theta), np.nan)
+        with contextlib.suppress(NotPositiveDefiniteError):
+            value, gradient = self._evaluate_with_grad(theta)
+            if np.isfinite(value):
+                return value, gradient
+        return -np.inf, np.full(len(theta), np.nan)
 
     def fisher_information(self, theta):
         """Fisher information of theta, from some of the rows.

@@ -14,13 +14,13 @@ from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator
+from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
 from skmtgp._tasks import complete_design
 from skmtgp._training import (
-    RESOLVED,
     Training,
     check_kernel,
     check_training,

@@ -11,6 +11,7 @@ from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 ROUNDING = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
 INDEFINITE = 1e-6  # of the largest eigenvalue: more than that
+RESOLVED = 10.0 * np.finfo(np.float64).eps  # of what it is part of: less is rounding
 
 
 class Cholesky:

@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
+from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
 from skmtgp.exceptions import UnderflowWarning
 from skmtgp.learning.climbing import Data, Settings
@@ -16,7 +17,6 @@ LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
 ROWS = 100_000  # of which the standard deviation is taken at once
-RESOLVED = 10.0 * np.finfo(np.float64).eps  # of the largest value of a column
 
 
 def check_training(estimator, X, y):

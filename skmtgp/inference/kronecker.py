@@ -102,18 +102,8 @@ class KroneckerLikelihood(EigenLikelihood):
 
     Parameters
     ----------
-    kernel : Kernel
-        k^x; only its form matters, theta sets its free hyperparameters.
-    task_covariance : FixedTaskCovariance or LowRank
-        Form of K^rho, which may have tasks without data.
-    X : ndarray of shape (n_samples, n_features)
-        Inputs without the task column, sorted by task.
-    tasks : ndarray of shape (n_samples,)
-        Task of each row, ascending.
-    y : ndarray of shape (n_samples,)
-        Targets, of which the model takes the mean to be zero.
-    n_noise : int, default=1
-        1 for a noise variance shared by the tasks, n_tasks for one each.
+    kernel, task_covariance, X, tasks, y, n_noise
+        See Likelihood. K^rho may have tasks without data.
 
     Attributes
     ----------

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 
-RESOLVED = 10.0 * np.finfo(np.float64).eps  # of a column's norm, by QR
+from skmtgp._linalg import RESOLVED
 
 
 class LinearPosterior:

@@ -59,22 +59,22 @@ class Node:
         self.kernel = kernel
         self.n_dims = kernel.n_dims
         named = [(h, getattr(kernel, h.name)) for h in kernel.hyperparameters]
-        self.free = [h for h, _ in named if not h.fixed]
+        self.free = {h.name: h.n_elements for h, _ in named if not h.fixed}
         self.fixed = {h.name: np.asarray(value) for h, value in named if h.fixed}
 
     def values(self, theta):
         """Hyperparameters by name, the free ones from theta."""
         values, start = dict(self.fixed), 0
-        for h in self.free:
-            value = np.exp(theta[start : start + h.n_elements])
-            values[h.name] = value if h.n_elements > 1 else value[0]
-            start += h.n_elements
+        for name, size in self.free.items():
+            value = np.exp(theta[start : start + size])
+            values[name] = value if size > 1 else value[0]
+            start += size
         return values
 
     def stack(self, gradients):
         """The gradient in the order of theta, from one by name."""
         return np.concatenate(
-            [np.empty(0), *(np.ravel(gradients[h.name]) for h in self.free)]
+            [np.empty(0), *(np.ravel(gradients[name]) for name in self.free)]
         )
 
 

@@ -22,6 +22,7 @@ FIRST += [
     MultiTaskGPRegressor(learning=learning, **QUICK)
     for learning in ("staged", "simultaneous")
 ]
+FIRST += [cls(inference="sparse", n_inducing=10, **QUICK) for cls in ALONE]
 SEARCH = RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2))
 
 

@@ -232,11 +232,13 @@ def common_params(rng, problem):
     fixed = {"noise_variance": 10.0 ** rng.uniform(-12, 1)}
     fixed["noise_variance_bounds"] = "fixed"
     learned = {"noise_variance": 10.0 ** rng.uniform(-9, 1)}
+    kernel = make_kernel(rng, problem.features.shape[1])
+    has_noise = "WhiteKernel" in repr(kernel)
     return pick(rng, [fixed, learned, learned, {}]) | {
-        "kernel": make_kernel(rng, problem.features.shape[1]),
+        "kernel": kernel,
         "task_feature": problem.task_feature(rng),
         "normalize_y": bool(rng.integers(4)),
-        "inference": pick(rng, ["auto", "auto", "sparse"]),
+        "inference": pick(rng, ["auto", "auto", "auto" if has_noise else "sparse"]),
         "n_inducing": pick(rng, [1, 3, 10, 500]),
         "max_iter": pick(rng, [0, 1, 3, 10, 30]),
         "tol": 10.0 ** rng.uniform(-4, 1),

@@ -9,7 +9,7 @@ import textbook
 from numpy.testing import assert_allclose
 from sklearn import clone
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, WhiteKernel
 
 from skmtgp import (
     IndependentGP,
@@ -326,6 +326,12 @@ def test_inducing_inputs_follow_the_kernel(coarse):
 def test_unfinished():
     with pytest.warns(ConvergenceWarning, match="max_iter=1"):
         MultiTaskGPRegressor(rank=1, **SPARSE | {"max_iter": 1}).fit(*draw())
+
+
+def test_noise_of_the_kernel_is_refused():
+    model = PooledGP(RBF() + WhiteKernel(), inference="sparse")
+    with pytest.raises(ValueError, match=r"inference='sparse' needs .* WhiteKernel"):
+        model.fit(*draw())
 
 
 @pytest.mark.parametrize("n_inducing", [0, -3, 2.5, "many"])

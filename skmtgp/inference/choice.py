@@ -37,11 +37,13 @@ def choose(inference, kernel, features, codes, tasks):
     Raises
     ------
     ValueError
-        If `inference` is "kronecker" and would not be exact.
+        If `inference` is "kronecker" and would not be exact, or is "sparse" and the
+        kernel has noise that no inducing variable explains.
     """
     if inference == "kronecker":
         check_complete(features, codes, tasks)
-        _check_inputs_are_all(kernel, features)
+    if inference in ("kronecker", "sparse"):
+        _check_inputs_are_all(inference, kernel, features)
     if inference != "auto":
         return inference
     is_complete = len(tasks) > 1 and complete_design(features, codes) is not None
@@ -62,10 +64,10 @@ def depends_on_inputs_only(kernel, features):
     return np.allclose(kernel(x), kernel(x, x), rtol=1e-9, atol=0.0)
 
 
-def _check_inputs_are_all(kernel, features):
+def _check_inputs_are_all(inference, kernel, features):
     if not depends_on_inputs_only(kernel, features):
         raise ValueError(
-            "inference='kronecker' needs a kernel of the inputs alone, but "
+            f"inference={inference!r} needs a kernel of the inputs alone, but "
             f"kernel={kernel} has noise of its own for each sample, such as a "
             "WhiteKernel. Leave it to noise_variance, or set inference='auto'."
         )

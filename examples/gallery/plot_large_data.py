@@ -1,0 +1,97 @@
+"""
+Large data: how many inducing inputs?
+=====================================
+
+Exact inference ends at some thousand samples. ``inference="sparse"`` summarises them by
+a few inducing inputs. How many are enough, and how would one know?
+"""
+
+# %%
+# Three sensors, 2000 samples
+# ---------------------------
+# Few enough that exact inference can still tell the truth.
+import numpy as np
+
+rng = np.random.default_rng(0)
+
+
+def measure(n_samples):
+    """Inputs with the sensor in the last column, what it measures, and the truth."""
+    x, sensor = rng.uniform(0, 10, n_samples), rng.integers(0, 3, n_samples)
+    truth = np.array([1.0, -2.0, 0.5])[sensor] * (np.sin(x) + 0.3 * np.sin(4 * x))
+    y = truth + 0.3 * rng.standard_normal(n_samples)
+    return np.column_stack([x, sensor]), y, truth
+
+
+X, y, _ = measure(2000)
+X_test, _, truth = measure(1000)
+
+# %%
+# From 10 to 40 inducing inputs
+# ----------------------------
+# What a sparse model maximises is a lower bound on the log marginal likelihood. For the
+# same parameters, ``theta_``, the likelihood itself comes from a model whose inference
+# is exact; it need not learn anything (``max_iter=0``). The sensors measure multiples of
+# one function and no constant: rank 1, and the mean of y is left in.
+import pandas as pd
+
+from skmtgp import MultiTaskGPRegressor
+from skmtgp.metrics import normalized_mean_squared_error
+
+options = {"rank": 1, "normalize_y": False}
+exact = MultiTaskGPRegressor(**options, inference="dense", max_iter=0).fit(X, y)
+models, rows = {}, []
+for n_inducing in (10, 15, 20, 40):
+    model = MultiTaskGPRegressor(**options, inference="sparse", n_inducing=n_inducing)
+    models[n_inducing] = model.fit(X, y)
+    rows.append(
+        {
+            "inducing": n_inducing,
+            "bound": model.log_marginal_likelihood_value_,
+            "likelihood": exact.log_marginal_likelihood(model.theta_),
+            "noise": np.sqrt(model.noise_variance_),
+            "nMSE": normalized_mean_squared_error(truth, model.predict(X_test)),
+        }
+    )
+table = pd.DataFrame(rows).set_index("inducing")
+print(table.round(4).to_string())
+
+# %%
+# With 10 the model cannot follow the fast wave and takes it for noise, of which it
+# finds more than the true 0.3. Its bound is near the likelihood all the same, for it
+# has chosen a kernel that 10 inputs can resolve: a small gap proves nothing. What tells
+# is the bound itself. From 10 to 20 it grows by hundreds of nats, from 20 to 40 by a
+# few, so that 20 were nearly enough. No exact likelihood is needed to see that.
+import matplotlib.pyplot as plt
+
+figure, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
+x = np.linspace(0, 10, 400)
+line = np.column_stack([x, np.ones(len(x))])
+rows = X[:, 1] == 1
+for ax, n_inducing in zip(axes[:2], (10, 20), strict=True):
+    model = models[n_inducing]
+    mean, std = model.predict(line, return_std=True, include_noise=True)
+    ax.plot(X[rows, 0], y[rows], ".", ms=2, color="0.7")
+    ax.plot(x, mean, color="#d55e00")
+    ax.fill_between(x, mean - 1.96 * std, mean + 1.96 * std, color="#d55e00", alpha=0.2)
+    Z = model.inducing_inputs_[:, 0]
+    ax.plot(Z, np.full(len(Z), -4.5), "|", ms=12, color="black")
+    ax.set(xlabel="x", title=f"second sensor, {n_inducing} inducing inputs (|)")
+axes[2].plot(table["likelihood"], "s", ms=11, mfc="none", label="likelihood")
+axes[2].plot(table["bound"], "o-", label="bound")
+axes[2].set(xlabel="inducing inputs", xticks=table.index, title="nats, at one theta")
+axes[2].legend()
+
+# %%
+# More samples
+# ------------
+# The exact covariance of 30,000 samples would take 7 GB. The time of a bound grows with
+# their number, and not with its cube. 20 inducing inputs are enough again: the error is
+# a tenth of what it was.
+from time import perf_counter
+
+X, y, _ = measure(30_000)
+begin = perf_counter()
+model = MultiTaskGPRegressor(**options, inference="sparse", n_inducing=20).fit(X, y)
+error = normalized_mean_squared_error(truth, model.predict(X_test))
+print(f"30,000 samples: nMSE {error:.5f} after {perf_counter() - begin:.0f} s")

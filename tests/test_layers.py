@@ -1,6 +1,7 @@
 """Imports only go downward, through the layers of the package."""
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -113,6 +114,12 @@ def imports_of(module):
 def test_imports_go_downward(module):
     faults = {fault(module, target) for target in {module, *imports_of(module)}}
     assert not (faults - {None}), "\n".join(sorted(faults - {None}))
+
+
+def test_the_design_page_names_every_module():
+    page = Path(__file__).parents[1] / "docs" / "design.md"
+    named = re.findall(r"`(\w+)`", page.read_text("utf-8"))
+    assert not {*LEVELS, APART} - set(named)
 
 
 def test_there_is_no_cycle():

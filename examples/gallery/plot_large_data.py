@@ -31,8 +31,8 @@ X_test, _, truth = measure(1000)
 # ----------------------------
 # What a sparse model maximises is a lower bound on the log marginal likelihood. For the
 # same parameters, ``theta_``, the likelihood itself comes from a model whose inference
-# is exact; it need not learn anything (``max_iter=0``). The sensors measure multiples of
-# one function and no constant: rank 1, and the mean of y is left in.
+# is exact; it need not learn anything (``max_iter=0``). All sensors measure multiples
+# of one function and no constant: rank 1, and the mean of y is left in.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor

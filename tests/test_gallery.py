@@ -1,6 +1,7 @@
 """The gallery's examples are what sphinx-gallery takes; the documentation runs them."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -24,3 +25,5 @@ def test_script_is_an_example(path):
     assert len(line) == len(title)
     assert any(prose)
     assert "# %%\n" in text
+    for title, line in re.findall(r"^# %%\n# (.+)\n# (-+)$", text, re.MULTILINE):
+        assert len(line) == len(title), title

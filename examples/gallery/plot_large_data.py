@@ -28,7 +28,7 @@ X_test, _, truth = measure(1000)
 
 # %%
 # From 10 to 40 inducing inputs
-# ----------------------------
+# -----------------------------
 # What a sparse model maximises is a lower bound on the log marginal likelihood. For the
 # same parameters, ``theta_``, the likelihood itself comes from a model whose inference
 # is exact; it need not learn anything (``max_iter=0``). All sensors measure multiples

@@ -70,7 +70,9 @@ class SparsePosterior:
         """Mean of f, of shape (n_samples,)."""
         starts = range(0, len(u), self.block)
         blocks = [slice(a, a + self.block) for a in starts]
-        return np.concatenate([self.against(u[b], tasks[b]) @ self.weights for b in blocks])
+        return np.concatenate(
+            [self.against(u[b], tasks[b]) @ self.weights for b in blocks]
+        )
 
 
 def prior_variance(parameters, u, tasks):

@@ -20,7 +20,17 @@ from prepare import load_case
 from problem import load_problem
 from reference import Posterior, normalized_mean_squared_error
 from results import RESULTS, write_machine
-from run import GRACE, OURS, PROBLEMS, WAIT, Runner, StoredCase, command_line, save
+from run import (
+    ABSENT,
+    GRACE,
+    OURS,
+    PROBLEMS,
+    WAIT,
+    Runner,
+    StoredCase,
+    command_line,
+    save,
+)
 from sparse_prepare import (
     part_problem,
     random_sparse_problem,
@@ -101,9 +111,10 @@ class SparseRunner(Runner):
     def failed_with_less(self, key):
         """A smaller problem at which this package failed, or None."""
         same = {name: key[name] for name in ("package", "settings")}
+        n, m = key["n"], key["m"]
         for row in self.tables["sparse_timings"].select(**same):
-            smaller = row["n"] <= key["n"] and row["m"] <= key["m"]
-            if "error" in row and smaller and (row["n"], row["m"]) != (key["n"], key["m"]):
+            less = row["n"] <= n and row["m"] <= m and (row["n"], row["m"]) != (n, m)
+            if less and row.get("error", ABSENT) != ABSENT:
                 return row
         return None
 
@@ -185,12 +196,12 @@ def parse():
     add("--draw", type=int, default=0)
     add("--n-per-load", type=int, default=4000, help="of the fits")
     add("--fit-inducing", nargs="+", type=int, default=[500], help="m of the fits")
-    add("--rank", type=int, default=4, help="of the fits")
+    add("--rank", type=int, default=5, help="of the fits")
     add("--test-rows", type=int, help="of each load; all if not given")
     add("--threads", type=int, default=1, help="of each package")
     add("--budget", type=float, default=1800.0, help="seconds of a fit")
     add("--time-budget", type=float, default=20.0, help="seconds of repeated timings")
-    add("--time-limit", type=float, default=1800.0, help="seconds of all timings of one")
+    add("--time-limit", type=float, default=1800.0, help="seconds, of an adapter")
     add("--memory", type=float, default=16.0, help="GiB that a package may take")
     add("--results", type=Path, default=RESULTS)
     add("--beside", default="nothing", help="what else runs on the machine, to be told")

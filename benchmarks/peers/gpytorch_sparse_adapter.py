@@ -12,7 +12,7 @@ from adapter import main
 from gpytorch.kernels import InducingPointKernel
 from gpytorch_adapter import Adapter
 from inducing import SETTINGS, inducing_points
-from sparse_model import JITTER, JITTERS, NO_KAPPA
+from sparse_model import JITTERS, NO_KAPPA
 
 
 class Model(gpytorch.models.ExactGP):
@@ -48,8 +48,8 @@ class SparseAdapter(Adapter):
 def sparse_settings():
     """Settings under which GPyTorch uses the low rank, and computes exactly."""
     gpytorch.settings.fast_computations.log_prob._set_state(True)
-    gpytorch.settings.cholesky_jitter._set_value(None, JITTER, None)
-    gpytorch.settings.cholesky_max_tries._set_value(JITTERS)
+    gpytorch.settings.cholesky_jitter._set_value(None, JITTERS[0], None)
+    gpytorch.settings.cholesky_max_tries._set_value(len(JITTERS))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,8 @@ one thread.
 
 FITS = """\
 Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with
-the rank that BIC chooses; the bound is of the scaled targets:
+the rank that BIC chooses. The bound is of the scaled targets. Fewer than m inducing
+inputs are used where the others have no variance left in double precision:
 """
 
 TIMES = """\
@@ -40,8 +41,9 @@ MEMORY = "Its peak memory, MiB over what the loaded package takes:\n"
 PEERS = """\
 Fits for a budget of time, from the same start: the mode of exact inference on 1200 of
 the samples, which the peers get for nothing and which counts in skmtgp's time. The
-peers' bounds and errors are those of a plain implementation at their parameters.
-skmtgp chooses its inducing inputs once more on the way, and ends by itself:
+peers' bounds and errors are those of a plain implementation at their parameters. All
+choose their inducing points twice, the peers after half of the time. skmtgp ends by
+itself:
 """
 
 CHECKS = """\
@@ -138,13 +140,15 @@ class SparseResults:
         """Each fit of skmtgp."""
         if not self.fits:
             return []
-        head = "n,m,rank,joint,draw,seconds,threads,evaluations,MiB,bound,noise,"
+        head = "n,m,rank,joint,draw,inducing,seconds,threads,evaluations,MiB,"
+        head += "bound,noise,"
         head += "nMSE interpolation,dense,nMSE extrapolation,dense"
         exact = dense_errors()
         rows = []
         for row in self.fits:
             words = [row[k] for k in ("n", "m", "rank", "joint", "draw")]
-            words += [number(seconds(row)), row["threads"], row["n_evaluations"]]
+            words += [row["n_inducing"], number(seconds(row)), row["threads"]]
+            words += [row["n_evaluations"]]
             words += [number(row["peak_mib"]), f"{row['bound']:.1f}"]
             words += [number(row["noise"])]
             for kind in ERRORS:
@@ -184,12 +188,13 @@ class SparseResults:
         ]
         if not done:
             return []
-        head = "package,n,m,rank,joint,draw,seconds,evaluations,bound,noise,"
+        head = "package,n,m,rank,joint,draw,inducing,seconds,evaluations,bound,noise,"
         head += "nMSE interpolation,nMSE extrapolation"
         rows = [
             (
                 name(row),
                 *problem_of(row),
+                row["n_inducing"],
                 number(seconds(row)),
                 row.get("evaluations", row.get("n_evaluations")),
                 f"{row['bound']:.1f}",

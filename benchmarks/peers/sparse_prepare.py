@@ -11,8 +11,8 @@ from skmtgp.inference.inducing import greedy_variance
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.climbing import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.summarised import exact_part, inducing_inputs
-from skmtgp.task_covariance import low_rank
+from skmtgp.learning.summarised import exact_part
+from skmtgp.task_covariance import leading_eigenvectors, low_rank
 
 
 class Prior:
@@ -48,11 +48,17 @@ def whole_problem(problem):
 
 
 def part_problem(problem, m):
-    """The same data with m inducing points, chosen at the start."""
-    tasks = np.zeros(1)  # any: K^rho does not matter to which inputs are chosen
-    prior, points = Prior(problem.start), greedy(Prior(problem.start), problem.X, m)
-    Z = greedy(prior, with_tasks(problem.u, tasks), m)[:, :-1]
+    """The same data with m inducing points, chosen at the start by skmtgp's rule."""
+    points = greedy(Prior(problem.start), problem.X, m)
+    prior = Prior(problem.start._replace(K_rho=np.ones((1, 1))))  # k^x
+    Z = greedy(prior, with_tasks(problem.u, [0]), m)[:, :-1]
     return problem._replace(Z=Z, points=points)
+
+
+def learned_problem(problem, parameters, m):
+    """The same data: what has been learned is the start, and the points are new."""
+    F = leading_eigenvectors(parameters.K_rho, problem.F.shape[1])
+    return part_problem(problem._replace(F=F, start=parameters), m)
 
 
 def greedy(prior, X, m):
@@ -76,12 +82,10 @@ def start_of(train, m, rank, max_iter=CLIMB):
         max_iter=max_iter,
         tol=1e-2,
         inference="sparse",
-        n_inducing=m,
     )
     (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
     theta = settings.with_noise(mode.theta, form)
     kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
     F = F.reshape(N_TASKS, rank)
     start = to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
-    problem = Problem(*train, F, start, inducing_inputs(data, settings, mode))
-    return problem._replace(points=greedy(Prior(start), problem.X, m))
+    return part_problem(Problem(*train, F, start), m)

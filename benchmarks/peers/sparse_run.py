@@ -138,11 +138,12 @@ class SparseRunner(Runner):
     def fit_one(self, key):
         """One package on one problem; its inducing points are chosen ROUNDS times."""
         problem, rounds = load_problem(self.fit_problem(key)), []
-        words = key["package"], key["settings"], "fit"
-        path, budget = PROBLEMS / "sparse-round.npz", self.arguments.budget
+        package, settings = key["package"], key["settings"]
+        path = PROBLEMS / f"sparse-round-{package}-{settings}.npz"
+        budget = self.arguments.budget / ROUNDS
         for _ in range(ROUNDS):
             save(problem, path)
-            parameters, _, report = self.adapt(*words, path, budget / ROUNDS)
+            parameters, _, report = self.adapt(package, settings, "fit", path, budget)
             if parameters is None:
                 return self.append("sparse_peers", key, report)
             rounds.append((report, parameters, problem))

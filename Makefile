@@ -18,7 +18,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
 .PHONY: help demo demo-short test coverage test-oldest fuzz lint docs dist bench \
-    bench-own bench-short bench-envs bench-page paper paper-short paper-page clean
+    bench-own bench-sparse bench-short bench-envs bench-page paper paper-short paper-page clean
 
 help:
 	@echo 'make demo        learn a robot arm under many loads and compare the models'
@@ -98,9 +98,20 @@ ENVS := benchmarks/.envs
 COMPARE := $(BIN)/python benchmarks/peers/run.py
 PAGE := $(BIN)/python benchmarks/peers/page.py
 BENCHFLAGS ?=
+SPARSEFLAGS ?=
 
 bench: bench-own $(VENV)/ready-to-bench bench-envs
 	$(COMPARE) --parts checks times fits $(BENCHFLAGS)
+	$(MAKE) --no-print-directory bench-sparse
+
+# The paper's whole training set, and the peers' sparse models.
+SPARSE := $(BIN)/python benchmarks/peers/sparse_run.py
+SPARSE_FITS := $(BIN)/python benchmarks/peers/sparse_fits.py
+
+bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
+	$(BIN)/python benchmarks/sparse_growth.py
+	$(SPARSE_FITS) $(SPARSEFLAGS)
+	$(SPARSE) --parts checks times fits
 	$(PAGE)
 
 # What the package's own benchmarks print is kept, and shown on the page.
@@ -117,6 +128,11 @@ bench-short: $(VENV)/ready-to-bench bench-envs
 	$(COMPARE) --parts checks times fits --joints 4 --draws 0 --fit-sizes 280 \
 	    --sizes 280 --time-budget 1 --budget-factor 0 --budget-min 5 --redo \
 	    --results benchmarks/.short $(BENCHFLAGS)
+	$(SPARSE_FITS) --short
+	$(SPARSE) --parts checks times fits --sizes 2000 --inducing 20 --n-per-load 20 \
+	    --fit-inducing 20 --budget 5 --time-budget 1 --test-rows 200 --redo \
+	    --results benchmarks/.short
+	$(BIN)/python benchmarks/sparse_growth.py --short
 	$(PAGE) --results benchmarks/.short --docs benchmarks/.short
 
 bench-page: $(VENV)/ready-to-bench

@@ -94,23 +94,31 @@ def run_fit(make, problem, budget):
 
 def run_time(make, problem, limit):
     """Best time of an evaluation, that of its floor, and the memory it took."""
+    _, _, report = run_cost(make, problem, limit)
+    return None, (), {**report, "floor_seconds": floor(len(problem.y))}
+
+
+def run_cost(make, problem, limit):
+    """Best time of an evaluation, the processor's with it, and the memory it took."""
     n, before = len(problem.y), peak_mib()
     adapter = make(problem)
     adapter.evaluate(0)
-    times, begin = [], time.perf_counter()
+    times, processor, begin = [], [], time.perf_counter()
     while len(times) < 3 or (
         time.perf_counter() - begin < limit and len(times) < 60_000 // n
     ):
-        start = time.perf_counter()
+        start, start_processor = time.perf_counter(), time.process_time()
         adapter.evaluate(len(times) + 1)
         times.append(time.perf_counter() - start)
-    peak = peak_mib() - before
+        processor.append(time.process_time() - start_processor)
+    peak = peak_mib()
     report = {
         "seconds": min(times),
         "median_seconds": float(np.median(times)),
+        "processor_seconds": min(processor),
         "repeats": len(times),
-        "floor_seconds": floor(n),
-        "memory_mib": peak,
+        "memory_mib": peak - before,
+        "peak_mib": peak,
         "version": adapter.version,
     }
     return None, (), report
@@ -155,17 +163,19 @@ def peak_mib():
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit
 
 
-def main(adapter_class):
+MODES = {"fit": run_fit, "time": run_time, "cost": run_cost, "check": run_check}
+
+
+def main(adapter_class, settings=("shipped", "best")):
     """Run an adapter from the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("problem")
     parser.add_argument("result")
-    parser.add_argument("--mode", choices=["fit", "time", "check"], default="fit")
-    parser.add_argument("--settings", choices=["shipped", "best"], default="best")
+    parser.add_argument("--mode", choices=MODES, default="fit")
+    parser.add_argument("--settings", choices=settings, default=settings[-1])
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--budget", type=float, default=60.0, help="seconds")
     arguments = parser.parse_args()
-    modes = {"fit": run_fit, "time": run_time, "check": run_check}
 
     def make(problem):
         adapter = adapter_class(problem, arguments.settings, arguments.threads)
@@ -174,7 +184,7 @@ def main(adapter_class):
 
     try:
         problem = load_problem(arguments.problem)
-        outcome = modes[arguments.mode](make, problem, arguments.budget)
+        outcome = MODES[arguments.mode](make, problem, arguments.budget)
         parameters, trace, report = outcome
         save_result(arguments.result, parameters, trace, **report)
     except Exception as error:  # a package's failure is a result

@@ -50,9 +50,10 @@ class Adapter:
     """GPflow."""
 
     version = gpflow.__version__
+    kappa = KAPPA
 
     def __init__(self, problem, settings, threads):
-        self.best = settings == "best"
+        self.settings, self.best = settings, settings != "shipped"
         self.n = len(problem.y)
         tf.config.threading.set_intra_op_parallelism_threads(threads)
         tf.config.threading.set_inter_op_parallelism_threads(1)
@@ -61,14 +62,26 @@ class Adapter:
         self.make_kernels(problem)
         lower = {"variance_lower_bound": NOISE[0]} if self.best else {}
         noise = gpflow.likelihoods.Gaussian(problem.start.noise.item(), **lower)
-        data = problem.X, problem.y[:, None]
-        kernel = (self.linear + self.bias + self.rbf) * self.tasks
-        self.model = gpflow.models.GPR(data, kernel, likelihood=noise)
+        self.model = self.make_model(problem, noise)
         self.variables = self.model.trainable_variables
         self.scipy = gpflow.optimizers.Scipy()
         loss = self.model.training_loss_closure(compile=False)
         self.function = self.scipy.eval_func(loss, self.variables, {}, compile=True)
         self.start_x = self.scipy.initial_parameters(self.variables).numpy()
+
+    def make_model(self, problem, noise):
+        """The model of the data."""
+        return gpflow.models.GPR(self.data(problem), self.kernel, likelihood=noise)
+
+    @staticmethod
+    def data(problem):
+        """Inputs with the task, and targets in a column."""
+        return problem.X, problem.y[:, None]
+
+    @property
+    def kernel(self):
+        """k^x times K^rho."""
+        return (self.linear + self.bias + self.rbf) * self.tasks
 
     def make_kernels(self, problem):
         """The parts of the kernel at the start."""
@@ -82,7 +95,7 @@ class Adapter:
         )
         self.tasks = kernels.Coregion(n_tasks, rank, active_dims=[n_u])
         self.tasks.W.assign(problem.F)
-        self.tasks.kappa.assign(np.full(n_tasks, KAPPA))
+        self.tasks.kappa.assign(np.full(n_tasks, self.kappa))
 
     def bounds(self):
         """Bounds of the optimiser's vector: of logarithms, and of W."""

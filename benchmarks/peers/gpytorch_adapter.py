@@ -53,9 +53,10 @@ class Adapter(TorchAdapter):
     """GPyTorch."""
 
     version = gpytorch.__version__
+    kappa = KAPPA
 
     def __init__(self, problem, settings, threads):
-        self.best = settings == "best"
+        self.settings, self.best = settings, settings != "shipped"
         torch.manual_seed(0)
         torch.set_num_threads(threads)
         torch.set_default_dtype(torch.float64 if self.best else torch.float32)
@@ -65,14 +66,20 @@ class Adapter(TorchAdapter):
             noise_constraint=log_domain_noise() if self.best else None
         )
         likelihood.noise = float(problem.start.noise)
-        X, y = (
-            torch.tensor(a, dtype=torch.get_default_dtype())
-            for a in (problem.X, problem.y)
-        )
-        kernel = self.make_kernels(problem)
-        self.model = Model(X, y, likelihood, kernel, self.task_kernel)
+        self.model = self.make_model(problem, likelihood)
         self.mll = gpytorch.mlls.ExactMarginalLogLikelihood(likelihood, self.model)
         self.prepare(problem)
+
+    def make_model(self, problem, likelihood):
+        """The model of the data."""
+        kernel = self.make_kernels(problem)
+        return Model(*self.data(problem), likelihood, kernel, self.task_kernel)
+
+    @staticmethod
+    def data(problem):
+        """Inputs with the task, and targets."""
+        dtype = torch.get_default_dtype()
+        return (torch.tensor(a, dtype=dtype) for a in (problem.X, problem.y))
 
     def make_kernels(self, problem):
         """The task kernel and k^x at the start; k^x, at best times the task kernel."""
@@ -85,7 +92,7 @@ class Adapter(TorchAdapter):
         )
         factor = torch.tensor(problem.F, dtype=torch.get_default_dtype())
         self.task_kernel.covar_factor.data = factor
-        self.task_kernel.var = torch.full((n_tasks,), KAPPA)
+        self.task_kernel.var = torch.full((n_tasks,), self.kappa)
         if not self.best:
             return self.inputs.kernel
         column = problem.u.shape[1]

@@ -22,6 +22,7 @@ from compare import (
     variants,
 )
 from results import RESULTS, Table
+from sparse_page import SparseResults
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 DASH = "-"
@@ -318,17 +319,21 @@ def main():
         Table(kind, arguments.results).select()
         for kind in ("fits", "timings", "checks")
     )
+    sparse = SparseResults(arguments.results)
     parts = [
         INTRODUCTION,
         *goals_section(fits, timings),
         *timings_section(timings),
         *fits_section(fits),
         *errors_section(fits),
+        *sparse.section(table, number),
         *own_section(arguments.results),
         METHOD,
         *checks_section(checks),
         *failures_section(fits, timings, checks),
-        *machine_section(arguments.results, [*fits, *timings]),
+        *machine_section(
+            arguments.results, [*fits, *timings, *sparse.timings, *sparse.peers]
+        ),
     ]
     arguments.docs.mkdir(parents=True, exist_ok=True)
     (arguments.docs / "benchmarks.md").write_text("\n".join(parts))

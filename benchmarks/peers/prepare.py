@@ -34,8 +34,8 @@ class Case(NamedTuple):
     extrapolation: Rows
 
 
-def load_case(n_per_load, joint, draw):
-    """Data of a joint, 1 to 6, scaled as in training."""
+def load_case(n_per_load, joint, draw, test_rows=TEST_ROWS):
+    """Data of a joint, 1 to 6, scaled as in training; all test rows if None."""
 
     def fetch(subset, n):
         return fetch_puma560(
@@ -52,7 +52,7 @@ def load_case(n_per_load, joint, draw):
         tasks = table[order, -1].astype(int) - 1
         return Rows(table[order, :-1], tasks, (tau[order, joint - 1] - mean) / scale)
 
-    tests = (rows(*fetch(s, TEST_ROWS)) for s in ("interpolation", "extrapolation"))
+    tests = (rows(*fetch(s, test_rows)) for s in ("interpolation", "extrapolation"))
     return Case(rows(X, tau), *tests)
 
 
@@ -76,7 +76,7 @@ def make_problem(train):
     return Problem(*train, F, to_parameters(kernel, best.kernel_theta, F))
 
 
-def to_parameters(kernel, theta, F):
+def to_parameters(kernel, theta, F, noise=START_NOISE):
     """The comparison's parameters from the kernel's theta."""
     kernel = kernel.clone_with_theta(theta)
     linear, smooth = kernel.k1, kernel.k2
@@ -85,7 +85,7 @@ def to_parameters(kernel, theta, F):
         linear.weights,
         linear.bias,
         smooth.k1.constant_value,
-        START_NOISE,
+        noise,
         F @ F.T,
     ).as_float64()
 

@@ -59,6 +59,10 @@ class Problem(NamedTuple):
         Factor of K^rho at the start.
     start : Parameters
         Where learning starts.
+    Z : ndarray of shape (n_inducing, 24), default=None
+        Inducing inputs of sparse models.
+    points : ndarray of shape (n_inducing, 25), default=None
+        As many inducing points, each an input and a task.
     """
 
     u: np.ndarray
@@ -66,6 +70,8 @@ class Problem(NamedTuple):
     y: np.ndarray
     F: np.ndarray
     start: Parameters
+    Z: np.ndarray | None = None
+    points: np.ndarray | None = None
 
     @property
     def x(self):
@@ -80,14 +86,16 @@ class Problem(NamedTuple):
     def save(self, path):
         """Write an npz file."""
         arrays = {f"start_{k}": v for k, v in self.start._asdict().items()}
-        np.savez(path, u=self.u, tasks=self.tasks, y=self.y, F=self.F, **arrays)
+        rest = {k: v for k, v in self._asdict().items() if v is not None}
+        np.savez(path, **arrays, **{k: v for k, v in rest.items() if k != "start"})
 
 
 def load_problem(path):
     """Read what Problem.save wrote."""
     with np.load(path) as file:
         start = Parameters(*(file[f"start_{k}"] for k in Parameters._fields))
-        return Problem(file["u"], file["tasks"], file["y"], file["F"], start)
+        arrays = {k: file[k] for k in Problem._fields if k in file}
+        return Problem(start=start, **arrays)
 
 
 def save_result(path, parameters=None, trace=(), **report):

@@ -15,6 +15,10 @@ KEYS = {
     "fits": ("package", "settings", "n", "joint", "draw"),
     "timings": ("package", "settings", "n"),
     "checks": ("package", "settings", "n", "joint", "draw"),
+    "sparse_fits": ("n", "m", "rank", "joint", "draw"),
+    "sparse_timings": ("package", "settings", "n", "m"),
+    "sparse_peers": ("package", "settings", "n", "m", "rank", "joint", "draw"),
+    "sparse_checks": ("package", "settings", "n", "m", "joint", "draw"),
 }
 
 
@@ -23,8 +27,8 @@ class Table:
 
     Parameters
     ----------
-    kind : {"fits", "timings", "checks"}
-        Which.
+    kind : str
+        Which of KEYS.
     folder : Path
         Where its file is.
     """

@@ -6,9 +6,11 @@ environment of its own (``make bench-envs``). ``page.py`` makes the page and the
 """
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -43,18 +45,23 @@ class Runner:
         From the command line.
     """
 
+    kinds = "fits", "timings", "checks"
+    adapter = "adapter"  # how the adapters' files end
+    memory = np.inf  # GiB that an adapter may take
+
     def __init__(self, arguments):
         self.arguments = arguments
-        self.tables = {
-            kind: Table(kind, arguments.results)
-            for kind in ("fits", "timings", "checks")
-        }
+        self.tables = {kind: Table(kind, arguments.results) for kind in self.kinds}
 
     def wanted(self, kind, **key):
         """Whether a row is to be measured."""
         table = self.tables[kind]
         row = table.rows.get(table.key(key), {"error": ABSENT})
         return self.arguments.redo or row.get("error") == ABSENT
+
+    def limit(self, budget):
+        """Seconds after which an adapter is ended."""
+        return WAIT * budget + GRACE
 
     def adapt(self, package, settings, mode, problem, budget):
         """Run an adapter in its environment: parameters, trace, report."""
@@ -63,10 +70,11 @@ class Runner:
             return None, None, {"error": ABSENT}
         with tempfile.TemporaryDirectory() as folder:
             result = Path(folder) / "result.npz"
-            command = [python, HERE / f"{package}_adapter.py", problem, result]
+            command = [python, HERE / f"{package}_{self.adapter}.py", problem, result]
             command += ["--mode", mode, "--settings", settings]
             command += ["--budget", budget, "--threads", self.arguments.threads]
-            failure = execute(command, self.arguments.threads, WAIT * budget + GRACE)
+            limits = self.limit(budget), self.memory
+            failure = execute(command, self.arguments.threads, *limits)
             if failure or not result.exists():
                 return None, None, {"error": failure or "no result"}
             return load_result(result)
@@ -221,22 +229,58 @@ def interpreter(package):
     return python if python.exists() else None
 
 
-def execute(command, threads, timeout):
-    """Run a command; None, or why it failed."""
-    try:
-        done = subprocess.run(
+def execute(command, threads, timeout, memory=np.inf):
+    """Run a command; None, or why it failed.
+
+    Parameters
+    ----------
+    command : list
+        Its words.
+    threads : int
+        Of numerical libraries.
+    timeout : float
+        Seconds.
+    memory : float, default=inf
+        GiB that it may take.
+    """
+    with tempfile.TemporaryFile("w+") as printed:
+        process = subprocess.Popen(
             [str(word) for word in command],
             env=threads_environment(threads),
-            timeout=timeout,
-            capture_output=True,
-            text=True,
-            check=False,
+            stdout=subprocess.DEVNULL,
+            stderr=printed,
         )
-    except subprocess.TimeoutExpired:
-        return f"did not end within {timeout:.0f} s"
-    if done.returncode:
-        return f"exit status {done.returncode}: {done.stderr[-200:].strip()}"
+        try:
+            reason = wait(process, timeout, memory)
+        finally:
+            process.kill()
+            process.wait()
+        if reason is None and process.returncode:
+            printed.seek(0)
+            tail = printed.read()[-200:].strip()
+            reason = f"exit status {process.returncode}: {tail}"
+    return reason
+
+
+def wait(process, timeout, memory):
+    """Wait for the end of a process; None, or why it must be ended."""
+    end = time.monotonic() + timeout
+    while process.poll() is None:
+        if time.monotonic() > end:
+            return f"did not end within {timeout:.0f} s"
+        if resident_gib(process) > memory:
+            return f"took more than {memory:g} GiB"
+        time.sleep(0.05)
     return None
+
+
+def resident_gib(process):
+    """Memory that a process takes now, in GiB; 0 where the system does not tell."""
+    try:
+        pages = Path(f"/proc/{process.pid}/statm").read_text().split()[1]
+        return int(pages) * os.sysconf("SC_PAGE_SIZE") / 2**30
+    except (OSError, IndexError):
+        return 0.0
 
 
 def free_gib():

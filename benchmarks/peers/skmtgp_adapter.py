@@ -27,10 +27,12 @@ class Adapter:
         self.n, self.kernel = len(problem.y), inverse_dynamics_kernel(N_X // 3)
         self.model = None
         self.form, self.diagonal = LowRank(*problem.F.shape), settings == "best"
-        self.likelihood = DenseLikelihood(
-            self.kernel, self.form, problem.u, problem.tasks, problem.y
-        )
+        self.likelihood = self.make_likelihood(problem.u, problem.tasks, problem.y)
         self.start_theta = self.theta_at_start()
+
+    def make_likelihood(self, *data):
+        """The objective."""
+        return DenseLikelihood(self.kernel, self.form, *data)
 
     def theta_at_start(self):
         """The start in this package's order: kernel, F, noise."""

@@ -1,0 +1,297 @@
+"""The page's section on learning from the whole training set by inducing inputs."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from compare import NAMES, OURS
+from results import Table
+
+DENSE = Path(__file__).resolve().parents[2] / "examples/paper/results/figure4.csv"
+DENSE_N, WHOLE_N, WHOLE_M = 2800, 56_000, 500
+SPEED_GOAL, MEMORY_GOAL = 3.0, 8.0  # times, GB
+KINDS = {"inputs": "m inputs, r tasks", "points": "m points"}
+ERRORS = "nmse_interpolation", "nmse_extrapolation"
+
+INTRODUCTION = """\
+## The whole training set
+
+14 loads x 4000 samples, n = 56,000, by `inference="sparse"`: a lower bound on the
+likelihood from m inducing inputs, chosen among the samples. In GPyTorch (SGPR) and
+GPflow (SGPR) an inducing point is an input of one task. They get as many points as
+skmtgp has inputs (*m points*), and skmtgp's inputs with as many tasks each as the rank
+(*m inputs, r tasks*), which makes their bound the same as skmtgp's. Errors are those on
+the whole interpolation and extrapolation sets. Times are the processor's where there is
+one thread.
+"""
+
+FITS = """\
+Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with
+the rank that BIC chooses. The bound is of the scaled targets. Fewer than m inducing
+inputs are used where the others have no variance left in double precision:
+"""
+
+TIMES = """\
+One evaluation of the bound and its gradient, seconds, on random data at rank 4; a dash
+where it failed:
+"""
+
+MEMORY = "Its peak memory, MiB over what the loaded package takes:\n"
+
+PEERS = """\
+Fits for a budget of time, from the same start: the mode of exact inference on 1200 of
+the samples, which the peers get for nothing and which counts in skmtgp's time. The
+peers' bounds and errors are those of a plain implementation at their parameters. All
+choose their inducing points twice, the peers after half of the time. skmtgp ends by
+itself:
+"""
+
+CHECKS = """\
+The packages' own bounds at a start, less those of a plain implementation; with all
+inputs inducing (m = n), less the exact likelihood:
+"""
+
+
+class SparseResults:
+    """What has been measured of the sparse models.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the results.
+    """
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.fits, self.timings, self.peers, self.checks = (
+            Table(f"sparse_{kind}", folder).select()
+            for kind in ("fits", "timings", "peers", "checks")
+        )
+
+    def section(self, table, number):
+        """The lines of the page; none if nothing has been measured.
+
+        Parameters
+        ----------
+        table, number : callable
+            Of the page: a Markdown table, a number in it.
+        """
+        parts = [
+            *self.goals(table),
+            *self.own_fits(table, number),
+            *self.evaluations(table, number),
+            *self.peers_fits(table, number),
+            *self.checked(table),
+            *self.failures(table),
+        ]
+        if (self.folder / "sparse_growth.csv").exists():
+            parts.append("From 10,000 samples to all 960,000 of the data:\n")
+            parts.append("![time and memory against n](images/sparse-growth.png)\n")
+        return [INTRODUCTION, *parts] if parts else []
+
+    def goals(self, table):
+        """What was wanted, what was found, whether reached."""
+        found = [*self.error_goal(), *self.memory_goal(), *self.speed_goals()]
+        rows = [(*line, "yes" if ok else "**no**") for *line, ok in found]
+        return [table(["goal", "measured", "reached"], rows)] if rows else []
+
+    def error_goal(self):
+        """Both errors against those of exact inference."""
+        exact = dense_errors()
+        pairs = [
+            row[kind] < exact[row["joint"]][kind]
+            for row in self.fits
+            if row["n"] == WHOLE_N and row["joint"] in exact
+            for kind in ERRORS
+        ]
+        if pairs:
+            goal = f"both errors below those of dense inference at n = {DENSE_N}"
+            yield goal, f"{sum(pairs)} of {len(pairs)}", all(pairs)
+
+    def memory_goal(self):
+        """The largest peak of all fits."""
+        peaks = [row["peak_mib"] for row in self.fits if row["n"] == WHOLE_N]
+        if peaks:
+            most = max(peaks) * 2**20 / 1e9
+            goal = f"a fit in less than {MEMORY_GOAL:g} GB"
+            yield goal, f"{most:.1f} GB at most", most < MEMORY_GOAL
+
+    def speed_goals(self):
+        """An evaluation against the faster peer, for each kind of inducing points."""
+        at = [
+            row
+            for row in self.timings
+            if (row["n"], row["m"]) == (WHOLE_N, WHOLE_M) and "seconds" in row
+        ]
+        ours = [seconds(row) for row in at if row["package"] == OURS]
+        for settings, kind in KINDS.items():
+            peers = [
+                seconds(row)
+                for row in at
+                if row["package"] != OURS and row["settings"] == settings
+            ]
+            if ours and peers:
+                ratio = min(peers) / ours[0]
+                goal = f"an evaluation at n = {WHOLE_N}, m = {WHOLE_M}, {SPEED_GOAL:g} "
+                goal += f"times faster than the best peer's, {kind}"
+                yield goal, f"{ratio:.2g} times", ratio >= SPEED_GOAL
+
+    def own_fits(self, table, number):
+        """Each fit of skmtgp."""
+        if not self.fits:
+            return []
+        head = "n,m,rank,joint,draw,inducing,seconds,threads,evaluations,MiB,"
+        head += "bound,noise,"
+        head += "nMSE interpolation,dense,nMSE extrapolation,dense"
+        exact = dense_errors()
+        rows = []
+        for row in self.fits:
+            words = [row[k] for k in ("n", "m", "rank", "joint", "draw")]
+            words += [row["n_inducing"], number(seconds(row)), row["threads"]]
+            words += [row["n_evaluations"]]
+            words += [number(row["peak_mib"]), f"{row['bound']:.1f}"]
+            words += [number(row["noise"])]
+            for kind in ERRORS:
+                of_dense = exact.get(row["joint"], {}).get(kind)
+                words += [number(row[kind]), number(of_dense)]
+            rows.append(words)
+        return [FITS, table(head.split(","), rows)]
+
+    def evaluations(self, table, number):
+        """Seconds and memory of each package."""
+        if not self.timings:
+            return []
+        sizes = sorted({(row["n"], row["m"]) for row in self.timings})
+        head = ["package", *(f"n = {n}, m = {m}" for n, m in sizes)]
+        text = []
+        for title, value in ((TIMES, seconds), (MEMORY, memory)):
+            lines = {}
+            for row in self.timings:
+                cells = lines.setdefault(name(row), {})
+                if "seconds" in row:
+                    cells[row["n"], row["m"]] = number(value(row))
+            rows = [
+                (package, *(cells.get(size, "-") for size in sizes))
+                for package, cells in in_order(lines).items()
+            ]
+            text += [title, table(head, rows)]
+        return text
+
+    def peers_fits(self, table, number):
+        """The peers' fits, and skmtgp's of the same data."""
+        done = [row for row in self.peers if "bound" in row]
+        problems = {problem_of(row) for row in done}
+        ours = [
+            {**row, "package": OURS, "settings": "inputs"}
+            for row in self.fits
+            if problem_of(row) in problems
+        ]
+        if not done:
+            return []
+        head = "package,n,m,rank,joint,draw,inducing,seconds,evaluations,bound,noise,"
+        head += "nMSE interpolation,nMSE extrapolation"
+        rows = [
+            (
+                name(row),
+                *problem_of(row),
+                row["n_inducing"],
+                number(seconds(row)),
+                row.get("evaluations", row.get("n_evaluations")),
+                f"{row['bound']:.1f}",
+                *(number(row[key]) for key in ("noise", *ERRORS)),
+            )
+            for row in sorted([*ours, *done], key=problem_of)
+        ]
+        return [PEERS, table(head.split(","), rows)]
+
+    def checked(self, table):
+        """The bounds at a start."""
+        done = [row for row in self.checks if "likelihood" in row]
+        rows = [
+            (
+                name(row),
+                row["n"],
+                row["m"],
+                f"{row['likelihood']:.1f}",
+                f"{row['difference']:.1e}",
+            )
+            for row in done
+        ]
+        head = ["package", "n", "m", "reference", "difference"]
+        return [CHECKS, table(head, rows)] if rows else []
+
+    def failures(self, table):
+        """What did not work, and why."""
+        failed = [
+            (name(row), row["n"], row["m"], row.get("joint", "-"), reason(row))
+            for rows in (self.checks, self.timings, self.peers)
+            for row in rows
+            if "error" in row
+        ]
+        head = ["package", "n", "m", "joint", "reason"]
+        return ["Failures:\n", table(head, failed)] if failed else []
+
+
+def name(row):
+    """A package, and its inducing points."""
+    kind = "" if row["package"] == OURS else f", {KINDS[row['settings']]}"
+    return NAMES[row["package"]] + kind
+
+
+def in_order(lines):
+    """The packages' lines, this package first."""
+    first = [line for line in lines if line == NAMES[OURS]]
+    return {line: lines[line] for line in [*first, *sorted(set(lines) - set(first))]}
+
+
+def problem_of(row):
+    """The problem that a fit is of."""
+    return tuple(row[key] for key in ("n", "m", "rank", "joint", "draw"))
+
+
+def seconds(row):
+    """The processor's where there is one thread, else those that passed."""
+    passed = row["wall_seconds"] if "wall_seconds" in row else row["seconds"]
+    return row.get("processor_seconds", passed) if row["threads"] == 1 else passed
+
+
+def memory(row):
+    """MiB of an evaluation."""
+    return row["memory_mib"]
+
+
+def reason(row):
+    """The last line of an error, fit for a table."""
+    return row["error"].strip().splitlines()[-1].replace("|", "/")[:120]
+
+
+def dense_errors(path=DENSE):
+    """Errors of exact inference at the rank that BIC chooses, by joint.
+
+    Empty until a rank of all six joints has been measured, by ``make paper``.
+    """
+    if not path.exists():
+        return {}
+    with path.open() as file:
+        rows = [
+            row
+            for row in csv.DictReader(file)
+            if row["model"] == "mGP" and int(row["n"]) == DENSE_N and not row["error"]
+        ]
+    ranks = {}
+    for row in rows:
+        ranks.setdefault(int(row["rank"]), {})[int(row["joint"])] = row
+    whole = [of_rank for of_rank in ranks.values() if len(of_rank) == 6]
+    if not whole:
+        return {}
+    best = min(whole, key=bic)
+    return {j: {kind: float(row[kind]) for kind in ERRORS} for j, row in best.items()}
+
+
+def bic(of_rank):
+    """Equation 8, summed over the joints."""
+    return sum(
+        -2.0 * float(row["log_marginal_likelihood"])
+        + int(row["n_hyperparameters"]) * np.log(DENSE_N)
+        for row in of_rank.values()
+    )

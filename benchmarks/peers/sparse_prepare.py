@@ -1,0 +1,91 @@
+"""The problems of the sparse models: inducing points, and where learning starts."""
+
+import numpy as np
+from inducing import with_tasks
+from prepare import CLIMB, N_TASKS, START_NOISE, random_problem, to_parameters
+from problem import N_X, NOISE, Problem
+from reference import covariance
+from sparse_reference import prior_variance
+
+from skmtgp.inference.inducing import greedy_variance
+from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.learning.climbing import Data, Settings
+from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.summarised import exact_part
+from skmtgp.task_covariance import leading_eigenvectors, low_rank
+
+
+class Prior:
+    """The covariance of f as a kernel of inputs and tasks."""
+
+    def __init__(self, parameters):
+        self.parameters = parameters
+
+    def __call__(self, X, Y):
+        """Covariances."""
+        return covariance(self.parameters, *split(X), *split(Y))
+
+    def diag(self, X):
+        """Variances."""
+        return prior_variance(self.parameters, *split(X))
+
+
+def split(X):
+    """Inputs, and the tasks of the last column."""
+    return X[:, :-1], X[:, -1].astype(int)
+
+
+def random_sparse_problem(n, m):
+    """Random data for timings, with some of the rows as inducing points."""
+    problem = random_problem(n)
+    rows = np.linspace(0, n - 1, m).astype(int)  # of all tasks
+    return problem._replace(Z=problem.u[rows], points=problem.X[rows])
+
+
+def whole_problem(problem):
+    """The same data with all rows as inducing points: the bound is the likelihood."""
+    return problem._replace(Z=problem.u, points=problem.X)
+
+
+def part_problem(problem, m):
+    """The same data with m inducing points, chosen at the start by skmtgp's rule."""
+    points = greedy(Prior(problem.start), problem.X, m)
+    prior = Prior(problem.start._replace(K_rho=np.ones((1, 1))))  # k^x
+    Z = greedy(prior, with_tasks(problem.u, [0]), m)[:, :-1]
+    return problem._replace(Z=Z, points=points)
+
+
+def learned_problem(problem, parameters, m):
+    """The same data: what has been learned is the start, and the points are new."""
+    F = leading_eigenvectors(parameters.K_rho, problem.F.shape[1])
+    return part_problem(problem._replace(F=F, start=parameters), m)
+
+
+def greedy(prior, X, m):
+    """Rows with the most variance, given those before."""
+    return greedy_variance(prior, X, m, random_state=np.random.RandomState(0))
+
+
+def start_of(train, m, rank, max_iter=CLIMB):
+    """The problem with the start from which skmtgp climbs the bound.
+
+    That is the mode of exact inference on some of the rows, its noise variance raised,
+    and the inducing inputs chosen there.
+    """
+    kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, rank)
+    data = Data(train.u, train.tasks, train.y, N_TASKS)
+    settings = Settings(
+        kernel=kernel,
+        scale=1.0,
+        log_noise=np.log([START_NOISE]),
+        log_noise_bounds=tuple(np.log(NOISE)),
+        max_iter=max_iter,
+        tol=1e-2,
+        inference="sparse",
+    )
+    (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
+    theta = settings.with_noise(mode.theta, form)
+    kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
+    F = F.reshape(N_TASKS, rank)
+    start = to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
+    return part_problem(Problem(*train, F, start), m)

@@ -1,0 +1,162 @@
+"""Time and memory of one sparse bound and its gradient, from 10,000 rows to 960,000.
+
+``python benchmarks/sparse_growth.py`` takes rows of `fetch_puma560` at random, at last
+all of its 15 loads' 64,000 samples, with the paper's kernel, rank 4 and inducing inputs
+chosen greedily from the smallest part. It writes ``results/sparse_growth.csv`` and a
+plot, ``docs/images/sparse-growth.png``, with the exponents of n, and goes on where an
+interrupted run of it ended; ``--fresh`` starts again. Seconds are the processor's on
+one thread, the best of three; memory is the most that is taken over that of the data.
+``--short`` takes seconds and has files of its own.
+"""
+
+import argparse
+import csv
+import tracemalloc
+from pathlib import Path
+from time import process_time
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.ticker import NullFormatter
+from threadpoolctl import threadpool_limits
+
+from skmtgp.datasets import fetch_puma560
+from skmtgp.inference.inducing import greedy_variance
+from skmtgp.inference.sparse import SparseBound
+from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.preprocessing import InverseDynamicsFeatures
+from skmtgp.task_covariance import LowRank
+
+HERE = Path(__file__).parent
+N_TASKS, RANK, JOINT, REPEATS, MIB = 15, 4, 4, 3, 2.0**20
+SIZES, INDUCING = [10_000, 30_000, 100_000, 300_000, 960_000], [100, 500]
+SHORT = [1_000, 2_000, 4_000], [20, 50]
+COLORS = ["#0072B2", "#D55E00", "#009E73"]
+FIELDS = ["m", "n", "seconds", "bytes"]
+
+
+class Rows:
+    """All samples of the Puma 560 in random order.
+
+    Attributes
+    ----------
+    u : ndarray of shape (960000, 24)
+        Features without the load.
+    tasks, y : ndarray of shape (960000,)
+        Tasks 0 to 14, and the scaled torque.
+    """
+
+    def __init__(self):
+        parts = [
+            fetch_puma560(subset=subset, return_X_y=True)
+            for subset in ("train", "extrapolation")
+        ]
+        X, torque = (np.concatenate(part) for part in zip(*parts, strict=True))
+        order = np.random.default_rng(0).permutation(len(X))
+        table = InverseDynamicsFeatures(6).fit_transform(X[order])
+        self.u, self.tasks = table[:, :-1], table[:, -1].astype(int) - 1
+        y = torque[order, JOINT - 1]
+        self.y = (y - y.mean()) / y.std()
+
+    def first(self, n):
+        """The first n of them, sorted by task."""
+        order = np.argsort(self.tasks[:n], kind="stable")
+        return tuple(part[:n][order] for part in (self.u, self.tasks, self.y))
+
+
+def measure(rows, n, Z):
+    """Best seconds of the processor and peak bytes of one evaluation."""
+    kernel, form = inverse_dynamics_kernel(6), LowRank(N_TASKS, RANK)
+    F = np.random.default_rng(0).standard_normal(form.n_parameters)
+    theta = np.concatenate([kernel.theta, F, [np.log(1e-2)]])
+    bound = SparseBound(kernel, form, *rows.first(n), Z)
+    tracemalloc.start()
+    bound.value_and_grad(theta)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    times = []
+    for _ in range(REPEATS):
+        begin = process_time()
+        bound.value_and_grad(theta)
+        times.append(process_time() - begin)
+    return min(times), peak
+
+
+def collect(sizes, inducing, path):
+    """Rows of the results file, measured where they are missing."""
+    found, rows = {}, None
+    if path.exists():
+        with path.open() as file:
+            found = {(int(r["m"]), int(r["n"])): r for r in csv.DictReader(file)}
+    for m in inducing:
+        missing = [n for n in sizes if (m, n) not in found]
+        if missing:
+            rows = rows or Rows()
+            Z = greedy_variance(inverse_dynamics_kernel(6), rows.u[: sizes[0]], m)
+        for n in missing:
+            values = m, n, *measure(rows, n, Z)
+            found[m, n] = dict(zip(FIELDS, values, strict=True))
+            write(found.values(), path)
+            print(f"m {m:5d} n {n:7d} {values[2]:9.3f} s {values[3]:12d} bytes")
+    return found
+
+
+def write(rows, path):
+    path.parent.mkdir(exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, FIELDS)
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def exponent(x, y):
+    """Slope of log y against log x."""
+    return np.polyfit(np.log(x), np.log(y), 1)[0]
+
+
+def draw(found, sizes, inducing, path):
+    """Two panels, time and memory, with their exponents."""
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
+    for m, color in zip(inducing, COLORS, strict=False):
+        of = [found[m, n] for n in sizes]
+        seconds = np.array([float(row["seconds"]) for row in of])
+        mebibytes = np.array([float(row["bytes"]) for row in of]) / MIB
+        for axis, y in zip(axes, (seconds, mebibytes), strict=True):
+            power = f"{round(exponent(sizes, y), 2) + 0.0:.2f}"
+            print(f"m = {m}: {'time' if axis is axes[0] else 'memory'} ~ n^{power}")
+            axis.loglog(sizes, y, "o-", color=color, label=f"m = {m}, $n^{{{power}}}$")
+    for axis, label in zip(axes, ("seconds", "MiB over the data"), strict=True):
+        axis.set(xlabel="n", ylabel=label)
+        axis.set_xticks(sizes, [f"{n:,}" for n in sizes])
+        axis.minorticks_off()
+        axis.tick_params(axis="x", labelsize=7)
+        axis.grid(which="major", alpha=0.3)
+        axis.legend(loc="upper left", frameon=False)
+    low, high = axes[1].get_ylim()
+    axes[1].set_ylim(low / 3.0, high * 10.0)  # so that flat looks flat
+    axes[1].yaxis.set_minor_formatter(NullFormatter())
+    figure.suptitle("One sparse bound and gradient, on one thread")
+    figure.savefig(path, dpi=150)
+
+
+def main():
+    """Measure what is missing, and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--short", action="store_true")
+    parser.add_argument("--fresh", action="store_true")
+    arguments = parser.parse_args()
+    results = HERE / (".short" if arguments.short else "results")
+    table = results / "sparse_growth.csv"
+    image = HERE.parent / "docs" / "images" / "sparse-growth.png"
+    if arguments.short:
+        image = table.with_suffix(".png")
+    if arguments.fresh:
+        table.unlink(missing_ok=True)
+    sizes, inducing = SHORT if arguments.short else (SIZES, INDUCING)
+    with threadpool_limits(1):
+        found = collect(sizes, inducing, table)
+    draw(found, sizes, inducing, image)
+
+
+if __name__ == "__main__":
+    main()

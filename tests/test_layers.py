@@ -17,6 +17,7 @@ LAYERS = [
         "_tasks",
         "_sklearn_compat",
         "_parallel",
+        "_dask",
         "_memory",
         "_progress",
         "_show_versions",
@@ -29,6 +30,7 @@ LAYERS = [
     {
         "_estimator",
         "_training",
+        "_partitions",
         "_posterior",
         "_base",
         "multitask",

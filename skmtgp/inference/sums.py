@@ -75,6 +75,19 @@ def _add(one, other):
     return type(one)(**{key: getattr(one, key) + getattr(other, key) for key in names})
 
 
+def blocks(X, tasks, y, size):
+    """X, tasks and y of at most `size` rows at a time."""
+    for a in range(0, len(y), size):
+        rows = slice(a, a + size)
+        features, targets = (np.asarray(part[rows], dtype=float) for part in (X, y))
+        yield features, np.asarray(tasks[rows]), targets
+
+
+def sum_blocks(function, options, size, arguments, X, tasks, y):
+    """``function(*arguments, blocks, **options)``, a function below, of some rows."""
+    return function(*arguments, blocks(X, tasks, y, size), **options)
+
+
 def sum_features(features, n_tasks, blocks):
     """The forward pass over some rows.
 

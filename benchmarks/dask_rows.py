@@ -1,23 +1,25 @@
 """Sparse inference where the rows are: a Dask cluster of two workers.
 
-``python -P benchmarks/dask_rows.py`` makes 1,000,000 rows in 20 partitions on the workers
-of a LocalCluster, one thread each, and prints for a bound with its gradient
+``python -P benchmarks/dask_rows.py`` makes 1,000,000 rows in 20 partitions on the
+workers of a LocalCluster, one thread each, and prints for a bound with its gradient
 
-- seconds by the clock, and seconds of the processor, of the workers and of the client;
+- seconds by the clock; seconds of the processor, which other work on the machine does
+  not add to: of the workers' tasks, and of the client with Dask's scheduler in it;
 - bytes: what the client sends and receives, as the sizes of the pickled arguments and
   of the pickled total; what the workers send each other, as they count it themselves;
 - the same evaluation in one process, which makes the rows anew, and how far the value
   and the gradient differ;
 
-then a short fit and the most memory that the client has had. ``--n 20000`` is quick. Without -P
-Python would take sparse.py beside this file for the package of that name, which Dask
-looks for.
+then a short fit and the most memory that the client has had. ``--n 20000`` is
+quick. Without -P Python would take sparse.py beside this file for the package of that
+name, which Dask looks for.
 """
 
 import argparse
 import pickle
 import resource
 import sys
+from contextlib import contextmanager
 from time import perf_counter, process_time
 
 import dask
@@ -74,9 +76,10 @@ def sizes(rows, Z):
     return [sum(map(len, of_passes)) for of_passes in (out, back)]
 
 
-def spent():
-    """Seconds of a worker's processor since it was started."""
-    return process_time()
+def spent(dask_worker):
+    """Seconds of the processor that a worker has spent in tasks."""
+    totals = dask_worker.digests_total.items()
+    return sum(seconds for key, seconds in totals if "thread-cpu" in key)
 
 
 def sent(dask_worker):
@@ -102,6 +105,20 @@ def evaluate(client, bound, theta, repeats):
         row = seconds, of_workers - before[0], of_client, moved - before[1]
         found.append((row, result))
     return min(found, key=lambda pair: pair[0])
+
+
+@contextmanager
+def counted_passes():
+    """A list that gets an entry for each pass over all rows."""
+    passes, over_rows = [], SparseBound.over_rows
+
+    def counted(bound, *arguments, **options):
+        passes.append(None)
+        return over_rows(bound, *arguments, **options)
+
+    SparseBound.over_rows = counted
+    yield passes
+    SparseBound.over_rows = over_rows
 
 
 def main():
@@ -147,11 +164,11 @@ def main():
             max_iter=options.max_iter,
         )
         begin = perf_counter()
-        model.fit(rows[:, :-1], rows[:, -1])
+        with counted_passes() as passes:
+            model.fit(rows[:, :-1], rows[:, -1])
         print(
             f"fit with max_iter={options.max_iter}: {perf_counter() - begin:.1f} s, "
-            f"{model.n_evaluations_} evaluations (most of them of the part that is "
-            "learned from exactly), "
+            f"{len(passes)} passes over all rows; "
             f"bound {model.log_marginal_likelihood_value_ / n:.4f} nats a row, noise "
             f"variance {model.noise_variance_:.4f}"
         )

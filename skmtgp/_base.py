@@ -64,9 +64,11 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`.
+            Inputs, with the task labels in column `task_feature`. Sparse inference
+            takes Dask arrays and dataframes, whose rows stay where they are.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Targets. Outputs are learned separately.
+            Targets. Outputs are learned separately. In the partitions of X if that is
+            a Dask collection.
 
         Returns
         -------

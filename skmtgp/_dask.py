@@ -70,8 +70,8 @@ def sum_parts(function, arguments, arrays):
     ----------
     function : callable
         Is called where the rows are.
-    arguments : list
-        Of Dask arrays, each is sent to one worker, from which the others have it.
+    arguments : sequence
+        Sent to one worker, from which the others have them.
     arrays : sequence of ndarray, or of dask.array.Array
         Rows, in the same parts.
 
@@ -85,8 +85,7 @@ def sum_parts(function, arguments, arrays):
         return function(arguments, *arrays)
     import dask
 
-    do = dask.delayed(function)
-    sent = [dask.delayed(argument, traverse=False) for argument in arguments]
+    do, sent = dask.delayed(function), dask.delayed(arguments, traverse=False)
     sums = [do(sent, *part) for part in zip(*map(partitions, arrays), strict=True)]
     while len(sums) > 1:
         pairs = zip(sums[::2], sums[1::2], strict=False)

@@ -7,6 +7,7 @@ import subprocess
 import sys
 from functools import partial
 from importlib import import_module
+from time import monotonic, sleep
 
 import numpy as np
 import pandas as pd
@@ -140,6 +141,18 @@ def assert_same_model(found, expected, X):
         assert_allclose(one, other, rtol=1e-6, atol=1e-8)
 
 
+def tasks_on(dask_scheduler):
+    """How much a cluster still holds or has to do."""
+    return len(dask_scheduler.tasks)
+
+
+def wait_until(condition, most=20.0):
+    end = monotonic() + most
+    while not condition():
+        assert monotonic() < end
+        sleep(0.05)
+
+
 class TestFit:
     @pytest.mark.parametrize("model", GPS.values(), ids=GPS.keys())
     def test_same_as_in_memory(self, model):
@@ -151,6 +164,7 @@ class TestFit:
     def test_outputs_on_a_cluster(self, client):
         X, y = draw(N, n_outputs=2)
         model = clone(QUICK).fit(*on_dask(X, y))
+        wait_until(lambda: not client.run_on_scheduler(tasks_on))
         expected = clone(QUICK).fit(X, y)
         assert_array_equal(model.inducing_inputs_, expected.inducing_inputs_)
         assert_allclose(model.predict(X), expected.predict(X), rtol=1e-6, atol=1e-8)
@@ -213,6 +227,12 @@ class TestFitted:
         dumped = pickle.dumps(model)
         assert b"dask" not in dumped
         assert_array_equal(pickle.loads(dumped).predict(X), model.predict(X))
+
+    def test_predicts_where_the_rows_are(self):
+        X, y = draw(N)
+        model = clone(QUICK).fit(*on_dask(X, y))
+        far = on_dask(X, y)[0].map_blocks(model.predict, drop_axis=1, dtype=float)
+        assert_allclose(far.compute(), model.predict(X), rtol=1e-12, atol=1e-12)
 
     def test_what_needs_rows(self):
         X, y = draw(N)

@@ -6,7 +6,8 @@ workers of a LocalCluster, one thread each, and prints for a bound with its grad
 - seconds by the clock; seconds of the processor, which other work on the machine does
   not add to: of the workers' tasks, and of the client with Dask's scheduler in it;
 - bytes: what the client sends and receives, as the sizes of the pickled arguments and
-  of the pickled total; what the workers send each other, as they count it themselves;
+  of the pickled total; what the workers send each other, as they count it themselves,
+  which leaves out the features that each worker gets;
 - the same evaluation in one process, which makes the rows anew, and how far the value
   and the gradient differ;
 

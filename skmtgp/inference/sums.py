@@ -10,8 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 
+class Sums:
+    """Sums that add up, field by field."""
+
+    def __add__(self, other):
+        names = vars(self)
+        added = {name: getattr(self, name) + getattr(other, name) for name in names}
+        return type(self)(**added)
+
+    def __sizeof__(self):  # Dask asks
+        return sum(field.nbytes for field in vars(self).values())
+
+
 @dataclass
-class FeatureSums:
+class FeatureSums(Sums):
     """Sums over the rows of each task.
 
     Attributes
@@ -31,12 +43,9 @@ class FeatureSums:
     rest: np.ndarray
     n: np.ndarray
 
-    def __add__(self, other):
-        return _add(self, other)
-
 
 @dataclass
-class ResidualSums:
+class ResidualSums(Sums):
     """Sums of e_i = y_i - omega_m . phi_i over the rows of each task.
 
     Attributes
@@ -49,9 +58,6 @@ class ResidualSums:
 
     squares: np.ndarray
     errors: np.ndarray
-
-    def __add__(self, other):
-        return _add(self, other)
 
 
 @dataclass
@@ -68,11 +74,6 @@ class GradientSums(ResidualSums):
 
     theta: np.ndarray
     Z: np.ndarray
-
-
-def _add(one, other):
-    names = vars(one)
-    return type(one)(**{key: getattr(one, key) + getattr(other, key) for key in names})
 
 
 def blocks(X, tasks, y, size):

@@ -91,8 +91,8 @@ def _check_partition(name, position, columns, number, table, y):
     try:
         y = check_target(table, y)
         return *cut_table(table, position, columns, name), y
-    except (ValueError, TypeError) as error:
-        raise type(error)(f"In partition {number}: {error}") from error
+    except ValueError as error:
+        raise ValueError(f"In partition {number}: {error}") from error
 
 
 def _describe(part):

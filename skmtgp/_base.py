@@ -13,9 +13,11 @@ from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._dask import is_dask
 from skmtgp._estimator import Estimator
 from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
+from skmtgp._partitions import check_partitions
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
@@ -62,9 +64,11 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`.
+            Inputs, with the task labels in column `task_feature`. Sparse inference
+            takes Dask arrays and dataframes, whose rows stay where they are.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Targets. Outputs are learned separately.
+            Targets. Outputs are learned separately. In the partitions of X if that is
+            a Dask collection.
 
         Returns
         -------
@@ -78,8 +82,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             is then as it was before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
-            features, labels, Y = check_training(self, X, y)
-            training = self._scale(features, labels, Y)
+            training = self._read(X, y)
             pairs = self._pairs(training)
             form, modes = self._learn(pairs, progress)
             self._store(training, likelihoods(pairs, form, modes), modes)
@@ -191,8 +194,9 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         check_is_fitted(self)
         if theta is None and not eval_gradient:
             return self.log_marginal_likelihood_value_
+        self._check_rows()
         parts = np.split(self._check_theta(theta), len(self._likelihoods))
-        change_of_units = -len(self.X_train_) * np.log(self._scales).sum()
+        change_of_units = -self._n_samples * np.log(self._scales).sum()
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
             evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
@@ -223,20 +227,29 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         """How many latent functions the tasks share."""
         return 1
 
-    def _scale(self, features, labels, Y):
+    def _read(self, X, y):
+        """The training data, checked, encoded and scaled."""
+        if is_dask(X, y) and self.inference == "sparse":
+            return self._scale(*check_partitions(self, X, y))
+        features, labels, Y = check_training(self, X, y)
         tasks, codes = np.unique(labels, return_inverse=True)
+        return self._scale(features, codes, tasks, Y)
+
+    def _scale(self, features, codes, tasks, Y):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
         mean, scale = np.zeros(Y.shape[1]), np.ones(Y.shape[1])
         if self.normalize_y:
-            mean, spread = Y.mean(axis=0), Y.std(axis=0)
+            mean, spread = (np.asarray(of(axis=0)) for of in (Y.mean, Y.std))
         else:  # where the model has an amplitude, only the path of learning changes
-            spread = np.sqrt(np.square(Y).mean(axis=0)) * self._learns_amplitude()
+            spread = np.sqrt(np.asarray(np.square(Y).mean(axis=0)))
+            spread *= self._learns_amplitude()
         varies = spread > RESOLVED * np.abs(mean)
         scale[varies] = spread[varies]
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
     def _training(self):
         """The data that the model was fitted to."""
+        self._check_rows()
         return Training(
             self.X_train_,
             self.tasks_train_,
@@ -246,6 +259,14 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             self._scales,
             self._single_output,
         )
+
+    def _check_rows(self):
+        if not hasattr(self, "X_train_"):
+            raise ValueError(
+                f"This needs the training rows, but the {type(self).__name__} was "
+                "fitted to Dask collections, whose rows it does not keep. Fit it to "
+                "arrays, or to a part of the rows that fits in memory."
+            )
 
     def _kernel(self, training):
         """k^x with its starting values."""
@@ -309,11 +330,8 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         ]
         self._centres, self._scales = training.y_mean, training.y_scale
         self._single_output = training.single_output
-        self.tasks_, self.X_train_ = training.tasks, training.features
-        self.tasks_train_, self.y_train_ = training.codes, training.Y
-        self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
-        if training.single_output:
-            self.y_train_ = training.Y[:, 0]
+        self.tasks_, self._n_samples = training.tasks, len(training.features)
+        self._store_rows(training)
         self.theta_ = np.concatenate([mode.theta for mode in modes])
         vars(self).pop("inducing_inputs_", None)
         if self.inference_ == "sparse":
@@ -322,6 +340,18 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         self._store_parameters(modes)
         self._store_summary(modes)
         self.n_hyperparameters_ = sum(self._count(o) for o in likelihoods)
+
+    def _store_rows(self, training):
+        """Keep the rows, unless they lie in Dask's partitions."""
+        if is_dask(training.features):
+            for name in ("X_train_", "tasks_train_", "y_train_", "complete_"):
+                vars(self).pop(name, None)
+            for likelihood in self._likelihoods:
+                likelihood.forget_rows()
+            return
+        self.X_train_, self.tasks_train_ = training.features, training.codes
+        self.y_train_ = training.Y[:, 0] if training.single_output else training.Y
+        self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
 
     def _store_parameters(self, modes):
         square, L = np.square(self._scales), self._likelihoods
@@ -344,9 +374,8 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         self.y_scale_ = float(scales[0]) if single else scales
 
     def _store_summary(self, modes):
-        n = len(self.X_train_)
         values = np.array([posterior.log_likelihood for posterior in self._posteriors])
-        self.log_marginal_likelihoods_ = values - n * np.log(self._scales)
+        self.log_marginal_likelihoods_ = values - self._n_samples * np.log(self._scales)
         self.log_marginal_likelihood_value_ = float(
             self.log_marginal_likelihoods_.sum()
         )
@@ -369,7 +398,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
 
     def _variances(self, features, codes, include_noise):
         variances = np.empty((len(features), len(self._posteriors)))
-        for rows in _blocks(len(features), len(self.X_train_)):
+        for rows in _blocks(len(features), self._n_samples):
             for j, posterior in enumerate(self._posteriors):
                 variances[rows, j] = posterior.variance(features[rows], codes[rows])
         variances *= np.square(self._scales)

@@ -48,7 +48,7 @@ def check_sparse_memory(n_inducing, n_tasks, rank, n_factors):
         Number r of latent functions.
     n_factors : int
         Posteriors that are kept, of M + r^2 matrices of m x m each; learning takes
-        four times that, by benchmarks/sparse.py.
+        four times that, by benchmarks/sparse_bound.py.
     """
     matrices = (4 + n_factors) * (n_tasks + rank**2)
     _check(

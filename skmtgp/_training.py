@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
+from skmtgp._dask import held, is_dask
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
 from skmtgp.exceptions import UnderflowWarning
@@ -40,16 +41,23 @@ def check_training(estimator, X, y):
     y : ndarray of the shape of y
         Numbers.
     """
+    if is_dask(X, y):
+        raise ValueError(
+            f"{type(estimator).__name__} would collect the rows of a Dask collection "
+            "here. MultiTaskGPRegressor, IndependentGP, PooledGP and RankSearchIC "
+            "learn from them where they are: set inference='sparse'. Otherwise pass "
+            "X.compute() and y.compute()."
+        )
     table = read_table(estimator, X, reset=True)
     if y is None:
         raise ValueError(
             f"{type(estimator).__name__} requires y to be passed, but the target y is "
             "None."
         )
-    y = _check_target(table, y)
+    y = check_target(table, y)
     features, labels = _split(estimator, table)
-    _warn_of_underflow(features, "feature")
-    _warn_of_underflow(y.reshape(len(y), -1), "output")
+    warn_of_underflow(features, "feature")
+    warn_of_underflow(y.reshape(len(y), -1), "output")
     return features, labels, y
 
 
@@ -92,7 +100,7 @@ def check_new_task(estimator, X, y):
             f"Task {tasks[0].item()!r} is known already; fit learns from more samples "
             "of it, add_task takes new ones."
         )
-    y = _check_target(table, y)
+    y = check_target(table, y)
     if y.shape[1:] != estimator.y_train_.shape[1:]:
         raise ValueError(
             f"y has shape {y.shape}; the model was fitted to targets of shape "
@@ -108,15 +116,26 @@ def check_test(estimator, X):
 
 
 def _split(estimator, table):
-    names = getattr(estimator, "feature_names_in_", None)
-    position = locate_task_column(estimator.task_feature, table.shape[1], names)
+    return cut_table(table, *locate(estimator), estimator)
+
+
+def locate(estimator):
+    """Position of the task column, and the names or positions of the others."""
+    n, names = estimator.n_features_in_, getattr(estimator, "feature_names_in_", None)
+    position = locate_task_column(estimator.task_feature, n, names)
+    columns = range(n) if names is None else names.tolist()
+    return position, np.delete(np.array(columns, object), position)
+
+
+def cut_table(table, position, columns, estimator):
+    """Features and labels of a table, checked; `columns` and `estimator` are named."""
     features, labels = split_table(table, position, estimator)
-    columns = range(table.shape[1]) if names is None else names.tolist()
-    _check_magnitude(features, "X", np.delete(np.array(columns, object), position))
+    _check_magnitude(features, "X", columns)
     return features, labels
 
 
-def _check_target(table, y):
+def check_target(table, y):
+    """Targets of the rows of a table, as numbers whose squares do not overflow."""
     y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
     check_consistent_length(table, y)
     _check_magnitude(y.reshape(len(y), -1), "y", range(y.size // len(y)))
@@ -137,20 +156,21 @@ def _check_magnitude(values, name, columns):
 
 def _largest(values):
     """The largest absolute value of each column, without an array of them all."""
-    return np.maximum(values.max(axis=0), -values.min(axis=0))
+    return np.asarray(np.maximum(values.max(axis=0), -values.min(axis=0)))
 
 
 def _deviation(values):
     """Standard deviation of each column; of many rows, a part at a time."""
-    if len(values) <= ROWS:
-        return values.std(axis=0)
+    if len(values) <= ROWS or is_dask(values):
+        return np.asarray(values.std(axis=0))
     scaler = StandardScaler()
     for rows in gen_batches(len(values), ROWS):
         scaler.partial_fit(values[rows])
     return np.sqrt(scaler.var_)
 
 
-def _warn_of_underflow(values, kind):
+def warn_of_underflow(values, kind):
+    """Say which columns have values so small that their squares vanish."""
     largest = _largest(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
@@ -184,7 +204,7 @@ def check_kernel(kernel, features):
     """Raise a ValueError where the kernel is not one for these features."""
     _check_hyperparameters(kernel)
     try:
-        shape = np.shape(kernel(features[:1]))
+        shape = np.shape(kernel(np.asarray(features[:1])))
     except (ValueError, TypeError, IndexError, AttributeError) as error:
         raise ValueError(
             f"kernel={kernel!r} cannot take X, which has {features.shape[1]} features "
@@ -225,6 +245,8 @@ def _is_between(value, lower, upper):
 class Training(NamedTuple):
     """Training data, checked.
 
+    The rows may be in Dask arrays.
+
     Attributes
     ----------
     features : ndarray of shape (n_samples, n_features - 1)
@@ -261,19 +283,19 @@ class Training(NamedTuple):
         X, tasks = self.features[order], self.codes[order]
         Y = ((self.Y - self.y_mean) / self.y_scale)[order]
         n_tasks = len(self.tasks)
-        return [Data(X, tasks, np.ascontiguousarray(y), n_tasks, complete) for y in Y.T]
+        return [Data(X, tasks, held(y), n_tasks, complete) for y in Y.T]
 
     def pairs(
         self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
     ):
         """The data and the settings of each output."""
         for j, data in enumerate(self.data(inference), start=1):
-            scale = data.y.std() or 1.0
+            scale = float(data.y.std()) or 1.0
             fixed = isinstance(noise_bounds, str)
             bounds = (noise_variance,) * 2 if fixed else noise_bounds
             settings = Settings(
                 kernel=kernel,
-                scale=np.sqrt(np.square(data.y).mean()) or 1.0,
+                scale=float(np.sqrt(np.square(data.y).mean())) or 1.0,
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
                 name=f"output {j} of {self.Y.shape[1]}",

@@ -157,7 +157,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Some of the training inputs; a list of n_outputs of them where y has two
         dimensions. Only if inference is sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
-        Training inputs without the task column.
+        Training inputs without the task column. Not there, nor are the next two and
+        `complete_`, if X was a Dask collection.
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
@@ -273,7 +274,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Some of the training inputs; a list of n_outputs of them where y has two
         dimensions. Only if inference is sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
-        Training inputs without the task column.
+        Training inputs without the task column. Not there, nor are the next two and
+        `complete_`, if X was a Dask collection.
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)

@@ -15,7 +15,6 @@ from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._splitting import TaskStratifiedKFold
-from skmtgp._training import check_training
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.task_covariance import low_rank
 
@@ -155,7 +154,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             verbose=self._verbosity(),
         )
         model._validate_params()
-        training = model._scale(*check_training(model, X, y))
+        training = model._read(X, y)
         ranks = self._check_ranks(len(training.tasks))
         model.set_params(rank=ranks[-1])
         pairs = model._pairs(training, len(ranks) if self.keep_estimators else 1)

@@ -18,6 +18,7 @@ LAYERS = [
         "_tasks",
         "_sklearn_compat",
         "_parallel",
+        "_dask",
         "_memory",
         "_progress",
         "_show_versions",
@@ -30,6 +31,7 @@ LAYERS = [
     {
         "_estimator",
         "_training",
+        "_partitions",
         "_posterior",
         "_base",
         "multitask",

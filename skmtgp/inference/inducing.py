@@ -4,6 +4,7 @@ import numpy as np
 from scipy.optimize import minimize
 from sklearn.cluster import KMeans, MiniBatchKMeans
 from sklearn.utils import check_random_state
+from sklearn.utils.random import sample_without_replacement
 
 CANDIDATES = 20_000  # rows
 RESOLVED = 1e-13  # of the largest variance: less is rounding
@@ -23,7 +24,7 @@ def greedy_variance(
     kernel : Kernel
         k^x with the hyperparameters at which the variances are.
     X : array-like of shape (n_samples, n_features)
-        Inputs, which may be memory-mapped.
+        Inputs, which may be memory-mapped or a Dask array.
     n_inducing : int
         How many are wanted.
     n_candidates : int, default=20000
@@ -64,8 +65,8 @@ def greedy_variance(
 def _candidates(n, n_candidates, random_state):
     if n <= n_candidates:
         return slice(None)
-    rng = check_random_state(random_state)
-    return np.sort(rng.choice(n, n_candidates, replace=False))
+    rng = check_random_state(random_state)  # in memory of those that are drawn
+    return np.sort(sample_without_replacement(n, n_candidates, random_state=rng))
 
 
 def k_means(X, n_inducing, *, random_state=None):

@@ -47,7 +47,7 @@ class Likelihood(ABC):
         self.task_covariance = task_covariance
         self.X, self.tasks, self.y = X, tasks, y
         self.n_noise = n_noise
-        self.noise_of_row = tasks if n_noise > 1 else np.zeros(len(tasks), dtype=int)
+        self.noise_of_row = tasks if n_noise > 1 else np.broadcast_to(0, len(tasks))
 
     @abstractmethod
     def _evaluate(self, theta):
@@ -146,7 +146,9 @@ class Likelihood(ABC):
     def _derivatives(self, theta, rows):
         """K of some rows, and its derivatives by theta, one after another."""
         kernel, rho, log_noise = self.split(theta)
-        tasks, noise_of_row = self.tasks[rows], self.noise_of_row[rows]
+        tasks, noise_of_row = (
+            np.asarray(of_row[rows]) for of_row in (self.tasks, self.noise_of_row)
+        )
         between, noise = np.ix_(tasks, tasks), np.exp(log_noise)
         K_rho = self.task_covariance.matrix(rho)[between]
         kernel = self.kernel.clone_with_theta(kernel)

@@ -14,15 +14,24 @@ with the Cholesky factor L of K_ZZ. It never lies above the log marginal likelih
 equals it where Z holds all inputs.
 """
 
+from functools import partial
+
 import numpy as np
 
+from skmtgp._dask import sum_parts
 from skmtgp._parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.features import Features
 from skmtgp.inference.latent import latent_functions, pull_back
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.inference.sparse_posterior import SparsePosterior
-from skmtgp.inference.sums import sum_features, sum_gradients, sum_residuals
+from skmtgp.inference.sums import (
+    blocks,
+    sum_blocks,
+    sum_features,
+    sum_gradients,
+    sum_residuals,
+)
 from skmtgp.inference.weights import Gradients, Weights
 
 BLOCK = 1024  # rows
@@ -41,7 +50,8 @@ class SparseBound(Likelihood):
         Form of K^rho.
     X : array-like of shape (n_samples, n_features)
         Inputs without the task column. It may be memory-mapped, as may `tasks` and
-        `y`: a block of rows is read at a time.
+        `y`: a block of rows is read at a time. They may be Dask arrays, with the same
+        chunks of rows: the sums over the rows are then made where those are.
     tasks : array-like of shape (n_samples,)
         Task of each row, 0 to n_tasks - 1, in any order; blocks with few tasks take
         less time.
@@ -227,18 +237,17 @@ class SparseBound(Likelihood):
         return features, Weights(sums, *latent, noise)
 
     def over_rows(self, function, *arguments, **options):
-        """``function(*arguments, blocks, **options)`` of all rows, in one place.
+        """``function(*arguments, blocks, **options)`` of all rows, wherever they are.
 
-        The functions are those of :mod:`skmtgp.inference.sums`, whose results add up:
-        rows that lie elsewhere need another method only.
+        The functions are those of :mod:`skmtgp.inference.sums`, whose results add up.
         """
-        return function(*arguments, self.blocks(), **options)
+        of_part = partial(sum_blocks, function, options, self.block_size)
+        return sum_parts(of_part, arguments, (self.X, self.tasks, self.y))
 
     def blocks(self):
         """X, tasks and y of some rows at a time."""
-        for a in range(0, len(self.y), self.block_size):
-            yield self._read(slice(a, a + self.block_size))
+        return blocks(self.X, self.tasks, self.y, self.block_size)
 
-    def _read(self, rows):
-        X, y = (np.asarray(part[rows], dtype=float) for part in (self.X, self.y))
-        return X, np.asarray(self.tasks[rows]), y
+    def forget_rows(self):
+        """Keep what does not depend on them: no likelihood can be computed any more."""
+        self.X = self.tasks = self.y = self.noise_of_row = None

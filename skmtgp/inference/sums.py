@@ -10,8 +10,20 @@ from dataclasses import dataclass
 import numpy as np
 
 
+class Sums:
+    """Sums that add up, field by field."""
+
+    def __add__(self, other):
+        names = vars(self)
+        added = {name: getattr(self, name) + getattr(other, name) for name in names}
+        return type(self)(**added)
+
+    def __sizeof__(self):  # Dask asks
+        return sum(field.nbytes for field in vars(self).values())
+
+
 @dataclass
-class FeatureSums:
+class FeatureSums(Sums):
     """Sums over the rows of each task.
 
     Attributes
@@ -31,12 +43,9 @@ class FeatureSums:
     rest: np.ndarray
     n: np.ndarray
 
-    def __add__(self, other):
-        return _add(self, other)
-
 
 @dataclass
-class ResidualSums:
+class ResidualSums(Sums):
     """Sums of e_i = y_i - omega_m . phi_i over the rows of each task.
 
     Attributes
@@ -49,9 +58,6 @@ class ResidualSums:
 
     squares: np.ndarray
     errors: np.ndarray
-
-    def __add__(self, other):
-        return _add(self, other)
 
 
 @dataclass
@@ -70,9 +76,17 @@ class GradientSums(ResidualSums):
     Z: np.ndarray
 
 
-def _add(one, other):
-    names = vars(one)
-    return type(one)(**{key: getattr(one, key) + getattr(other, key) for key in names})
+def blocks(X, tasks, y, size):
+    """X, tasks and y of at most `size` rows at a time."""
+    for a in range(0, len(y), size):
+        rows = slice(a, a + size)
+        features, targets = (np.asarray(part[rows], dtype=float) for part in (X, y))
+        yield features, np.asarray(tasks[rows]), targets
+
+
+def sum_blocks(function, options, size, arguments, X, tasks, y):
+    """``function(*arguments, blocks, **options)``, a function below, of some rows."""
+    return function(*arguments, blocks(X, tasks, y, size), **options)
 
 
 def sum_features(features, n_tasks, blocks):

@@ -13,6 +13,7 @@ from skmtgp._tasks import complete_design
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
+from skmtgp.learning.drawing import draw_rows
 
 EXACT = {
     "dense": DenseLikelihood,
@@ -36,8 +37,8 @@ class Data:
     Attributes
     ----------
     X : ndarray of shape (n_samples, n_features)
-        Inputs, sorted by task. For sparse inference they may be in any order, and on
-        disk.
+        Inputs, sorted by task. For sparse inference they may be in any order, on disk
+        or, as `tasks` and `y`, in a Dask array.
     tasks : ndarray of shape (n_samples,)
         Tasks, 0 to n_tasks - 1.
     y : ndarray of shape (n_samples,)
@@ -83,10 +84,21 @@ class Data:
         Of complete data it is as many inputs. What is left is drawn at random, but less
         is always part of more.
         """
-        rows = np.sort(self._inputs(size) if self.complete else self._rows(size))
-        rows = rows[np.argsort(self.tasks[rows], kind="stable")]
-        X, y = (np.asarray(part[rows], dtype=np.float64) for part in (self.X, self.y))
-        return replace(self, X=X, tasks=self.tasks[rows], y=y)
+        return self._part(self._inputs(size) if self.complete else self._rows(size))
+
+    def drawn(self, size):
+        """The same number of rows, whatever their order, and wherever they lie.
+
+        They come into memory. Less is not part of more.
+        """
+        return self._part(draw_rows(self.tasks, self.n_tasks, size))
+
+    def _part(self, rows):
+        rows = np.sort(rows)
+        tasks = np.asarray(self.tasks[rows])
+        order = np.argsort(tasks, kind="stable")
+        X, y = (np.asarray(of[rows], dtype=np.float64) for of in (self.X, self.y))
+        return replace(self, X=X[order], tasks=tasks[order], y=y[order])
 
     def _rows(self, n_samples):
         n = len(self.tasks)

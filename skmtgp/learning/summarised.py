@@ -8,7 +8,9 @@ learned so far, which are the same for all ranks: their models stay part of each
 from dataclasses import replace
 
 import numpy as np
+from joblib import parallel_config
 
+from skmtgp._dask import is_dask
 from skmtgp._parallel import run
 from skmtgp._progress import silent
 from skmtgp.inference.inducing import greedy_variance
@@ -34,7 +36,7 @@ def exact_part(pairs):
         Of EXACT_ROWS rows where inference is sparse.
     """
     return [
-        (data.thinned(min(EXACT_ROWS, len(data.y))), settings)
+        (data.drawn(min(EXACT_ROWS, len(data.y))), settings)
         if settings.inference == "sparse"
         else (data, settings)
         for data, settings in pairs
@@ -53,7 +55,7 @@ def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
     modes : list of list of Mode
         For each output and form, what `exact_part` of the pairs told.
     n_jobs : int, default=None
-        Processes.
+        Processes. Rows that lie in Dask's partitions are shared out already: one.
     progress : callable, default=silent
         Told of each output, see :func:`skmtgp._progress.fitting`.
 
@@ -74,7 +76,10 @@ def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
         )
 
     report = progress("learning from all rows by inducing inputs", len(jobs), describe)
-    return run(climb_bounds, jobs, n_jobs=n_jobs, report=report)
+    if not is_dask(pairs[0][0].X):
+        return run(climb_bounds, jobs, n_jobs=n_jobs, report=report)
+    with parallel_config(backend="sequential"):
+        return run(climb_bounds, jobs, report=report)
 
 
 def climb_bounds(data, settings, forms, modes):

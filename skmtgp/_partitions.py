@@ -1,0 +1,131 @@
+"""Training data in a Dask collection: checked and encoded where its partitions are."""
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from sklearn.utils.validation import validate_data
+
+from skmtgp._dask import is_dask, partitions
+from skmtgp._training import (
+    check_target,
+    cut_table,
+    locate,
+    warn_of_underflow,
+)
+
+
+def check_partitions(estimator, X, y):
+    """Features, tasks and targets, of which only the tasks' labels come here.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Gets n_features_in_ and feature_names_in_; names the task column.
+    X : dask.array.Array or dask.dataframe.DataFrame of shape (n_samples, n_features)
+        Inputs with the task column.
+    y : Dask collection of shape (n_samples,) or (n_samples, n_outputs)
+        Targets, in the same partitions.
+
+    Returns
+    -------
+    features : dask.array.Array of shape (n_samples, n_features - 1)
+        Numbers, held by the workers, as are the codes and the targets.
+    codes : dask.array.Array of shape (n_samples,)
+        Position in `tasks` of each row's task.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    y : dask.array.Array of the shape of y
+        Numbers.
+
+    Raises
+    ------
+    ValueError
+        If something in a partition cannot be used, which it names.
+    """
+    import dask
+
+    pairs = _pair(X, y)
+    frame = hasattr(X, "columns")
+    header = pd.DataFrame(columns=X.columns) if frame else X
+    validate_data(estimator, header, reset=True, skip_check_array=True)
+    check = partial(_check_partition, type(estimator).__name__, *locate(estimator))
+    parts = [dask.delayed(check)(i, *pair) for i, pair in enumerate(pairs)]
+    parts = dask.persist(*parts)
+    described = dask.compute(*map(dask.delayed(_describe), parts))
+    kept = [(part, n) for part, (n, _) in zip(parts, described, strict=True) if n]
+    if not kept:
+        raise ValueError("X has no rows: give at least 1.")
+    tasks = _union([labels for n, labels in described if n])
+    arrays = _assemble(kept, tasks, header.shape[1] - 1, y.shape[1:])
+    features, codes, Y = dask.persist(*arrays)
+    warn_of_underflow(features, "feature")
+    warn_of_underflow(Y.reshape(len(Y), -1), "output")
+    return features, codes, tasks, Y
+
+
+def _pair(X, y):
+    """The parts of X and y."""
+    for name, part in [("X", X), ("y", y)]:
+        if not is_dask(part):
+            raise ValueError(
+                f"{name} is of type {type(part).__name__}, but the other one a Dask "
+                "collection. Give both as Dask arrays, dataframes or series, in the "
+                "same partitions."
+            )
+    if hasattr(X, "rechunk") and hasattr(y, "rechunk") and X.shape[:1] == y.shape[:1]:
+        y = y.rechunk({0: X.chunks[0]})
+    parts = partitions(X), partitions(y)
+    if len(parts[0]) != len(parts[1]):
+        raise ValueError(
+            f"X has {len(parts[0])} partitions and y {len(parts[1])}: they must be the "
+            "same, with the same rows. Repartition one of them, or rechunk it."
+        )
+    return zip(*parts, strict=True)
+
+
+def _check_partition(name, position, columns, number, table, y):
+    """Features, labels and targets of a partition; none of one without rows."""
+    if not len(table):
+        return np.empty((0, len(columns))), np.empty(0), np.empty(0)
+    try:
+        y = check_target(table, y)
+        return *cut_table(table, position, columns, name), y
+    except ValueError as error:
+        raise ValueError(f"In partition {number}: {error}") from error
+
+
+def _describe(part):
+    features, labels, _ = part
+    return len(features), np.unique(labels)
+
+
+def _union(labels):
+    """The labels of all partitions, sorted."""
+    kinds = sorted({of_part.dtype.kind.replace("u", "i") for of_part in labels})
+    if len(kinds) > 1:
+        raise ValueError(
+            "Task labels must all be integers or all be strings, but the partitions "
+            f"have them of the kinds {kinds}."
+        )
+    return np.unique(np.concatenate(labels))
+
+
+def _assemble(parts, tasks, n_features, shape):
+    """Lazy arrays of features, codes and targets."""
+    import dask
+    import dask.array as da
+
+    encode = dask.delayed(_encode, nout=3)
+    columns = zip(*(encode(part, tasks) for part, _ in parts), strict=True)
+    kinds = [((n_features,), float), ((), int), (shape, float)]
+    for column, (shape, dtype) in zip(columns, kinds, strict=True):
+        blocks = zip(column, parts, strict=True)
+        yield da.concatenate(
+            [da.from_delayed(block, (n, *shape), dtype) for block, (_, n) in blocks]
+        )
+
+
+def _encode(part, tasks):
+    features, labels, y = part
+    return features, np.searchsorted(tasks, labels), y

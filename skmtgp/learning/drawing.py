@@ -1,0 +1,51 @@
+"""Drawing some of the rows at random, wherever they lie."""
+
+from functools import partial
+
+import numpy as np
+
+from skmtgp._dask import map_parts
+
+
+def draw_rows(tasks, n_tasks, size):
+    """About `size` of the rows, of each task its share and at least one.
+
+    It takes memory for the rows that are drawn, not for all, and gives the same ones
+    however the rows are divided into partitions.
+
+    Parameters
+    ----------
+    tasks : ndarray or dask.array.Array of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1.
+    n_tasks : int
+        Number of tasks.
+    size : int
+        How many rows are wanted.
+
+    Returns
+    -------
+    rows : ndarray of shape (n_drawn,)
+        Their numbers, ascending.
+    """
+    counts = np.array(map_parts(partial(np.bincount, minlength=n_tasks), tasks))
+    of_task, rng = counts.sum(axis=0), np.random.default_rng(0)
+    n = of_task.sum()
+    drawn = [rng.choice(k, -(-k * size // n), replace=False) for k in of_task]
+    begin = np.cumsum(counts, axis=0) - counts
+    wanted = [
+        [
+            rows[(rows >= a) & (rows < a + k)] - a
+            for rows, a, k in zip(drawn, *of_part, strict=True)
+        ]
+        for of_part in zip(begin, counts, strict=True)
+    ]
+    found = map_parts(_positions, tasks, wanted)
+    return np.concatenate(
+        [a + rows for a, rows in zip(begin.sum(1), found, strict=True)]
+    )
+
+
+def _positions(tasks, wanted):
+    """Where the rows are that are the first, second, ... of their task."""
+    rows = [np.flatnonzero(tasks == m)[k] for m, k in enumerate(wanted) if len(k)]
+    return np.sort(np.concatenate([np.zeros(0, dtype=int), *rows]))

@@ -1,0 +1,396 @@
+"""Sparse inference from the rows of Dask collections, which stay where they are."""
+
+import contextlib
+import os
+import pickle
+import subprocess
+import sys
+from functools import partial
+from importlib import import_module
+from time import monotonic, sleep
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from sklearn import clone
+from sklearn.gaussian_process.kernels import RBF
+from test_sparse_estimators import FACTOR, GPS, SPARSE, M, draw
+
+from skmtgp import (
+    BayesianLinearRegression,
+    MultiTaskGPRegressor,
+    RankSearchIC,
+    SingleTaskGP,
+)
+from skmtgp.exceptions import UnderflowWarning
+from skmtgp.inference import sums
+from skmtgp.inference.sparse import SparseBound
+from skmtgp.learning import summarised
+from skmtgp.learning.drawing import draw_rows
+from skmtgp.task_covariance import low_rank
+
+dask = pytest.importorskip("dask")
+da = pytest.importorskip("dask.array")
+distributed = pytest.importorskip("distributed")
+
+N, ROWS = 300, (50, 1, 99, 150)
+QUICK = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=2, **SPARSE | {"max_iter": 3})
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+@pytest.fixture(scope="module")
+def client():
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
+        ) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+@pytest.fixture(autouse=True)
+def without_cluster(request):
+    """Dask's scheduler of one thread, where no cluster is asked for."""
+    if "client" in request.fixturenames:
+        yield
+    else:
+        with dask.config.set(scheduler="synchronous"):
+            yield
+
+
+@pytest.fixture(autouse=True)
+def coarse(monkeypatch):
+    """Fewer rows are learned from exactly than there are."""
+    monkeypatch.setattr(summarised, "EXACT_ROWS", 60)
+
+
+def on_dask(X, y, rows=ROWS):
+    """The same as Dask arrays, y in other chunks."""
+    X = da.from_array(X, chunks=(rows, X.shape[1]))
+    return X, da.from_array(y, chunks=(100, *y.shape[1:]))
+
+
+def bounds(chunks, n_noise=1):
+    """The same bound over arrays and over Dask's, and parameters."""
+    X, y = draw(N)
+    kernel, form = RBF([0.8, 1.3]), low_rank(M, 2)
+    rows = X[:, :2], X[:, 2].astype(int), y
+    far = [da.from_array(a, chunks=(chunks, *a.shape[1:])).persist() for a in rows]
+    theta = [*kernel.theta, *FACTOR.ravel(), *np.full(n_noise, np.log(0.05))]
+    return (
+        *(SparseBound(kernel, form, *of, X[:20, :2], n_noise) for of in (rows, far)),
+        np.array(theta),
+    )
+
+
+def assert_same_bound(here, far, theta):
+    """To 1e-10, relative."""
+    assert_allclose(far.value(theta), here.value(theta), rtol=1e-10)
+    for found, expected in zip(
+        far.value_and_grads(theta), here.value_and_grads(theta), strict=True
+    ):
+        assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.max(abs(expected)))
+    assert_allclose(
+        far.fisher_information(theta), here.fisher_information(theta), rtol=1e-10
+    )
+    X, tasks = np.random.default_rng(1).uniform(-2.0, 2.0, (9, 2)), np.arange(9) % M
+    for found, expected in zip(
+        *(
+            (p.log_likelihood, p.mean(X, tasks), p.covariance(X, tasks))
+            for p in (bound.posterior(theta) for bound in (far, here))
+        ),
+        strict=True,
+    ):
+        assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
+
+
+class TestBound:
+    @pytest.mark.parametrize("n_noise", [1, M])
+    @pytest.mark.parametrize("chunks", [ROWS, (N,), (1,) * 7 + (N - 7,)])
+    def test_same_as_in_memory(self, chunks, n_noise):
+        assert_same_bound(*bounds(chunks, n_noise))
+
+    def test_on_a_cluster(self, client):
+        here, far, theta = bounds(ROWS)
+        assert_same_bound(here, far, theta)
+        assert far.value(theta) == far.value(theta)  # whoever is done first
+
+    def test_large_arguments(self, client, monkeypatch):
+        """Dask's warning of a large graph would come in each step."""
+        key = "distributed.admin.large-graph-warning-threshold"
+        here, far, theta = bounds(ROWS)
+        with dask.config.set({key: "1 kB"}):
+            assert_allclose(far.value(theta), here.value(theta), rtol=1e-10)
+
+
+def assert_same_model(found, expected, X):
+    """What is learned differs by what rounding becomes on the way."""
+    assert_array_equal(found.tasks_, expected.tasks_)
+    assert_array_equal(found.inducing_inputs_, expected.inducing_inputs_)
+    for name in ("log_marginal_likelihoods_", "theta_", "y_mean_", "y_scale_"):
+        values = getattr(found, name), getattr(expected, name)
+        assert_allclose(*values, rtol=1e-6, atol=1e-6)
+    assert found.n_hyperparameters_ == expected.n_hyperparameters_
+    for one, other in zip(
+        found.predict(X, return_std=True),
+        expected.predict(X, return_std=True),
+        strict=True,
+    ):
+        assert_allclose(one, other, rtol=1e-6, atol=1e-8)
+
+
+def tasks_on(dask_scheduler):
+    """How much a cluster still holds or has to do."""
+    return len(dask_scheduler.tasks)
+
+
+def wait_until(condition, most=20.0):
+    end = monotonic() + most
+    while not condition():
+        assert monotonic() < end
+        sleep(0.05)
+
+
+class TestFit:
+    @pytest.mark.parametrize("model", GPS.values(), ids=GPS.keys())
+    def test_same_as_in_memory(self, model):
+        X, y = draw(N)
+        model = clone(model).set_params(max_iter=3)
+        expected = clone(model).fit(X, y)
+        assert_same_model(model.fit(*on_dask(X, y)), expected, X)
+
+    def test_outputs_on_a_cluster(self, client):
+        X, y = draw(N, n_outputs=2)
+        model = clone(QUICK).fit(*on_dask(X, y))
+        wait_until(lambda: not client.run_on_scheduler(tasks_on))
+        expected = clone(QUICK).fit(X, y)
+        assert_array_equal(model.inducing_inputs_, expected.inducing_inputs_)
+        assert_allclose(model.predict(X), expected.predict(X), rtol=1e-6, atol=1e-8)
+
+    def test_without_normalisation(self):
+        X, y = draw(N)
+        model = clone(QUICK).set_params(normalize_y=False, kernel=None)
+        assert_same_model(
+            clone(model).fit(*on_dask(X, y + 3.0)), model.fit(X, y + 3.0), X
+        )
+
+    def test_few_rows(self):
+        """All of them are learned from exactly at first."""
+        X, y = draw(40)
+        found = clone(QUICK).fit(*on_dask(X, y, (17, 23)))
+        assert_same_model(found, clone(QUICK).fit(X, y), X)
+
+    def test_columns_in_several_chunks(self):
+        X, y = draw(N)
+        far = da.from_array(X, chunks=(100, 1)), da.from_array(y, chunks=100)
+        assert_same_model(clone(QUICK).fit(*far), clone(QUICK).fit(X, y), X)
+
+    def test_n_jobs(self):
+        """The rows are shared out, and the outputs are not."""
+        X, y = draw(N, n_outputs=2)
+        model = clone(QUICK).set_params(max_iter=0, n_jobs=2).fit(*on_dask(X, y))
+        assert model.predict(X).shape == (N, 2)
+
+    def test_rank_search(self):
+        X, y = draw(N)
+        search = RankSearchIC(clone(QUICK), ranks=(1, 2), keep_estimators=True)
+        found, expected = clone(search).fit(*on_dask(X, y)), search.fit(X, y)
+        assert found.best_rank_ == expected.best_rank_
+        assert_allclose(found.results_["bic"], expected.results_["bic"], rtol=1e-8)
+        assert_same_model(found.best_estimator_, expected.best_estimator_, X)
+
+    def test_dataframes(self):
+        """Named columns and tasks; partitions without rows, which a filter leaves."""
+        dd = pytest.importorskip("dask.dataframe")
+        X, y = draw(N)
+        frame = pd.DataFrame(X[:, :2], columns=["a", "b"])
+        frame.insert(1, "site", np.array(["x", "y", "z"])[X[:, 2].astype(int)])
+        frame["y"], frame["row"] = y, np.arange(N)
+        model = clone(QUICK).set_params(task_feature="site")
+        far = dd.from_pandas(frame, npartitions=4)
+        far, kept = (of[(of["row"] < 75) | (of["row"] >= 150)] for of in (far, frame))
+        names = ["a", "site", "b"]
+        expected = clone(model).fit(kept[names], kept["y"])
+        for y_far in (far["y"], far["y"].to_dask_array()):
+            found = clone(model).fit(far[names], y_far)
+            assert_array_equal(found.feature_names_in_, names)
+            assert_array_equal(found.tasks_, ["x", "y", "z"])
+            assert_same_model(found, expected, kept[names])
+
+
+class TestFitted:
+    def test_pickles_without_rows(self):
+        X, y = draw(N)
+        model = clone(QUICK).fit(*on_dask(X, y))
+        dumped = pickle.dumps(model)
+        assert b"dask" not in dumped
+        assert_array_equal(pickle.loads(dumped).predict(X), model.predict(X))
+
+    def test_predicts_where_the_rows_are(self):
+        X, y = draw(N)
+        model = clone(QUICK).fit(*on_dask(X, y))
+        far = on_dask(X, y)[0].map_blocks(model.predict, drop_axis=1, dtype=float)
+        assert_allclose(far.compute(), model.predict(X), rtol=1e-12, atol=1e-12)
+
+    def test_what_needs_rows(self):
+        X, y = draw(N)
+        model = clone(QUICK).fit(X, y).fit(*on_dask(X, y))
+        for name in ("X_train_", "y_train_", "tasks_train_", "complete_"):
+            assert not hasattr(model, name)
+        match = "needs the training rows, but the MultiTaskGPRegressor was fitted to"
+        for call in (
+            model.loo_predict,
+            lambda: model.log_marginal_likelihood(eval_gradient=True),
+            lambda: model.add_task([[0.0, 0.0, 7]], [1.0]),
+        ):
+            with pytest.raises(ValueError, match=match):
+                call()
+        value = model.log_marginal_likelihood_value_
+        assert model.log_marginal_likelihood() == value
+        again = model.fit(X, y)
+        assert_allclose(again.log_marginal_likelihood(again.theta_), value, rtol=1e-6)
+
+
+class TestErrors:
+    @pytest.mark.parametrize("inference", ["auto", "dense", "kronecker"])
+    def test_exact_inference(self, inference):
+        model = clone(QUICK).set_params(inference=inference)
+        with pytest.raises(ValueError, match="set inference='sparse'"):
+            model.fit(*on_dask(*draw(N)))
+
+    @pytest.mark.parametrize(
+        "model", [SingleTaskGP(**SPARSE), BayesianLinearRegression()]
+    )
+    def test_other_estimators(self, model):
+        with pytest.raises(ValueError, match="RankSearchIC learn from them where they"):
+            model.fit(*on_dask(*draw(N)))
+
+    def test_one_collection(self):
+        X, y = draw(N)
+        X_far, y_far = on_dask(X, y)
+        with pytest.raises(ValueError, match="y is of type ndarray, but the other one"):
+            clone(QUICK).fit(X_far, y)
+        with pytest.raises(ValueError, match="X is of type ndarray, but the other one"):
+            clone(QUICK).fit(X, y_far)
+
+    def test_other_partitions(self):
+        X, y = on_dask(*draw(N))
+        with pytest.raises(ValueError, match="X has 4 partitions and y 3"):
+            clone(QUICK).fit(X, y[:-1])
+        with pytest.raises(ValueError, match=r"In partition 3: .*inconsistent"):
+            clone(QUICK).fit(X, y.rechunk({0: ROWS})[:-1])
+
+    def test_values_that_cannot_be_used(self):
+        X, y = draw(N)
+        for bad, match in [
+            (np.nan, "In partition 2: Input X contains NaN"),
+            (1e80, "In partition 2: X has values as large as 1.0e.80 in column 1"),
+        ]:
+            X[60, 1] = bad
+            with pytest.raises(ValueError, match=match):
+                clone(QUICK).fit(*on_dask(X, y))
+        X[60] = 0.5
+        with pytest.raises(ValueError, match="In partition 2: Task labels must be"):
+            clone(QUICK).fit(*on_dask(X, y))
+
+    def test_labels_of_two_kinds(self):
+        X, y = draw(N)
+        X = X.astype(object)
+        X[:150, 2] = "a"
+        with pytest.raises(ValueError, match=r"of the kinds \['U', 'i'\]"):
+            clone(QUICK).fit(*on_dask(X, y))
+
+    def test_no_rows(self):
+        X, y = on_dask(*draw(N))
+        none, y = X[:, 2] > 7, y.rechunk({0: ROWS})
+        with pytest.raises(ValueError, match="X has no rows"):
+            clone(QUICK).fit(X[none], y[none])
+
+    def test_underflow(self):
+        X, y = draw(N)
+        X[:, 1] *= 1e-170
+        with pytest.warns(UnderflowWarning, match=r"feature \[2\]"):
+            clone(QUICK).set_params(max_iter=0).fit(*on_dask(X, y))
+
+
+class TestDrawing:
+    tasks = np.random.default_rng(0).choice(3, 1000, p=[0.7, 0.298, 0.002])
+
+    @pytest.mark.parametrize("chunks", [1000, 300, (1, 998, 1)])
+    def test_same_rows_whatever_the_partitions(self, chunks):
+        found = draw_rows(da.from_array(self.tasks, chunks=(chunks,)), 3, 100)
+        assert_array_equal(found, draw_rows(self.tasks, 3, 100))
+
+    def test_shares(self):
+        rows = draw_rows(self.tasks, 3, 100)
+        assert (np.diff(rows) > 0).all()
+        shares = -(-np.bincount(self.tasks) * 100 // 1000)
+        assert_array_equal(np.bincount(self.tasks[rows]), shares)
+        assert_array_equal(draw_rows(self.tasks, 3, 1000), np.arange(1000))
+
+
+def test_nothing_is_collected(monkeypatch):
+    """What comes here is small: a sample, and sums."""
+    few = partial(summarised.greedy_variance, n_candidates=300)
+    monkeypatch.setattr(summarised, "greedy_variance", few)
+    sizes, compute = [], dask.base.compute
+
+    def weighed(*collections, **options):
+        results = compute(*collections, **options)
+        sizes.append(len(pickle.dumps(results)))
+        return results
+
+    for module in (dask, dask.base):
+        monkeypatch.setattr(module, "compute", weighed)
+    n, d = 20_000, 12
+    X = da.random.default_rng(0).standard_normal((n, d), chunks=(n // 4, d))
+    X, y = da.concatenate([X, X[:, :1] > 0.0], axis=1), da.sin(X[:, 1])
+    model = MultiTaskGPRegressor(rank=1, inference="sparse", n_inducing=5, max_iter=0)
+    model.fit(X, y)
+    assert model.inference_ == "sparse"
+    assert max(sizes) < 300 * 8 * (d + 1)
+    assert sum(sizes) < 0.1 * X.nbytes
+
+
+def spring(module, name, path, calls):
+    """In a worker: it dies when it is about to call a function once more."""
+    module, made = import_module(module), []
+    function = getattr(module, name)
+
+    def fatal(*args, **kwargs):
+        made.append(None)
+        if len(made) > calls:
+            with contextlib.suppress(FileExistsError):
+                path.touch(exist_ok=False)
+                os._exit(1)
+        return function(*args, **kwargs)
+
+    setattr(module, name, fatal)
+
+
+def test_death_of_a_worker(client, tmp_path):
+    """In the middle of a fit; its partitions are made again by the other one."""
+    X, y = draw(N)
+    expected = clone(QUICK).fit(X, y)
+    died = tmp_path / "died"
+    client.run(spring, sums.__name__, "sum_gradients", died, 5)
+    found = clone(QUICK).fit(*on_dask(X, y))
+    assert died.exists()
+    assert_same_model(found, expected, X)
+    client.wait_for_workers(2)
+
+
+def test_fit_needs_no_dask():
+    code = """
+        import sys
+        sys.modules.update(dask=None, distributed=None)
+        import numpy as np
+        from skmtgp import PooledGP
+        x = np.arange(9.0)
+        X = np.column_stack([x, x > 4.0])
+        PooledGP(inference="sparse", n_inducing=4).fit(X, np.sin(x))
+    """
+    command = [sys.executable, "-c", "\n".join(map(str.strip, code.splitlines()))]
+    subprocess.run(command, check=True, timeout=120)

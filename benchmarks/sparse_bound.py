@@ -1,10 +1,10 @@
 """Time and memory of one sparse bound and its gradient as the rows grow.
 
-``python benchmarks/sparse_bound.py`` prints a table for the paper's kernel, 14 tasks and rank
-4: seconds of the processor on one thread, the best of a few, and the most memory over
-that of the data (n x m doubles are given beside it). Both should grow as n^1 and n^0:
-with n = 100,000 the rows are most of the work. ``--million`` adds n = 1,000,000 (at
-m = 100 half a minute and 200 MB of data).
+``python benchmarks/sparse_bound.py`` prints a table for the paper's kernel, 14 tasks
+and rank 4: seconds of the processor on one thread, the best of a few, and the most
+memory over that of the data (n x m doubles are given beside it). Both should grow as
+n^1 and n^0: with n = 100,000 the rows are most of the work. ``--million`` adds
+n = 1,000,000 (at m = 100 half a minute and 200 MB of data).
 """
 
 import argparse

@@ -241,7 +241,7 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     order = np.argsort(tasks, kind="stable")
     X, y = np.vstack([problem.X, problem.X_new]), np.append(problem.y, problem.y_new)
     data, n_noise = (X[order], tasks[order], y[order]), M + 1 if per_task else 1
-    larger = extended(problem.likelihood, form, *data, n_noise, position)
+    larger = extended(problem.likelihood, form, *data, n_noise, position, KERNEL)
     value = larger.value(mode.theta)
     added = value - problem.likelihood.value(problem.theta)
     np.testing.assert_allclose(added, mode.value, rtol=1e-7)

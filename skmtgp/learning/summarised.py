@@ -112,8 +112,10 @@ def climb_bounds(data, settings, forms, modes):
         modes = nest(summarised, settings, forms, modes)
         if best is None or modes[-1].value > best[-1].value:
             best = modes
-    spent = zip(best, modes, strict=True)
-    return [mode._replace(n_evaluations=last.n_evaluations) for mode, last in spent]
+    return [
+        mode._replace(n_evaluations=last.n_evaluations, seconds=last.seconds)
+        for mode, last in zip(best, modes, strict=True)
+    ]
 
 
 def _climb_on(data, settings, form, mode):

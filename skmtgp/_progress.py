@@ -26,7 +26,8 @@ def fitting(estimator, X, y, *, verbose=0):
     progress : callable
         ``progress(stage, n_jobs, describe)`` gives what is to be called with the
         position and the result of each job of a stage when it is done, or None if
-        nobody listens. ``describe(position, result)`` is the line that is printed.
+        nobody listens. ``describe(position, result)`` is the line that is printed, or
+        None.
     """
     context = begin_callbacks(estimator, X, y)
     before = vars(estimator).copy()
@@ -56,8 +57,9 @@ def _reporter(estimator, context, verbose):
             of_stage.call_on_fit_task_begin(estimator=estimator)
 
         def report(i, result):
-            if verbose:
-                print(f"[skmtgp] {describe(i, result)}", flush=True)
+            line = describe(i, result) if verbose else None
+            if line:
+                print(f"[skmtgp] {line}", flush=True)
             if context:
                 job = of_stage.subcontext(task_name="job")
                 job.call_on_fit_task_begin(estimator=estimator)

@@ -139,7 +139,7 @@ def spring(module, name, path):
 
 @pytest.mark.parametrize(
     ("model", "module", "name"),
-    [(RANKS, stages, "second_stage"), (FITS["tasks"], single_task, "_fit_alone")],
+    [(RANKS, stages, "_follow"), (FITS["tasks"], single_task, "_fit_alone")],
     ids=["ranks", "tasks"],
 )
 def test_death_of_a_worker(model, module, name, dask, tmp_path):

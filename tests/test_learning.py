@@ -356,8 +356,8 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
         Start(TRUTH, FACTOR @ FACTOR.T),
         Start(KERNEL.theta + 1.0, np.eye(M)),
     ]
-    each = [second_stage(data, settings, form, [start]) for start in starts]
-    best = second_stage(data, settings, form, starts)
+    each = second_stage([(data, settings, form, [start]) for start in starts])
+    [best] = second_stage([(data, settings, form, starts)])
     assert best.value == max(mode.value for mode in each)
     first = np.concatenate(
         [TRUTH, form.parameters(FACTOR @ FACTOR.T), settings.log_noise]
@@ -429,7 +429,7 @@ def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
     alone = [
         annealed(data, settings, form, start.theta(settings, form)) for start in starts
     ]
-    second_stage(data, settings, form, starts, shakes=shakes)
+    second_stage([(data, settings, form, starts)], shakes=shakes)
     [(value, times)] = shaken
     assert times == shakes
     assert value >= max(mode.value for mode in alone)
@@ -447,7 +447,7 @@ def test_second_stage_follows_the_likelier_start_directly_too(data, monkeypatch)
     settings, form = configure(max_iter=20), low_rank(M, 2)
     starts = [first_stage(data, settings, form=f(M)) for f in (identity, ones)]
     followed.clear()
-    second_stage(data, settings, form, starts, shakes=0)
+    second_stage([(data, settings, form, starts)], shakes=0)
     likelier = max(starts, key=lambda start: start.mode.value)
     np.testing.assert_array_equal(followed, [likelier.theta(settings, form)])
 
@@ -736,9 +736,9 @@ class TestLearnRanks:
     def test_starts(self, data, monkeypatch):
         followed = []
 
-        def follow(data, settings, form, starts, **options):
-            followed.append(starts)
-            return second_stage(data, settings, form, starts, **options)
+        def follow(jobs, **options):
+            followed.extend(starts for *_, starts in jobs)
+            return second_stage(jobs, **options)
 
         monkeypatch.setattr(ranks, "second_stage", follow)
         settings = configure(max_iter=3)
@@ -765,9 +765,13 @@ class TestLearnRanks:
             r"log marginal likelihood -?\d+\.\d\d \(scaled\) of 36 rows after [12] "
             r"iterations"
         )
-        found = [re.fullmatch(pattern, line).groups() for line in listener.lines]
-        assert found == [(j, r) for j in "12" for r in "123"]
-        assert listener.stages == [("learning", 6)]
+        pattern = pattern.replace(": log", "(, the best of 3 starts|): log")
+        assert listener.lines[:2] == [None, None]  # the first two of three starts
+        lines = [line for line in listener.lines if line]
+        found = [re.fullmatch(pattern, line).groups() for line in lines]
+        of_starts = [(j, r, ", the best of 3 starts") for j in "12" for r in "123"]
+        assert found == [*of_starts, *((j, r, "") for j in "12" for r in "123")]
+        assert listener.stages == [("starts", 18), ("learning", 6)]
 
     def test_report_of_each_climb(self, data, capsys, monkeypatch):
         monkeypatch.setattr(climbing, "REPORT_EVERY", 5)

@@ -70,8 +70,8 @@ def make_problem(train):
     )
     starts = [first_stage(data, settings, f(N_TASKS)) for f in (identity, ones)]
     climb = replace(settings, max_iter=CLIMB if len(train.y) < SMALL else SHORT_CLIMB)
-    values = [second_stage(data, climb, form, [start]).value for start in starts]
-    best = starts[int(np.argmax(values))]
+    modes = second_stage([(data, climb, form, [start]) for start in starts])
+    best = starts[int(np.argmax([mode.value for mode in modes]))]
     F = np.clip(form.parameters(best.K_rho), *FACTOR).reshape(N_TASKS, RANK)
     return Problem(*train, F, to_parameters(kernel, best.kernel_theta, F))
 

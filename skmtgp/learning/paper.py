@@ -6,7 +6,6 @@ over all rows: to compare with :func:`skmtgp.learning.ranks.learn_ranks`.
 
 import numpy as np
 
-from skmtgp._parallel import run
 from skmtgp._progress import silent
 from skmtgp.learning.climbing import best_of, climb
 from skmtgp.learning.ranks import (
@@ -15,7 +14,7 @@ from skmtgp.learning.ranks import (
     make_starts,
     more_starts,
 )
-from skmtgp.learning.stages import Start, likeliest, with_starts
+from skmtgp.learning.stages import Start, from_each_start, likeliest, with_starts
 
 
 def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
@@ -25,22 +24,19 @@ def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     """
     starts = make_starts(pairs, n_jobs, relaxed=False)
     more = more_starts(pairs, starts, seeds, n_jobs)
-    jobs = [
-        (*pair, form, of_output, others)
-        for pair, of_output, others in zip(pairs, starts, more, strict=True)
-        for form in forms
+    followed = [
+        [likeliest(of), *others] for of, others in zip(starts, more, strict=True)
     ]
-    report = progress("learning", len(jobs), description(pairs, forms))
-    return by_output(run(_third_step, jobs, n_jobs=n_jobs, report=report), forms)
+    modes = _learn(_third_step, pairs, forms, followed, n_jobs, progress)
+    return [
+        [with_starts(mode, [*of, *others]) for mode in of_output]
+        for of_output, of, others in zip(modes, starts, more, strict=True)
+    ]
 
 
-def _third_step(data, settings, form, starts, more):
+def _third_step(data, settings, form, start):
     """Section 3.1: "we select the one with the higher likelihood"."""
-    modes = [
-        climb(data, settings, form, start.theta(settings, form))
-        for start in (likeliest(starts), *more)
-    ]
-    return with_starts(best_of(modes), [*starts, *more])
+    return climb(data, settings, form, start.theta(settings, form))
 
 
 def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, progress=silent):
@@ -54,16 +50,24 @@ def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, progress=silent):
     K_0^rho = 1 1^T and I will not do: the columns that a factor of the first lacks have
     no gradient, and of the second, cut to a lower rank, nothing is left for most tasks.
     """
-    jobs = [(*pair, form, seeds) for pair in pairs for form in forms]
-    report = progress("learning", len(jobs), description(pairs, forms))
-    return by_output(run(_from_random, jobs, n_jobs=n_jobs, report=report), forms)
+    return _learn(_from_random, pairs, forms, [seeds] * len(pairs), n_jobs, progress)
 
 
-def _from_random(data, settings, form, seeds):
-    modes = []
-    for seed in seeds:
-        draw = np.random.default_rng(seed).standard_normal((data.n_tasks, form.rank))
-        F = draw / np.sqrt(form.rank)
-        start = Start(settings.kernel.theta, F @ F.T).theta(settings, form)
-        modes.append(climb(data, settings, form, start))
-    return best_of(modes)
+def _from_random(data, settings, form, seed):
+    draw = np.random.default_rng(seed).standard_normal((data.n_tasks, form.rank))
+    F = draw / np.sqrt(form.rank)
+    start = Start(settings.kernel.theta, F @ F.T).theta(settings, form)
+    return climb(data, settings, form, start)
+
+
+def _learn(climb_from, pairs, forms, starts, n_jobs, progress):
+    """The best mode of each output and form, from the starts of the output."""
+    jobs = [
+        (*pair, form, of)
+        for pair, of in zip(pairs, starts, strict=True)
+        for form in forms
+    ]
+    n = len(starts[0])
+    report = progress("learning", n * len(jobs), description(pairs, forms, n))
+    modes = from_each_start(climb_from, jobs, n_jobs=n_jobs, report=report)
+    return by_output([best_of(of) for of in modes], forms)

@@ -18,6 +18,7 @@ from skmtgp.learning.stages import (
     full_rank_start,
     perturbed,
     second_stage,
+    ways_from,
     with_starts,
 )
 from skmtgp.task_covariance import identity, ones
@@ -72,12 +73,17 @@ def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
     describe = description(pairs, forms)
     coarse, fine = _coarsest(pairs), any(len(data.levels()) > 1 for data, _ in pairs)
     alone = len(forms) == 1 and not fine  # else other ranks and rows will help
-    follow = partial(second_stage, shakes=SHAKES if alone else 1)
+    shakes = SHAKES if alone else 1
     jobs = [
         (*p, form, of) for p, of in zip(coarse, starts, strict=True) for form in forms
     ]
-    report = progress("learning", len(jobs), describe)
-    modes = by_output(run(follow, jobs, n_jobs=n_jobs, report=report), forms)
+    n_ways = len(ways_from(starts[0]))
+    reports = (
+        progress("starts", n_ways * len(jobs), description(pairs, forms, n_ways)),
+        progress("learning", len(jobs), describe),
+    )
+    modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reports=reports)
+    modes = by_output(modes, forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     if not fine:
@@ -103,14 +109,24 @@ def _with_diagonal(pairs, forms, simpler, modes, n_jobs):
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
 
-def description(pairs, forms):
-    """What to say of the mode of an output and form, which come in this order."""
+def description(pairs, forms, n_starts=1):
+    """What to say of the mode of an output, form and start, which come in this order.
+
+    Of the starts it is said once, when all have come.
+    """
     names = [f"{settings.name}, {form}" for _, settings in pairs for form in forms]
+    each = f", the best of {n_starts} starts" if n_starts > 1 else ""
+    of_this = []
 
     def describe(i, mode):
+        of_this.append(mode)
+        if len(of_this) < n_starts:
+            return None
+        best = max(of_this, key=lambda mode: mode.value)
+        of_this.clear()
         return (
-            f"{names[i]}: log marginal likelihood {mode.value:.2f} (scaled) of "
-            f"{mode.n_samples} rows after {mode.n_iter} iterations"
+            f"{names[i // n_starts]}{each}: log marginal likelihood {best.value:.2f} "
+            f"(scaled) of {best.n_samples} rows after {best.n_iter} iterations"
         )
 
     return describe

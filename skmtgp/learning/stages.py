@@ -9,10 +9,12 @@ r"""The staged heuristic of the paper's section 3.
 Stages 1 and 2 do not depend on the rank.
 """
 
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 
+from skmtgp._parallel import run
 from skmtgp.learning.climbing import (
     DOUBT,
     Mode,
@@ -108,33 +110,68 @@ def augmented_task_covariance(data, posterior):
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(data, settings, form, starts, *, shakes=SHAKES):
-    """Step 3 of section 3, from each start; the best mode.
+def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reports=(None, None)):
+    """Step 3 of section 3, from each start; the best modes.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    form : LowRank
-        Form of K^rho.
-    starts : list of Start
-        (theta_1^x, K_1^rho), each followed with sigma_0^2.
+    jobs : list of (Data, Settings, LowRank, list of Start)
+        Observations, settings, form of K^rho and each (theta_1^x, K_1^rho), which is
+        followed with sigma_0^2.
     shakes : int, default=SHAKES
-        How often the best mode is shaken.
+        How often the best mode of a job is shaken.
+    n_jobs : int, default=None
+        Processes, to which all starts of all jobs are shared out.
+    reports : pair of callables, default=(None, None)
+        Called with a position and a mode: of each of the `ways_from` its starts, and of
+        each job.
 
     Returns
     -------
-    mode : Mode
-        The best one, with what was spent on all.
+    modes : list of Mode
+        The best one of each job, with what was spent on all.
     """
-    modes = [
-        annealed(data, settings, form, start.theta(settings, form)) for start in starts
+    ways = [(*job[:3], ways_from(job[3])) for job in jobs]
+    found = from_each_start(_follow, ways, n_jobs=n_jobs, report=reports[0])
+    best = [
+        (*job[:3], best_of(modes, doubt=DOUBT), shakes)
+        for job, modes in zip(jobs, found, strict=True)
     ]
-    direct = likeliest(starts).theta(settings, form)
-    modes.append(climb(data, settings, form, direct))
-    return shake(data, settings, form, best_of(modes, doubt=DOUBT), shakes)
+    return run(shake, best, n_jobs=n_jobs, report=reports[1])
+
+
+def ways_from(starts):
+    """How step 3 begins: annealed from each start, directly from the likeliest too."""
+    return [*((annealed, start) for start in starts), (climb, likeliest(starts))]
+
+
+def _follow(data, settings, form, way):
+    climb_from, start = way
+    return climb_from(data, settings, form, start.theta(settings, form))
+
+
+def from_each_start(function, jobs, *, n_jobs=None, report=None):
+    """``function(data, settings, form, start)``, with each of several starts.
+
+    Parameters
+    ----------
+    function : callable
+        Gives a Mode.
+    jobs : list of (Data, Settings, form, list of starts)
+        Observations, settings, form of K^rho and starts.
+    n_jobs : int, default=None
+        Processes.
+    report : callable, default=None
+        Called with the position of each start and its mode.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        Of each job, from each of its starts.
+    """
+    starts = [(*job[:3], start) for job in jobs for start in job[3]]
+    modes = iter(run(function, starts, n_jobs=n_jobs, report=report))
+    return [list(islice(modes, len(job[3]))) for job in jobs]
 
 
 def add_diagonal(data, settings, form, simpler):

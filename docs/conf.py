@@ -74,3 +74,4 @@ html_theme_options = {
     "footer_end": [],
 }
 html_show_sourcelink = False
+html_domain_indices = False

@@ -20,7 +20,6 @@ extensions = [
     "sphinx_gallery.gen_gallery",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-suppress_warnings = ["myst.xref_missing"]  # of files that the repository has
 exclude_patterns = ["_build", "images"]
 templates_path = ["_templates"]
 myst_enable_extensions = ["amsmath", "colon_fence", "dollarmath"]
@@ -62,8 +61,11 @@ sphinx_gallery_conf = {
     "show_signature": False,
 }
 
+toc_object_entries_show_parents = "hide"
 html_theme = "pydata_sphinx_theme"
 html_title = f"skmtgp {version}"
+html_static_path = ["_static"]
+html_css_files = ["skmtgp.css"]
 html_theme_options = {
     "navigation_with_keys": False,
     "show_prev_next": True,
@@ -72,3 +74,4 @@ html_theme_options = {
     "footer_end": [],
 }
 html_show_sourcelink = False
+html_domain_indices = False

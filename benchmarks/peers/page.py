@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import textwrap
 from pathlib import Path
 from statistics import median
 
@@ -26,6 +27,7 @@ from sparse_page import SparseResults
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 DASH = "-"
+WIDTH = 88  # of what is printed
 OWN = {
     "likelihood": "One evaluation over its floor, LAPACK's potrf and potri",
     "memory": "Peak memory of a whole fit over the data; the goal is 4",
@@ -52,8 +54,10 @@ Data: the Puma 560 torques of 14 loads (`fetch_puma560`, loads c1 to c14), joint
 joint; a draw is its `random_state`. Targets are scaled to mean zero and variance one.
 The model: a Gaussian process of mean zero with
 
-    K[(x, t), (x', t')] = K^rho[t, t'] (b + sum_d w_d u_d u'_d
-                          + a exp(-1/2 sum_d (x_d - x'_d)^2 / l_d^2)) + sigma^2 I,
+```text
+K[(x, t), (x', t')] = K^rho[t, t'] (b + sum_d w_d u_d u'_d
+                      + a exp(-1/2 sum_d (x_d - x'_d)^2 / l_d^2)) + sigma^2 I,
+```
 
 u = (x, sgn(qd)), rank 4, no priors; the peers' multi-task kernels also have, and learn,
 a diagonal of K^rho, which starts at e^-12. skmtgp has it here too (`diagonal=True`) but
@@ -83,16 +87,16 @@ def number(value, digits=3):
     return f"{value:.{digits}g}" if abs(value) < 1000 else f"{value:.0f}"
 
 
-def table(head, rows):
-    """A Markdown table; numbers to the right."""
-    lines = [head, ["---"] + ["--:"] * (len(head) - 1), *rows]
+def table(head, rows, others="--:"):
+    """A Markdown table; all columns but the first to the right, or as told."""
+    lines = [head, ["---"] + [others] * (len(head) - 1), *rows]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines) + "\n"
 
 
 def goals_section(fits, timings):
     """Goals and whether they are reached."""
     rows = [(goal, found, WORDS[ok]) for goal, found, ok in goals(fits, timings)]
-    text = ["## Goals\n", table(["goal", "measured", "reached"], rows)]
+    text = ["## Goals\n", table(["goal", "measured", "reached"], rows, "---")]
     lost = missed(fits)
     if lost:
         text.append("A peer found a higher likelihood here:\n")
@@ -115,11 +119,19 @@ def own_section(folder):
         path = folder / f"{name}.txt"
         if path.exists():
             text += [f"{title} (`python benchmarks/{name}.py`):\n"]
-            printed = path.read_text().strip("\n")
-            text += [f"```\n{printed}\n```\n"]
+            lines = path.read_text().strip("\n").split("\n")
+            printed = "\n".join(map(folded, lines))
+            text += [f"```text\n{printed}\n```\n"]
     if (folder / "growth.csv").exists():
         text.append("![time and memory as the work grows](images/growth.png)\n")
     return ["## The engine alone\n", *text] if text else []
+
+
+def folded(line):
+    """A long line, a warning, as several."""
+    if len(line) <= WIDTH:
+        return line
+    return textwrap.fill(line, WIDTH, subsequent_indent="    ")
 
 
 def timings_section(timings):
@@ -295,7 +307,8 @@ def machine_section(folder, rows):
     path = folder / "machine.json"
     machine = json.loads(path.read_text()) if path.exists() else {}
     runs = machine.pop("runs", [])
-    lines = [f"- {key.replace('_', ' ')}: {value}" for key, value in machine.items()]
+    words = {"memory_gib": "memory, GiB"}
+    lines = [f"- {words.get(key, key)}: {value}" for key, value in machine.items()]
     lines += [
         f"- {run['begun']}: `{run['command']}` at {run['commit']}, "
         f"beside it: {run['beside']}"

@@ -42,7 +42,7 @@ class RankSelectionDisplay(Display):
 
     See Also
     --------
-    RankSearchIC : Chooses the rank.
+    skmtgp.RankSearchIC : Chooses the rank.
 
     Examples
     --------

@@ -52,7 +52,7 @@ class TaskCovarianceDisplay(Display):
 
     See Also
     --------
-    MultiTaskGPRegressor : Learns a task covariance.
+    skmtgp.MultiTaskGPRegressor : Learns a task covariance.
 
     Notes
     -----

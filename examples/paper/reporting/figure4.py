@@ -149,7 +149,9 @@ def _ranks(rows):
     text = "Figure 4: BIC chooses rank 4 or 5"
     chosen = {case: int(ranks.idxmin()) for case, ranks in criteria(rows).items()}
     counts = pd.Series(list(chosen.values()), dtype=int).value_counts().sort_index()
-    measured = ", ".join(f"rank {r}: {count} times" for r, count in counts.items())
+    measured = ", ".join(
+        f"rank {r}: {count} of {len(chosen)}" for r, count in counts.items()
+    )
     holds = set(chosen.values()) <= {4, 5}
     planned = {(n, draw) for n in plan.SIZES for draw in plan.draws_of(n)}
     return judge(text, measured, holds, planned <= set(chosen))

@@ -37,4 +37,5 @@ def section(goals):
     rows = [(g.text, g.measured, WORDS[g.reached]) for g in goals]
     note = "*So far*: it holds on what is measured, and some is missing.\n"
     notes = [note] if any(g.reached == "so far" for g in goals) else []
-    return ["## Goals\n", table(["goal", "measured", "reached"], rows), *notes]
+    head = ["goal", "measured", "reached"]
+    return ["## Goals\n", table(head, rows, "---"), *notes]

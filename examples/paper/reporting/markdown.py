@@ -6,9 +6,9 @@ MISSING = "missing"
 IMAGES = "images"
 
 
-def table(head, rows):
-    """A Markdown table; numbers to the right."""
-    lines = [head, ["---"] + ["--:"] * (len(head) - 1), *rows]
+def table(head, rows, others="--:"):
+    """A Markdown table; all columns but the first to the right, or as told."""
+    lines = [head, ["---"] + [others] * (len(head) - 1), *rows]
     return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines) + "\n"
 
 

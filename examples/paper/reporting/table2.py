@@ -39,7 +39,7 @@ def section(rows):
     text += [image("paper-table2.png", "nMSE of LR and sGP")] if len(means) else []
     for subset in plan.TEST_SETS:
         text += [f"Joint 3, {subset}:\n", beside(means, subset)]
-    for subset in plan.TEST_SETS:
+    for subset in plan.TEST_SETS if len(means) else ():
         text += [f"All joints, {subset}:\n", all_joints(means, subset)]
     return text
 

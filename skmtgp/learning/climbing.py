@@ -178,6 +178,10 @@ class Settings:
         theta[tail] = np.maximum(theta[tail], self.log_held)
         return theta
 
+    def split(self, theta):
+        """Theta's three parts: kernel, K^rho, log noise variances."""
+        return np.split(theta, [self.kernel.n_dims, len(theta) - len(self.log_noise)])
+
     def likelihood(self, data, form):
         """The objective for a form of K^rho."""
         arguments = self.kernel, form, data.X, data.tasks, data.y

@@ -32,9 +32,7 @@ def descend(data, settings, forms, modes):
     modes = list(modes)
     for k in reversed(range(len(forms) - 1)):
         if modes[k].value + settings.tol < modes[k + 1].value:
-            kernel, rho, noise = settings.likelihood(data, forms[k + 1]).split(
-                modes[k + 1].theta
-            )
+            kernel, rho, noise = settings.split(modes[k + 1].theta)
             cut = forms[k].parameters(forms[k + 1].matrix(rho))
             start = settings.with_noise(np.concatenate([kernel, cut, noise]), forms[k])
             again = climb(data, settings, forms[k], start)
@@ -78,7 +76,7 @@ def _embed(data, settings, forms, mode):
     length is the best of a few.
     """
     lower, higher = forms
-    kernel, rho, noise = settings.likelihood(data, lower).split(mode.theta)
+    kernel, rho, noise = settings.split(mode.theta)
     D = settings.likelihood(data, lower).task_gradient(mode.theta)
     added = higher.rank - lower.rank
     columns = np.linalg.eigh(D)[1][:, -added:]

@@ -70,9 +70,9 @@ def first_stage(data, settings, form, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
     theta = np.concatenate([settings.kernel.theta, settings.log_noise])
     mode = climb(data, settings, form, theta, relaxed=relaxed)
-    likelihood = settings.likelihood(data, form)
-    K_rho = augmented_task_covariance(data, likelihood.posterior(mode.theta))
-    return Start(likelihood.split(mode.theta)[0], K_rho, mode)
+    posterior = settings.likelihood(data, form).posterior(mode.theta)
+    K_rho = augmented_task_covariance(data, posterior)
+    return Start(settings.split(mode.theta)[0], K_rho, mode)
 
 
 def augmented_task_covariance(data, posterior):
@@ -156,7 +156,7 @@ def add_diagonal(data, settings, form, simpler):
     mode : Mode
         Not worse than with the smallest diagonal.
     """
-    kernel, rho, noise = settings.likelihood(data, form.form).split(simpler.theta)
+    kernel, rho, noise = settings.split(simpler.theta)
     smallest = form.bounds(settings.scale)[-form.n_kappa :, 0]
     theta = np.concatenate([kernel, rho, smallest, noise])
     value = settings.likelihood(data, form).value(theta)
@@ -187,7 +187,7 @@ def full_rank_start(data, settings, start):
     form = low_rank(data.n_tasks, data.n_tasks)
     theta = start._replace(K_rho=np.eye(data.n_tasks)).theta(settings, form)
     mode = climb(data, settings, form, theta, relaxed=True)
-    kernel, rho, _ = settings.likelihood(data, form).split(mode.theta)
+    kernel, rho, _ = settings.split(mode.theta)
     return Start(kernel, form.matrix(rho), mode)
 
 

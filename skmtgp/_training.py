@@ -12,7 +12,7 @@ from skmtgp._dask import held, is_dask
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
 from skmtgp.exceptions import UnderflowWarning
-from skmtgp.learning.climbing import Data, Settings
+from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded

@@ -21,7 +21,7 @@ from skmtgp import (
     multitask,
 )
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.learning import climbing, paper, ranks
+from skmtgp.learning import paper, problem, ranks
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 
@@ -639,9 +639,9 @@ class TestEvaluations:
     @pytest.fixture(params=[False, True], ids=["all rows", "coarse to fine"])
     def levels(self, request, monkeypatch):
         if request.param:
-            monkeypatch.setattr(climbing, "COARSE", 12)
-            monkeypatch.setattr(climbing, "COARSE_PER_TASK", 4)
-            monkeypatch.setattr(climbing, "REFINEMENT", 2.0)
+            monkeypatch.setattr(problem, "COARSE", 12)
+            monkeypatch.setattr(problem, "COARSE_PER_TASK", 4)
+            monkeypatch.setattr(problem, "REFINEMENT", 2.0)
         return request.param
 
     @pytest.mark.parametrize(

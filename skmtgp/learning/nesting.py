@@ -7,7 +7,8 @@ on.
 
 import numpy as np
 
-from skmtgp.learning.climbing import best_of, climb
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
 
 
 def descend(data, settings, forms, modes):

@@ -8,7 +8,8 @@ import numpy as np
 
 from skmtgp._parallel import run
 from skmtgp._progress import silent
-from skmtgp.learning.climbing import best_of, climb
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import (
     by_output,
     description,

@@ -13,15 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp.learning.climbing import (
-    DOUBT,
-    Mode,
-    annealed,
-    best_of,
-    climb,
-    refine,
-    shake,
-)
+from skmtgp.learning.climbing import DOUBT, annealed, climb, refine, shake
+from skmtgp.learning.problem import Mode, best_of
 from skmtgp.task_covariance import low_rank
 
 SHAKES = 3

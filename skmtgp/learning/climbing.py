@@ -1,5 +1,6 @@
 """One climb of the marginal likelihood, from a starting point to a mode."""
 
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -22,7 +23,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         Observations.
     settings : Settings
         Kernel, bounds and budget.
-    form : FixedTaskCovariance or LowRank
+    form : FixedTaskCovariance, LowRank or WithDiagonal
         Form of K^rho.
     theta : ndarray of shape (n_theta,)
         Starting point.
@@ -32,7 +33,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         noise is large, are switched off, and a logarithm at minus infinity has no
         gradient that would bring them back.
     held : bool, default=False
-        Whether the noise variance is held above HELD.
+        Whether the noise variance is held up, see `Settings.log_held`.
 
     Returns
     -------
@@ -43,25 +44,20 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     lower, upper = settings.bounds(form)
     if held:
         lower[settings.tail(form)] = settings.log_held
-    theta = np.clip(theta, lower, upper)
-    n_kernel = likelihood.node.n_dims
-    precision, centre = np.zeros((2, len(theta)))
-    precision[:n_kernel] = RELAXED**-2 if relaxed else 0.0
-    centre[:n_kernel] = settings.kernel.theta
+    penalise = partial(_penalty, settings.kernel.theta, relaxed)
 
     def metric(theta):
         return information_or_zero(likelihood, theta) + np.eye(len(theta))
 
     def objective(theta):
         value, gradient = likelihood.value_and_grad(theta)
-        away = theta - centre
-        penalty = precision * away
-        return 0.5 * (away @ penalty) - value, penalty - gradient
+        penalty, slope = penalise(theta)
+        return penalty - value, slope - gradient
 
     begin = perf_counter()
     best = minimize(
         objective,
-        theta,
+        np.clip(theta, lower, upper),
         lower,
         upper,
         metric=metric,
@@ -69,11 +65,19 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         tol=max(settings.tol, RELAXED_TOL) if relaxed else settings.tol,
         report=_reporter(data, settings, form),
     )
-    away = best.x - centre
-    value = 0.5 * (precision * away) @ away - best.value
+    value = penalise(best.x)[0] - best.value
     mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y), data.Z)
     _report_end(data, settings, form, mode)
     return mode
+
+
+def _penalty(start, relaxed, theta):
+    """What holds the parameters of k^x near their start if relaxed; its gradient."""
+    away = np.zeros_like(theta)
+    if relaxed:
+        away[: len(start)] = theta[: len(start)] - start
+    slope = RELAXED**-2 * away
+    return 0.5 * (away @ slope), slope
 
 
 def information_or_zero(likelihood, theta):

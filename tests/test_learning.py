@@ -512,6 +512,7 @@ class TestNest:
         nested = nest(data, settings, forms[:2], modes[:2])
         assert nested[1].value > nested[0].value + 1.0
         assert nested[1].seconds > modes[1].seconds
+        assert nested[1].n_iter > modes[0].n_iter > 0  # the way to it began there
         assert is_stationary(data, settings, forms[1], nested[1].theta)
 
     def test_new_columns_are_those_that_the_gradient_asks_for(self, data, forms, modes):
@@ -559,6 +560,12 @@ class TestDescend:
             assert is_stationary(data, settings, form, mode.theta)
             value = settings.likelihood(data, form).value(mode.theta)
             np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+
+    def test_iterations_are_those_of_the_way(self, data, forms, rising, monkeypatch):
+        again = rising[1]._replace(value=1e9, n_iter=7)
+        monkeypatch.setattr(nesting, "climb", lambda *args: again)
+        lower, highest = descend(data, configure(), forms[1:], rising[1:])
+        assert lower.n_iter == highest.n_iter + 7 > 7
 
     def test_none_is_worse(self, data, forms, rising, monkeypatch):
         worst = rising[0]._replace(value=-1e9)

@@ -124,8 +124,7 @@ def shake(data, settings, form, mode, times):
         theta = settings.with_noise(mode.theta, form)
         if (theta == mode.theta).all():  # the data are noisy
             break
-        again = climb(data, settings, form, theta)
-        mode = again._replace(n_iter=mode.n_iter + again.n_iter)
+        mode = mode.led_to(climb(data, settings, form, theta))
         modes.append(mode)
     return best_of(modes, doubt=DOUBT)
 

@@ -227,6 +227,10 @@ class Mode(NamedTuple):
     n_samples: int
     Z: np.ndarray | None = None
 
+    def led_to(self, later):
+        """A later mode whose climb began at this one; what each took counts apart."""
+        return later._replace(n_iter=self.n_iter + later.n_iter)
+
     def then(self, later):
         """A later mode that was reached by way of this one."""
         return later._replace(

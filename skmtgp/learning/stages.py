@@ -154,8 +154,8 @@ def add_diagonal(data, settings, form, simpler):
     theta = np.concatenate([kernel, rho, smallest, noise])
     value = settings.likelihood(data, form).value(theta)
     raised = climb(data, settings, form, settings.with_noise(theta, form))
-    raised = raised._replace(n_iter=simpler.n_iter + raised.n_iter)
-    return best_of([simpler._replace(theta=theta, value=value), raised])
+    simplest = simpler._replace(theta=theta, value=value)
+    return best_of([simplest, simpler.led_to(raised)])
 
 
 def likeliest(starts):

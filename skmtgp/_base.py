@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
-from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._dask import is_dask
@@ -25,6 +24,7 @@ from skmtgp._tasks import complete_design
 from skmtgp._training import (
     Training,
     check_kernel,
+    check_theta,
     check_training,
     default_kernel,
 )
@@ -195,7 +195,7 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         if theta is None and not eval_gradient:
             return self.log_marginal_likelihood_value_
         self._check_rows()
-        parts = np.split(self._check_theta(theta), len(self._likelihoods))
+        parts = np.split(check_theta(theta, self.theta_), len(self._likelihoods))
         change_of_units = -self._n_samples * np.log(self._scales).sum()
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
@@ -207,14 +207,6 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             return float(np.sum(results) + change_of_units)
         values, gradients = zip(*results, strict=True)
         return float(np.sum(values) + change_of_units), np.concatenate(gradients)
-
-    def _check_theta(self, theta):
-        theta = self.theta_ if theta is None else check_array(theta, ensure_2d=False)
-        if theta.shape != self.theta_.shape:
-            raise ValueError(
-                f"theta has shape {theta.shape}; the model has {self.theta_.shape}."
-            )
-        return theta
 
     def _default_kernel(self, features):
         return default_kernel(features)

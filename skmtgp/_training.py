@@ -169,6 +169,16 @@ def _deviation(values):
     return np.sqrt(scaler.var_)
 
 
+def check_theta(theta, learned):
+    """Parameters of the shape of the learned ones, which None stands for."""
+    theta = learned if theta is None else check_array(theta, ensure_2d=False)
+    if theta.shape != learned.shape:
+        raise ValueError(
+            f"theta has shape {theta.shape}; the model has {learned.shape}."
+        )
+    return theta
+
+
 def warn_of_underflow(values, kind):
     """Say which columns have values so small that their squares vanish."""
     largest = _largest(values)

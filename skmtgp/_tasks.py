@@ -193,9 +193,11 @@ def check_labels(labels):
 
     Raises
     ------
+    TypeError
+        If a label is neither a string nor a number.
     ValueError
-        If a label is missing, is a number that is not an integer, is of another type,
-        or if the types are mixed.
+        If a label is missing or is a number that is not an integer, or if strings and
+        numbers are mixed.
     """
     labels = _flatten(labels)
     missing = pd.isna(labels)

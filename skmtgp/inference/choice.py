@@ -30,9 +30,9 @@ def choose(inference, kernel, features, codes, tasks):
     Returns
     -------
     method : {"dense", "kronecker", "sparse"}
-        "auto" is "kronecker" for complete data of two tasks or
-        more, whose eigen-decompositions are then faster than a Cholesky decomposition
-        of all samples, and "dense" otherwise.
+        "auto" is "kronecker" for complete data of two tasks or more, whose
+        eigen-decompositions are then faster than a Cholesky decomposition of all
+        samples, and "dense" otherwise.
 
     Raises
     ------

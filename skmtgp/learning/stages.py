@@ -69,7 +69,7 @@ def first_stage(data, settings, form, *, relaxed=True):
 
 
 def augmented_task_covariance(data, posterior):
-    r"""K_aug^rho of section 3.2.
+    r"""K_aug^rho of section 3.2: eq. 7, augmented and regularised.
 
     .. math:: K_{aug}^\rho
         = N^{-1} T_{aug}^T (K_1^x + \eta^2 I)^{-1} T_{aug}
@@ -92,7 +92,7 @@ def augmented_task_covariance(data, posterior):
     observed, count = np.zeros_like(T_aug), np.zeros_like(T_aug)
     np.add.at(observed, (row, data.tasks), data.y)
     np.add.at(count, (row, data.tasks), 1.0)
-    np.divide(observed, count, out=T_aug, where=count > 0.0)
+    np.divide(observed, count, out=T_aug, where=count > 0.0)  # t^m(x_i)
     eta_squared = np.square(T_aug).mean()  # tr(T_aug^T T_aug) / (M N)
     K_x = posterior.kernel(X)
     # Where there is nothing to explain, or next to nothing, K_x alone is singular.

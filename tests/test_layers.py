@@ -33,6 +33,7 @@ LAYERS = [
         "_training",
         "_partitions",
         "_posterior",
+        "_fitted",
         "_base",
         "multitask",
         "baselines",

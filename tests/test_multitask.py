@@ -17,7 +17,7 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _base,
+    _fitted,
     multitask,
 )
 from skmtgp.inference.dense import DenseLikelihood
@@ -178,8 +178,8 @@ def test_single_and_several_outputs_are_the_same_models():
 def test_prediction_in_blocks(monkeypatch, fitted, block_size):
     Z, _ = draw(per_task=7, seed=1)
     mean, std = fitted.predict(Z, return_std=True)
-    monkeypatch.setattr(_base, "BLOCK_SIZE", block_size)
-    assert len(_base._blocks(len(Z), 30)) == -(-len(Z) // max(1, block_size // 30))
+    monkeypatch.setattr(_fitted, "BLOCK_SIZE", block_size)
+    assert len(_fitted._blocks(len(Z), 30)) == -(-len(Z) // max(1, block_size // 30))
     blocks = fitted.predict(Z, return_std=True)
     np.testing.assert_allclose(blocks, [mean, std], rtol=1e-7)
 

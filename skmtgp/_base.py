@@ -8,6 +8,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
 
@@ -120,7 +121,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         if kernel is None:
             kernel = self._default_kernel(training.features)
         check_kernel(kernel, training.features)
-        return kernel
+        return clone(kernel)  # the user may change theirs
 
     def _pairs(self, training, n_models=1):
         """Data and settings of each output, of which so many models are to be kept."""
@@ -196,7 +197,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 likelihood.forget_rows()
             return
         self.X_train_, self.tasks_train_ = training.features, training.codes
-        self.y_train_ = training.Y[:, 0] if training.single_output else training.Y
+        Y = np.array(training.Y)  # otherwise y itself, which the user may change
+        self.y_train_ = Y[:, 0] if training.single_output else Y
         self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
 
     def _store_parameters(self, modes):

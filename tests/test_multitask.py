@@ -254,6 +254,30 @@ def test_methods_change_nothing(fitted):
     assert pickle.dumps(fitted) == before
 
 
+@pytest.mark.parametrize("n_outputs", [None, 2])
+def test_data_may_change_after_fit(n_outputs):
+    X, y = draw(n_outputs=n_outputs)
+    model = MultiTaskGPRegressor(rank=1, max_iter=0).fit(X, y)
+    before = pickle.dumps(model)
+    X += 1.0
+    y += 1.0
+    assert pickle.dumps(model) == before
+
+
+def test_kernel_may_change_after_fit():
+    kernel = ConstantKernel(2.0, "fixed") * RBF([1.0, 1.0])
+    model = MultiTaskGPRegressor(kernel, rank=1, max_iter=0).fit(*draw())
+    X, y = draw(seed=1)
+    X[:, -1] = 7
+
+    def with_task():
+        return model.add_task(X, y).predict(X)
+
+    expected = with_task()
+    model.set_params(kernel__k1__constant_value=50.0)
+    np.testing.assert_array_equal(with_task(), expected)
+
+
 def interrupt(*_, **__):
     raise KeyboardInterrupt
 

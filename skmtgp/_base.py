@@ -12,6 +12,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
 
+from skmtgp._complete import complete_design
 from skmtgp._dask import is_dask
 from skmtgp._fitted import FittedGP
 from skmtgp._linalg import RESOLVED
@@ -19,7 +20,6 @@ from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._partitions import check_partitions
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
-from skmtgp._tasks import complete_design
 from skmtgp._training import (
     Training,
     check_kernel,

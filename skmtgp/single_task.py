@@ -10,12 +10,12 @@ from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
+from skmtgp._complete import check_complete
 from skmtgp._estimator import Estimator
 from skmtgp._parallel import run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
-from skmtgp._tasks import check_complete
 from skmtgp._training import check_theta, check_training
 from skmtgp.baselines import PooledGP
 

@@ -16,6 +16,7 @@ LAYERS = [
         "_linalg",
         "_bfgs",
         "_tasks",
+        "_complete",
         "_sklearn_compat",
         "_parallel",
         "_dask",

@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.gaussian_process.kernels import WhiteKernel
 
-from skmtgp._tasks import check_complete, complete_design
+from skmtgp._complete import check_complete, complete_design
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.inducing import greedy_variance

@@ -1,4 +1,4 @@
-"""What the Gaussian process regressors share: fitting, storing, predicting."""
+"""What the Gaussian process regressors share: reading, fitting, storing."""
 
 import warnings
 from abc import ABCMeta, abstractmethod
@@ -7,21 +7,19 @@ from numbers import Integral, Real
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
-from sklearn.utils import check_array
-from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._complete import complete_design
 from skmtgp._dask import is_dask
-from skmtgp._estimator import Estimator
+from skmtgp._fitted import FittedGP
 from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._partitions import check_partitions
-from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
-from skmtgp._tasks import complete_design
 from skmtgp._training import (
     Training,
     check_kernel,
@@ -31,10 +29,8 @@ from skmtgp._training import (
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.choice import choose
 
-BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
-
-class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
+class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
@@ -88,134 +84,6 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             self._store(training, likelihoods(pairs, form, modes), modes)
         return self
 
-    def loo_predict(
-        self, include_noise: bool = False
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        r"""Predict each training sample from all the others.
-
-        No model is fitted again: what the fitted one keeps is enough.
-
-        Parameters
-        ----------
-        include_noise : bool, default=False
-            Whether the uncertainty is that of the observation that was left out, f
-            plus noise, rather than that of f.
-
-        Returns
-        -------
-        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given. Where `add_task` was used,
-            the rows of the new task come last.
-        y_std : ndarray of the shape of y_mean
-            Its standard deviation.
-
-        Raises
-        ------
-        NotFittedError
-            If the model was not fitted.
-
-        Notes
-        -----
-        Rasmussen and Williams (2006), eqs. 5.10 to 5.12: with the covariance K of the
-        targets, of which `y_mean_` is taken off, the targets left out are normal with
-
-        .. math::
-            \mu_i = y_i - \frac{[K^{-1} y]_i}{[K^{-1}]_{ii}}, \quad
-            \sigma_i^2 = \frac{1}{[K^{-1}]_{ii}}.
-
-        f has the same mean and the variance :math:`\sigma_i^2` less that of the noise,
-        0 where rounding makes that negative. If a JitterWarning said that something was
-        added to the diagonal of K, that counts as noise. For each output dense
-        inference inverts the triangular factor of K in a copy, which takes n x n
-        numbers for a while.
-
-        The hyperparameters are kept, and so are `y_mean_` and `y_scale_`: all of them
-        have seen the sample that is left out, so that these predictions are somewhat
-        better than those of new samples, the more so the fewer samples there are. The
-        only sample of a task is predicted from the other tasks, as far as the task
-        covariance relates them; where it does not, that is the prior, whose mean is
-        `y_mean_`, or 0 without `normalize_y`.
-
-        Scores come from :mod:`skmtgp.metrics`, averaged within tasks and then over
-        tasks. The log loss and the coverage are about observations, so they need
-        ``include_noise=True``; the trivial model of the log loss, the mean and variance
-        of y, has seen each sample too. The nMSE needs two samples or more of each task.
-
-        Examples
-        --------
-        >>> import numpy as np
-        >>> from skmtgp import MultiTaskGPRegressor, metrics
-        >>> rng = np.random.default_rng(0)
-        >>> x, task = rng.uniform(0, 6, 60), np.repeat(["a", "b", "c"], 20)
-        >>> y = np.repeat([1.0, -2.0, 0.5], 20) * np.sin(x)
-        >>> y += 0.1 * rng.standard_normal(60)
-        >>> X = np.column_stack([x.astype(object), task])
-        >>> model = MultiTaskGPRegressor(rank=1).fit(X, y)
-        >>> mean, std = model.loo_predict(include_noise=True)
-        >>> nmse = metrics.normalized_mean_squared_error(y, mean, tasks=task)
-        >>> msll = metrics.mean_standardized_log_loss(
-        ...     y, mean, std, y_train=y, tasks=task
-        ... )
-        >>> share = metrics.coverage(y, mean, std, level=0.9, tasks=task)
-        >>> print(f"{nmse:.2f} {msll:.1f} {share:.2f}")
-        0.03 -2.1 0.92
-        """
-        check_is_fitted(self)
-        order = self._training().order(self.inference_)  # the posteriors' samples
-        shape = len(self.tasks_train_), len(self._posteriors)
-        residual, variance = np.empty((2, *shape))
-        for j, posterior in enumerate(self._posteriors):
-            found = posterior.leave_one_out(include_noise)
-            residual[order, j], variance[order, j] = found
-        mean = self.y_train_.reshape(residual.shape) - residual * self._scales
-        return self._join(mean), self._join(np.sqrt(variance) * self._scales)
-
-    def log_marginal_likelihood(
-        self, theta: ArrayLike | None = None, eval_gradient: bool = False
-    ) -> float | tuple[float, NDArray[np.float64]]:
-        """Log marginal likelihood of the training targets, in their own units.
-
-        Parameters
-        ----------
-        theta : array-like of shape (n_theta,), default=None
-            Parameters, as in the attribute `theta_`. None is the learned ones.
-        eval_gradient : bool, default=False
-            Whether to return the gradient too.
-
-        Returns
-        -------
-        log_likelihood : float
-            Summed over the outputs; minus infinity where the covariance of the targets
-            cannot be factorised.
-        gradient : ndarray of shape (n_theta,)
-            Its gradient. Only if `eval_gradient`.
-        """
-        check_is_fitted(self)
-        if theta is None and not eval_gradient:
-            return self.log_marginal_likelihood_value_
-        self._check_rows()
-        parts = np.split(self._check_theta(theta), len(self._likelihoods))
-        change_of_units = -self._n_samples * np.log(self._scales).sum()
-        results = []
-        for likelihood, part in zip(self._likelihoods, parts, strict=True):
-            evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
-            with np.errstate(all="ignore"):  # far from any data
-                results.append(evaluate(part))
-            likelihood.release()
-        if not eval_gradient:
-            return float(np.sum(results) + change_of_units)
-        values, gradients = zip(*results, strict=True)
-        return float(np.sum(values) + change_of_units), np.concatenate(gradients)
-
-    def _check_theta(self, theta):
-        theta = self.theta_ if theta is None else check_array(theta, ensure_2d=False)
-        if theta.shape != self.theta_.shape:
-            raise ValueError(
-                f"theta has shape {theta.shape}; the model has {self.theta_.shape}."
-            )
-        return theta
-
     def _default_kernel(self, features):
         return default_kernel(features)
 
@@ -247,34 +115,13 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
         scale[varies] = spread[varies]
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
-    def _training(self):
-        """The data that the model was fitted to."""
-        self._check_rows()
-        return Training(
-            self.X_train_,
-            self.tasks_train_,
-            self.tasks_,
-            self.y_train_.reshape(len(self.y_train_), -1),
-            self._centres,
-            self._scales,
-            self._single_output,
-        )
-
-    def _check_rows(self):
-        if not hasattr(self, "X_train_"):
-            raise ValueError(
-                f"This needs the training rows, but the {type(self).__name__} was "
-                "fitted to Dask collections, whose rows it does not keep. Fit it to "
-                "arrays, or to a part of the rows that fits in memory."
-            )
-
     def _kernel(self, training):
         """k^x with its starting values."""
         kernel = self.kernel
         if kernel is None:
             kernel = self._default_kernel(training.features)
         check_kernel(kernel, training.features)
-        return kernel
+        return clone(kernel)  # the user may change theirs
 
     def _pairs(self, training, n_models=1):
         """Data and settings of each output, of which so many models are to be kept."""
@@ -350,7 +197,8 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
                 likelihood.forget_rows()
             return
         self.X_train_, self.tasks_train_ = training.features, training.codes
-        self.y_train_ = training.Y[:, 0] if training.single_output else training.Y
+        Y = np.array(training.Y)  # otherwise y itself, which the user may change
+        self.y_train_ = Y[:, 0] if training.single_output else Y
         self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
 
     def _store_parameters(self, modes):
@@ -392,32 +240,6 @@ class BaseMultiTaskGP(PosteriorMixin, Estimator, metaclass=ABCMeta):
             + (0 if noise_is_fixed else likelihood.n_noise)
         )
 
-    def _means(self, features, codes):
-        means = np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
-        return means * self._scales + self._centres
-
-    def _variances(self, features, codes, include_noise):
-        variances = np.empty((len(features), len(self._posteriors)))
-        for rows in _blocks(len(features), self._n_samples):
-            for j, posterior in enumerate(self._posteriors):
-                variances[rows, j] = posterior.variance(features[rows], codes[rows])
-        variances *= np.square(self._scales)
-        return variances + (self._noise(codes) if include_noise else 0.0)
-
-    def _covariances(self, features, codes, include_noise):
-        covariances = [p.covariance(features, codes) for p in self._posteriors]
-        covariances = np.stack(covariances, axis=2) * np.square(self._scales)
-        if include_noise:
-            rows = np.arange(len(features))
-            covariances[rows, rows] += self._noise(codes)
-        return covariances
-
-    def _noise(self, codes):
-        """Noise variances, of shape (n_samples, n_outputs)."""
-        noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
-        per_task = noise.shape[1] > 1
-        return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
-
 
 def likelihoods(pairs, form, modes):
     """The likelihood of each output that its mode maximises."""
@@ -425,12 +247,6 @@ def likelihoods(pairs, form, modes):
         settings.likelihood(replace(data, Z=mode.Z), form)
         for (data, settings), mode in zip(pairs, modes, strict=True)
     ]
-
-
-def _blocks(n_samples, n_train):
-    """Slices of the samples for which the cross-covariance is not too large."""
-    size = max(1, BLOCK_SIZE // max(1, n_train))
-    return [slice(a, a + size) for a in range(0, n_samples, size)]
 
 
 def _warn_of_unfinished(modes, max_iter):

@@ -12,7 +12,7 @@ from skmtgp._dask import held, is_dask
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
 from skmtgp.exceptions import UnderflowWarning
-from skmtgp.learning.climbing import Data, Settings
+from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
@@ -167,6 +167,16 @@ def _deviation(values):
     for rows in gen_batches(len(values), ROWS):
         scaler.partial_fit(values[rows])
     return np.sqrt(scaler.var_)
+
+
+def check_theta(theta, learned):
+    """Parameters of the shape of the learned ones, which None stands for."""
+    theta = learned if theta is None else check_array(theta, ensure_2d=False)
+    if theta.shape != learned.shape:
+        raise ValueError(
+            f"theta has shape {theta.shape}; the model has {learned.shape}."
+        )
+    return theta
 
 
 def warn_of_underflow(values, kind):

@@ -148,12 +148,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self
 
     def _fit(self, X, y, progress):
-        model = clone(self.estimator) if self.estimator else MultiTaskGPRegressor()
-        model.set_params(
-            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
-            verbose=self._verbosity(),
-        )
-        model._validate_params()
+        model = self._learner()
         training = model._read(X, y)
         ranks = self._check_ranks(len(training.tasks))
         model.set_params(rank=ranks[-1])
@@ -175,6 +170,16 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())
+
+    def _learner(self):
+        """A clone of the model, with the search's own parameters."""
+        model = clone(self.estimator) if self.estimator else MultiTaskGPRegressor()
+        model.set_params(
+            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
+            verbose=self._verbosity(),
+        )
+        model._validate_params()
+        return model
 
     def _verbosity(self):
         return max(self.verbose, getattr(self.estimator, "verbose", 0))

@@ -10,13 +10,13 @@ from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
+from skmtgp._complete import check_complete
 from skmtgp._estimator import Estimator
 from skmtgp._parallel import run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
-from skmtgp._tasks import check_complete
-from skmtgp._training import check_training
+from skmtgp._training import check_theta, check_training
 from skmtgp.baselines import PooledGP
 
 
@@ -75,6 +75,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
+    theta_ : ndarray of shape (n_theta,)
+        The `theta_` of each of `estimators_`, one after another.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
@@ -178,11 +180,15 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             n_jobs=self.n_jobs,
             report=progress("learning", len(rows), self._describe),
         )
-        self.estimators_ = fitted = [estimator for estimator, _ in results]
         for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):
             for category, message in caught:
                 warnings.warn(f"Task {label!r}: {message}", category)
-        self.inference_ = fitted[0].inference_
+        self._store([estimator for estimator, _ in results])
+
+    def _store(self, fitted):
+        """Set the fitted attributes, from the model of each task."""
+        self.estimators_, self.inference_ = fitted, fitted[0].inference_
+        self.theta_ = np.concatenate([e.theta_ for e in fitted])
         self.n_iter_ = max(e.n_iter_ for e in fitted)
         self.n_evaluations_ = sum(e.n_evaluations_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
@@ -279,6 +285,39 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         for rows, model in self._parts(self.tasks_train_):
             mean[rows], std[rows] = model.loo_predict(include_noise)
         return mean, std
+
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: bool = False
+    ) -> float | tuple[float, NDArray[np.float64]]:
+        """Log marginal likelihood of the training targets, in their own units.
+
+        Parameters
+        ----------
+        theta : array-like of shape (n_theta,), default=None
+            Parameters, as in the attribute `theta_`. None is the learned ones.
+        eval_gradient : bool, default=False
+            Whether to return the gradient too.
+
+        Returns
+        -------
+        log_likelihood : float
+            Summed over tasks and outputs; minus infinity where a covariance of the
+            targets cannot be factorised.
+        gradient : ndarray of shape (n_theta,)
+            Its gradient. Only if `eval_gradient`.
+        """
+        check_is_fitted(self)
+        if theta is None and not eval_gradient:
+            return self.log_marginal_likelihood_value_
+        parts = np.split(check_theta(theta, self.theta_), len(self.estimators_))
+        results = [
+            estimator.log_marginal_likelihood(part, eval_gradient)
+            for estimator, part in zip(self.estimators_, parts, strict=True)
+        ]
+        if not eval_gradient:
+            return float(np.sum(results))
+        values, gradients = zip(*results, strict=True)
+        return float(np.sum(values)), np.concatenate(gradients)
 
     @property
     def _n_outputs(self):

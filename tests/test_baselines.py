@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import textbook
 from samples import draw, log_densities, posteriors, split
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -167,6 +168,21 @@ def test_outputs_are_learned_separately():
         for j in range(2):
             alone = clone(model).fit(X, Y[:, j]).predict(Z)
             np.testing.assert_allclose(both[:, j], alone, rtol=1e-6)
+
+
+@pytest.mark.parametrize("target", [y, Y], ids=["one output", "two outputs"])
+def test_likelihood_of_single_tasks(target):
+    model = SingleTaskGP(**FIXED).fit(X, target)
+    assert model.log_marginal_likelihood() == model.log_marginal_likelihood_value_
+    theta = model.theta_ + 0.1
+    value, gradient = model.log_marginal_likelihood(theta, eval_gradient=True)
+    assert value == pytest.approx(model.log_marginal_likelihood(theta), rel=1e-12)
+    expected = textbook.derivative(model.log_marginal_likelihood, theta)
+    np.testing.assert_allclose(gradient, expected, rtol=1e-6, atol=1e-6)
+    at_mode, _ = model.log_marginal_likelihood(eval_gradient=True)
+    assert at_mode == pytest.approx(model.log_marginal_likelihood_value_, rel=1e-10)
+    with pytest.raises(ValueError, match=r"theta has shape \(2,\); the model has"):
+        model.log_marginal_likelihood([0.0, 0.0])
 
 
 @pytest.mark.parametrize("cls", [IndependentGP, SingleTaskGP])

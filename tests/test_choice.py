@@ -28,8 +28,8 @@ from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import Columns, inverse_dynamics_kernel
-from skmtgp.learning import climbing
-from skmtgp.learning.climbing import Data
+from skmtgp.learning import problem
+from skmtgp.learning.problem import Data
 from skmtgp.task_covariance import low_rank
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -394,8 +394,8 @@ def test_extended_keeps_to_the_method():
 class TestCoarseToFine:
     @pytest.fixture
     def data(self, monkeypatch):
-        monkeypatch.setattr(climbing, "COARSE", 8)
-        monkeypatch.setattr(climbing, "REFINEMENT", 2.0)
+        monkeypatch.setattr(problem, "COARSE", 8)
+        monkeypatch.setattr(problem, "REFINEMENT", 2.0)
         X, y = draw(n_inputs=24)
         order = np.argsort(X[:, -1], kind="stable")
         tasks = np.searchsorted(LABELS, X[order, -1])

@@ -371,13 +371,13 @@ class TestContainers:
 
 
 KERNELS = "sklearn.gaussian_process.kernels."
-CONTRACTION = "skmtgp._contraction."
+TERMS, EXPRESSIONS = "skmtgp._contraction.terms.", "skmtgp._contraction.expressions."
 POSTERIOR = {
     f"{KERNELS}Hyperparameter",
     f"{KERNELS}RBF",
-    f"{CONTRACTION}BoundStationary",
-    f"{CONTRACTION}StationaryNode",
-    f"{CONTRACTION}_rbf",
+    f"{TERMS}BoundStationary",
+    f"{TERMS}StationaryNode",
+    f"{TERMS}_rbf",
     "skmtgp._linalg.Cholesky",
     "skmtgp.inference.dense.DenseLikelihood",
     "skmtgp.inference.dense.DensePosterior",
@@ -391,10 +391,10 @@ FIXED = {
     *POSTERIOR,
     f"{KERNELS}ConstantKernel",
     f"{KERNELS}Product",
-    f"{CONTRACTION}BoundConstant",
-    f"{CONTRACTION}BoundProduct",
-    f"{CONTRACTION}ConstantNode",
-    f"{CONTRACTION}PairNode",
+    f"{TERMS}BoundConstant",
+    f"{EXPRESSIONS}BoundProduct",
+    f"{TERMS}ConstantNode",
+    f"{EXPRESSIONS}PairNode",
     "skmtgp.task_covariance.FixedTaskCovariance",
 }
 DENSE = {

@@ -10,18 +10,10 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear
-from skmtgp.learning import climbing, nesting, ranks, stages
-from skmtgp.learning.climbing import (
-    Data,
-    Mode,
-    Settings,
-    annealed,
-    best_of,
-    climb,
-    refine,
-    shake,
-)
+from skmtgp.learning import climbing, nesting, problem, ranks, stages
+from skmtgp.learning.climbing import annealed, climb, refine, shake
 from skmtgp.learning.nesting import descend, nest
+from skmtgp.learning.problem import Data, Mode, Settings, best_of
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.stages import (
     Start,
@@ -151,8 +143,8 @@ def test_a_diagonal_does_not_cost_likelihood(data, fine, monkeypatch):
     for module in (stages, climbing, nesting):
         monkeypatch.setattr(module, "climb", lost(climb))
     if fine:
-        monkeypatch.setattr(climbing, "COARSE", 18)
-        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
+        monkeypatch.setattr(problem, "COARSE", 18)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
     pairs = [(data, configure(max_iter=50))]
     [without] = learn_ranks(pairs, RANKS)
     forms = [low_rank(M, r, diagonal=True) for r in (1, 2, 3)]
@@ -520,6 +512,7 @@ class TestNest:
         nested = nest(data, settings, forms[:2], modes[:2])
         assert nested[1].value > nested[0].value + 1.0
         assert nested[1].seconds > modes[1].seconds
+        assert nested[1].n_iter > modes[0].n_iter > 0  # the way to it began there
         assert is_stationary(data, settings, forms[1], nested[1].theta)
 
     def test_new_columns_are_those_that_the_gradient_asks_for(self, data, forms, modes):
@@ -568,6 +561,12 @@ class TestDescend:
             value = settings.likelihood(data, form).value(mode.theta)
             np.testing.assert_allclose(mode.value, value, rtol=1e-10)
 
+    def test_iterations_are_those_of_the_way(self, data, forms, rising, monkeypatch):
+        again = rising[1]._replace(value=1e9, n_iter=7)
+        monkeypatch.setattr(nesting, "climb", lambda *args: again)
+        lower, highest = descend(data, configure(), forms[1:], rising[1:])
+        assert lower.n_iter == highest.n_iter + 7 > 7
+
     def test_none_is_worse(self, data, forms, rising, monkeypatch):
         worst = rising[0]._replace(value=-1e9)
         monkeypatch.setattr(nesting, "climb", lambda *args: worst)
@@ -584,9 +583,9 @@ class TestCoarseToFine:
     @pytest.fixture
     def small(self, monkeypatch):
         """The coarsest level has 12 rows."""
-        monkeypatch.setattr(climbing, "COARSE", 12)
-        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
-        monkeypatch.setattr(climbing, "REFINEMENT", 2.0)
+        monkeypatch.setattr(problem, "COARSE", 12)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
+        monkeypatch.setattr(problem, "REFINEMENT", 2.0)
 
     @pytest.mark.parametrize("n_samples", [3, 10, 18, 35, 36])
     def test_thinned(self, data, n_samples):
@@ -671,8 +670,8 @@ class TestCoarseToFine:
         assert is_stationary(data, settings, form, mode.theta)
 
     def test_learn_ranks(self, monkeypatch):
-        monkeypatch.setattr(climbing, "COARSE", 36)
-        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
+        monkeypatch.setattr(problem, "COARSE", 36)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
         data, settings = draw(FACTOR @ FACTOR.T, per_task=30), configure()
         assert len(data.levels()) == 2
         [modes] = learn_ranks([(data, settings)], RANKS)

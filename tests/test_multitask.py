@@ -17,11 +17,11 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _base,
+    _fitted,
     multitask,
 )
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.learning import climbing, paper, ranks
+from skmtgp.learning import paper, problem, ranks
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 
@@ -178,8 +178,8 @@ def test_single_and_several_outputs_are_the_same_models():
 def test_prediction_in_blocks(monkeypatch, fitted, block_size):
     Z, _ = draw(per_task=7, seed=1)
     mean, std = fitted.predict(Z, return_std=True)
-    monkeypatch.setattr(_base, "BLOCK_SIZE", block_size)
-    assert len(_base._blocks(len(Z), 30)) == -(-len(Z) // max(1, block_size // 30))
+    monkeypatch.setattr(_fitted, "BLOCK_SIZE", block_size)
+    assert len(_fitted._blocks(len(Z), 30)) == -(-len(Z) // max(1, block_size // 30))
     blocks = fitted.predict(Z, return_std=True)
     np.testing.assert_allclose(blocks, [mean, std], rtol=1e-7)
 
@@ -252,6 +252,30 @@ def test_methods_change_nothing(fitted):
     fitted.sample_y(Z)
     fitted.log_marginal_likelihood(fitted.theta_ + 0.1, eval_gradient=True)
     assert pickle.dumps(fitted) == before
+
+
+@pytest.mark.parametrize("n_outputs", [None, 2])
+def test_data_may_change_after_fit(n_outputs):
+    X, y = draw(n_outputs=n_outputs)
+    model = MultiTaskGPRegressor(rank=1, max_iter=0).fit(X, y)
+    before = pickle.dumps(model)
+    X += 1.0
+    y += 1.0
+    assert pickle.dumps(model) == before
+
+
+def test_kernel_may_change_after_fit():
+    kernel = ConstantKernel(2.0, "fixed") * RBF([1.0, 1.0])
+    model = MultiTaskGPRegressor(kernel, rank=1, max_iter=0).fit(*draw())
+    X, y = draw(seed=1)
+    X[:, -1] = 7
+
+    def with_task():
+        return model.add_task(X, y).predict(X)
+
+    expected = with_task()
+    model.set_params(kernel__k1__constant_value=50.0)
+    np.testing.assert_array_equal(with_task(), expected)
 
 
 def interrupt(*_, **__):
@@ -639,9 +663,9 @@ class TestEvaluations:
     @pytest.fixture(params=[False, True], ids=["all rows", "coarse to fine"])
     def levels(self, request, monkeypatch):
         if request.param:
-            monkeypatch.setattr(climbing, "COARSE", 12)
-            monkeypatch.setattr(climbing, "COARSE_PER_TASK", 4)
-            monkeypatch.setattr(climbing, "REFINEMENT", 2.0)
+            monkeypatch.setattr(problem, "COARSE", 12)
+            monkeypatch.setattr(problem, "COARSE_PER_TASK", 4)
+            monkeypatch.setattr(problem, "REFINEMENT", 2.0)
         return request.param
 
     @pytest.mark.parametrize(

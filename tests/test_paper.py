@@ -6,9 +6,10 @@ import textbook
 from samples import Listener
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp.learning import climbing, paper
-from skmtgp.learning.climbing import Data, Settings, climb
+from skmtgp.learning import paper, problem
+from skmtgp.learning.climbing import climb
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
+from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.stages import (
     augmented_task_covariance,
     first_stage,
@@ -110,8 +111,8 @@ class TestStaged:
             np.testing.assert_array_equal(followed, [expected])
 
     def test_all_rows_at_once(self, monkeypatch):
-        monkeypatch.setattr(climbing, "COARSE", 6)
-        monkeypatch.setattr(climbing, "COARSE_PER_TASK", 2)
+        monkeypatch.setattr(problem, "COARSE", 6)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
         data, settings = draw(RELATED), configure(max_iter=3)
         assert len(data.levels()) > 1
         for learn in (learn_staged, learn_simultaneously):

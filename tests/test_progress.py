@@ -15,7 +15,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp.learning import climbing
+from skmtgp.learning import problem
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
 callback = pytest.importorskip("sklearn.callback", reason="new in scikit-learn 1.9")
@@ -82,8 +82,8 @@ def test_events(name, n_jobs):
 
 def test_stages_of_large_data(monkeypatch):
     """Coarse data first, then all rows."""
-    monkeypatch.setattr(climbing, "COARSE", 15)
-    monkeypatch.setattr(climbing, "COARSE_PER_TASK", 1)
+    monkeypatch.setattr(problem, "COARSE", 15)
+    monkeypatch.setattr(problem, "COARSE_PER_TASK", 1)
     recorder = Recorder()
     MultiTaskGPRegressor(max_iter=0).set_callbacks(recorder).fit(X, Y[:, 0])
     stages = [e[1] for e in recorder.events if e[0] == "begin" and e[2] == 1]

@@ -8,7 +8,7 @@ from problem import FACTOR, N_X, NOISE, Parameters, Problem
 
 from skmtgp.datasets import fetch_puma560
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.learning.climbing import Data, Settings
+from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.stages import first_stage, second_stage
 from skmtgp.preprocessing import InverseDynamicsFeatures
 from skmtgp.task_covariance import identity, low_rank, ones

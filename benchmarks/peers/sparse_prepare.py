@@ -9,7 +9,7 @@ from sparse_reference import prior_variance
 
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.learning.climbing import Data, Settings
+from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.summarised import exact_part
 from skmtgp.task_covariance import leading_eigenvectors, low_rank

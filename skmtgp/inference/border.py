@@ -10,6 +10,7 @@ import numpy as np
 
 from skmtgp._linalg import Cholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.inference.likelihood import log_density
 
 
 class BorderLikelihood:
@@ -68,9 +69,7 @@ class BorderLikelihood:
             return -np.inf, np.full(len(row), np.nan)
         rest = self.y - row[: self.rank] @ self.means
         alpha = cholesky.solve(rest)
-        value = -0.5 * (
-            rest @ alpha + cholesky.log_det() + len(rest) * np.log(2.0 * np.pi)
-        )
+        value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
         G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
         gradient = np.vdot(G, self.K_x) * row
         gradient[: self.rank] += self.means @ alpha

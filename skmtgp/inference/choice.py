@@ -3,7 +3,7 @@
 import numpy as np
 from sklearn.gaussian_process.kernels import WhiteKernel
 
-from skmtgp._tasks import check_complete, complete_design
+from skmtgp._complete import check_complete, complete_design
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.inducing import greedy_variance
@@ -30,9 +30,9 @@ def choose(inference, kernel, features, codes, tasks):
     Returns
     -------
     method : {"dense", "kronecker", "sparse"}
-        "auto" is "kronecker" for complete data of two tasks or
-        more, whose eigen-decompositions are then faster than a Cholesky decomposition
-        of all samples, and "dense" otherwise.
+        "auto" is "kronecker" for complete data of two tasks or more, whose
+        eigen-decompositions are then faster than a Cholesky decomposition of all
+        samples, and "dense" otherwise.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class Likelihood(ABC):
     ----------
     kernel : Kernel
         k^x; only its form matters, theta sets its free hyperparameters.
-    task_covariance : FixedTaskCovariance or LowRank
+    task_covariance : FixedTaskCovariance, LowRank or WithDiagonal
         Form of K^rho.
     X : ndarray of shape (n_samples, n_features)
         Inputs without the task column, sorted by task.

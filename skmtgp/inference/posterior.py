@@ -120,10 +120,7 @@ class Posterior(ABC):
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         prior = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X)
-        covariance = prior - self.explained_covariance(X, tasks)
-        diagonal = np.einsum("ii->i", covariance)  # a view
-        np.maximum(diagonal, 0.0, out=diagonal)  # as in `variance`
-        return covariance
+        return without_negatives(prior - self.explained_covariance(X, tasks))
 
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from all the others.
@@ -165,6 +162,13 @@ class Posterior(ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
+
+
+def without_negatives(covariance):
+    """The covariance, in place, with 0 where rounding made a variance negative."""
+    diagonal = np.einsum("ii->i", covariance)  # a view
+    np.maximum(diagonal, 0.0, out=diagonal)
+    return covariance
 
 
 def _by_rows(function, n):

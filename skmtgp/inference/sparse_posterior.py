@@ -3,6 +3,7 @@
 import numpy as np
 
 from skmtgp._parallel import limit_threads
+from skmtgp.inference.posterior import without_negatives
 from skmtgp.inference.sums import sum_residuals
 from skmtgp.inference.weights import Covariances
 
@@ -110,9 +111,7 @@ class SparsePosterior:
         rest = self.kernel(X) - phi.T @ phi
         covariance = self.K_rho[np.ix_(tasks, tasks)] * rest
         covariance += self.covariances.between(phi, tasks)
-        diagonal = np.einsum("ii->i", covariance)  # a view
-        np.maximum(diagonal, 0.0, out=diagonal)  # as in `variance`
-        return covariance
+        return without_negatives(covariance)
 
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from all the others, by the same Z.

@@ -68,12 +68,9 @@ class GradientSums(ResidualSums):
     ----------
     theta : ndarray of shape (n_theta,)
         Gradient by the kernel's theta, but for K_ZZ's part.
-    Z : ndarray of shape (n_inducing, n_features)
-        The same by the inducing inputs, if it was asked for.
     """
 
     theta: np.ndarray
-    Z: np.ndarray
 
 
 def blocks(X, tasks, y, size):
@@ -84,9 +81,9 @@ def blocks(X, tasks, y, size):
         yield features, np.asarray(tasks[rows]), targets
 
 
-def sum_blocks(function, options, size, arguments, X, tasks, y):
-    """``function(*arguments, blocks, **options)``, a function below, of some rows."""
-    return function(*arguments, blocks(X, tasks, y, size), **options)
+def sum_blocks(function, size, arguments, X, tasks, y):
+    """``function(*arguments, blocks)``, a function below, of some rows."""
+    return function(*arguments, blocks(X, tasks, y, size))
 
 
 def sum_features(features, n_tasks, blocks):
@@ -155,7 +152,7 @@ def _add_residuals(sums, phi, omega, y, parts):
     return error
 
 
-def sum_gradients(features, adjoint, blocks, *, inputs=False):
+def sum_gradients(features, adjoint, blocks):
     """The backward pass over some rows.
 
     Parameters
@@ -166,8 +163,6 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
         What the gradient needs of all rows.
     blocks : iterable of (ndarray, ndarray, ndarray)
         X, tasks and y of some rows at a time.
-    inputs : bool, default=False
-        Whether the gradient by the inducing inputs is wanted too.
 
     Returns
     -------
@@ -179,7 +174,6 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
         squares=np.zeros(len(omega)),
         errors=np.zeros_like(omega),
         theta=np.zeros(len(features.theta)),
-        Z=np.zeros_like(features.Z),
     )
     for X, tasks, y in blocks:
         X, tasks, y, parts = _by_task(X, tasks, y)
@@ -189,10 +183,7 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
         for task, rows in parts:
             phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
             phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
-        gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
-        sums.theta += gradient
-        if inputs:
-            sums.Z += tile.contract_inputs(K_bar)
+        sums.theta += tile.contract(phi_bar, adjoint.diagonal[tasks])
     return sums
 
 

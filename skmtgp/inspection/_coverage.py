@@ -19,7 +19,7 @@ from skmtgp.metrics import coverage
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-LEVELS = np.linspace(0.05, 0.95, 19)
+LEVELS = tuple(np.linspace(0.05, 0.95, 19).tolist())
 
 
 class CoverageDisplay(Display):

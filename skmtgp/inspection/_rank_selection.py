@@ -14,9 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CRITERIA = "bic", "aic", "hqc"
-CLEAR = (
-    10.0  # a difference of BIC that is very strong evidence (Kass and Raftery, 1995)
-)
+# A difference of BIC that is very strong evidence (Kass and Raftery, 1995).
+CLEAR = 10.0
 
 
 class RankSelectionDisplay(Display):

@@ -1,259 +1,17 @@
 """One climb of the marginal likelihood, from a starting point to a mode."""
 
-from dataclasses import dataclass, replace
-from math import ceil, log
+from functools import partial
 from time import perf_counter
-from typing import NamedTuple
 
 import numpy as np
-from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._bfgs import minimize
-from skmtgp._tasks import complete_design
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
-from skmtgp.inference.sparse import SparseBound
-from skmtgp.learning.drawing import draw_rows
+from skmtgp.learning.problem import Mode, best_of
 
-EXACT = {
-    "dense": DenseLikelihood,
-    "kronecker": KroneckerLikelihood,
-    "sparse": DenseLikelihood,
-}
 RELAXED = 5.0  # standard deviation of the log parameters of k^x
 RELAXED_TOL = 0.3  # nats
-HELD = 1e-5  # noise variance while it is held up, in variances of the target
-COARSE = 300  # rows, of complete data inputs, or
-COARSE_PER_TASK = 20  # if that is more
-REFINEMENT = 4.0  # most of them in a level for each of the coarser one
 DOUBT = 1.0  # nats
 REPORT_EVERY = 100  # iterations
-
-
-@dataclass(frozen=True)
-class Data:
-    """The observations of one output.
-
-    Attributes
-    ----------
-    X : ndarray of shape (n_samples, n_features)
-        Inputs, sorted by task. For sparse inference they may be in any order, on disk
-        or, as `tasks` and `y`, in a Dask array.
-    tasks : ndarray of shape (n_samples,)
-        Tasks, 0 to n_tasks - 1.
-    y : ndarray of shape (n_samples,)
-        Targets.
-    n_tasks : int
-        Number of tasks M.
-    complete : bool, default=False
-        Whether parts of them are to be complete as they are: all tasks at the same
-        inputs, once each.
-    Z : ndarray of shape (n_inducing, n_features), default=None
-        Inducing inputs, for a bound on the likelihood.
-    """
-
-    X: np.ndarray
-    tasks: np.ndarray
-    y: np.ndarray
-    n_tasks: int
-    complete: bool = False
-    Z: np.ndarray | None = None
-
-    def levels(self):
-        """The data from coarse to fine: a few hundred of the rows, more, all.
-
-        Of complete data it is a few hundred of the inputs.
-
-        Returns
-        -------
-        levels : list of Data
-            Each is part of the next; the last is `self`.
-        """
-        n, coarsest = len(self.y), max(COARSE, COARSE_PER_TASK * self.n_tasks)
-        if self.complete:
-            n, coarsest = n // self.n_tasks, COARSE
-        if n < 2 * coarsest:
-            return [self]
-        steps = ceil(log(n / coarsest) / log(REFINEMENT))
-        sizes = np.geomspace(coarsest, n, steps + 1)[:-1]
-        return [*(self.thinned(int(size)) for size in sizes), self]
-
-    def thinned(self, size):
-        """About `size` of the rows, of each task its share and at least one.
-
-        Of complete data it is as many inputs. What is left is drawn at random, but less
-        is always part of more.
-        """
-        return self._part(self._inputs(size) if self.complete else self._rows(size))
-
-    def drawn(self, size):
-        """The same number of rows, whatever their order, and wherever they lie.
-
-        They come into memory. Less is not part of more.
-        """
-        return self._part(draw_rows(self.tasks, self.n_tasks, size))
-
-    def _part(self, rows):
-        rows = np.sort(rows)
-        tasks = np.asarray(self.tasks[rows])
-        order = np.argsort(tasks, kind="stable")
-        X, y = (np.asarray(of[rows], dtype=np.float64) for of in (self.X, self.y))
-        return replace(self, X=X[order], tasks=tasks[order], y=y[order])
-
-    def _rows(self, n_samples):
-        n = len(self.tasks)
-        order = np.random.default_rng(0).permutation(n)
-        kept = []
-        for m in np.unique(self.tasks):
-            rows = order[self.tasks[order] == m]
-            kept.append(rows[: -(-len(rows) * n_samples // n)])
-        return np.concatenate(kept)
-
-    def _inputs(self, n_inputs):
-        """The rows of some of the inputs."""
-        rows = complete_design(self.X, self.tasks)
-        order = np.random.default_rng(0).permutation(len(rows))
-        return rows[order[:n_inputs]].ravel()
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What is learned, from where, and for how long.
-
-    Attributes
-    ----------
-    kernel : Kernel
-        k^x with the starting values theta_0^x.
-    scale : float
-        Root mean square of the targets.
-    log_noise : ndarray of shape (n_noise,)
-        Logarithm of sigma_0^2, shared or for each task.
-    log_noise_bounds : pair of floats
-        Logarithms of its bounds.
-    max_iter : int
-        Most iterations of each climb.
-    tol : float
-        Gain in nats under which a climb ends.
-    truncation : {"eigen", "cholesky"}, default="eigen"
-        How K_aug^rho gets the rank of the model, section 3.2.
-    name : str, default="output"
-        What is learned, for the lines that are printed.
-    verbose : int, default=0
-        2 or more prints lines during each climb.
-    inference : {"dense", "kronecker", "sparse"}, default="dense"
-        How the likelihood is computed. With "sparse" it is exact for data without
-        inducing inputs.
-    n_inducing : int, default=0
-        Inducing inputs of sparse inference.
-    """
-
-    kernel: Kernel
-    scale: float
-    log_noise: np.ndarray
-    log_noise_bounds: tuple
-    max_iter: int
-    tol: float
-    truncation: str = "eigen"
-    name: str = "output"
-    verbose: int = 0
-    inference: str = "dense"
-    n_inducing: int = 0
-
-    @property
-    def log_held(self):
-        """Logarithm of the noise variance under which it does not fall while held.
-
-        Never above sigma_0^2, which holding thus leaves as it is.
-        """
-        held = min(np.log(HELD * self.scale**2), self.log_noise.min())
-        return float(np.clip(held, *self.log_noise_bounds))
-
-    def tail(self, form):
-        """Where theta has variances of what is unexplained: kappa and the noise."""
-        return slice(-len(self.log_noise) - form.n_kappa, None)
-
-    def with_noise(self, theta, form):
-        """Theta with kappa and the noise variance raised to where they are held."""
-        theta, tail = theta.copy(), self.tail(form)
-        theta[tail] = np.maximum(theta[tail], self.log_held)
-        return theta
-
-    def likelihood(self, data, form):
-        """The objective for a form of K^rho."""
-        arguments = self.kernel, form, data.X, data.tasks, data.y
-        n_noise = len(self.log_noise)
-        if data.Z is not None:
-            return SparseBound(*arguments, data.Z, n_noise)
-        return EXACT[self.inference](*arguments, n_noise)
-
-    def bounds(self, form):
-        """Lower and upper bounds of theta, of shape (2, n_theta)."""
-        noise = np.tile(self.log_noise_bounds, (len(self.log_noise), 1))
-        kernel = self.kernel.bounds.reshape(-1, 2)
-        return np.concatenate([kernel, form.bounds(self.scale), noise]).T
-
-
-class Mode(NamedTuple):
-    """A local maximum of the log marginal likelihood.
-
-    Attributes
-    ----------
-    theta : ndarray of shape (n_theta,)
-        Parameters.
-    value : float
-        Log marginal likelihood.
-    n_iter : int
-        Iterations on the way to it.
-    n_evaluations : int
-        Likelihoods with their gradients that were spent on it and on the modes that it
-        was preferred to.
-    converged : bool
-        Whether the last climb ended by its tolerance.
-    stalled : bool
-        Whether it ended for lack of digits: more gain was expected, no step gained.
-    seconds : float
-        Time that was spent on the same.
-    n_samples : int
-        Rows that it was learned from.
-    Z : ndarray of shape (n_inducing, n_features), default=None
-        Inducing inputs, if its value is a bound.
-    """
-
-    theta: np.ndarray
-    value: float
-    n_iter: int
-    n_evaluations: int
-    converged: bool
-    stalled: bool
-    seconds: float
-    n_samples: int
-    Z: np.ndarray | None = None
-
-    def then(self, later):
-        """A later mode that was reached by way of this one."""
-        return later._replace(
-            n_iter=self.n_iter + later.n_iter,
-            n_evaluations=self.n_evaluations + later.n_evaluations,
-            seconds=self.seconds + later.seconds,
-        )
-
-
-def best_of(modes, *, doubt=0.0):
-    """The best mode, with what was spent on all.
-
-    Parameters
-    ----------
-    modes : sequence of Mode
-        Of the same model.
-    doubt : float, default=0.0
-        Nats by which a mode that stalled must be better than one that did not: its
-        value lacks digits.
-    """
-    best = max(modes, key=lambda mode: mode.value - doubt * mode.stalled)
-    return best._replace(
-        n_evaluations=sum(mode.n_evaluations for mode in modes),
-        seconds=sum(mode.seconds for mode in modes),
-    )
 
 
 def climb(data, settings, form, theta, *, relaxed=False, held=False):
@@ -265,7 +23,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         Observations.
     settings : Settings
         Kernel, bounds and budget.
-    form : FixedTaskCovariance or LowRank
+    form : FixedTaskCovariance, LowRank or WithDiagonal
         Form of K^rho.
     theta : ndarray of shape (n_theta,)
         Starting point.
@@ -275,7 +33,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         noise is large, are switched off, and a logarithm at minus infinity has no
         gradient that would bring them back.
     held : bool, default=False
-        Whether the noise variance is held above HELD.
+        Whether the noise variance is held up, see `Settings.log_held`.
 
     Returns
     -------
@@ -286,25 +44,20 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     lower, upper = settings.bounds(form)
     if held:
         lower[settings.tail(form)] = settings.log_held
-    theta = np.clip(theta, lower, upper)
-    n_kernel = likelihood.node.n_dims
-    precision, centre = np.zeros((2, len(theta)))
-    precision[:n_kernel] = RELAXED**-2 if relaxed else 0.0
-    centre[:n_kernel] = settings.kernel.theta
+    penalise = partial(_penalty, settings.kernel.theta, relaxed)
 
     def metric(theta):
         return information_or_zero(likelihood, theta) + np.eye(len(theta))
 
     def objective(theta):
         value, gradient = likelihood.value_and_grad(theta)
-        away = theta - centre
-        penalty = precision * away
-        return 0.5 * (away @ penalty) - value, penalty - gradient
+        penalty, slope = penalise(theta)
+        return penalty - value, slope - gradient
 
     begin = perf_counter()
     best = minimize(
         objective,
-        theta,
+        np.clip(theta, lower, upper),
         lower,
         upper,
         metric=metric,
@@ -312,11 +65,19 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         tol=max(settings.tol, RELAXED_TOL) if relaxed else settings.tol,
         report=_reporter(data, settings, form),
     )
-    away = best.x - centre
-    value = 0.5 * (precision * away) @ away - best.value
+    value = penalise(best.x)[0] - best.value
     mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y), data.Z)
     _report_end(data, settings, form, mode)
     return mode
+
+
+def _penalty(start, relaxed, theta):
+    """What holds the parameters of k^x near their start if relaxed; its gradient."""
+    away = np.zeros_like(theta)
+    if relaxed:
+        away[: len(start)] = theta[: len(start)] - start
+    slope = RELAXED**-2 * away
+    return 0.5 * (away @ slope), slope
 
 
 def information_or_zero(likelihood, theta):
@@ -363,8 +124,7 @@ def shake(data, settings, form, mode, times):
         theta = settings.with_noise(mode.theta, form)
         if (theta == mode.theta).all():  # the data are noisy
             break
-        again = climb(data, settings, form, theta)
-        mode = again._replace(n_iter=mode.n_iter + again.n_iter)
+        mode = mode.led_to(climb(data, settings, form, theta))
         modes.append(mode)
     return best_of(modes, doubt=DOUBT)
 

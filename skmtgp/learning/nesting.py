@@ -7,7 +7,8 @@ on.
 
 import numpy as np
 
-from skmtgp.learning.climbing import best_of, climb
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
 
 
 def descend(data, settings, forms, modes):
@@ -19,7 +20,7 @@ def descend(data, settings, forms, modes):
         Observations.
     settings : Settings
         Kernel, bounds and budget.
-    forms : list of LowRank
+    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
         Forms of K^rho of ascending rank.
     modes : list of Mode
         The mode of each.
@@ -31,43 +32,30 @@ def descend(data, settings, forms, modes):
     """
     modes = list(modes)
     for k in reversed(range(len(forms) - 1)):
-        if modes[k].value + settings.tol < modes[k + 1].value:
-            kernel, rho, noise = settings.likelihood(data, forms[k + 1]).split(
-                modes[k + 1].theta
-            )
+        higher = modes[k + 1]
+        if modes[k].value + settings.tol < higher.value:
+            kernel, rho, noise = settings.split(higher.theta)
             cut = forms[k].parameters(forms[k + 1].matrix(rho))
             start = settings.with_noise(np.concatenate([kernel, cut, noise]), forms[k])
             again = climb(data, settings, forms[k], start)
-            modes[k] = best_of([modes[k], again])
+            modes[k] = best_of([modes[k], higher.led_to(again)])
     return modes
 
 
 def nest(data, settings, forms, modes):
     """Learn a rank again from a lower one's mode where it ended below it.
 
-    Parameters
-    ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    forms : list of LowRank
-        Forms of K^rho of ascending rank.
-    modes : list of Mode
-        The mode of each.
-
-    Returns
-    -------
-    modes : list of Mode
-        Their values do not fall as the rank grows.
+    Parameters are those of :func:`descend`. The values of the modes that it returns do
+    not fall as the rank grows.
     """
     modes = list(modes)
     for k in range(1, len(forms)):
-        if modes[k].value < modes[k - 1].value:
-            embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], modes[k - 1])
-            regrown = climb(data, settings, forms[k], grown)
-            lower = modes[k - 1]._replace(theta=embedded, n_evaluations=0, seconds=0.0)
-            modes[k] = best_of([modes[k], regrown, lower])
+        lower = modes[k - 1]
+        if modes[k].value < lower.value:
+            embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], lower)
+            regrown = lower.led_to(climb(data, settings, forms[k], grown))
+            same = lower._replace(theta=embedded, n_evaluations=0, seconds=0.0)
+            modes[k] = best_of([modes[k], regrown, same])
     return modes
 
 
@@ -78,7 +66,7 @@ def _embed(data, settings, forms, mode):
     length is the best of a few.
     """
     lower, higher = forms
-    kernel, rho, noise = settings.likelihood(data, lower).split(mode.theta)
+    kernel, rho, noise = settings.split(mode.theta)
     D = settings.likelihood(data, lower).task_gradient(mode.theta)
     added = higher.rank - lower.rank
     columns = np.linalg.eigh(D)[1][:, -added:]

@@ -12,7 +12,7 @@ import numpy as np
 
 from skmtgp._bfgs import minimize
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.learning.climbing import Mode
+from skmtgp.learning.problem import Mode
 
 FOLLOWED = 4  # starts
 FARTHEST = 1e6  # coordinate

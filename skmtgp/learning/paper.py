@@ -7,7 +7,8 @@ over all rows: to compare with :func:`skmtgp.learning.ranks.learn_ranks`.
 import numpy as np
 
 from skmtgp._progress import silent
-from skmtgp.learning.climbing import best_of, climb
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import (
     by_output,
     description,

@@ -9,8 +9,9 @@ from functools import partial
 
 from skmtgp._parallel import run
 from skmtgp._progress import silent
-from skmtgp.learning.climbing import best_of, refine
+from skmtgp.learning.climbing import refine
 from skmtgp.learning.nesting import descend, nest
+from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
     SHAKES,
     add_diagonal,

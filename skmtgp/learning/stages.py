@@ -15,15 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._parallel import run
-from skmtgp.learning.climbing import (
-    DOUBT,
-    Mode,
-    annealed,
-    best_of,
-    climb,
-    refine,
-    shake,
-)
+from skmtgp.learning.climbing import DOUBT, annealed, climb, refine, shake
+from skmtgp.learning.problem import Mode, best_of
 from skmtgp.task_covariance import low_rank
 
 SHAKES = 3
@@ -72,13 +65,13 @@ def first_stage(data, settings, form, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
     theta = np.concatenate([settings.kernel.theta, settings.log_noise])
     mode = climb(data, settings, form, theta, relaxed=relaxed)
-    likelihood = settings.likelihood(data, form)
-    K_rho = augmented_task_covariance(data, likelihood.posterior(mode.theta))
-    return Start(likelihood.split(mode.theta)[0], K_rho, mode)
+    posterior = settings.likelihood(data, form).posterior(mode.theta)
+    K_rho = augmented_task_covariance(data, posterior)
+    return Start(settings.split(mode.theta)[0], K_rho, mode)
 
 
 def augmented_task_covariance(data, posterior):
-    r"""K_aug^rho of section 3.2.
+    r"""K_aug^rho of section 3.2: eq. 7, augmented and regularised.
 
     .. math:: K_{aug}^\rho
         = N^{-1} T_{aug}^T (K_1^x + \eta^2 I)^{-1} T_{aug}
@@ -101,7 +94,7 @@ def augmented_task_covariance(data, posterior):
     observed, count = np.zeros_like(T_aug), np.zeros_like(T_aug)
     np.add.at(observed, (row, data.tasks), data.y)
     np.add.at(count, (row, data.tasks), 1.0)
-    np.divide(observed, count, out=T_aug, where=count > 0.0)
+    np.divide(observed, count, out=T_aug, where=count > 0.0)  # t^m(x_i)
     eta_squared = np.square(T_aug).mean()  # tr(T_aug^T T_aug) / (M N)
     K_x = posterior.kernel(X)
     # Where there is nothing to explain, or next to nothing, K_x alone is singular.
@@ -193,13 +186,13 @@ def add_diagonal(data, settings, form, simpler):
     mode : Mode
         Not worse than with the smallest diagonal.
     """
-    kernel, rho, noise = settings.likelihood(data, form.form).split(simpler.theta)
+    kernel, rho, noise = settings.split(simpler.theta)
     smallest = form.bounds(settings.scale)[-form.n_kappa :, 0]
     theta = np.concatenate([kernel, rho, smallest, noise])
     value = settings.likelihood(data, form).value(theta)
     raised = climb(data, settings, form, settings.with_noise(theta, form))
-    raised = raised._replace(n_iter=simpler.n_iter + raised.n_iter)
-    return best_of([simpler._replace(theta=theta, value=value), raised])
+    simplest = simpler._replace(theta=theta, value=value)
+    return best_of([simplest, simpler.led_to(raised)])
 
 
 def likeliest(starts):
@@ -224,7 +217,7 @@ def full_rank_start(data, settings, start):
     form = low_rank(data.n_tasks, data.n_tasks)
     theta = start._replace(K_rho=np.eye(data.n_tasks)).theta(settings, form)
     mode = climb(data, settings, form, theta, relaxed=True)
-    kernel, rho, _ = settings.likelihood(data, form).split(mode.theta)
+    kernel, rho, _ = settings.split(mode.theta)
     return Start(kernel, form.matrix(rho), mode)
 
 

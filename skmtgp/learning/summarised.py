@@ -127,7 +127,7 @@ def _climb_on(data, settings, form, mode):
 
 def inducing_inputs(data, settings, mode):
     """Inputs chosen for k^x as learned, of shape (n_inducing, n_features)."""
-    kernel = settings.kernel.clone_with_theta(mode.theta[: settings.kernel.n_dims])
+    kernel = settings.kernel.clone_with_theta(settings.split(mode.theta)[0])
     return greedy_variance(
         kernel, data.X, settings.n_inducing, random_state=np.random.RandomState(0)
     )

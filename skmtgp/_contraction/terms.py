@@ -1,18 +1,4 @@
-r"""Kernels in tiles: values, and gradients contracted with a weight matrix.
-
-The gradient of a likelihood needs, for each hyperparameter theta_p of k^x, the number
-:math:`\sum_{ij} W_{ij}\, \partial K_{ij} / \partial \theta_p` only. It is summed here
-tile by tile, so that the n x n x p tensor of scikit-learn's ``eval_gradient`` is never
-built. Kernels that are not known here fall back to that tensor.
-
-A *node* stands for a kernel of the expression. ``node.bind(theta, X)`` is that kernel
-with its hyperparameters set, between the rows of X; ``bound.against(Z)`` is the same
-between the rows of Z and those of X. Both give tiles, ``block(rows, columns) ->
-(values, tape)``; from a tape, ``contract(W, tape, rows, columns)`` gives one number for
-each element of theta. Arrays that last until then may be made by the caller, who passes
-``new`` to ``block``: it returns one for the tile, or None where numpy is to make it.
-``times(rows, columns, B)`` is the tile's product with a matrix, without a tape.
-"""
+"""Nodes of the kernels that have a formula of their own."""
 
 from copy import copy
 
@@ -21,15 +7,11 @@ from sklearn.gaussian_process.kernels import (
     RBF,
     ConstantKernel,
     DotProduct,
-    Exponentiation,
-    Matern,
-    Product,
     RationalQuadratic,
-    Sum,
     WhiteKernel,
 )
 
-from skmtgp.kernels import ARDLinear, Columns
+from skmtgp.kernels import ARDLinear
 
 
 def allocate():
@@ -217,7 +199,7 @@ def _rational_quadratic(e, alpha):
     return K, K / base
 
 
-_MATERN = {0.5: _matern12, 1.5: _matern32, 2.5: _matern52, np.inf: _rbf}
+MATERN = {0.5: _matern12, 1.5: _matern32, 2.5: _matern52, np.inf: _rbf}
 
 
 class StationaryNode(Node):
@@ -283,176 +265,11 @@ class BoundStationary(Bound):
         return alpha * np.vdot(W, K * (1.0 - 1.0 / base - np.log(base)))
 
 
-class ColumnsNode(Node):
-    """A kernel of some of the features."""
-
-    def __init__(self, kernel):
-        self.select, self.inner = kernel.select, compile_kernel(kernel.kernel)
-        self.n_dims, self.tileable = kernel.n_dims, self.inner.tileable
-
-    def bind(self, theta, X):
-        return BoundColumns(self.select, self.inner.bind(theta, self.select(X)))
-
-
-class BoundColumns:
-    def __init__(self, select, inner):
-        self.select, self.inner = select, inner
-        self.block, self.contract = inner.block, inner.contract
-
-    def against(self, Z):
-        return self.inner.against(self.select(Z))
-
-
-class PairNode(Node):
-    """A sum or a product of two kernels."""
-
-    def __init__(self, kernel, bound):
-        self.bound, self.n_dims = bound, kernel.n_dims
-        self.left, self.right = compile_kernel(kernel.k1), compile_kernel(kernel.k2)
-        self.tileable = self.left.tileable and self.right.tileable
-
-    def bind(self, theta, X):
-        n = self.left.n_dims
-        return self.bound(self.left.bind(theta[:n], X), self.right.bind(theta[n:], X))
-
-
-class BoundSum(Bound):
-    def __init__(self, left, right):
-        self.left, self.right = left, right
-
-    def against(self, Z):
-        return BoundSum(self.left.against(Z), self.right.against(Z))
-
-    def block(self, rows, cols, new=allocate):
-        left, left_tape = self.left.block(rows, cols, new)
-        right, right_tape = self.right.block(rows, cols, new)
-        return np.add(left, right, out=new()), (left_tape, right_tape)
-
-    def times(self, rows, cols, B):
-        return self.left.times(rows, cols, B) + self.right.times(rows, cols, B)
-
-    def contract(self, W, tape, rows, cols):
-        left = self.left.contract(W, tape[0], rows, cols)
-        return np.concatenate([left, self.right.contract(W, tape[1], rows, cols)])
-
-
-class BoundProduct(Bound):
-    def __init__(self, left, right):
-        self.left, self.right = left, right
-
-    def against(self, Z):
-        return BoundProduct(self.left.against(Z), self.right.against(Z))
-
-    def block(self, rows, cols, new=allocate):
-        left, left_tape = self.left.block(rows, cols, new)
-        right, right_tape = self.right.block(rows, cols, new)
-        return left * right, (left, right, left_tape, right_tape)
-
-    def times(self, rows, cols, B):
-        if isinstance(self.left, BoundConstant):
-            return self.left.c * self.right.times(rows, cols, B)
-        return super().times(rows, cols, B)
-
-    def contract(self, W, tape, rows, cols):
-        left, right, left_tape, right_tape = tape
-        d_left = _contract_factor(self.left, W, left_tape, right, rows, cols)
-        d_right = _contract_factor(self.right, W, right_tape, left, rows, cols)
-        return np.concatenate([d_left, d_right])
-
-
-def _contract_factor(factor, W, tape, other, rows, cols):
-    """Contraction of one factor of a product, `other` being the values of the other."""
-    if np.ndim(other) == 0:  # contractions are linear in W
-        return other * factor.contract(W, tape, rows, cols)
-    if isinstance(factor, BoundConstant):
-        return np.full(factor.n_dims, factor.c * np.vdot(W, other))
-    return factor.contract(W * other, tape, rows, cols)
-
-
-class PowerNode(Node):
-    """A kernel to a fixed power."""
-
-    def __init__(self, kernel):
-        self.exponent, self.inner = kernel.exponent, compile_kernel(kernel.kernel)
-        self.n_dims, self.tileable = kernel.n_dims, self.inner.tileable
-
-    def bind(self, theta, X):
-        return BoundPower(self.inner.bind(theta, X), self.exponent)
-
-
-class BoundPower(Bound):
-    def __init__(self, inner, exponent):
-        self.inner, self.exponent = inner, exponent
-
-    def against(self, Z):
-        return BoundPower(self.inner.against(Z), self.exponent)
-
-    def block(self, rows, cols, new=allocate):
-        K, tape = self.inner.block(rows, cols, new)
-        return K**self.exponent, (K, tape)
-
-    def contract(self, W, tape, rows, cols):
-        K, inner_tape = tape
-        W = self.exponent * W * K ** (self.exponent - 1)
-        return self.inner.contract(W, inner_tape, rows, cols)
-
-
-class UnknownNode(Node):
-    """Any other kernel: its own values and its own gradient, in one tile."""
-
-    tileable = False
-
-    def __init__(self, kernel):
-        self.kernel, self.n_dims = kernel, kernel.n_dims
-
-    def bind(self, theta, X):
-        return BoundUnknown(self.kernel.clone_with_theta(theta), X, None)
-
-
-class BoundUnknown(Bound):
-    def __init__(self, kernel, X, Z):
-        self.kernel, self.X, self.Z = kernel, X, Z
-
-    def against(self, Z):
-        return BoundUnknown(self.kernel, self.X, Z)
-
-    def block(self, rows, cols, new=allocate):
-        if self.Z is None:
-            return self.kernel(self.X), None
-        return self.kernel(self.Z[rows], self.X[cols]), None
-
-    def contract(self, W, tape, rows, cols):
-        gradient = self.kernel(self.X, eval_gradient=True)[1]
-        return np.einsum("ij,ijp->p", W, gradient)
-
-
-_NODES = {
+TERMS = {
     ARDLinear: LinearNode,
-    Columns: ColumnsNode,
     ConstantKernel: ConstantNode,
     DotProduct: DotProductNode,
-    Exponentiation: PowerNode,
-    Product: lambda kernel: PairNode(kernel, BoundProduct),
     RBF: lambda kernel: StationaryNode(kernel, _rbf),
     RationalQuadratic: lambda kernel: StationaryNode(kernel, _rational_quadratic),
-    Sum: lambda kernel: PairNode(kernel, BoundSum),
     WhiteKernel: WhiteNode,
 }
-
-
-def compile_kernel(kernel):
-    """The node of a kernel.
-
-    Parameters
-    ----------
-    kernel : Kernel
-        Any kernel of scikit-learn's kind.
-
-    Returns
-    -------
-    node : Node
-        Its fast form, or one that calls the kernel where its type is not known.
-    """
-    if type(kernel) is Matern and kernel.nu in _MATERN:
-        return StationaryNode(kernel, _MATERN[kernel.nu])
-    return _NODES.get(type(kernel), UnknownNode)(kernel)

@@ -1,0 +1,188 @@
+"""What a fitted Gaussian process regressor tells: predictions, likelihoods."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._estimator import Estimator
+from skmtgp._posterior import PosteriorMixin
+from skmtgp._training import Training, check_theta
+
+BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
+
+
+class FittedGP(PosteriorMixin, Estimator):
+    """Gaussian process regressor with a task column, as it is once it was fitted."""
+
+    def loo_predict(
+        self, include_noise: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        r"""Predict each training sample from all the others.
+
+        No model is fitted again: what the fitted one keeps is enough.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether the uncertainty is that of the observation that was left out, f
+            plus noise, rather than that of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Mean of f at each training sample given the others, in the units of y and
+            in the order of the rows that `fit` was given. Where `add_task` was used,
+            the rows of the new task come last.
+        y_std : ndarray of the shape of y_mean
+            Its standard deviation.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+
+        Notes
+        -----
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12: with the covariance K of the
+        targets, of which `y_mean_` is taken off, the targets left out are normal with
+
+        .. math::
+            \mu_i = y_i - \frac{[K^{-1} y]_i}{[K^{-1}]_{ii}}, \quad
+            \sigma_i^2 = \frac{1}{[K^{-1}]_{ii}}.
+
+        f has the same mean and the variance :math:`\sigma_i^2` less that of the noise,
+        0 where rounding makes that negative. If a JitterWarning said that something was
+        added to the diagonal of K, that counts as noise. For each output dense
+        inference inverts the triangular factor of K in a copy, which takes n x n
+        numbers for a while.
+
+        The hyperparameters are kept, and so are `y_mean_` and `y_scale_`: all of them
+        have seen the sample that is left out, so that these predictions are somewhat
+        better than those of new samples, the more so the fewer samples there are. The
+        only sample of a task is predicted from the other tasks, as far as the task
+        covariance relates them; where it does not, that is the prior, whose mean is
+        `y_mean_`, or 0 without `normalize_y`.
+
+        Scores come from :mod:`skmtgp.metrics`, averaged within tasks and then over
+        tasks. The log loss and the coverage are about observations, so they need
+        ``include_noise=True``; the trivial model of the log loss, the mean and variance
+        of y, has seen each sample too. The nMSE needs two samples or more of each task.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import MultiTaskGPRegressor, metrics
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 60), np.repeat(["a", "b", "c"], 20)
+        >>> y = np.repeat([1.0, -2.0, 0.5], 20) * np.sin(x)
+        >>> y += 0.1 * rng.standard_normal(60)
+        >>> X = np.column_stack([x.astype(object), task])
+        >>> model = MultiTaskGPRegressor(rank=1).fit(X, y)
+        >>> mean, std = model.loo_predict(include_noise=True)
+        >>> nmse = metrics.normalized_mean_squared_error(y, mean, tasks=task)
+        >>> msll = metrics.mean_standardized_log_loss(
+        ...     y, mean, std, y_train=y, tasks=task
+        ... )
+        >>> share = metrics.coverage(y, mean, std, level=0.9, tasks=task)
+        >>> print(f"{nmse:.2f} {msll:.1f} {share:.2f}")
+        0.03 -2.1 0.92
+        """
+        check_is_fitted(self)
+        order = self._training().order(self.inference_)  # the posteriors' samples
+        shape = len(self.tasks_train_), len(self._posteriors)
+        residual, variance = np.empty((2, *shape))
+        for j, posterior in enumerate(self._posteriors):
+            found = posterior.leave_one_out(include_noise)
+            residual[order, j], variance[order, j] = found
+        mean = self.y_train_.reshape(residual.shape) - residual * self._scales
+        return self._join(mean), self._join(np.sqrt(variance) * self._scales)
+
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: bool = False
+    ) -> float | tuple[float, NDArray[np.float64]]:
+        """Log marginal likelihood of the training targets, in their own units.
+
+        Parameters
+        ----------
+        theta : array-like of shape (n_theta,), default=None
+            Parameters, as in the attribute `theta_`. None is the learned ones.
+        eval_gradient : bool, default=False
+            Whether to return the gradient too.
+
+        Returns
+        -------
+        log_likelihood : float
+            Summed over the outputs; minus infinity where the covariance of the targets
+            cannot be factorised.
+        gradient : ndarray of shape (n_theta,)
+            Its gradient. Only if `eval_gradient`.
+        """
+        check_is_fitted(self)
+        if theta is None and not eval_gradient:
+            return self.log_marginal_likelihood_value_
+        self._check_rows()
+        parts = np.split(check_theta(theta, self.theta_), len(self._likelihoods))
+        change_of_units = -self._n_samples * np.log(self._scales).sum()
+        results = []
+        for likelihood, part in zip(self._likelihoods, parts, strict=True):
+            evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
+            with np.errstate(all="ignore"):  # far from any data
+                results.append(evaluate(part))
+            likelihood.release()
+        if not eval_gradient:
+            return float(np.sum(results) + change_of_units)
+        values, gradients = zip(*results, strict=True)
+        return float(np.sum(values) + change_of_units), np.concatenate(gradients)
+
+    def _training(self):
+        """The data that the model was fitted to."""
+        self._check_rows()
+        return Training(
+            self.X_train_,
+            self.tasks_train_,
+            self.tasks_,
+            self.y_train_.reshape(len(self.y_train_), -1),
+            self._centres,
+            self._scales,
+            self._single_output,
+        )
+
+    def _check_rows(self):
+        if not hasattr(self, "X_train_"):
+            raise ValueError(
+                f"This needs the training rows, but the {type(self).__name__} was "
+                "fitted to Dask collections, whose rows it does not keep. Fit it to "
+                "arrays, or to a part of the rows that fits in memory."
+            )
+
+    def _means(self, features, codes):
+        means = np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
+        return means * self._scales + self._centres
+
+    def _variances(self, features, codes, include_noise):
+        variances = np.empty((len(features), len(self._posteriors)))
+        for rows in _blocks(len(features), self._n_samples):
+            for j, posterior in enumerate(self._posteriors):
+                variances[rows, j] = posterior.variance(features[rows], codes[rows])
+        variances *= np.square(self._scales)
+        return variances + (self._noise(codes) if include_noise else 0.0)
+
+    def _covariances(self, features, codes, include_noise):
+        covariances = [p.covariance(features, codes) for p in self._posteriors]
+        covariances = np.stack(covariances, axis=2) * np.square(self._scales)
+        if include_noise:
+            rows = np.arange(len(features))
+            covariances[rows, rows] += self._noise(codes)
+        return covariances
+
+    def _noise(self, codes):
+        """Noise variances, of shape (n_samples, n_outputs)."""
+        noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
+        per_task = noise.shape[1] > 1
+        return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
+
+
+def _blocks(n_samples, n_train):
+    """Slices of the samples for which the cross-covariance is not too large."""
+    size = max(1, BLOCK_SIZE // max(1, n_train))
+    return [slice(a, a + size) for a in range(0, n_samples, size)]

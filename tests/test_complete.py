@@ -1,0 +1,58 @@
+import numpy as np
+import pytest
+
+from skmtgp._complete import complete_design
+
+
+class TestCompleteDesign:
+    @pytest.fixture(params=[1, 2, 4])
+    def design(self, request):
+        """Every task at each of five inputs, in any order; inputs in their order."""
+        rng, M = np.random.default_rng(0), request.param
+        inputs = np.unique(rng.integers(0, 3, (40, 2)), axis=0)[:5].astype(float)
+        which, codes = np.divmod(rng.permutation(5 * M), M)
+        return inputs, inputs[which], codes
+
+    def test_rows(self, design):
+        inputs, features, codes = design
+        rows = complete_design(features, codes)
+        assert rows.shape == (5, codes.max() + 1)
+        assert sorted(rows.ravel()) == list(range(len(codes)))
+        for m, of_task in enumerate(rows.T):
+            assert (codes[of_task] == m).all()
+            np.testing.assert_array_equal(features[of_task], inputs)
+
+    def test_a_cell_is_missing(self, design):
+        _, features, codes = design
+        for k in range(len(codes)):
+            rows = complete_design(np.delete(features, k, axis=0), np.delete(codes, k))
+            assert (rows is None) == (codes.max() > 0)  # one task is always complete
+
+    def test_an_input_that_differs(self, design):
+        _, features, codes = design
+        features[3, 1] += 1e-12
+        assert (complete_design(features, codes) is None) == (codes.max() > 0)
+
+    def test_a_cell_is_observed_twice(self, design):
+        """Also instead of another one, so that all counts are right."""
+        _, features, codes = design
+        more = np.vstack([features, features[:1]]), np.append(codes, codes[0])
+        assert complete_design(*more) is None
+        twice = features.copy()
+        own = np.flatnonzero(codes == codes[0])
+        twice[own[1]] = twice[own[0]]
+        assert complete_design(twice, codes) is None
+
+    def test_all_is_observed_twice(self, design):
+        _, features, codes = design
+        assert complete_design(np.tile(features, (2, 1)), np.tile(codes, 2)) is None
+
+    def test_counts_that_differ(self):
+        features = np.array([[0.0], [1.0], [2.0], [0.0]])
+        assert complete_design(features, np.array([0, 0, 0, 1])) is None
+
+    def test_zero_has_no_sign(self):
+        features = np.array([[0.0, 1.0], [-0.0, 1.0]])
+        np.testing.assert_array_equal(
+            complete_design(features, np.array([1, 0])), [[1, 0]]
+        )

@@ -115,7 +115,7 @@ bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
 	$(PAGE)
 
 # What the package's own benchmarks print is kept, and shown on the page.
-OWN := likelihood memory prediction large_fit modes
+OWN := likelihood memory prediction large_fit modes noisy_modes
 bench-own: $(VENV)/ready-to-bench
 	for name in $(OWN); do \
 	    $(BIN)/python benchmarks/$$name.py > benchmarks/results/$$name.part \

@@ -34,6 +34,7 @@ OWN = {
     "prediction": "Means; the goals are 300 us over validation, and 1.5",
     "large_fit": "One fit to many samples",
     "modes": "Likelihoods found, and the time to find them",
+    "noisy_modes": "Likelihoods found for small and noisy data",
 }
 WORDS = {True: "yes", False: "**no**", None: "not measured"}
 

@@ -11,10 +11,11 @@ from skmtgp.learning.problem import Mode, best_of
 RELAXED = 5.0  # standard deviation of the log parameters of k^x
 RELAXED_TOL = 0.3  # nats
 DOUBT = 1.0  # nats
+LOWERED = 1e-3, 1e-1  # noise variance of noisy data while it is held down, of a mode's
 REPORT_EVERY = 100  # iterations
 
 
-def climb(data, settings, form, theta, *, relaxed=False, held=False):
+def climb(data, settings, form, theta, *, relaxed=False, held=None):
     """Maximise the log marginal likelihood from theta.
 
     Parameters
@@ -32,8 +33,9 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
         near their starting values. Otherwise those that do not matter yet, while the
         noise is large, are switched off, and a logarithm at minus infinity has no
         gradient that would bring them back.
-    held : bool, default=False
-        Whether the noise variance is held up, see `Settings.log_held`.
+    held : {"up", "down"}, default=None
+        Whether the noise variance is held up, see `Settings.log_held`, or down, where
+        it begins.
 
     Returns
     -------
@@ -42,8 +44,11 @@ def climb(data, settings, form, theta, *, relaxed=False, held=False):
     """
     likelihood = settings.likelihood(data, form)
     lower, upper = settings.bounds(form)
-    if held:
-        lower[settings.tail(form)] = settings.log_held
+    tail = settings.tail(form)
+    if held == "up":
+        lower[tail] = settings.log_held
+    elif held == "down":
+        upper[tail] = np.maximum(theta[tail], lower[tail])
     penalise = partial(_penalty, settings.kernel.theta, relaxed)
 
     def metric(theta):
@@ -95,8 +100,12 @@ def annealed(data, settings, form, theta):
     While the noise is held up the landscape has few modes, and most starts lead to the
     same one.
     """
-    held = climb(data, settings, form, theta, relaxed=True, held=True)
-    return held.then(climb(data, settings, form, held.theta))
+    return _held_first("up", data, settings, form, theta)
+
+
+def _held_first(held, data, settings, form, theta):
+    before = climb(data, settings, form, theta, relaxed=True, held=held)
+    return before.then(climb(data, settings, form, before.theta))
 
 
 def refine(data, settings, form, mode):
@@ -114,19 +123,38 @@ def refine(data, settings, form, mode):
 
 
 def shake(data, settings, form, mode, times):
-    """Raise the noise of a mode and climb again, several times; the best of all.
+    """Change the noise of a mode and climb again, several times; the best of all.
 
     This leaves poor modes of data without noise: with more noise than it wants, the
-    likelihood is smooth enough to choose other features.
+    likelihood is smooth enough to choose other features. Of noisy data it is lowered.
     """
     modes = [mode]
     for _ in range(times):
         theta = settings.with_noise(mode.theta, form)
         if (theta == mode.theta).all():  # the data are noisy
+            modes += _lowered(data, settings, form, mode)
             break
         mode = mode.led_to(climb(data, settings, form, theta))
         modes.append(mode)
     return best_of(modes, doubt=DOUBT)
+
+
+def _lowered(data, settings, form, mode):
+    """Modes to which lower noise leads, each from the best before.
+
+    What varies little, beside other things that vary much, may have been taken for
+    noise. While that is held down, k^x has to explain it.
+    """
+    tail, modes = settings.tail(form), [mode]
+    lowest = settings.bounds(form)[0, tail]
+    for factor in LOWERED:
+        best = max(modes, key=lambda mode: mode.value)
+        theta = best.theta.copy()
+        theta[tail] = np.maximum(theta[tail] + np.log(factor), lowest)
+        if (theta < best.theta).any():  # it is not fixed
+            other = _held_first("down", data, settings, form, theta)
+            modes.append(best.led_to(other))
+    return modes[1:]
 
 
 def _reporter(data, settings, form):

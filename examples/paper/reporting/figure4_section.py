@@ -34,7 +34,7 @@ def section(rows):
     text += [factors_table(factors(rows))]
     text += means_tables(found)
     text += ["## The rank\n", RANKS, made_by("figure4"), ranks_table(rows)]
-    return [*text, *nested(rows)]
+    return [*text, *nested(rows), *search_times(rows)]
 
 
 def factors_table(found):
@@ -124,3 +124,24 @@ def nested(rows):
 
     title = "The smallest gain from a rank to the next, in nats, over the draws:\n"
     return [text, title, by_joint_and_n(smallest, cell)]
+
+
+def search_times(rows):
+    """How long the search over the ranks takes."""
+    of_search = rows[rows["model"] == "mGP"]
+    if of_search.empty:
+        return []
+    by = of_search.groupby(["n", "draw", "joint"])
+    seconds, counts = by["fit_seconds"].first(), by["rank"].count()
+    lines = [
+        [n, counts[n].max(), len(of_n), *(f"{m:.1f}" for m in minutes(of_n))]
+        for n, of_n in seconds.groupby("n")
+    ]
+    head = ["n", "ranks", "searches", "minutes of one, median", "largest"]
+    title = "Minutes of one core that the search over the ranks of a joint takes:\n"
+    return [title, table([*head, "six joints on two cores, about"], lines)]
+
+
+def minutes(seconds):
+    """The median, the largest, and half of six times the mean."""
+    return seconds.median() / 60, seconds.max() / 60, seconds.mean() * 6 / 2 / 60

@@ -307,8 +307,8 @@ def encode_tasks(labels, tasks):
         known = _enumerate(tasks)
         raise ValueError(
             f"Unknown tasks {_enumerate(unknown)}: the model knows {known}. Fit with "
-            "samples of every task; in cross-validation cv=TaskStratifiedKFold() of "
-            "skmtgp.model_selection does."
+            "samples of every task; in cross-validation "
+            "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection does."
         )
     return np.searchsorted(tasks, labels)
 

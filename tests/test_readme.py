@@ -54,6 +54,11 @@ def test_data_of_your_own(blocks, sites):
     assert names["model"].tasks_.tolist() == list("abcde")
 
 
+def test_folds_have_the_tasks_of_the_model(text):
+    (advice,) = re.findall(r"`cv=TaskStratifiedKFold\((.*?)\)`", text)
+    assert advice == re.search(r'task_feature="\w+"', text)[0]
+
+
 def test_links(text):
     paths = [p for p in re.findall(r"\]\(([^)]+)\)", text) if "://" not in p]
     missing = [path for path in paths if not (ROOT / path.split("#")[0]).exists()]

@@ -226,6 +226,11 @@ def test_unknown_tasks(labels, message):
         encode_tasks(np.array(labels), np.array([1, 2, 3]))
 
 
+def test_the_advice_on_unknown_tasks_names_their_column():
+    with pytest.raises(ValueError, match=r"TaskStratifiedKFold\(task_feature=\.\.\.\)"):
+        encode_tasks(np.array([4]), np.array([1, 2]))
+
+
 def test_a_number_is_no_known_string():
     with pytest.raises(ValueError, match="Unknown tasks 1: the model knows '1', 'a'"):
         encode_tasks(np.array([1]), np.array(["1", "a"]))

@@ -1,6 +1,7 @@
 """The task column: found, cut from the features, checked and encoded."""
 
 import numbers
+from datetime import date, timedelta
 
 import numpy as np
 import pandas as pd
@@ -120,16 +121,66 @@ def split_table(table, position, estimator=None):
     ------
     ValueError
         If a feature is missing, infinite or not a number, or if a label is missing or
-        is a number that is not an integer.
+        is a number that is not an integer. Text and dates are named with their column.
     """
     if table.shape[1] < 2:
         raise ValueError("X has 0 feature(s) beside the task column; give at least 1.")
     columns = table.iloc if isinstance(table, pd.DataFrame) else table
-    rest = _other_columns(table, position)
-    features = check_array(
-        columns[:, rest], dtype=np.float64, input_name="X", estimator=estimator
-    )
+    features = columns[:, _other_columns(table, position)]
+    names = _names(table, estimator)
+    if _has_dates(features):  # alone, they would become numbers of some unit
+        _check_values(features, names, position)
+    try:
+        features = check_array(
+            features, dtype=np.float64, input_name="X", estimator=estimator
+        )
+    except (TypeError, ValueError):
+        _check_values(features, names, position)
+        raise
     return features, check_labels(columns[:, position])
+
+
+def _names(table, estimator):
+    """Names of the columns, or their positions."""
+    if isinstance(table, pd.DataFrame):
+        return table.columns.tolist()
+    return list(getattr(estimator, "feature_names_in_", range(table.shape[1])))
+
+
+def _has_dates(features):
+    frame = isinstance(features, pd.DataFrame)
+    return frame and any(dtype.kind in "mM" for dtype in features.dtypes)
+
+
+def _check_values(features, names, position):
+    """Raise a ValueError that names the first feature with text or dates, if any."""
+    task, others = names[position], names[:position] + names[position + 1 :]
+    for name, values in zip(others, np.asarray(features, object).T, strict=True):
+        for value in values:
+            _check_value(value, name, task)
+
+
+def _check_value(value, name, task):
+    if isinstance(value, (date, timedelta)):
+        raise ValueError(
+            f"Features must be numbers, but column {name!r} holds dates or times such "
+            f"as {value}. Convert it, to days since the first for example."
+        )
+    if isinstance(value, str) and not _is_number(value):
+        raise ValueError(
+            f"Features must be numbers, but column {name!r} holds strings such as "
+            f"{value!r}. If it is the task column, set task_feature={name!r} (it is "
+            f"column {task!r} now); else encode it, with a OneHotEncoder in a "
+            "ColumnTransformer with remainder='passthrough' for example."
+        )
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_mapped(array):

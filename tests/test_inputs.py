@@ -155,7 +155,11 @@ BAD_DATA = {
         y,
         "X contains NaN",
     ),
-    "text feature": (changed({"a": "text"}), y, "could not convert string to float"),
+    "text feature": (
+        changed({"a": "text"}),
+        y,
+        "column 'a' holds strings such as 'text'",
+    ),
     "no feature": (frame()[["load"]], y, r"0 feature\(s\)"),
     "no feature in an array": (X[:, -1:], y, r"1 feature\(s\).*minimum of 2"),
     "no rows": (frame()[:0], y[:0], r"0 sample\(s\)"),

@@ -177,6 +177,38 @@ def test_split_with_a_missing_feature():
         split_table(X, 1)
 
 
+DAY = pd.Timestamp("2026-01-02")
+NO_NUMBERS = {
+    "the tasks": ({"site": ["A", "B"]}, r"'site' holds .*'A'.* task_feature='site'"),
+    "text": ({"u": ["1.5", "high"]}, r"'u' holds strings such as 'high'.*OneHotEnc"),
+    "missing text": ({"u": [None, "high"]}, "'u' holds strings such as 'high'"),
+    "categories": ({"u": pd.Categorical(["A", "B"])}, "'u' holds strings such as 'A'"),
+    "dates": ({"day": [DAY, DAY]}, "'day' holds dates or times such as 2026-01-02"),
+    "objects": ({"day": np.array([DAY, 1.0], object)}, "'day' holds dates or times"),
+    "durations": ({"age": [DAY - DAY, pd.NaT]}, "'age' holds dates or times"),
+}
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize(("column", "message"), NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_split_names_the_feature_that_is_no_number(column, message, alone):
+    X = pd.DataFrame({**column, "x": [0.5, 0.25], "z": [1, 2]})
+    X = X.drop(columns="x") if alone else X
+    with pytest.raises(ValueError, match=f"Features must be numbers, .*{message}"):
+        split_table(X, X.columns.get_loc("z"))
+
+
+def test_split_names_the_position_of_a_feature_without_a_name():
+    X = np.array([[0.5, "A", 1], [0.25, "B", 2]], object)
+    with pytest.raises(ValueError, match=r"column 1 holds .*'A'.*\(it is column 2 now"):
+        split_table(X, 2)
+
+
+def test_split_of_numbers_in_text():
+    features, _ = split_table(np.array([["0.5", "a"], ["0.25", "b"]], object), 1)
+    np.testing.assert_array_equal(features, [[0.5], [0.25]])
+
+
 FRAME = pd.DataFrame({"load": ["b", "a"], "x": [0.5, 0.25]})
 
 

@@ -99,9 +99,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """The training data, checked, encoded and scaled."""
         if is_dask(X, y) and self.inference == "sparse":
             return self._scale(*check_partitions(self, X, y))
-        features, labels, Y = check_training(self, X, y)
-        tasks, codes = np.unique(labels, return_inverse=True)
-        return self._scale(features, codes, tasks, Y)
+        return self._scale(*check_training(self, X, y))
 
     def _scale(self, features, codes, tasks, Y):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)

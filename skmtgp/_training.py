@@ -17,11 +17,12 @@ from skmtgp.learning.problem import Data, Settings
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
+FEW_ROWS = 20  # of which every second may well be a task
 ROWS = 100_000  # of which the standard deviation is taken at once
 
 
 def check_training(estimator, X, y):
-    """Features without the task column, labels and targets from what the user passed.
+    """Features without the task column, tasks and targets from what the user passed.
 
     Parameters
     ----------
@@ -36,8 +37,10 @@ def check_training(estimator, X, y):
     -------
     features : ndarray of shape (n_samples, n_features - 1)
         Numbers.
-    labels : ndarray of shape (n_samples,)
-        Task of each row.
+    codes : ndarray of shape (n_samples,)
+        Position in `tasks` of each row's task.
+    tasks : ndarray of shape (n_tasks,)
+        Labels, sorted.
     y : ndarray of the shape of y
         Numbers.
     """
@@ -56,9 +59,9 @@ def check_training(estimator, X, y):
         )
     y = check_target(table, y)
     features, labels = _split(estimator, table)
-    warn_of_underflow(features, "feature")
-    warn_of_underflow(y.reshape(len(y), -1), "output")
-    return features, labels, y
+    tasks, codes = np.unique(labels, return_inverse=True)
+    warn_of_training(features, tasks, y)
+    return features, codes, tasks, y
 
 
 def check_new_task(estimator, X, y):
@@ -179,7 +182,29 @@ def check_theta(theta, learned):
     return theta
 
 
-def warn_of_underflow(values, kind):
+def warn_of_training(features, tasks, y):
+    """Say what is odd about training data that can be used.
+
+    Parameters
+    ----------
+    features : ndarray or dask.array.Array of shape (n_samples, n_features - 1)
+        Numbers.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    y : ndarray or dask.array.Array of shape (n_samples,) or (n_samples, n_outputs)
+        Numbers.
+    """
+    _warn_of_underflow(features, "feature")
+    _warn_of_underflow(y.reshape(len(y), -1), "output")
+    if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
+        warnings.warn(
+            f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
+            f"column? The first tasks are {tasks[:5].tolist()}.",
+            UserWarning,
+        )
+
+
+def _warn_of_underflow(values, kind):
     """Say which columns have values so small that their squares vanish."""
     largest = _largest(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))

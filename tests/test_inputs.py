@@ -137,6 +137,16 @@ def with_first(column, value):
     return table
 
 
+def test_more_tasks_than_half_of_the_rows(estimator):
+    table = pd.concat([frame(), frame()[:6]], ignore_index=True)
+    table["load"] = np.minimum(np.arange(24), 12)
+    match = r"13 tasks of 24 rows: does task_feature name the .* \[0, 1, 2, 3, 4\]"
+    with pytest.warns(UserWarning, match=match):
+        estimator.fit(table, np.arange(24.0))
+    table["load"] = np.minimum(np.arange(24), 11)
+    estimator.fit(table, np.arange(24.0))
+
+
 BAD_DATA = {
     "missing label": (with_first("load", None), y, "task column has 1 missing labels"),
     "NaN label": (with_first("load", np.nan), y, "1 missing labels.*Every row needs"),

@@ -34,6 +34,7 @@ from skmtgp.inspection import (
     TaskResidualsDisplay,
     TrajectoryDisplay,
 )
+from skmtgp.inspection._models import task_column
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.metrics import coverage, make_normalized_mse_scorer
 from skmtgp.model_selection import TaskStratifiedKFold
@@ -156,6 +157,24 @@ class TestAllDisplays:
     def test_task_column_of_a_pipeline(self, piped, display):
         with pytest.raises(ValueError, match="ColumnTransformer does not tell which"):
             display.from_estimator(piped, FRAME, y)
+
+    @pytest.mark.parametrize("display", [CoverageDisplay, TaskResidualsDisplay])
+    @pytest.mark.parametrize("search", [False, True])
+    def test_task_column_that_the_model_of_a_pipeline_names(self, display, search):
+        model = MultiTaskGPRegressor(rank=1, task_feature="load", **QUICK)
+        model = RankSearchIC(model, ranks=[1]) if search else model
+        scaled = make_column_transformer(
+            (StandardScaler(), ["a", "b"]),
+            remainder="passthrough",
+            verbose_feature_names_out=False,
+        )
+        pipe = make_pipeline(scaled, model).set_output(transform="pandas").fit(FRAME, y)
+        found = display.from_estimator(pipe, FRAME, y)
+        expected = display.from_estimator(pipe, FRAME, y, task_feature="load")
+        assert len(found.figure_.axes[0].lines) == len(expected.figure_.axes[0].lines)
+        renamed = FRAME.rename(columns={"load": "site"})
+        with pytest.raises(ValueError, match="ColumnTransformer does not tell which"):
+            task_column(pipe, renamed)
 
     def test_axes_are_used_and_settings_kept(self, fitted):
         before = dict(matplotlib.rcParams)
@@ -431,7 +450,7 @@ class TestTaskLearningCurve:
         search = RankSearchIC(ranks=(1,))
         models = {"pipe": make_inverse_dynamics_regressor(search), "default": search}
         for model in models.values():
-            assert inspection._models.task_column(model) == -1
+            assert task_column(model, X) == -1
 
 
 class TestTrajectory:

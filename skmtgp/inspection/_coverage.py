@@ -147,8 +147,8 @@ class CoverageDisplay(Display):
         output : int, default=0
             Which of several outputs.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator or
-            of a pipeline's first step.
+            Position or name of the task column of X. None is that of the estimator,
+            of a pipeline's first step, or of its model where X has a column so named.
         levels : array-like of shape (n_levels,), default=0.05, 0.1, ..., 0.95
             Nominal levels of the intervals, between 0 and 1.
         ax : matplotlib Axes, default=None

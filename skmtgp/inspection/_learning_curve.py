@@ -142,8 +142,8 @@ class TaskLearningCurveDisplay(Display):
             Number of folds of a :class:`~skmtgp.model_selection.TaskStratifiedKFold`
             that shuffles, always in the same way; or something else that splits.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator or
-            of a pipeline's first step.
+            Position or name of the task column of X. None is that of the estimator,
+            of a pipeline's first step, or of its model where X has a column so named.
         n_jobs : int, default=None
             Number of fits at the same time, see :term:`n_jobs`.
         ax : matplotlib Axes, default=None
@@ -165,12 +165,11 @@ class TaskLearningCurveDisplay(Display):
         if not isinstance(models, Mapping):
             models = {type(estimator).__name__: estimator}
         options = {"train_sizes": np.asarray(train_sizes), "n_jobs": n_jobs}
-        results = [
-            _errors(model, X, y, cv, task_column(model, task_feature), options).assign(
-                model=name
-            )
-            for name, model in models.items()
-        ]
+        results = []
+        for name, model in models.items():
+            column = task_column(model, X, task_feature)
+            errors = _errors(model, X, y, cv, column, options)
+            results.append(errors.assign(model=name))
         return cls(results=pd.concat(results, ignore_index=True)).plot(ax=ax)
 
     @classmethod

@@ -158,8 +158,8 @@ class TaskResidualsDisplay(Display):
         output : int, default=0
             Which of several outputs.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator or
-            of a pipeline's first step.
+            Position or name of the task column of X. None is that of the estimator,
+            of a pipeline's first step, or of its model where X has a column so named.
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         kind : {"residual", "standardized"}, default="residual"

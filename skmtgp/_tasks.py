@@ -1,5 +1,6 @@
 """The task column: found, cut from the features, checked and encoded."""
 
+import difflib
 import numbers
 from datetime import date, timedelta
 
@@ -36,15 +37,7 @@ def locate_task_column(task_feature, n_features, feature_names=None):
         If there is no such column.
     """
     if isinstance(task_feature, str):
-        if feature_names is None:
-            raise ValueError(
-                f"task_feature={task_feature!r} names a column, but X has no column "
-                "names. Pass a DataFrame, or the position of the column."
-            )
-        names = list(feature_names)
-        if task_feature not in names:
-            raise ValueError(f"task_feature={task_feature!r} is not a column: {names}.")
-        return names.index(task_feature)
+        return _locate_name(task_feature, feature_names)
     if isinstance(task_feature, (bool, np.bool_)) or not isinstance(
         task_feature, numbers.Integral
     ):
@@ -57,6 +50,35 @@ def locate_task_column(task_feature, n_features, feature_names=None):
             f"task_feature={task_feature} is out of range: X has {n_features} columns."
         )
     return int(task_feature) % n_features
+
+
+def _locate_name(name, names):
+    """Position of a name among those of the columns."""
+    if names is None:
+        raise ValueError(
+            f"task_feature={name!r} names a column, but X has no column names. Pass a "
+            "DataFrame, which a pipeline makes after set_output(transform='pandas'), "
+            "or the position of the column."
+        )
+    names = list(names)
+    if name not in names:
+        advice = _advise(name, names)
+        raise ValueError(f"task_feature={name!r} is not a column: {names}.{advice}")
+    return names.index(name)
+
+
+def _advise(name, names):
+    """Which column a name that is none of them may mean."""
+    names = [other for other in names if isinstance(other, str)]
+    prefixed = [other for other in names if other.endswith(f"__{name}")]
+    similar = {other.lower(): other for other in names}
+    close = difflib.get_close_matches(name.lower(), similar, n=1)
+    if prefixed:
+        return (
+            f" Did you mean {prefixed[0]!r}? With verbose_feature_names_out=False a "
+            "ColumnTransformer keeps the names."
+        )
+    return f" Did you mean {similar[close[0]]!r}?" if close else ""
 
 
 def read_table(estimator, X, *, reset):

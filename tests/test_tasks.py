@@ -37,13 +37,31 @@ def test_column_of_another_type(task_feature, kind):
 
 
 def test_column_name_without_names():
-    with pytest.raises(ValueError, match=r"'load' names a column, .*Pass a DataFrame"):
+    with pytest.raises(ValueError, match=r"'load' names a column, .*set_output\("):
         locate_task_column("load", 3)
 
 
 def test_column_name_that_is_not_there():
     with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
         locate_task_column("load", 2, ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("names", "advice"),
+    [
+        (
+            ["num__x", "remainder__load"],
+            r" Did you mean 'remainder__load'\? .*verbose_",
+        ),
+        (["load", "x"], r" Did you mean 'load'\?$"),
+        (["x", "LOADS"], r" Did you mean 'LOADS'\?$"),
+        ([0, "x"], r"'x'\]\.$"),
+    ],
+)
+def test_column_name_that_is_meant(names, advice):
+    name = "Load" if "load" in names else "load"
+    with pytest.raises(ValueError, match=f"{name!r} is not a column: .*{advice}"):
+        locate_task_column(name, 2, names)
 
 
 LABELS = {

@@ -352,7 +352,7 @@ def _as_integers(labels):
     return labels.astype(np.int64)
 
 
-def encode_tasks(labels, tasks):
+def encode_tasks(labels, tasks, *, can_join=False):
     """Index in `tasks` of each label.
 
     Parameters
@@ -361,6 +361,8 @@ def encode_tasks(labels, tasks):
         Task of each row.
     tasks : ndarray of shape (n_tasks,)
         Known tasks, sorted.
+    can_join : bool, default=False
+        Whether the model has a method ``add_task``, which the error then names.
 
     Returns
     -------
@@ -372,18 +374,19 @@ def encode_tasks(labels, tasks):
     ValueError
         Naming up to five labels that are not known, and those that are.
     """
-    if (labels.dtype.kind == "U") != (tasks.dtype.kind == "U"):
-        unknown = np.unique(labels)
-    else:
-        unknown = np.setdiff1d(labels, tasks)
-    if unknown.size:
-        known = _enumerate(tasks)
-        raise ValueError(
-            f"Unknown tasks {_enumerate(unknown)}: the model knows {known}. Fit with "
-            "samples of every task; in cross-validation "
-            "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection does."
-        )
-    return np.searchsorted(tasks, labels)
+    kinds = ["strings" if of.dtype.kind == "U" else "numbers" for of in (labels, tasks)]
+    differ = kinds[0] != kinds[1]
+    unknown = np.unique(labels) if differ else np.setdiff1d(labels, tasks)
+    if not unknown.size:
+        return np.searchsorted(tasks, labels)
+    what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
+    why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
+    join = ", or let it join with add_task" * can_join
+    raise ValueError(
+        f"{what}: the model knows {_enumerate(tasks)}.{why} Fit with samples of every "
+        f"task{join}; in cross-validation cv=TaskStratifiedKFold(task_feature=...) of "
+        "skmtgp.model_selection does."
+    )
 
 
 def _enumerate(labels, most=5):

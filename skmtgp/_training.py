@@ -115,7 +115,8 @@ def check_new_task(estimator, X, y):
 def check_test(estimator, X):
     """Features and positions of the tasks in `tasks_`, from what the user passed."""
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
-    return features, encode_tasks(labels, estimator.tasks_)
+    can_join = hasattr(estimator, "add_task")
+    return features, encode_tasks(labels, estimator.tasks_, can_join=can_join)
 
 
 def _split(estimator, table):

@@ -264,8 +264,8 @@ def test_name_of_the_task_column_of_an_array(estimator):
 
 
 NEW = {
-    "unknown task": (changed({"load": "d"}), "Unknown tasks 'd': the model knows 'a'"),
-    "number for text": (changed({"load": 1}), "Unknown tasks 1: the model knows 'a'"),
+    "unknown task": (changed({"load": "d"}), "Unknown task 'd': the model knows 'a'"),
+    "number for text": (changed({"load": 1}), "Unknown task 1: the model knows 'a'"),
     "missing label": (with_first("load", None), "1 missing labels"),
     "NaN feature": (with_first("b", np.nan), "Input X contains NaN"),
     "other columns": (
@@ -285,6 +285,13 @@ def test_bad_data_at_predict(estimator, table, match):
     estimator.fit(frame(), y)
     with pytest.raises(ValueError, match=match):
         estimator.predict(table)
+
+
+def test_an_unknown_task_is_told_of_add_task(estimator):
+    estimator.fit(frame(), y)
+    with pytest.raises(ValueError, match="Unknown task 'd'") as error:
+        estimator.predict(changed({"load": "d"}))
+    assert ("add_task" in str(error.value)) == hasattr(estimator, "add_task")
 
 
 def test_spreads_are_of_one_kind(estimator):

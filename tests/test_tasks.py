@@ -281,6 +281,15 @@ def test_the_advice_on_unknown_tasks_names_their_column():
         encode_tasks(np.array([4]), np.array([1, 2]))
 
 
+@pytest.mark.parametrize("can_join", [False, True])
+def test_an_unknown_task_may_join_some_models(can_join):
+    with pytest.raises(ValueError, match="Unknown task 4: the model knows") as error:
+        encode_tasks(np.array([4, 4]), np.array([1, 2]), can_join=can_join)
+    assert ("or let it join with add_task" in str(error.value)) == can_join
+    assert "labels are" not in str(error.value)
+
+
 def test_a_number_is_no_known_string():
-    with pytest.raises(ValueError, match="Unknown tasks 1: the model knows '1', 'a'"):
+    match = "Unknown task 1: .*'1', 'a'.* labels are numbers, the model's are strings"
+    with pytest.raises(ValueError, match=match):
         encode_tasks(np.array([1]), np.array(["1", "a"]))

@@ -1,5 +1,7 @@
 """What the Gaussian process regressors share: reading, fitting, storing."""
 
+from __future__ import annotations
+
 import warnings
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace
@@ -21,10 +23,12 @@ from skmtgp._partitions import check_partitions
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
 from skmtgp._training import (
+    FEW_ROWS,
     Training,
     check_kernel,
     check_training,
     default_kernel,
+    warn_of_constants,
 )
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.choice import choose
@@ -99,9 +103,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """The training data, checked, encoded and scaled."""
         if is_dask(X, y) and self.inference == "sparse":
             return self._scale(*check_partitions(self, X, y))
-        features, labels, Y = check_training(self, X, y)
-        tasks, codes = np.unique(labels, return_inverse=True)
-        return self._scale(features, codes, tasks, Y)
+        return self._scale(*check_training(self, X, y))
 
     def _scale(self, features, codes, tasks, Y):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
@@ -113,6 +115,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             spread *= self._learns_amplitude()
         varies = spread > RESOLVED * np.abs(mean)
         scale[varies] = spread[varies]
+        if len(Y) > FEW_ROWS:
+            same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
+            warn_of_constants(same & ~varies)
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
     def _kernel(self, training):
@@ -253,8 +258,9 @@ def _warn_of_unfinished(modes, max_iter):
     """Say where learning ended before the likelihood stopped growing."""
     stalled = [j + 1 for j, mode in enumerate(modes) if mode.stalled]
     if stalled:
+        which = f" of output {stalled}" * (len(modes) > 1)
         warnings.warn(
-            f"Learning of output {stalled} ended for lack of digits: the prior "
+            f"Learning{which} ended for lack of digits: the prior "
             "variance is so much larger than the noise variance that the likelihood "
             "cannot be resolved further. The model is the best one found; a larger "
             "lower bound in noise_variance_bounds avoids this.",
@@ -262,8 +268,9 @@ def _warn_of_unfinished(modes, max_iter):
         )
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
     if unfinished and max_iter > 0:
+        which = f" of output {unfinished}" * (len(modes) > 1)
         warnings.warn(
-            f"The likelihood of output {unfinished} was still growing after "
+            f"The likelihood{which} was still growing after "
             f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
             ConvergenceWarning,
         )

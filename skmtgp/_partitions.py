@@ -11,7 +11,7 @@ from skmtgp._training import (
     check_target,
     cut_table,
     locate,
-    warn_of_underflow,
+    warn_of_training,
 )
 
 
@@ -59,8 +59,7 @@ def check_partitions(estimator, X, y):
     tasks = _union([labels for n, labels in described if n])
     arrays = _assemble(kept, tasks, header.shape[1] - 1, y.shape[1:])
     features, codes, Y = dask.persist(*arrays)
-    warn_of_underflow(features, "feature")
-    warn_of_underflow(Y.reshape(len(Y), -1), "output")
+    warn_of_training(features, tasks, Y)
     return features, codes, tasks, Y
 
 

@@ -1,6 +1,8 @@
 """The task column: found, cut from the features, checked and encoded."""
 
+import difflib
 import numbers
+from datetime import date, timedelta
 
 import numpy as np
 import pandas as pd
@@ -35,15 +37,7 @@ def locate_task_column(task_feature, n_features, feature_names=None):
         If there is no such column.
     """
     if isinstance(task_feature, str):
-        if feature_names is None:
-            raise ValueError(
-                f"task_feature={task_feature!r} names a column, but X has no column "
-                "names. Pass a DataFrame, or the position of the column."
-            )
-        names = list(feature_names)
-        if task_feature not in names:
-            raise ValueError(f"task_feature={task_feature!r} is not a column: {names}.")
-        return names.index(task_feature)
+        return _locate_name(task_feature, feature_names)
     if isinstance(task_feature, (bool, np.bool_)) or not isinstance(
         task_feature, numbers.Integral
     ):
@@ -56,6 +50,35 @@ def locate_task_column(task_feature, n_features, feature_names=None):
             f"task_feature={task_feature} is out of range: X has {n_features} columns."
         )
     return int(task_feature) % n_features
+
+
+def _locate_name(name, names):
+    """Position of a name among those of the columns."""
+    if names is None:
+        raise ValueError(
+            f"task_feature={name!r} names a column, but X has no column names. Pass a "
+            "DataFrame, which a pipeline makes after set_output(transform='pandas'), "
+            "or the position of the column."
+        )
+    names = list(names)
+    if name not in names:
+        advice = _advise(name, names)
+        raise ValueError(f"task_feature={name!r} is not a column: {names}.{advice}")
+    return names.index(name)
+
+
+def _advise(name, names):
+    """Which column a name that is none of them may mean."""
+    names = [other for other in names if isinstance(other, str)]
+    prefixed = [other for other in names if other.endswith(f"__{name}")]
+    similar = {other.lower(): other for other in names}
+    close = difflib.get_close_matches(name.lower(), similar, n=1)
+    if prefixed:
+        return (
+            f" Did you mean {prefixed[0]!r}? With verbose_feature_names_out=False a "
+            "ColumnTransformer keeps the names."
+        )
+    return f" Did you mean {similar[close[0]]!r}?" if close else ""
 
 
 def read_table(estimator, X, *, reset):
@@ -120,16 +143,66 @@ def split_table(table, position, estimator=None):
     ------
     ValueError
         If a feature is missing, infinite or not a number, or if a label is missing or
-        is a number that is not an integer.
+        is a number that is not an integer. Text and dates are named with their column.
     """
     if table.shape[1] < 2:
         raise ValueError("X has 0 feature(s) beside the task column; give at least 1.")
     columns = table.iloc if isinstance(table, pd.DataFrame) else table
-    rest = _other_columns(table, position)
-    features = check_array(
-        columns[:, rest], dtype=np.float64, input_name="X", estimator=estimator
-    )
+    features = columns[:, _other_columns(table, position)]
+    names = _names(table, estimator)
+    if _has_dates(features):  # alone, they would become numbers of some unit
+        _check_values(features, names, position)
+    try:
+        features = check_array(
+            features, dtype=np.float64, input_name="X", estimator=estimator
+        )
+    except (TypeError, ValueError):
+        _check_values(features, names, position)
+        raise
     return features, check_labels(columns[:, position])
+
+
+def _names(table, estimator):
+    """Names of the columns, or their positions."""
+    if isinstance(table, pd.DataFrame):
+        return table.columns.tolist()
+    return list(getattr(estimator, "feature_names_in_", range(table.shape[1])))
+
+
+def _has_dates(features):
+    frame = isinstance(features, pd.DataFrame)
+    return frame and any(dtype.kind in "mM" for dtype in features.dtypes)
+
+
+def _check_values(features, names, position):
+    """Raise a ValueError that names the first feature with text or dates, if any."""
+    task, others = names[position], names[:position] + names[position + 1 :]
+    for name, values in zip(others, np.asarray(features, object).T, strict=True):
+        for value in values:
+            _check_value(value, name, task)
+
+
+def _check_value(value, name, task):
+    if isinstance(value, (date, timedelta)):
+        raise ValueError(
+            f"Features must be numbers, but column {name!r} holds dates or times such "
+            f"as {value}. Convert it, to days since the first for example."
+        )
+    if isinstance(value, str) and not _is_number(value):
+        raise ValueError(
+            f"Features must be numbers, but column {name!r} holds strings such as "
+            f"{value!r}. If it is the task column, set task_feature={name!r} (it is "
+            f"column {task!r} now); else encode it, with a OneHotEncoder in a "
+            "ColumnTransformer with remainder='passthrough' for example."
+        )
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _is_mapped(array):
@@ -199,13 +272,15 @@ def check_labels(labels):
         If a label is missing or is a number that is not an integer, or if strings and
         numbers are mixed.
     """
+    index = labels.index if isinstance(labels, pd.Series) else None
     labels = _flatten(labels)
     missing = pd.isna(labels)
     if np.any(missing):
         first = int(np.flatnonzero(missing)[0])
+        where = "" if index is None else f", index {index[first]}"
         raise ValueError(
             f"The task column has {int(np.sum(missing))} missing labels (NaN, None or "
-            f"NA), the first in row {first}. Every row needs its task."
+            f"NA), the first in row {first}{where}. Every row needs its task."
         )
     if labels.dtype.kind in "OT":
         labels = _unify(labels)
@@ -279,7 +354,7 @@ def _as_integers(labels):
     return labels.astype(np.int64)
 
 
-def encode_tasks(labels, tasks):
+def encode_tasks(labels, tasks, *, can_join=False):
     """Index in `tasks` of each label.
 
     Parameters
@@ -288,6 +363,8 @@ def encode_tasks(labels, tasks):
         Task of each row.
     tasks : ndarray of shape (n_tasks,)
         Known tasks, sorted.
+    can_join : bool, default=False
+        Whether the model has a method ``add_task``, which the error then names.
 
     Returns
     -------
@@ -299,18 +376,19 @@ def encode_tasks(labels, tasks):
     ValueError
         Naming up to five labels that are not known, and those that are.
     """
-    if (labels.dtype.kind == "U") != (tasks.dtype.kind == "U"):
-        unknown = np.unique(labels)
-    else:
-        unknown = np.setdiff1d(labels, tasks)
-    if unknown.size:
-        known = _enumerate(tasks)
-        raise ValueError(
-            f"Unknown tasks {_enumerate(unknown)}: the model knows {known}. Fit with "
-            "samples of every task; in cross-validation cv=TaskStratifiedKFold() of "
-            "skmtgp.model_selection does."
-        )
-    return np.searchsorted(tasks, labels)
+    kinds = ["strings" if of.dtype.kind == "U" else "numbers" for of in (labels, tasks)]
+    differ = kinds[0] != kinds[1]
+    unknown = np.unique(labels) if differ else np.setdiff1d(labels, tasks)
+    if not unknown.size:
+        return np.searchsorted(tasks, labels)
+    what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
+    why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
+    join = ", or let it join with add_task" * can_join
+    raise ValueError(
+        f"{what}: the model knows {_enumerate(tasks)}.{why} Fit with samples of every "
+        f"task{join}; in cross-validation cv=TaskStratifiedKFold(task_feature=...) of "
+        "skmtgp.model_selection does."
+    )
 
 
 def _enumerate(labels, most=5):

@@ -11,17 +11,18 @@ from sklearn.utils import check_array, check_consistent_length, gen_batches
 from skmtgp._dask import held, is_dask
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
-from skmtgp.exceptions import UnderflowWarning
+from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
 from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
+FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 ROWS = 100_000  # of which the standard deviation is taken at once
 
 
 def check_training(estimator, X, y):
-    """Features without the task column, labels and targets from what the user passed.
+    """Features without the task column, tasks and targets from what the user passed.
 
     Parameters
     ----------
@@ -36,8 +37,10 @@ def check_training(estimator, X, y):
     -------
     features : ndarray of shape (n_samples, n_features - 1)
         Numbers.
-    labels : ndarray of shape (n_samples,)
-        Task of each row.
+    codes : ndarray of shape (n_samples,)
+        Position in `tasks` of each row's task.
+    tasks : ndarray of shape (n_tasks,)
+        Labels, sorted.
     y : ndarray of the shape of y
         Numbers.
     """
@@ -56,9 +59,9 @@ def check_training(estimator, X, y):
         )
     y = check_target(table, y)
     features, labels = _split(estimator, table)
-    warn_of_underflow(features, "feature")
-    warn_of_underflow(y.reshape(len(y), -1), "output")
-    return features, labels, y
+    tasks, codes = np.unique(labels, return_inverse=True)
+    warn_of_training(features, tasks, y)
+    return features, codes, tasks, y
 
 
 def check_new_task(estimator, X, y):
@@ -112,7 +115,8 @@ def check_new_task(estimator, X, y):
 def check_test(estimator, X):
     """Features and positions of the tasks in `tasks_`, from what the user passed."""
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
-    return features, encode_tasks(labels, estimator.tasks_)
+    can_join = hasattr(estimator, "add_task")
+    return features, encode_tasks(labels, estimator.tasks_, can_join=can_join)
 
 
 def _split(estimator, table):
@@ -179,15 +183,49 @@ def check_theta(theta, learned):
     return theta
 
 
-def warn_of_underflow(values, kind):
+def warn_of_training(features, tasks, y):
+    """Say what is odd about training data that can be used.
+
+    Parameters
+    ----------
+    features : ndarray or dask.array.Array of shape (n_samples, n_features - 1)
+        Numbers.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    y : ndarray or dask.array.Array of shape (n_samples,) or (n_samples, n_outputs)
+        Numbers.
+    """
+    _warn_of_underflow(features, "feature")
+    _warn_of_underflow(y.reshape(len(y), -1), "output")
+    if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
+        warnings.warn(
+            f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
+            f"column? The first tasks are {tasks[:5].tolist()}.",
+            UserWarning,
+        )
+
+
+def _warn_of_underflow(values, kind):
     """Say which columns have values so small that their squares vanish."""
     largest = _largest(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
+        which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
         warnings.warn(
-            f"The values of {kind} {(small + 1).tolist()} are below {SMALLEST:.0e}: "
+            f"The values of {which} are below {SMALLEST:.0e}: "
             "their squares vanish, and they count as constant. Choose another unit.",
             UnderflowWarning,
+        )
+
+
+def warn_of_constants(constant):
+    """Say which outputs are constant, from whether each is."""
+    if constant.any():
+        which = f" {(np.flatnonzero(constant) + 1).tolist()}" * (len(constant) > 1)
+        warnings.warn(
+            f"Output{which} is constant in training: the standard deviations of its "
+            "predictions mean nothing. Check y, or leave the output out.",
+            ConstantTargetWarning,
         )
 
 
@@ -299,6 +337,7 @@ class Training(NamedTuple):
         self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
     ):
         """The data and the settings of each output."""
+        n_outputs = self.Y.shape[1]
         for j, data in enumerate(self.data(inference), start=1):
             scale = float(data.y.std()) or 1.0
             fixed = isinstance(noise_bounds, str)
@@ -308,7 +347,7 @@ class Training(NamedTuple):
                 scale=float(np.sqrt(np.square(data.y).mean())) or 1.0,
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                name=f"output {j} of {self.Y.shape[1]}",
+                name=f"output {j} of {n_outputs}" if n_outputs > 1 else "the output",
                 inference=inference,
                 **options,
             )

@@ -1,5 +1,7 @@
 """Bayesian linear regression, which the paper begins its comparison with."""
 
+from __future__ import annotations
+
 from numbers import Integral, Real
 from typing import Self
 
@@ -184,9 +186,8 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
             self._fit(*check_training(self, X, y))
         return self
 
-    def _fit(self, features, labels, y):
-        self.tasks_, codes = np.unique(labels, return_inverse=True)
-        n_tasks = len(self.tasks_)
+    def _fit(self, features, codes, tasks, y):
+        self.tasks_, n_tasks = tasks, len(tasks)
         self._single_output, Y = y.ndim == 1, y.reshape(len(y), -1)
         self._regressions = np.arange(n_tasks)  # which of them a task has
         if self.pooled:

@@ -1,5 +1,7 @@
 """A model for each task alone: the paper's sGP."""
 
+from __future__ import annotations
+
 import warnings
 from typing import Literal, Self
 
@@ -160,12 +162,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             Fitted estimator.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
-            features, labels, Y = check_training(self, X, y)
-            self._fit(features, labels, Y, progress)
+            features, codes, tasks, Y = check_training(self, X, y)
+            self._fit(features, codes, tasks, Y, progress)
         return self
 
-    def _fit(self, features, labels, Y, progress):
-        self.tasks_, self.tasks_train_ = np.unique(labels, return_inverse=True)
+    def _fit(self, features, codes, tasks, Y, progress):
+        self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         alone = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])

@@ -137,6 +137,16 @@ def with_first(column, value):
     return table
 
 
+def test_more_tasks_than_half_of_the_rows(estimator):
+    table = pd.concat([frame(), frame()[:6]], ignore_index=True)
+    table["load"] = np.minimum(np.arange(24), 12)
+    match = r"13 tasks of 24 rows: does task_feature name the .* \[0, 1, 2, 3, 4\]"
+    with pytest.warns(UserWarning, match=match):
+        estimator.fit(table, np.arange(24.0))
+    table["load"] = np.minimum(np.arange(24), 11)
+    estimator.fit(table, np.arange(24.0))
+
+
 BAD_DATA = {
     "missing label": (with_first("load", None), y, "task column has 1 missing labels"),
     "NaN label": (with_first("load", np.nan), y, "1 missing labels.*Every row needs"),
@@ -155,7 +165,11 @@ BAD_DATA = {
         y,
         "X contains NaN",
     ),
-    "text feature": (changed({"a": "text"}), y, "could not convert string to float"),
+    "text feature": (
+        changed({"a": "text"}),
+        y,
+        "column 'a' holds strings such as 'text'",
+    ),
     "no feature": (frame()[["load"]], y, r"0 feature\(s\)"),
     "no feature in an array": (X[:, -1:], y, r"1 feature\(s\).*minimum of 2"),
     "no rows": (frame()[:0], y[:0], r"0 sample\(s\)"),
@@ -250,8 +264,8 @@ def test_name_of_the_task_column_of_an_array(estimator):
 
 
 NEW = {
-    "unknown task": (changed({"load": "d"}), "Unknown tasks 'd': the model knows 'a'"),
-    "number for text": (changed({"load": 1}), "Unknown tasks 1: the model knows 'a'"),
+    "unknown task": (changed({"load": "d"}), "Unknown task 'd': the model knows 'a'"),
+    "number for text": (changed({"load": 1}), "Unknown task 1: the model knows 'a'"),
     "missing label": (with_first("load", None), "1 missing labels"),
     "NaN feature": (with_first("b", np.nan), "Input X contains NaN"),
     "other columns": (
@@ -271,6 +285,13 @@ def test_bad_data_at_predict(estimator, table, match):
     estimator.fit(frame(), y)
     with pytest.raises(ValueError, match=match):
         estimator.predict(table)
+
+
+def test_an_unknown_task_is_told_of_add_task(estimator):
+    estimator.fit(frame(), y)
+    with pytest.raises(ValueError, match="Unknown task 'd'") as error:
+        estimator.predict(changed({"load": "d"}))
+    assert ("add_task" in str(error.value)) == hasattr(estimator, "add_task")
 
 
 def test_spreads_are_of_one_kind(estimator):

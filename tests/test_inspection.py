@@ -34,6 +34,7 @@ from skmtgp.inspection import (
     TaskResidualsDisplay,
     TrajectoryDisplay,
 )
+from skmtgp.inspection._models import task_column
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.metrics import coverage, make_normalized_mse_scorer
 from skmtgp.model_selection import TaskStratifiedKFold
@@ -156,6 +157,24 @@ class TestAllDisplays:
     def test_task_column_of_a_pipeline(self, piped, display):
         with pytest.raises(ValueError, match="ColumnTransformer does not tell which"):
             display.from_estimator(piped, FRAME, y)
+
+    @pytest.mark.parametrize("display", [CoverageDisplay, TaskResidualsDisplay])
+    @pytest.mark.parametrize("search", [False, True])
+    def test_task_column_that_the_model_of_a_pipeline_names(self, display, search):
+        model = MultiTaskGPRegressor(rank=1, task_feature="load", **QUICK)
+        model = RankSearchIC(model, ranks=[1]) if search else model
+        scaled = make_column_transformer(
+            (StandardScaler(), ["a", "b"]),
+            remainder="passthrough",
+            verbose_feature_names_out=False,
+        )
+        pipe = make_pipeline(scaled, model).set_output(transform="pandas").fit(FRAME, y)
+        found = display.from_estimator(pipe, FRAME, y)
+        expected = display.from_estimator(pipe, FRAME, y, task_feature="load")
+        assert len(found.figure_.axes[0].lines) == len(expected.figure_.axes[0].lines)
+        renamed = FRAME.rename(columns={"load": "site"})
+        with pytest.raises(ValueError, match="ColumnTransformer does not tell which"):
+            task_column(pipe, renamed)
 
     def test_axes_are_used_and_settings_kept(self, fitted):
         before = dict(matplotlib.rcParams)
@@ -412,6 +431,32 @@ class TestTaskLearningCurve:
         expected = -make_normalized_mse_scorer()(model, X[test], y[test])
         assert results["error"][2] == expected
 
+    def test_only_test_sets_are_scored(self):
+        """One row of a task in the training set has no variance to normalise by."""
+        display = TaskLearningCurveDisplay.from_estimator(
+            MODELS["PooledGP"], X, y, cv=2, train_sizes=[3, 9]
+        )
+        assert_array_equal(display.results["n"], [3, 3, 9, 9])
+        assert np.isfinite(display.results["error"]).all()
+
+    def test_shares_of_the_training_set(self):
+        found = [
+            TaskLearningCurveDisplay.from_estimator(
+                MODELS["PooledGP"], X, y, cv=2, train_sizes=sizes
+            ).results
+            for sizes in ([0.4, 1.0, 1.0], [3, 9])
+        ]
+        pd.testing.assert_frame_equal(*found)
+
+    @pytest.mark.parametrize(
+        "sizes", [[0, 3], [3, 10], [0.0, 1.0], [0.5, 1.1], [1.5], []]
+    )
+    def test_training_sets_that_there_are_not(self, sizes):
+        with pytest.raises(ValueError, match=r"train_sizes=.* from 1 to 9, or share"):
+            TaskLearningCurveDisplay.from_estimator(
+                MODELS["PooledGP"], X, y, cv=2, train_sizes=sizes
+            )
+
     def test_several_models_of_a_frame(self, piped):
         models = {
             "linear": BayesianLinearRegression(task_feature="load"),
@@ -431,7 +476,7 @@ class TestTaskLearningCurve:
         search = RankSearchIC(ranks=(1,))
         models = {"pipe": make_inverse_dynamics_regressor(search), "default": search}
         for model in models.values():
-            assert inspection._models.task_column(model) == -1
+            assert task_column(model, X) == -1
 
 
 class TestTrajectory:

@@ -259,7 +259,7 @@ def test_task_column_that_is_not_there(states, task_feature, error, message):
         ("load", None, "1 missing labels .* first in row 1"),
         ("q1", np.nan, "Input X contains NaN"),
         ("qdd2", np.inf, "Input X contains infinity"),
-        ("qd1", "fast", "could not convert string to float: 'fast'"),
+        ("qd1", "fast", "column ('qd1'|2) holds strings such as 'fast'"),
     ],
 )
 @pytest.mark.parametrize("as_frame", [True, False])

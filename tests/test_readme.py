@@ -52,6 +52,12 @@ def test_data_of_your_own(blocks, sites):
     exec(second, names)
     assert names["mean"].shape == names["std"].shape == (4,)
     assert names["model"].tasks_.tolist() == list("abcde")
+    assert names["search"].best_estimator_.tasks_.tolist() == list("abcd")
+
+
+def test_folds_have_the_tasks_of_the_model(text):
+    (advice,) = re.findall(r"`cv=TaskStratifiedKFold\((.*?)\)`", text)
+    assert advice == re.search(r'task_feature="\w+"', text)[0]
 
 
 def test_links(text):

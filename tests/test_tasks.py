@@ -37,13 +37,31 @@ def test_column_of_another_type(task_feature, kind):
 
 
 def test_column_name_without_names():
-    with pytest.raises(ValueError, match=r"'load' names a column, .*Pass a DataFrame"):
+    with pytest.raises(ValueError, match=r"'load' names a column, .*set_output\("):
         locate_task_column("load", 3)
 
 
 def test_column_name_that_is_not_there():
     with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
         locate_task_column("load", 2, ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("names", "advice"),
+    [
+        (
+            ["num__x", "remainder__load"],
+            r" Did you mean 'remainder__load'\? .*verbose_",
+        ),
+        (["load", "x"], r" Did you mean 'load'\?$"),
+        (["x", "LOADS"], r" Did you mean 'LOADS'\?$"),
+        ([0, "x"], r"'x'\]\.$"),
+    ],
+)
+def test_column_name_that_is_meant(names, advice):
+    name = "Load" if "load" in names else "load"
+    with pytest.raises(ValueError, match=f"{name!r} is not a column: .*{advice}"):
+        locate_task_column(name, 2, names)
 
 
 LABELS = {
@@ -108,6 +126,14 @@ MISSING = {
 def test_missing_labels(labels):
     with pytest.raises(ValueError, match=r"1 missing labels .* first in row 1"):
         check_labels(labels)
+
+
+def test_a_missing_label_is_told_by_its_index():
+    labels = pd.Series(["a", None], index=["monday", "tuesday"])
+    with pytest.raises(ValueError, match=r"first in row 1, index tuesday\. Every"):
+        check_labels(labels)
+    with pytest.raises(ValueError, match=r"first in row 1\. Every"):
+        check_labels(labels.to_numpy())
 
 
 def test_continuous_labels():
@@ -177,6 +203,38 @@ def test_split_with_a_missing_feature():
         split_table(X, 1)
 
 
+DAY = pd.Timestamp("2026-01-02")
+NO_NUMBERS = {
+    "the tasks": ({"site": ["A", "B"]}, r"'site' holds .*'A'.* task_feature='site'"),
+    "text": ({"u": ["1.5", "high"]}, r"'u' holds strings such as 'high'.*OneHotEnc"),
+    "missing text": ({"u": [None, "high"]}, "'u' holds strings such as 'high'"),
+    "categories": ({"u": pd.Categorical(["A", "B"])}, "'u' holds strings such as 'A'"),
+    "dates": ({"day": [DAY, DAY]}, "'day' holds dates or times such as 2026-01-02"),
+    "objects": ({"day": np.array([DAY, 1.0], object)}, "'day' holds dates or times"),
+    "durations": ({"age": [DAY - DAY, pd.NaT]}, "'age' holds dates or times"),
+}
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize(("column", "message"), NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_split_names_the_feature_that_is_no_number(column, message, alone):
+    X = pd.DataFrame({**column, "x": [0.5, 0.25], "z": [1, 2]})
+    X = X.drop(columns="x") if alone else X
+    with pytest.raises(ValueError, match=f"Features must be numbers, .*{message}"):
+        split_table(X, X.columns.get_loc("z"))
+
+
+def test_split_names_the_position_of_a_feature_without_a_name():
+    X = np.array([[0.5, "A", 1], [0.25, "B", 2]], object)
+    with pytest.raises(ValueError, match=r"column 1 holds .*'A'.*\(it is column 2 now"):
+        split_table(X, 2)
+
+
+def test_split_of_numbers_in_text():
+    features, _ = split_table(np.array([["0.5", "a"], ["0.25", "b"]], object), 1)
+    np.testing.assert_array_equal(features, [[0.5], [0.25]])
+
+
 FRAME = pd.DataFrame({"load": ["b", "a"], "x": [0.5, 0.25]})
 
 
@@ -226,6 +284,20 @@ def test_unknown_tasks(labels, message):
         encode_tasks(np.array(labels), np.array([1, 2, 3]))
 
 
+def test_the_advice_on_unknown_tasks_names_their_column():
+    with pytest.raises(ValueError, match=r"TaskStratifiedKFold\(task_feature=\.\.\.\)"):
+        encode_tasks(np.array([4]), np.array([1, 2]))
+
+
+@pytest.mark.parametrize("can_join", [False, True])
+def test_an_unknown_task_may_join_some_models(can_join):
+    with pytest.raises(ValueError, match="Unknown task 4: the model knows") as error:
+        encode_tasks(np.array([4, 4]), np.array([1, 2]), can_join=can_join)
+    assert ("or let it join with add_task" in str(error.value)) == can_join
+    assert "labels are" not in str(error.value)
+
+
 def test_a_number_is_no_known_string():
-    with pytest.raises(ValueError, match="Unknown tasks 1: the model knows '1', 'a'"):
+    match = "Unknown task 1: .*'1', 'a'.* labels are numbers, the model's are strings"
+    with pytest.raises(ValueError, match=match):
         encode_tasks(np.array([1]), np.array(["1", "a"]))

@@ -1,5 +1,7 @@
 """Whether intervals hold as many targets as they should."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -83,7 +85,7 @@ class CoverageDisplay(Display):
         self.coverages = coverages
         self.tasks = tasks
 
-    def plot(self, *, ax: "Axes | None" = None) -> Self:
+    def plot(self, *, ax: Axes | None = None) -> Self:
         """Draw a line for each task, their mean and the diagonal.
 
         Parameters
@@ -132,7 +134,7 @@ class CoverageDisplay(Display):
         output: int = 0,
         task_feature: int | str | None = None,
         levels: ArrayLike = LEVELS,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
     ) -> Self:
         """Predict test data and draw the coverage of their intervals.
 
@@ -147,8 +149,8 @@ class CoverageDisplay(Display):
         output : int, default=0
             Which of several outputs.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator or
-            of a pipeline's first step.
+            Position or name of the task column of X. None is that of the estimator,
+            of a pipeline's first step, or of its model where X has a column so named.
         levels : array-like of shape (n_levels,), default=0.05, 0.1, ..., 0.95
             Nominal levels of the intervals, between 0 and 1.
         ax : matplotlib Axes, default=None
@@ -180,7 +182,7 @@ class CoverageDisplay(Display):
         *,
         tasks: ArrayLike | None = None,
         levels: ArrayLike = LEVELS,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
     ) -> Self:
         """Draw the coverage of the intervals of predictions.
 

@@ -9,6 +9,7 @@ from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._tasks import check_labels, task_labels
+from skmtgp.multitask import MultiTaskGPRegressor
 
 
 def fitted_model(estimator):
@@ -121,47 +122,57 @@ def predictions(estimator, X, y, output):
     return tuple(select_output(values, output) for values in columns)
 
 
-def task_column(estimator, task_feature=None):
+def task_column(estimator, X, task_feature=None):
     """Position or name of the task column of the X that an estimator takes.
 
     Parameters
     ----------
     estimator : estimator
         Fitted or not.
+    X : array-like of shape (n_samples, n_features)
+        Inputs.
     task_feature : int or str, default=None
         What the user says.
 
     Returns
     -------
     task_feature : int or str
-        The user's, or else that of the estimator or of a pipeline's first step.
+        The user's, or else that of the estimator or of a pipeline's first step, or
+        that of its last step where X has a column of that name.
 
     Raises
     ------
     ValueError
-        If neither tells it.
+        If none tells it.
     """
     if task_feature is not None:
         return task_feature
-    first = estimator
-    while not hasattr(first, "task_feature"):
-        if isinstance(first, Pipeline):
-            first = first[0]
-        elif hasattr(first, "estimator"):  # of a search; RankSearchIC's may be None
-            if first.estimator is None:
-                return -1
-            first = first.estimator
-        else:
-            raise ValueError(
-                f"{type(first).__name__} does not tell which column of X holds the "
-                "tasks: pass task_feature, its position or name."
-            )
-    return first.task_feature
+    first = _step(estimator, 0)
+    if hasattr(first, "task_feature"):
+        return first.task_feature
+    name = getattr(_step(estimator, -1), "task_feature", None)
+    if isinstance(name, str) and name in getattr(X, "columns", ()):
+        return name
+    raise ValueError(
+        f"{type(first).__name__} does not tell which column of X holds the tasks: pass "
+        "task_feature, its position or name."
+    )
+
+
+def _step(estimator, position):
+    """What a pipeline, perhaps inside a search, begins or ends with."""
+    if isinstance(estimator, Pipeline):
+        return _step(estimator[position], position)
+    if hasattr(estimator, "task_feature") or not hasattr(estimator, "estimator"):
+        return estimator
+    if estimator.estimator is None:  # of a RankSearchIC
+        return MultiTaskGPRegressor()
+    return _step(estimator.estimator, position)
 
 
 def tasks_of(estimator, X, task_feature=None):
     """The task of each row of the X that an estimator takes."""
-    return task_labels(X, task_column(estimator, task_feature))
+    return task_labels(X, task_column(estimator, X, task_feature))
 
 
 def check_vector(values, name) -> NDArray[np.float64]:

@@ -89,7 +89,7 @@ def assert_same_bound(here, far, theta):
     """To 1e-10, relative."""
     assert_allclose(far.value(theta), here.value(theta), rtol=1e-10)
     for found, expected in zip(
-        far.value_and_grad(theta), here.value_and_grad(theta), strict=True
+        far.value_and_grads(theta), here.value_and_grads(theta), strict=True
     ):
         assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.max(abs(expected)))
     assert_allclose(

@@ -208,7 +208,7 @@ class TestAddTask:
 
     def test_border_where_all_inputs_are_inducing(self):
         bound, theta = scattered()
-        bound.Z = bound.X
+        bound = bound.with_inducing(bound.X)
         order = np.argsort(bound.tasks, kind="stable")
         exact = DenseLikelihood(
             bound.kernel,

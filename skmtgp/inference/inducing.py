@@ -1,6 +1,8 @@
 """Choosing the inducing inputs of sparse inference."""
 
 import numpy as np
+from scipy.optimize import minimize
+from sklearn.cluster import KMeans, MiniBatchKMeans
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 
@@ -65,3 +67,68 @@ def _candidates(n, n_candidates, random_state):
         return slice(None)
     rng = check_random_state(random_state)  # in memory of those that are drawn
     return np.sort(sample_without_replacement(n, n_candidates, random_state=rng))
+
+
+def k_means(X, n_inducing, *, random_state=None):
+    """Means of clusters of rows.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, n_features)
+        Inputs, which may be memory-mapped. Features whose length-scales differ much
+        are better scaled before.
+    n_inducing : int
+        Number of clusters; at most n_samples are made.
+    random_state : int, RandomState instance or None, default=None
+        For scikit-learn's KMeans or, where X has more than 20000 rows,
+        MiniBatchKMeans.
+
+    Returns
+    -------
+    Z : ndarray of shape (n_chosen, n_features)
+        The means, each once.
+    """
+    method = KMeans if len(X) <= CANDIDATES else MiniBatchKMeans
+    clusters = method(min(n_inducing, len(X)), n_init=3, random_state=random_state)
+    return np.unique(clusters.fit(X).cluster_centers_.astype(float), axis=0)
+
+
+def optimised(bound, theta, *, max_iter=100):
+    """Inducing inputs that make the bound higher, theta staying as it is.
+
+    Parameters
+    ----------
+    bound : SparseBound
+        Its inducing inputs are where the search by L-BFGS begins.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+    max_iter : int, default=100
+        Most iterations.
+
+    Returns
+    -------
+    Z : ndarray of shape (n_inducing, n_features)
+        The best that were met. Never worse than those of `bound`.
+
+    Raises
+    ------
+    ValueError
+        If the kernel's derivative by its inputs is not known.
+    """
+    scale = bound.Z.std(axis=0)
+    scale[scale == 0.0] = 1.0
+    best, best_Z = -np.inf, bound.Z
+
+    def objective(flat):
+        nonlocal best, best_Z
+        Z = flat.reshape(bound.Z.shape) * scale
+        value, _, d_Z = bound.with_inducing(Z).value_and_grads(theta)
+        if value > best:
+            best, best_Z = value, Z
+        return -value / len(bound.y), -np.ravel(d_Z * scale) / len(bound.y)
+
+    start = np.ravel(bound.Z / scale)
+    minimize(
+        objective, start, jac=True, method="L-BFGS-B", options={"maxiter": max_iter}
+    )
+    return best_Z

@@ -128,7 +128,10 @@ class TestBound:
 def assert_same_model(found, expected, X):
     """What is learned differs by what rounding becomes on the way."""
     assert_array_equal(found.tasks_, expected.tasks_)
-    assert_array_equal(found.inducing_inputs_, expected.inducing_inputs_)
+    moved = found.inducing_inputs == "optimised"
+    assert_allclose(
+        found.inducing_inputs_, expected.inducing_inputs_, rtol=1e-6 * moved
+    )
     for name in ("log_marginal_likelihoods_", "theta_", "y_mean_", "y_scale_"):
         values = getattr(found, name), getattr(expected, name)
         assert_allclose(*values, rtol=1e-6, atol=1e-6)

@@ -1,10 +1,14 @@
 """Choosing the inducing inputs of sparse inference."""
 
 import numpy as np
-from scipy.optimize import minimize
-from sklearn.cluster import KMeans, MiniBatchKMeans
+from sklearn.cluster import KMeans
+from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
+from threadpoolctl import threadpool_limits
+
+from skmtgp._bfgs import minimize
+from skmtgp._contraction import compile_kernel, contract_inputs
 
 CANDIDATES = 20_000  # rows
 RESOLVED = 1e-13  # of the largest variance: less is rounding
@@ -69,46 +73,56 @@ def _candidates(n, n_candidates, random_state):
     return np.sort(sample_without_replacement(n, n_candidates, random_state=rng))
 
 
-def k_means(X, n_inducing, *, random_state=None):
-    """Means of clusters of rows.
+def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
+    """Means of clusters of rows, in which every feature counts as much.
 
     Parameters
     ----------
     X : array-like of shape (n_samples, n_features)
-        Inputs, which may be memory-mapped. Features whose length-scales differ much
-        are better scaled before.
+        Inputs, which may be memory-mapped or a Dask array. The distances are between
+        features divided by their standard deviations.
     n_inducing : int
-        Number of clusters; at most n_samples are made.
+        Number of clusters; no more are made than there are different rows.
+    n_candidates : int, default=20000
+        If X has more rows, as many of them are drawn, and the others are not looked
+        at.
     random_state : int, RandomState instance or None, default=None
-        For scikit-learn's KMeans or, where X has more than 20000 rows,
-        MiniBatchKMeans.
+        For that, and for where scikit-learn's KMeans begins.
 
     Returns
     -------
     Z : ndarray of shape (n_chosen, n_features)
-        The means, each once.
+        The means.
     """
-    method = KMeans if len(X) <= CANDIDATES else MiniBatchKMeans
-    clusters = method(min(n_inducing, len(X)), n_init=3, random_state=random_state)
-    return np.unique(clusters.fit(X).cluster_centers_.astype(float), axis=0)
+    rng = check_random_state(random_state)
+    X = np.asarray(X[_candidates(len(X), n_candidates, rng)], dtype=float)
+    n_clusters = min(n_inducing, len(np.unique(X, axis=0)))
+    scaler = StandardScaler()
+    with threadpool_limits(1):  # with more the order of sums would change
+        clusters = KMeans(n_clusters, random_state=rng).fit(scaler.fit_transform(X))
+    return scaler.inverse_transform(clusters.cluster_centers_)
 
 
-def optimised(bound, theta, *, max_iter=100):
+def optimised(bound, theta, *, max_iter=100, tol=1e-2):
     """Inducing inputs that make the bound higher, theta staying as it is.
 
     Parameters
     ----------
     bound : SparseBound
-        Its inducing inputs are where the search by L-BFGS begins.
+        Its inducing inputs are where the search by quasi-Newton steps begins.
     theta : ndarray of shape (n_theta,)
         Parameters.
     max_iter : int, default=100
         Most iterations.
+    tol : float, default=1e-2
+        Gain in nats under which the search ends.
 
     Returns
     -------
     Z : ndarray of shape (n_inducing, n_features)
         The best that were met. Never worse than those of `bound`.
+    n_evaluations : int
+        Bounds with their gradients that it took.
 
     Raises
     ------
@@ -117,18 +131,29 @@ def optimised(bound, theta, *, max_iter=100):
     """
     scale = bound.Z.std(axis=0)
     scale[scale == 0.0] = 1.0
-    best, best_Z = -np.inf, bound.Z
 
-    def objective(flat):
-        nonlocal best, best_Z
-        Z = flat.reshape(bound.Z.shape) * scale
-        value, _, d_Z = bound.with_inducing(Z).value_and_grads(theta)
-        if value > best:
-            best, best_Z = value, Z
-        return -value / len(bound.y), -np.ravel(d_Z * scale) / len(bound.y)
+    def moved(steps):
+        return bound.Z + scale * steps.reshape(bound.Z.shape)
 
-    start = np.ravel(bound.Z / scale)
-    minimize(
-        objective, start, jac=True, method="L-BFGS-B", options={"maxiter": max_iter}
-    )
-    return best_Z
+    def objective(steps):
+        value, _, d_Z = bound.with_inducing(moved(steps)).value_and_grads(theta)
+        return -value, -np.ravel(scale * d_Z)
+
+    start, anywhere = np.zeros(bound.Z.size), np.full(bound.Z.size, np.inf)
+    best = minimize(objective, start, -anywhere, anywhere, max_iter=max_iter, tol=tol)
+    return moved(best.x), best.n_evaluations
+
+
+def check_differentiable(kernel, x):
+    """Raise a ValueError where the kernel's derivative by its inputs is not known.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        k^x.
+    x : ndarray of shape (1, n_features)
+        An input.
+    """
+    bound, one = compile_kernel(kernel).bind(kernel.theta, x), slice(0, 1)
+    _, tape = bound.block(one, one)
+    contract_inputs(bound, np.zeros((1, 1)), tape, one, one, x.shape[1])

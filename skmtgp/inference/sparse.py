@@ -131,15 +131,13 @@ class SparseBound(Likelihood):
         with limit_threads(len(self.y)):
             return self._pull_back(theta, inputs=False)[:2]
 
-    def value_and_grads(self, theta, inputs=True):
+    def value_and_grads(self, theta):
         """The bound and its gradients by theta and by the inducing inputs.
 
         Parameters
         ----------
         theta : ndarray of shape (n_theta,)
             Parameters.
-        inputs : bool, default=True
-            Whether the gradient by the inducing inputs is wanted.
 
         Returns
         -------
@@ -147,15 +145,15 @@ class SparseBound(Likelihood):
             The bound.
         gradient : ndarray of shape (n_theta,)
             Its gradient by theta.
-        d_Z : ndarray of shape (n_inducing, n_features) or None
+        d_Z : ndarray of shape (n_inducing, n_features)
             Its gradient by Z.
         """
         try:
             with limit_threads(len(self.y)):
-                return self._pull_back(theta, inputs)
+                return self._pull_back(theta, inputs=True)
         except NotPositiveDefiniteError:
-            failed = np.full_like(self.Z, np.nan) if inputs else None
-            return -np.inf, np.full(len(theta), np.nan), failed
+            failed = np.full(len(theta), np.nan), np.full_like(self.Z, np.nan)
+            return -np.inf, *failed
 
     def _pull_back(self, theta, inputs):
         features, weights = self.forward(theta)

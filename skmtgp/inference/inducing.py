@@ -95,7 +95,7 @@ def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
         The means.
     """
     rng = check_random_state(random_state)
-    X = np.asarray(X[_candidates(len(X), n_candidates, rng)], dtype=float)
+    X = np.ascontiguousarray(X[_candidates(len(X), n_candidates, rng)], dtype=float)
     n_clusters = min(n_inducing, len(np.unique(X, axis=0)))
     scaler = StandardScaler()
     with threadpool_limits(1):  # with more the order of sums would change

@@ -1,7 +1,10 @@
 """Choosing the inducing inputs of sparse inference."""
 
+import warnings
+
 import numpy as np
 from sklearn.cluster import KMeans
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
@@ -82,7 +85,7 @@ def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
         Inputs, which may be memory-mapped or a Dask array. The distances are between
         features divided by their standard deviations.
     n_inducing : int
-        Number of clusters; no more are made than there are different rows.
+        Number of clusters; at most n_samples are made.
     n_candidates : int, default=20000
         If X has more rows, as many of them are drawn, and the others are not looked
         at.
@@ -92,14 +95,15 @@ def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
     Returns
     -------
     Z : ndarray of shape (n_chosen, n_features)
-        The means.
+        The means; some more than once where fewer rows differ.
     """
     rng = check_random_state(random_state)
     X = np.ascontiguousarray(X[_candidates(len(X), n_candidates, rng)], dtype=float)
-    n_clusters = min(n_inducing, len(np.unique(X, axis=0)))
     scaler = StandardScaler()
-    with threadpool_limits(1):  # with more the order of sums would change
-        clusters = KMeans(n_clusters, random_state=rng).fit(scaler.fit_transform(X))
+    clusters = KMeans(min(n_inducing, len(X)), random_state=rng)
+    with threadpool_limits(1), warnings.catch_warnings():  # sums in one order
+        warnings.simplefilter("ignore", ConvergenceWarning)  # of rows that are equal
+        clusters.fit(scaler.fit_transform(X))
     return scaler.inverse_transform(clusters.cluster_centers_)
 
 

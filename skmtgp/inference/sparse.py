@@ -155,19 +155,16 @@ class SparseBound(Likelihood):
             failed = np.full(len(theta), np.nan), np.full_like(self.Z, np.nan)
             return -np.inf, *failed
 
-    def _pull_back(self, theta, inputs):
-        features, weights = self.forward(theta)
-        gradients = Gradients(weights)
-        adjoint = gradients.adjoint()
-        back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
+    def _pull_back(self, theta, *, inputs):
+        """The bound and its gradients, that by Z only if it is asked for."""
+        features, gradients, back = self._backward(theta, inputs=inputs)
         d_kernel, K_bar = features.contract(gradients.omega_bar())
         d_F, d_kappa, d_noise = gradients.by_parameters(back)
-        rho = self.split(theta)[1]
-        d_rho = pull_back(self.task_covariance, rho, d_F, d_kappa)
+        d_rho = pull_back(self.task_covariance, self.split(theta)[1], d_F, d_kappa)
         d_noise = d_noise if self.n_noise > 1 else [d_noise.sum()]
         gradient = np.concatenate([back.theta + d_kernel, d_rho, d_noise])
         d_Z = back.Z + features.contract_inputs(K_bar) if inputs else None
-        return weights.log_density(back.squares), gradient, d_Z
+        return gradients.weights.log_density(back.squares), gradient, d_Z
 
     def task_gradient(self, theta):
         """Derivative of the value with respect to K^rho.
@@ -185,9 +182,7 @@ class SparseBound(Likelihood):
             Symmetric.
         """
         with limit_threads(len(self.y)):
-            features, weights = self.forward(theta)
-            gradients = Gradients(weights)
-            back = self.over_rows(sum_gradients, features, gradients.adjoint())
+            _, gradients, back = self._backward(theta)
             return gradients.task_gradient(back)
 
     def posterior(self, theta):
@@ -233,6 +228,14 @@ class SparseBound(Likelihood):
         noise = np.broadcast_to(np.exp(log_noise), n_tasks)
         latent = latent_functions(self.task_covariance, rho)
         return features, Weights(sums, *latent, noise)
+
+    def _backward(self, theta, *, inputs=False):
+        """The features, what the gradient is made of, and the second pass."""
+        features, weights = self.forward(theta)
+        gradients = Gradients(weights)
+        adjoint = gradients.adjoint()
+        back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
+        return features, gradients, back
 
     def over_rows(self, function, *arguments, **options):
         """``function(*arguments, blocks, **options)`` of all rows, wherever they are.

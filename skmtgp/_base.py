@@ -32,6 +32,7 @@ from skmtgp._training import (
 )
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.choice import choose
+from skmtgp.inference.inducing import check_differentiable
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -46,6 +47,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         "normalize_y": ["boolean"],
         "inference": [StrOptions({"auto", "dense", "kronecker", "sparse"})],
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
+        "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
         "n_jobs": [Integral, None],
@@ -137,6 +139,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         if method == "sparse":
             n_inducing = min(n, self.n_inducing)
             check_sparse_memory(n_inducing, n_tasks, self._rank(n_tasks), n_factors)
+            if self.inducing_inputs == "optimised":
+                check_differentiable(kernel, np.asarray(training.features[:1]))
         else:
             check_memory(
                 n // n_tasks if method == "kronecker" else n, n_factors, method
@@ -152,6 +156,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             tol=self.tol,
             verbose=self.verbose,
             n_inducing=self.n_inducing,
+            inducing_inputs=self.inducing_inputs,
         )
         return list(pairs)
 

@@ -35,6 +35,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         normalize_y: bool = True,
         inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
         n_inducing: int = 500,
+        inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -49,6 +50,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         self.normalize_y = normalize_y
         self.inference = inference
         self.n_inducing = n_inducing
+        self.inducing_inputs = inducing_inputs
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
@@ -113,6 +115,13 @@ class IndependentGP(_FixedTaskCovarianceGP):
     n_inducing : int, default=500
         Number of inducing inputs, only for "sparse": more are closer to exact, and
         take time with their square or, many of them, their cube.
+    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
+        Which they are, only for "sparse". "greedy" takes training inputs, each the one
+        with the largest variance given those before. "k-means" takes the means of
+        clusters of the standardised training inputs. "optimised" moves those of
+        "greedy" to where the bound is higher, which takes longer and needs a kernel
+        whose derivative by its inputs is known. From more than 20,000 rows the first
+        choice is among as many of them, drawn at random.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -156,8 +165,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
-        Some of the training inputs; a list of n_outputs of them where y has two
-        dimensions. Only if inference is sparse.
+        The inducing inputs; a list of n_outputs of them where y has two dimensions.
+        Fewer than `n_inducing` where more would add nothing. Only if inference is
+        sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column. Not there, nor are the next two and
         `complete_`, if X was a Dask collection.
@@ -230,6 +240,13 @@ class PooledGP(_FixedTaskCovarianceGP):
     n_inducing : int, default=500
         Number of inducing inputs, only for "sparse": more are closer to exact, and
         take time with their square or, many of them, their cube.
+    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
+        Which they are, only for "sparse". "greedy" takes training inputs, each the one
+        with the largest variance given those before. "k-means" takes the means of
+        clusters of the standardised training inputs. "optimised" moves those of
+        "greedy" to where the bound is higher, which takes longer and needs a kernel
+        whose derivative by its inputs is known. From more than 20,000 rows the first
+        choice is among as many of them, drawn at random.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -273,8 +290,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
-        Some of the training inputs; a list of n_outputs of them where y has two
-        dimensions. Only if inference is sparse.
+        The inducing inputs; a list of n_outputs of them where y has two dimensions.
+        Fewer than `n_inducing` where more would add nothing. Only if inference is
+        sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column. Not there, nor are the next two and
         `complete_`, if X was a Dask collection.

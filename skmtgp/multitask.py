@@ -75,6 +75,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_inducing : int, default=500
         Number of inducing inputs, only for "sparse": more are closer to exact, and
         take time with their square or, many of them, their cube.
+    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
+        Which they are, only for "sparse". "greedy" takes training inputs, each the one
+        with the largest variance given those before. "k-means" takes the means of
+        clusters of the standardised training inputs. "optimised" moves those of
+        "greedy" to where the bound is higher, which takes longer and needs a kernel
+        whose derivative by its inputs is known. From more than 20,000 rows the first
+        choice is among as many of them, drawn at random.
     learning : {"annealed", "staged", "simultaneous"}, default="annealed"
         How the mode is searched for. "annealed" finds the best ones; "staged" is the
         heuristic of the paper's section 3 to the letter; "simultaneous" learns all
@@ -140,8 +147,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     inference_ : {"dense", "kronecker", "sparse"}
         How the likelihood is computed.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
-        Some of the training inputs; a list of n_outputs of them where y has two
-        dimensions. Only if inference is sparse.
+        The inducing inputs; a list of n_outputs of them where y has two dimensions.
+        Fewer than `n_inducing` where more would add nothing. Only if inference is
+        sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
         Training inputs without the task column. Not there, nor are the next two and
         `complete_`, if X was a Dask collection.
@@ -219,6 +227,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         normalize_y: bool = True,
         inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
         n_inducing: int = 500,
+        inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
@@ -238,6 +247,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.normalize_y = normalize_y
         self.inference = inference
         self.n_inducing = n_inducing
+        self.inducing_inputs = inducing_inputs
         self.learning = learning
         self.truncation = truncation
         self.n_restarts_optimizer = n_restarts_optimizer

@@ -53,6 +53,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         inducing inputs takes its place.
     n_inducing : int, default=500
         Number of inducing inputs of each task, only for "sparse".
+    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
+        Which they are, only for "sparse". "greedy" takes training inputs, each the one
+        with the largest variance given those before. "k-means" takes the means of
+        clusters of the standardised training inputs. "optimised" moves those of
+        "greedy" to where the bound is higher, which takes longer and needs a kernel
+        whose derivative by its inputs is known. From more than 20,000 rows the first
+        choice is among as many of them, drawn at random.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -127,6 +134,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         normalize_y: bool = True,
         inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
         n_inducing: int = 500,
+        inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -139,6 +147,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.normalize_y = normalize_y
         self.inference = inference
         self.n_inducing = n_inducing
+        self.inducing_inputs = inducing_inputs
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs

@@ -240,6 +240,7 @@ def common_params(rng, problem):
         "normalize_y": bool(rng.integers(4)),
         "inference": pick(rng, ["auto", "auto", "auto" if has_noise else "sparse"]),
         "n_inducing": pick(rng, [1, 3, 10, 500]),
+        "inducing_inputs": pick(rng, ["greedy", "k-means", "optimised"]),
         "max_iter": pick(rng, [0, 1, 3, 10, 30]),
         "tol": 10.0 ** rng.uniform(-4, 1),
     }

@@ -23,6 +23,10 @@ FIRST += [
     for learning in ("staged", "simultaneous")
 ]
 FIRST += [cls(inference="sparse", n_inducing=10, **QUICK) for cls in ALONE]
+FIRST += [
+    PooledGP(inference="sparse", n_inducing=10, inducing_inputs=choice, **QUICK)
+    for choice in ("k-means", "optimised")
+]
 SEARCH = RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2))
 # Irises of one petal width are of one species, and its number is the target.
 pytestmark = pytest.mark.filterwarnings(

@@ -89,7 +89,7 @@ def assert_same_bound(here, far, theta):
     """To 1e-10, relative."""
     assert_allclose(far.value(theta), here.value(theta), rtol=1e-10)
     for found, expected in zip(
-        far.value_and_grad(theta), here.value_and_grad(theta), strict=True
+        far.value_and_grads(theta), here.value_and_grads(theta), strict=True
     ):
         assert_allclose(found, expected, rtol=1e-10, atol=1e-10 * np.max(abs(expected)))
     assert_allclose(
@@ -128,7 +128,8 @@ class TestBound:
 def assert_same_model(found, expected, X):
     """What is learned differs by what rounding becomes on the way."""
     assert_array_equal(found.tasks_, expected.tasks_)
-    assert_array_equal(found.inducing_inputs_, expected.inducing_inputs_)
+    rtol = 1e-6 if found.inducing_inputs == "optimised" else 0.0
+    assert_allclose(found.inducing_inputs_, expected.inducing_inputs_, rtol=rtol)
     for name in ("log_marginal_likelihoods_", "theta_", "y_mean_", "y_scale_"):
         values = getattr(found, name), getattr(expected, name)
         assert_allclose(*values, rtol=1e-6, atol=1e-6)

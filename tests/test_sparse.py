@@ -55,6 +55,7 @@ FORMS = {
     "full rank": low_rank(M, M),
 }
 EVERY = KERNELS | WHITE
+LEARNABLE = [name for name in EVERY if "unknown" not in name]
 every_kernel = pytest.mark.parametrize("kernel", EVERY.values(), ids=EVERY.keys())
 every_noise_free_kernel = pytest.mark.parametrize(
     "kernel", KERNELS.values(), ids=KERNELS.keys()
@@ -144,6 +145,29 @@ def test_value_and_gradient(kernel, form, n_noise):
     assert bound.value(theta) == value
     by_differences = textbook.derivative(expected, theta)
     np.testing.assert_allclose(gradient, by_differences, rtol=1e-7, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", LEARNABLE)
+@pytest.mark.parametrize("form", [low_rank(M, 2), ones(M, diagonal=True)])
+def test_gradient_by_inducing_inputs(name, form):
+    bound, theta = make(EVERY[name], form, M), parameters(EVERY[name], form, M)
+
+    def expected(Z):
+        return textbook_bound(*parts(bound, theta), draw(), Z.reshape(-1, D))
+
+    value, gradient, d_Z = bound.value_and_grads(theta)
+    by_differences = textbook.derivative(expected, bound.Z.ravel())
+    np.testing.assert_allclose(d_Z.ravel(), by_differences, rtol=1e-7, atol=1e-6)
+    without = bound.value_and_grad(theta)
+    assert value == without[0]
+    np.testing.assert_array_equal(gradient, without[1])
+
+
+@pytest.mark.parametrize("name", ["unknown", "unknown, white"])
+def test_no_gradient_by_inducing_inputs(name):
+    bound = make(EVERY[name], ones(M))
+    with pytest.raises(ValueError, match=r"not known of kernel=ExpSine"):
+        bound.value_and_grads(parameters(bound.kernel, ones(M)))
 
 
 @every_noise_free_kernel
@@ -340,7 +364,7 @@ def test_memory():
     theta = parameters(kernel, form)
     tracemalloc.start()
     try:
-        bound.value_and_grad(theta)
+        bound.value_and_grads(theta)
         bound.posterior(theta)
         peak = tracemalloc.get_traced_memory()[1]
     finally:
@@ -490,10 +514,11 @@ def test_parameters_that_are_not_finite(bad, position):
     theta = parameters(bound.kernel, bound.task_covariance)
     theta[position] = bad
     with np.errstate(invalid="ignore"):
-        value, gradient = bound.value_and_grad(theta)
+        value, gradient, d_Z = bound.value_and_grads(theta)
         assert bound.value(theta) == -np.inf
     assert value == -np.inf
     assert np.isnan(gradient).all()
+    assert np.isnan(d_Z).all()
 
 
 @pytest.mark.parametrize("n_noise", [1, M])

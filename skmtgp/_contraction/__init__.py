@@ -12,9 +12,19 @@ between the rows of Z and those of X. Both give tiles, ``block(rows, columns) ->
 each element of theta. Arrays that last until then may be made by the caller, who passes
 ``new`` to ``block``: it returns one for the tile, or None where numpy is to make it.
 ``times(rows, columns, B)`` is the tile's product with a matrix, without a tape.
+``contract_inputs`` is the contraction of the derivative by the inputs of the rows.
 """
 
 from skmtgp._contraction.expressions import NODES, UnknownNode, compile_kernel
+from skmtgp._contraction.inputs import contract_inputs
 from skmtgp._contraction.terms import Bound, Node, allocate
 
-__all__ = ["NODES", "Bound", "Node", "UnknownNode", "allocate", "compile_kernel"]
+__all__ = [
+    "NODES",
+    "Bound",
+    "Node",
+    "UnknownNode",
+    "allocate",
+    "compile_kernel",
+    "contract_inputs",
+]

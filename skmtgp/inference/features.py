@@ -8,6 +8,7 @@ import warnings
 
 import numpy as np
 
+from skmtgp._contraction import contract_inputs
 from skmtgp._linalg import Cholesky
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
@@ -71,7 +72,7 @@ class Features:
         return self._inducing[0].against(X)
 
     def contract(self, Omega):
-        """Gradient by theta through K_ZZ.
+        """Gradient by theta through K_ZZ, and its adjoint.
 
         Parameters
         ----------
@@ -82,14 +83,24 @@ class Features:
         Returns
         -------
         gradient : ndarray of shape (n_theta,)
-            That of K_ZZ with its adjoint -1/2 L^{-T} Omega L^{-1}, jitter included.
+            Its gradient.
+        adjoint : ndarray of shape (n_inducing, n_inducing)
+            -1/2 L^{-T} Omega L^{-1}, jitter included.
         """
         bound, tape, everywhere = self._inducing
         half = self.cholesky.half_solve(Omega, transposed=True)
         adjoint = -0.5 * self.cholesky.half_solve(half.T, transposed=True)
         m = len(self)
         adjoint.flat[:: m + 1] += self.jitter / m * np.trace(adjoint)
-        return bound.contract(adjoint, tape, everywhere, everywhere)
+        return bound.contract(adjoint, tape, everywhere, everywhere), adjoint
+
+    def contract_inputs(self, adjoint):
+        """Gradient by Z through K_ZZ."""
+        bound, tape, everywhere = self._inducing
+        n_features = self.Z.shape[1]
+        return 2.0 * contract_inputs(
+            bound, adjoint, tape, everywhere, everywhere, n_features
+        )
 
 
 def _factorise(K):
@@ -138,7 +149,7 @@ class Tile:
         self.rest = features.kernel.diag(X) - np.einsum("ji,ji->i", self.phi, self.phi)
 
     def contract(self, phi_bar, diagonal):
-        """Gradient by theta, but for K_ZZ's part.
+        """Gradient by theta, and the adjoint of k^x(Z, X).
 
         Parameters
         ----------
@@ -150,17 +161,19 @@ class Tile:
         Returns
         -------
         gradient : ndarray of shape (n_theta,)
-            With the adjoint L^{-T} phi_bar of k^x(Z, X).
+            Its gradient, but for K_ZZ's part.
+        adjoint : ndarray of shape (n_inducing, n_samples)
+            L^{-T} phi_bar.
         """
         adjoint = self.features.cholesky.half_solve(phi_bar, transposed=True)
         if self.features.node.tileable:
             gradient = self.bound.contract(adjoint, self.tape, self.rows, self.cols)
-            return gradient + self._contract_diagonal(diagonal)
+            return gradient + self._contract_diagonal(diagonal), adjoint
         m = len(self.features)
         W = np.zeros((self.rows.stop,) * 2)
         W[:m, m:] = adjoint
         np.einsum("ii->i", W)[m:] = diagonal
-        return self.bound.contract(W, self.tape, self.rows, self.cols)
+        return self.bound.contract(W, self.tape, self.rows, self.cols), adjoint
 
     def _contract_diagonal(self, diagonal):
         gradient, m = 0.0, len(self.features)
@@ -170,3 +183,10 @@ class Tile:
             tape = self.bound.block(rows, rows)[1]
             gradient = gradient + self.bound.contract(W, tape, rows, rows)
         return gradient
+
+    def contract_inputs(self, adjoint):
+        """Gradient by Z through k^x(Z, X)."""
+        n_features = self.features.Z.shape[1]
+        return contract_inputs(
+            self.bound, adjoint, self.tape, self.rows, self.cols, n_features
+        )

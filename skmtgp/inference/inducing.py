@@ -1,8 +1,17 @@
 """Choosing the inducing inputs of sparse inference."""
 
+import warnings
+
 import numpy as np
+from sklearn.cluster import KMeans
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
+from threadpoolctl import threadpool_limits
+
+from skmtgp._bfgs import minimize
+from skmtgp._contraction import compile_kernel, contract_inputs
 
 CANDIDATES = 20_000  # rows
 RESOLVED = 1e-13  # of the largest variance: less is rounding
@@ -65,3 +74,90 @@ def _candidates(n, n_candidates, random_state):
         return slice(None)
     rng = check_random_state(random_state)  # in memory of those that are drawn
     return np.sort(sample_without_replacement(n, n_candidates, random_state=rng))
+
+
+def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
+    """Means of clusters of rows, in which every feature counts as much.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, n_features)
+        Inputs, which may be memory-mapped or a Dask array. The distances are between
+        features divided by their standard deviations.
+    n_inducing : int
+        Number of clusters; at most n_samples are made.
+    n_candidates : int, default=20000
+        If X has more rows, as many of them are drawn, and the others are not looked
+        at.
+    random_state : int, RandomState instance or None, default=None
+        For that, and for where scikit-learn's KMeans begins.
+
+    Returns
+    -------
+    Z : ndarray of shape (n_chosen, n_features)
+        The means; some more than once where fewer rows differ.
+    """
+    rng = check_random_state(random_state)
+    X = np.ascontiguousarray(X[_candidates(len(X), n_candidates, rng)], dtype=float)
+    scaler = StandardScaler()
+    clusters = KMeans(min(n_inducing, len(X)), random_state=rng)
+    with threadpool_limits(1), warnings.catch_warnings():  # sums in one order
+        warnings.simplefilter("ignore", ConvergenceWarning)  # of rows that are equal
+        clusters.fit(scaler.fit_transform(X))
+    return scaler.inverse_transform(clusters.cluster_centers_)
+
+
+def optimised(bound, theta, *, max_iter=100, tol=1e-2):
+    """Inducing inputs that make the bound higher, theta staying as it is.
+
+    Parameters
+    ----------
+    bound : SparseBound
+        Its inducing inputs are where the search by quasi-Newton steps begins.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+    max_iter : int, default=100
+        Most iterations.
+    tol : float, default=1e-2
+        Gain in nats under which the search ends.
+
+    Returns
+    -------
+    Z : ndarray of shape (n_inducing, n_features)
+        The best that were met. Never worse than those of `bound`.
+    n_evaluations : int
+        Bounds with their gradients that it took.
+
+    Raises
+    ------
+    ValueError
+        If the kernel's derivative by its inputs is not known.
+    """
+    scale = bound.Z.std(axis=0)
+    scale[scale == 0.0] = 1.0
+
+    def moved(steps):
+        return bound.Z + scale * steps.reshape(bound.Z.shape)
+
+    def objective(steps):
+        value, _, d_Z = bound.with_inducing(moved(steps)).value_and_grads(theta)
+        return -value, -np.ravel(scale * d_Z)
+
+    start, anywhere = np.zeros(bound.Z.size), np.full(bound.Z.size, np.inf)
+    best = minimize(objective, start, -anywhere, anywhere, max_iter=max_iter, tol=tol)
+    return moved(best.x), best.n_evaluations
+
+
+def check_differentiable(kernel, x):
+    """Raise a ValueError where the kernel's derivative by its inputs is not known.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        k^x.
+    x : ndarray of shape (1, n_features)
+        An input.
+    """
+    bound, one = compile_kernel(kernel).bind(kernel.theta, x), slice(0, 1)
+    _, tape = bound.block(one, one)
+    contract_inputs(bound, np.zeros((1, 1)), tape, one, one, x.shape[1])

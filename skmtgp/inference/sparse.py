@@ -129,13 +129,42 @@ class SparseBound(Likelihood):
     def _evaluate_with_grad(self, theta):
         """The same with the gradient by theta."""
         with limit_threads(len(self.y)):
-            features, gradients, back = self._backward(theta)
-            d_kernel = back.theta + features.contract(gradients.omega_bar())
-            d_F, d_kappa, d_noise = gradients.by_parameters(back)
-            d_rho = pull_back(self.task_covariance, self.split(theta)[1], d_F, d_kappa)
-            d_noise = d_noise if self.n_noise > 1 else [d_noise.sum()]
-            gradient = np.concatenate([d_kernel, d_rho, d_noise])
-            return gradients.weights.log_density(back.squares), gradient
+            return self._pull_back(theta, inputs=False)[:2]
+
+    def value_and_grads(self, theta):
+        """The bound and its gradients by theta and by the inducing inputs.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        value : float
+            The bound.
+        gradient : ndarray of shape (n_theta,)
+            Its gradient by theta.
+        d_Z : ndarray of shape (n_inducing, n_features)
+            Its gradient by Z.
+        """
+        try:
+            with limit_threads(len(self.y)):
+                return self._pull_back(theta, inputs=True)
+        except NotPositiveDefiniteError:
+            failed = np.full(len(theta), np.nan), np.full_like(self.Z, np.nan)
+            return -np.inf, *failed
+
+    def _pull_back(self, theta, *, inputs):
+        """The bound and its gradients, that by Z only if it is asked for."""
+        features, gradients, back = self._backward(theta, inputs=inputs)
+        d_kernel, K_bar = features.contract(gradients.omega_bar())
+        d_F, d_kappa, d_noise = gradients.by_parameters(back)
+        d_rho = pull_back(self.task_covariance, self.split(theta)[1], d_F, d_kappa)
+        d_noise = d_noise if self.n_noise > 1 else [d_noise.sum()]
+        gradient = np.concatenate([back.theta + d_kernel, d_rho, d_noise])
+        d_Z = back.Z + features.contract_inputs(K_bar) if inputs else None
+        return gradients.weights.log_density(back.squares), gradient, d_Z
 
     def task_gradient(self, theta):
         """Derivative of the value with respect to K^rho.
@@ -172,6 +201,19 @@ class SparseBound(Likelihood):
         """
         return SparsePosterior(self, theta)
 
+    def with_inducing(self, Z):
+        """The same model and data with other inducing inputs."""
+        return SparseBound(
+            self.kernel,
+            self.task_covariance,
+            self.X,
+            self.tasks,
+            self.y,
+            Z,
+            self.n_noise,
+            self.block_size,
+        )
+
     def release(self):
         """Give back memory: none is kept between evaluations."""
 
@@ -187,19 +229,20 @@ class SparseBound(Likelihood):
         latent = latent_functions(self.task_covariance, rho)
         return features, Weights(sums, *latent, noise)
 
-    def _backward(self, theta):
+    def _backward(self, theta, *, inputs=False):
         """The features, what the gradient is made of, and the second pass."""
         features, weights = self.forward(theta)
         gradients = Gradients(weights)
-        back = self.over_rows(sum_gradients, features, gradients.adjoint())
+        adjoint = gradients.adjoint()
+        back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
         return features, gradients, back
 
-    def over_rows(self, function, *arguments):
-        """``function(*arguments, blocks)`` of all rows, wherever they are.
+    def over_rows(self, function, *arguments, **options):
+        """``function(*arguments, blocks, **options)`` of all rows, wherever they are.
 
         The functions are those of :mod:`skmtgp.inference.sums`, whose results add up.
         """
-        of_part = partial(sum_blocks, function, self.block_size)
+        of_part = partial(sum_blocks, function, options, self.block_size)
         return sum_parts(of_part, arguments, (self.X, self.tasks, self.y))
 
     def blocks(self):

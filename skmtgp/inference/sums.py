@@ -68,9 +68,12 @@ class GradientSums(ResidualSums):
     ----------
     theta : ndarray of shape (n_theta,)
         Gradient by the kernel's theta, but for K_ZZ's part.
+    Z : ndarray of shape (n_inducing, n_features)
+        The same by the inducing inputs, if it was asked for.
     """
 
     theta: np.ndarray
+    Z: np.ndarray
 
 
 def blocks(X, tasks, y, size):
@@ -81,9 +84,9 @@ def blocks(X, tasks, y, size):
         yield features, np.asarray(tasks[rows]), targets
 
 
-def sum_blocks(function, size, arguments, X, tasks, y):
-    """``function(*arguments, blocks)``, a function below, of some rows."""
-    return function(*arguments, blocks(X, tasks, y, size))
+def sum_blocks(function, options, size, arguments, X, tasks, y):
+    """``function(*arguments, blocks, **options)``, a function below, of some rows."""
+    return function(*arguments, blocks(X, tasks, y, size), **options)
 
 
 def sum_features(features, n_tasks, blocks):
@@ -152,7 +155,7 @@ def _add_residuals(sums, phi, omega, y, parts):
     return error
 
 
-def sum_gradients(features, adjoint, blocks):
+def sum_gradients(features, adjoint, blocks, *, inputs=False):
     """The backward pass over some rows.
 
     Parameters
@@ -163,6 +166,8 @@ def sum_gradients(features, adjoint, blocks):
         What the gradient needs of all rows.
     blocks : iterable of (ndarray, ndarray, ndarray)
         X, tasks and y of some rows at a time.
+    inputs : bool, default=False
+        Whether the gradient by the inducing inputs is wanted too.
 
     Returns
     -------
@@ -174,6 +179,7 @@ def sum_gradients(features, adjoint, blocks):
         squares=np.zeros(len(omega)),
         errors=np.zeros_like(omega),
         theta=np.zeros(len(features.theta)),
+        Z=np.zeros_like(features.Z),
     )
     for X, tasks, y in blocks:
         X, tasks, y, parts = _by_task(X, tasks, y)
@@ -183,7 +189,10 @@ def sum_gradients(features, adjoint, blocks):
         for task, rows in parts:
             phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
             phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
-        sums.theta += tile.contract(phi_bar, adjoint.diagonal[tasks])
+        gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
+        sums.theta += gradient
+        if inputs:
+            sums.Z += tile.contract_inputs(K_bar)
     return sums
 
 

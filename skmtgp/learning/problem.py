@@ -139,6 +139,8 @@ class Settings:
         inducing inputs.
     n_inducing : int, default=0
         Inducing inputs of sparse inference.
+    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
+        Which they are.
     """
 
     kernel: Kernel
@@ -152,6 +154,7 @@ class Settings:
     verbose: int = 0
     inference: str = "dense"
     n_inducing: int = 0
+    inducing_inputs: str = "greedy"
 
     @property
     def log_held(self):

@@ -3,9 +3,11 @@
 Some of the rows are learned from exactly, by any of the learners. From the modes found
 there the bound over all rows is climbed, with inducing inputs chosen for the kernel as
 learned so far, which are the same for all ranks: their models stay part of each other.
+Where they are optimised, the highest rank's bound says where they go.
 """
 
 from dataclasses import replace
+from time import perf_counter
 
 import numpy as np
 from joblib import parallel_config
@@ -13,13 +15,14 @@ from joblib import parallel_config
 from skmtgp._dask import is_dask
 from skmtgp._parallel import run
 from skmtgp._progress import silent
-from skmtgp.inference.inducing import greedy_variance
+from skmtgp.inference.inducing import greedy_variance, k_means, optimised
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 
 EXACT_ROWS = 1100  # two levels from coarse to fine
 ROUNDS = 2  # of choosing inducing inputs
 GAIN = 1e-4  # nats a row under which a climb of the bound ends
+MOST_MOVES = 100  # of all inducing inputs, in a round
 
 
 def exact_part(pairs):
@@ -104,12 +107,21 @@ def climb_bounds(data, settings, forms, modes):
     settings = replace(settings, tol=max(settings.tol, GAIN * len(data.y)))
     best = None
     for _ in range(ROUNDS):
-        summarised = replace(data, Z=inducing_inputs(data, settings, modes[-1]))
+        begin = perf_counter()
+        Z, n_evaluations = inducing_inputs(data, settings, forms[-1], modes[-1])
+        seconds = perf_counter() - begin
+        summarised = replace(data, Z=Z)
         modes = [
             _climb_on(summarised, settings, form, mode)
             for form, mode in zip(forms, modes, strict=True)
         ]
-        modes = nest(summarised, settings, forms, modes)
+        modes = [
+            mode._replace(
+                n_evaluations=mode.n_evaluations + n_evaluations,
+                seconds=mode.seconds + seconds,
+            )
+            for mode in nest(summarised, settings, forms, modes)
+        ]
         if best is None or modes[-1].value > best[-1].value:
             best = modes
     return [
@@ -119,15 +131,52 @@ def climb_bounds(data, settings, forms, modes):
 
 
 def _climb_on(data, settings, form, mode):
-    theta = mode.theta
+    return mode.then(climb(data, settings, form, _begin(settings, form, mode)))
+
+
+def _begin(settings, form, mode):
+    """Parameters at which the climb of the bound begins."""
     if mode.Z is None:  # few rows ask for less noise than all do
-        theta = settings.with_noise(theta, form)
-    return mode.then(climb(data, settings, form, theta))
+        return settings.with_noise(mode.theta, form)
+    return mode.theta
 
 
-def inducing_inputs(data, settings, mode):
-    """Inputs chosen for k^x as learned, of shape (n_inducing, n_features)."""
-    kernel = settings.kernel.clone_with_theta(settings.split(mode.theta)[0])
-    return greedy_variance(
-        kernel, data.X, settings.n_inducing, random_state=np.random.RandomState(0)
+def inducing_inputs(data, settings, form, mode):
+    """Inducing inputs for the bound that is climbed from a mode.
+
+    Parameters
+    ----------
+    data : Data
+        Observations.
+    settings : Settings
+        Which inputs, how many, and the budget.
+    form : FixedTaskCovariance, LowRank or WithDiagonal
+        Form of K^rho.
+    mode : Mode
+        What was learned so far.
+
+    Returns
+    -------
+    Z : ndarray of shape (n_inducing, n_features)
+        The inputs.
+    n_evaluations : int
+        Bounds with their gradients that it took.
+    """
+    if settings.inducing_inputs != "optimised":
+        return _chosen(data.X, settings, mode), 0
+    Z = _chosen(data.X, settings, mode) if mode.Z is None else mode.Z
+    return optimised(
+        settings.likelihood(replace(data, Z=Z), form),
+        _begin(settings, form, mode),
+        max_iter=min(MOST_MOVES, settings.max_iter),
+        tol=settings.tol,
     )
+
+
+def _chosen(X, settings, mode):
+    """Rows of X or means of clusters of them, for k^x as learned."""
+    kernel = settings.kernel.clone_with_theta(settings.split(mode.theta)[0])
+    rng = np.random.RandomState(0)
+    if settings.inducing_inputs == "k-means":
+        X = k_means(X, settings.n_inducing, random_state=rng)
+    return greedy_variance(kernel, X, settings.n_inducing, random_state=rng)

@@ -1,0 +1,107 @@
+"""Gradients of tiles of a kernel by the inputs of their rows.
+
+For the inducing inputs, which are rows of tiles k^x(Z, X): as with the hyperparameters,
+only contractions with a weight matrix are needed.
+"""
+
+from functools import singledispatch
+
+import numpy as np
+
+from skmtgp._contraction.expressions import (
+    BoundColumns,
+    BoundPower,
+    BoundProduct,
+    BoundSum,
+)
+from skmtgp._contraction.terms import (
+    BoundConstant,
+    BoundLinear,
+    BoundStationary,
+    BoundWhite,
+)
+
+
+@singledispatch
+def contract_inputs(bound, W, tape, rows, cols, n_features):
+    """Sum over a tile of W times the derivative by the inputs of the tile's rows.
+
+    Parameters
+    ----------
+    bound : Bound
+        The kernel between inputs.
+    W : ndarray of shape (n_rows, n_columns)
+        Weights.
+    tape : object
+        What ``bound.block(rows, cols)`` returned with the values.
+    rows, cols : slice
+        The tile.
+    n_features : int
+        Number of features of the inputs.
+
+    Returns
+    -------
+    gradient : ndarray of shape (n_rows, n_features)
+        sum_j W_ij d k(x_i, x'_j) / d x_i, where x'_j is held fixed.
+
+    Raises
+    ------
+    ValueError
+        If the kernel is not one of those that skmtgp knows.
+    """
+    raise ValueError(
+        "inducing_inputs='optimised' needs the derivative of the kernel by its inputs, "
+        f"which is not known of kernel={bound.kernel!r}. Set inducing_inputs='greedy' "
+        "or 'k-means', or make the kernel of RBF, RationalQuadratic, Matern with "
+        "nu=0.5, 1.5 or 2.5, DotProduct, ARDLinear and Columns."
+    )
+
+
+@contract_inputs.register(BoundConstant)
+@contract_inputs.register(BoundWhite)
+def _(bound, W, tape, rows, cols, n_features):
+    return np.zeros((len(W), n_features))
+
+
+@contract_inputs.register
+def _(bound: BoundLinear, W, tape, rows, cols, n_features):
+    return W @ bound.right[cols, :-1] * bound.w[:-1]
+
+
+@contract_inputs.register
+def _(bound: BoundStationary, W, tape, rows, cols, n_features):
+    _, slope = tape
+    V = W * slope
+    VZ = V @ bound.right[cols, :-1]  # and, last, its row sums
+    return (VZ[:, :-1] - VZ[:, -1:] * bound.left[rows, :-2]) / bound.l
+
+
+@contract_inputs.register
+def _(bound: BoundColumns, W, tape, rows, cols, n_features):
+    columns = bound.select(np.arange(n_features)[None])[0]
+    gradient = np.zeros((len(W), n_features))
+    inner = contract_inputs(bound.inner, W, tape, rows, cols, len(columns))
+    np.add.at(gradient.T, columns, inner.T)  # a column may be named twice
+    return gradient
+
+
+@contract_inputs.register
+def _(bound: BoundSum, W, tape, rows, cols, n_features):
+    left = contract_inputs(bound.left, W, tape[0], rows, cols, n_features)
+    return left + contract_inputs(bound.right, W, tape[1], rows, cols, n_features)
+
+
+@contract_inputs.register
+def _(bound: BoundProduct, W, tape, rows, cols, n_features):
+    left, right, left_tape, right_tape = tape
+    of_left = contract_inputs(bound.left, W * right, left_tape, rows, cols, n_features)
+    return of_left + contract_inputs(
+        bound.right, W * left, right_tape, rows, cols, n_features
+    )
+
+
+@contract_inputs.register
+def _(bound: BoundPower, W, tape, rows, cols, n_features):
+    K, inner_tape = tape
+    W = bound.exponent * W * K ** (bound.exponent - 1)
+    return contract_inputs(bound.inner, W, inner_tape, rows, cols, n_features)

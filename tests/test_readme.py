@@ -52,6 +52,7 @@ def test_data_of_your_own(blocks, sites):
     exec(second, names)
     assert names["mean"].shape == names["std"].shape == (4,)
     assert names["model"].tasks_.tolist() == list("abcde")
+    assert names["search"].best_estimator_.tasks_.tolist() == list("abcd")
 
 
 def test_folds_have_the_tasks_of_the_model(text):

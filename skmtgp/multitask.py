@@ -60,7 +60,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Bounds of the noise variance, relative to the variance of the target.
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
-        deviation before learning. The model's mean is zero otherwise.
+        deviation before learning. The model's mean is zero otherwise. The mean is that
+        of all tasks: where they have different levels, these take one rank more, or
+        the targets of each task have to be centred beforehand.
     inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs

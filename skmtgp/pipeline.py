@@ -81,9 +81,10 @@ def add_task(
         extended.steps = [*model.steps[:-1], (name, add_task(last, X, y, prior=prior))]
         return extended
     if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC)):
+        advice = " Pass its best_estimator_." * hasattr(model, "best_estimator_")
         raise TypeError(
-            f"model={model!r} must be a MultiTaskGPRegressor, a RankSearchIC or a "
-            "Pipeline that ends with one of them."
+            "The model must be a MultiTaskGPRegressor, a RankSearchIC or a Pipeline "
+            f"that ends with one of them, not a {type(model).__name__}.{advice}"
         )
     return model.add_task(X, y, prior=prior)
 

@@ -262,6 +262,14 @@ class TestAddTask:
         with pytest.raises(TypeError, match=message):
             add_task(model, X_NEW, Y_NEW[:, 0])
 
+    def test_a_search_is_named_in_short(self):
+        cv = [(np.arange(24), np.arange(24))]
+        search = GridSearchCV(ESTIMATORS["mGP"], {"rank": [1]}, cv=cv).fit(X, Y[:, 0])
+        with pytest.raises(TypeError, match=r"GridSearchCV.* its best_est") as error:
+            add_task(search, X_NEW, Y_NEW[:, 0])
+        assert len(str(error.value)) < 200
+        assert 9 in add_task(search.best_estimator_, X_NEW, Y_NEW[:, 0]).tasks_
+
     def test_bad_data(self, model):
         with pytest.raises(ValueError, match="Task 1 is known already"):
             add_task(model, X[:8], Y[:8, 0])

@@ -1,5 +1,7 @@
 """What the Gaussian process regressors share: reading, fitting, storing."""
 
+from __future__ import annotations
+
 import warnings
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace

@@ -1,5 +1,7 @@
 """What a fitted Gaussian process regressor tells: predictions, likelihoods."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted

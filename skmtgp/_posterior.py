@@ -1,5 +1,7 @@
 """What all estimators share: predictions from the posterior."""
 
+from __future__ import annotations
+
 from numbers import Integral
 from typing import Literal, overload
 

@@ -1,5 +1,7 @@
 """Cross-validation in which every training set has every task."""
 
+from __future__ import annotations
+
 import warnings
 from collections.abc import Iterator
 from typing import Any

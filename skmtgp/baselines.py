@@ -1,5 +1,7 @@
 """Task covariances that are fixed: the paper's iGP and pGP."""
 
+from __future__ import annotations
+
 from typing import Literal
 
 from numpy.typing import ArrayLike

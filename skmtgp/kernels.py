@@ -4,6 +4,8 @@ Every :class:`sklearn.gaussian_process.kernels.Kernel` can be used; this module 
 two of its own and builds the kernel of the paper.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import Any, Literal
 

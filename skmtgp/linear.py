@@ -1,5 +1,7 @@
 """Bayesian linear regression, which the paper begins its comparison with."""
 
+from __future__ import annotations
+
 from numbers import Integral, Real
 from typing import Self
 

@@ -1,5 +1,7 @@
 """Metrics of multi-task regression, as the paper reports them."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from functools import partial
 from numbers import Real

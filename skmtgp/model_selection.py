@@ -1,5 +1,7 @@
 """Choosing the rank by an information criterion, and cross-validation by task."""
 
+from __future__ import annotations
+
 from copy import copy
 from numbers import Integral
 from typing import Literal, Self

@@ -1,5 +1,7 @@
 """The multi-task Gaussian process of the paper."""
 
+from __future__ import annotations
+
 from copy import copy
 from dataclasses import replace
 from numbers import Integral

@@ -1,5 +1,7 @@
 """Pipelines: the paper's model of a robot, and a task that joins a fitted one."""
 
+from __future__ import annotations
+
 from copy import copy
 from typing import Literal, TypeVar
 

@@ -1,5 +1,7 @@
 """Features of inverse dynamics from positions, velocities and accelerations."""
 
+from __future__ import annotations
+
 from numbers import Integral
 from typing import Any, Self
 

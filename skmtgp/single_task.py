@@ -1,5 +1,7 @@
 """A model for each task alone: the paper's sGP."""
 
+from __future__ import annotations
+
 import warnings
 from typing import Literal, Self
 

@@ -61,6 +61,12 @@ def test_hints(path):
     assert not unhinted(CALLABLES[path])
 
 
+@pytest.mark.parametrize("path", CALLABLES)
+def test_signatures_can_be_read(path):
+    """Aliases such as ArrayLike are not written out, over five lines of help()."""
+    assert "numpy._typing" not in str(inspect.signature(CALLABLES[path]))
+
+
 @pytest.mark.parametrize(
     "path",
     [

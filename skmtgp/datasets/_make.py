@@ -1,5 +1,7 @@
 """Make inverse dynamics data of the Puma 560 with loads of one's own choice."""
 
+from __future__ import annotations
+
 from typing import Any, Literal
 
 import numpy as np

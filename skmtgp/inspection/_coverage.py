@@ -1,5 +1,7 @@
 """Whether intervals hold as many targets as they should."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Self
 
 import numpy as np
@@ -83,7 +85,7 @@ class CoverageDisplay(Display):
         self.coverages = coverages
         self.tasks = tasks
 
-    def plot(self, *, ax: "Axes | None" = None) -> Self:
+    def plot(self, *, ax: Axes | None = None) -> Self:
         """Draw a line for each task, their mean and the diagonal.
 
         Parameters
@@ -132,7 +134,7 @@ class CoverageDisplay(Display):
         output: int = 0,
         task_feature: int | str | None = None,
         levels: ArrayLike = LEVELS,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
     ) -> Self:
         """Predict test data and draw the coverage of their intervals.
 
@@ -180,7 +182,7 @@ class CoverageDisplay(Display):
         *,
         tasks: ArrayLike | None = None,
         levels: ArrayLike = LEVELS,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
     ) -> Self:
         """Draw the coverage of the intervals of predictions.
 

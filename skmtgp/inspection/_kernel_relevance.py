@@ -1,5 +1,7 @@
 """Which features the kernel listens to."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple, Self
 
@@ -88,7 +90,7 @@ class KernelRelevanceDisplay(Display):
         self.parts = parts
         self.feature_names = feature_names
 
-    def plot(self, *, ax: "Axes | None" = None) -> Self:
+    def plot(self, *, ax: Axes | None = None) -> Self:
         """Draw a row of dots for each feature, on a logarithmic axis.
 
         Parameters
@@ -141,7 +143,7 @@ class KernelRelevanceDisplay(Display):
         *,
         output: int = 0,
         feature_names: Sequence[str] | None = None,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
     ) -> Self:
         """Draw the relevances in the kernel that a model has learned.
 

@@ -1,5 +1,7 @@
 """How errors fall with the number of samples."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from numbers import Integral
@@ -75,7 +77,7 @@ class TaskLearningCurveDisplay(Display):
     def __init__(self, *, results: pd.DataFrame | Mapping[str, Any]) -> None:
         self.results = results
 
-    def plot(self, *, ax: "Axes | None" = None, ylabel: str = "nMSE") -> Self:
+    def plot(self, *, ax: Axes | None = None, ylabel: str = "nMSE") -> Self:
         """Draw a line and a band for each model.
 
         Parameters
@@ -124,7 +126,7 @@ class TaskLearningCurveDisplay(Display):
         cv: int | BaseCrossValidator = 5,
         task_feature: int | str | None = None,
         n_jobs: int | None = None,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
     ) -> Self:
         """Fit models to more and more samples and draw their errors.
 
@@ -177,7 +179,7 @@ class TaskLearningCurveDisplay(Display):
         cls,
         results: pd.DataFrame | Mapping[str, Sequence],
         *,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         ylabel: str = "nMSE",
     ) -> Self:
         """Draw errors that were measured.

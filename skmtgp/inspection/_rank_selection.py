@@ -1,5 +1,7 @@
 """What an information criterion says of each rank."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Self
 
@@ -56,7 +58,7 @@ class RankSelectionDisplay(Display):
         self.best_rank = best_rank
 
     def plot(
-        self, *, ax: "Axes | None" = None, criteria: str | Sequence[str] = "bic"
+        self, *, ax: Axes | None = None, criteria: str | Sequence[str] = "bic"
     ) -> Self:
         """Draw one criterion, or compare several.
 
@@ -108,7 +110,7 @@ class RankSelectionDisplay(Display):
         cls,
         estimator: BaseEstimator,
         *,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         criteria: str | Sequence[str] | None = None,
     ) -> Self:
         """Draw what a search has found.

@@ -1,5 +1,7 @@
 """What is left of the targets of each task."""
 
+from __future__ import annotations
+
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -82,7 +84,7 @@ class TaskResidualsDisplay(Display):
     def plot(
         self,
         *,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         kind: Literal["residual", "standardized"] = "residual",
     ) -> Self:
         """Draw a box for each task.
@@ -142,7 +144,7 @@ class TaskResidualsDisplay(Display):
         *,
         output: int = 0,
         task_feature: int | str | None = None,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         kind: Literal["residual", "standardized"] = "residual",
     ) -> Self:
         """Predict test data and draw the residuals.
@@ -190,7 +192,7 @@ class TaskResidualsDisplay(Display):
         y_std: ArrayLike | None = None,
         *,
         tasks: ArrayLike | None = None,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         kind: Literal["residual", "standardized"] = "residual",
     ) -> Self:
         """Draw the residuals of predictions.

@@ -1,5 +1,7 @@
 """How the tasks are related."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -90,7 +92,7 @@ class TaskCovarianceDisplay(Display):
     def plot(
         self,
         *,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         kind: Literal["covariance", "correlation"] = "covariance",
         order: Literal["given", "similarity"] = "given",
         deviations: bool = False,
@@ -183,7 +185,7 @@ class TaskCovarianceDisplay(Display):
         estimator: BaseEstimator,
         *,
         output: int = 0,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         kind: Literal["covariance", "correlation"] = "covariance",
         order: Literal["given", "similarity"] = "given",
         deviations: bool = False,

@@ -1,5 +1,7 @@
 """Predictions along a sequence."""
 
+from __future__ import annotations
+
 from numbers import Real
 from typing import TYPE_CHECKING, Self
 
@@ -74,7 +76,7 @@ class TrajectoryDisplay(Display):
         self.y_std = y_std
         self.time = time
 
-    def plot(self, *, ax: "Axes | None" = None, level: float = 0.95) -> Self:
+    def plot(self, *, ax: Axes | None = None, level: float = 0.95) -> Self:
         """Draw targets, predictions and their band.
 
         Parameters
@@ -136,7 +138,7 @@ class TrajectoryDisplay(Display):
         *,
         time: ArrayLike | None = None,
         output: int = 0,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         level: float = 0.95,
     ) -> Self:
         """Predict a sequence and draw it.
@@ -181,7 +183,7 @@ class TrajectoryDisplay(Display):
         y_std: ArrayLike,
         *,
         time: ArrayLike | None = None,
-        ax: "Axes | None" = None,
+        ax: Axes | None = None,
         level: float = 0.95,
     ) -> Self:
         """Draw what was predicted of a sequence.

@@ -272,13 +272,15 @@ def check_labels(labels):
         If a label is missing or is a number that is not an integer, or if strings and
         numbers are mixed.
     """
+    index = labels.index if isinstance(labels, pd.Series) else None
     labels = _flatten(labels)
     missing = pd.isna(labels)
     if np.any(missing):
         first = int(np.flatnonzero(missing)[0])
+        where = "" if index is None else f", index {index[first]}"
         raise ValueError(
             f"The task column has {int(np.sum(missing))} missing labels (NaN, None or "
-            f"NA), the first in row {first}. Every row needs its task."
+            f"NA), the first in row {first}{where}. Every row needs its task."
         )
     if labels.dtype.kind in "OT":
         labels = _unify(labels)

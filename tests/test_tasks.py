@@ -128,6 +128,14 @@ def test_missing_labels(labels):
         check_labels(labels)
 
 
+def test_a_missing_label_is_told_by_its_index():
+    labels = pd.Series(["a", None], index=["monday", "tuesday"])
+    with pytest.raises(ValueError, match=r"first in row 1, index tuesday\. Every"):
+        check_labels(labels)
+    with pytest.raises(ValueError, match=r"first in row 1\. Every"):
+        check_labels(labels.to_numpy())
+
+
 def test_continuous_labels():
     message = r"2 of 3 are fractional numbers such as 0\.5.*remainder='passthrough'"
     with pytest.raises(ValueError, match=message):

@@ -253,8 +253,9 @@ def _warn_of_unfinished(modes, max_iter):
     """Say where learning ended before the likelihood stopped growing."""
     stalled = [j + 1 for j, mode in enumerate(modes) if mode.stalled]
     if stalled:
+        which = f" of output {stalled}" * (len(modes) > 1)
         warnings.warn(
-            f"Learning of output {stalled} ended for lack of digits: the prior "
+            f"Learning{which} ended for lack of digits: the prior "
             "variance is so much larger than the noise variance that the likelihood "
             "cannot be resolved further. The model is the best one found; a larger "
             "lower bound in noise_variance_bounds avoids this.",
@@ -262,8 +263,9 @@ def _warn_of_unfinished(modes, max_iter):
         )
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
     if unfinished and max_iter > 0:
+        which = f" of output {unfinished}" * (len(modes) > 1)
         warnings.warn(
-            f"The likelihood of output {unfinished} was still growing after "
+            f"The likelihood{which} was still growing after "
             f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
             ConvergenceWarning,
         )

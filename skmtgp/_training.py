@@ -210,8 +210,9 @@ def _warn_of_underflow(values, kind):
     largest = _largest(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
+        which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
         warnings.warn(
-            f"The values of {kind} {(small + 1).tolist()} are below {SMALLEST:.0e}: "
+            f"The values of {which} are below {SMALLEST:.0e}: "
             "their squares vanish, and they count as constant. Choose another unit.",
             UnderflowWarning,
         )
@@ -325,6 +326,7 @@ class Training(NamedTuple):
         self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
     ):
         """The data and the settings of each output."""
+        n_outputs = self.Y.shape[1]
         for j, data in enumerate(self.data(inference), start=1):
             scale = float(data.y.std()) or 1.0
             fixed = isinstance(noise_bounds, str)
@@ -334,7 +336,7 @@ class Training(NamedTuple):
                 scale=float(np.sqrt(np.square(data.y).mean())) or 1.0,
                 log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
                 log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                name=f"output {j} of {self.Y.shape[1]}",
+                name=f"output {j} of {n_outputs}" if n_outputs > 1 else "the output",
                 inference=inference,
                 **options,
             )

@@ -431,6 +431,32 @@ class TestTaskLearningCurve:
         expected = -make_normalized_mse_scorer()(model, X[test], y[test])
         assert results["error"][2] == expected
 
+    def test_only_test_sets_are_scored(self):
+        """One row of a task in the training set has no variance to normalise by."""
+        display = TaskLearningCurveDisplay.from_estimator(
+            MODELS["PooledGP"], X, y, cv=2, train_sizes=[3, 9]
+        )
+        assert_array_equal(display.results["n"], [3, 3, 9, 9])
+        assert np.isfinite(display.results["error"]).all()
+
+    def test_shares_of_the_training_set(self):
+        found = [
+            TaskLearningCurveDisplay.from_estimator(
+                MODELS["PooledGP"], X, y, cv=2, train_sizes=sizes
+            ).results
+            for sizes in ([0.4, 1.0, 1.0], [3, 9])
+        ]
+        pd.testing.assert_frame_equal(*found)
+
+    @pytest.mark.parametrize(
+        "sizes", [[0, 3], [3, 10], [0.0, 1.0], [0.5, 1.1], [1.5], []]
+    )
+    def test_training_sets_that_there_are_not(self, sizes):
+        with pytest.raises(ValueError, match=r"train_sizes=.* from 1 to 9, or share"):
+            TaskLearningCurveDisplay.from_estimator(
+                MODELS["PooledGP"], X, y, cv=2, train_sizes=sizes
+            )
+
     def test_several_models_of_a_frame(self, piped):
         models = {
             "linear": BayesianLinearRegression(task_feature="load"),

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
-from sklearn.model_selection import BaseCrossValidator, learning_curve
+from sklearn.model_selection import BaseCrossValidator, check_cv, cross_validate
 
 from skmtgp._splitting import TaskStratifiedKFold
 from skmtgp.inspection._drawing import Display, pyplot, style
@@ -160,17 +160,17 @@ class TaskLearningCurveDisplay(Display):
         Raises
         ------
         ValueError
-            If nothing tells the task column, or the folds cannot be made.
+            If nothing tells the task column, or the folds cannot be made or have fewer
+            samples than `train_sizes` asks for.
         """
         pyplot()  # not after hours of fits
         models = estimator
         if not isinstance(models, Mapping):
             models = {type(estimator).__name__: estimator}
-        options = {"train_sizes": np.asarray(train_sizes), "n_jobs": n_jobs}
         results = []
         for name, model in models.items():
             column = task_column(model, X, task_feature)
-            errors = _errors(model, X, y, cv, column, options)
+            errors = _errors(model, X, y, cv, column, train_sizes, n_jobs)
             results.append(errors.assign(model=name))
         return cls(results=pd.concat(results, ignore_index=True)).plot(ax=ax)
 
@@ -208,16 +208,36 @@ class TaskLearningCurveDisplay(Display):
         return cls(results=results).plot(ax=ax, ylabel=ylabel)
 
 
-def _errors(model, X, y, cv, column, options):
-    """n, draw and error of each fit of one model."""
+def _errors(model, X, y, cv, column, train_sizes, n_jobs):
+    """n, draw and error of each fit of one model.
+
+    Training sets are not scored, as `learning_curve` does: small ones may have one row
+    of a task, whose error cannot be normalised.
+    """
     if isinstance(cv, Integral):
         cv = TaskStratifiedKFold(cv, task_feature=column, shuffle=True, random_state=0)
+    folds = list(check_cv(cv).split(X, y))
+    sizes = _sizes(train_sizes, min(len(train) for train, _ in folds))
+    cut = [(train[:n], test) for n in sizes for train, test in folds]
     scorer = make_normalized_mse_scorer(column)
-    sizes, _, scores = learning_curve(model, X, y, cv=cv, scoring=scorer, **options)
-    n, draw = np.broadcast_arrays(sizes[:, None], np.arange(scores.shape[1]))
-    return pd.DataFrame(
-        {"n": n.ravel(), "draw": draw.ravel(), "error": -scores.ravel()}
-    )
+    scores = cross_validate(model, X, y, cv=cut, scoring=scorer, n_jobs=n_jobs)
+    n, draw = np.repeat(sizes, len(folds)), np.tile(np.arange(len(folds)), len(sizes))
+    return pd.DataFrame({"n": n, "draw": draw, "error": -scores["test_score"]})
+
+
+def _sizes(train_sizes, largest):
+    """Numbers of training samples, of which shares are made."""
+    sizes = np.asarray(train_sizes)
+    are_shares = sizes.dtype.kind == "f"
+    possible = (sizes > 0) & (sizes <= (1 if are_shares else largest))
+    if not sizes.size or not possible.all():
+        raise ValueError(
+            f"train_sizes={train_sizes!r} must be numbers of training samples, from 1 "
+            f"to {largest}, or shares of {largest}, above 0 and up to 1."
+        )
+    if are_shares:
+        sizes = np.maximum(1, (sizes * largest).astype(int))
+    return np.unique(sizes)
 
 
 def _check_results(results):

@@ -56,7 +56,8 @@ def normalized_mean_squared_error(
     Raises
     ------
     ValueError
-        If the targets of a task are constant, so that nothing can be normalised.
+        If the targets of a task are constant, as one sample is, so that nothing can be
+        normalised.
 
     Notes
     -----
@@ -73,13 +74,15 @@ def normalized_mean_squared_error(
     y_true, y_pred, masks = _check(y_true, y_pred, tasks)
     per_task = []
     for task, mask in masks.items():
-        variance = y_true[mask].var(axis=0)
-        if _constant(y_true[mask]).any():
+        targets = y_true[mask]
+        if _constant(targets).any():
+            why = ", as there is one sample" if len(targets) == 1 else ""
             raise ValueError(
-                f"The targets of task {task!r} are constant, so their errors cannot be "
-                "normalised by their variance. Leave that task out."
+                f"The targets of task {task!r} are constant{why}, so their errors "
+                "cannot be normalised by their variance. Leave that task out."
             )
-        per_task.append(np.square(y_true - y_pred)[mask].mean(axis=0) / variance)
+        errors = np.square(y_true - y_pred)[mask]
+        per_task.append(errors.mean(axis=0) / targets.var(axis=0))
     return _average(np.mean(per_task, axis=0), multioutput)
 
 

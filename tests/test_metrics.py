@@ -60,6 +60,12 @@ def test_nmse_of_each_tasks_mean_is_one(data):
     np.testing.assert_allclose(raw, 1.0, rtol=1e-12)
 
 
+def test_nmse_of_a_task_with_one_sample():
+    y = np.array([1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match="task 2 are constant, as there is one sample"):
+        normalized_mean_squared_error(y, y, tasks=[1, 1, 2])
+
+
 @pytest.mark.parametrize("constant", [0.0, 0.1, 1e9 / 3])
 def test_nmse_of_constant_targets(constant):
     y = np.array([1.0, 2.0, constant, constant, constant])

@@ -23,10 +23,12 @@ from skmtgp._partitions import check_partitions
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
 from skmtgp._training import (
+    FEW_ROWS,
     Training,
     check_kernel,
     check_training,
     default_kernel,
+    warn_of_constants,
 )
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.choice import choose
@@ -113,6 +115,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             spread *= self._learns_amplitude()
         varies = spread > RESOLVED * np.abs(mean)
         scale[varies] = spread[varies]
+        if len(Y) > FEW_ROWS:
+            same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
+            warn_of_constants(same & ~varies)
         return Training(features, codes, tasks, Y, mean, scale, single_output)
 
     def _kernel(self, training):

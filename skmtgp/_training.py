@@ -11,13 +11,13 @@ from sklearn.utils import check_array, check_consistent_length, gen_batches
 from skmtgp._dask import held, is_dask
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
-from skmtgp.exceptions import UnderflowWarning
+from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
 from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
-FEW_ROWS = 20  # of which every second may well be a task
+FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 ROWS = 100_000  # of which the standard deviation is taken at once
 
 
@@ -215,6 +215,17 @@ def _warn_of_underflow(values, kind):
             f"The values of {which} are below {SMALLEST:.0e}: "
             "their squares vanish, and they count as constant. Choose another unit.",
             UnderflowWarning,
+        )
+
+
+def warn_of_constants(constant):
+    """Say which outputs are constant, from whether each is."""
+    if constant.any():
+        which = f" {(np.flatnonzero(constant) + 1).tolist()}" * (len(constant) > 1)
+        warnings.warn(
+            f"Output{which} is constant in training: the standard deviations of its "
+            "predictions mean nothing. Check y, or leave the output out.",
+            ConstantTargetWarning,
         )
 
 

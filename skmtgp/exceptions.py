@@ -3,6 +3,7 @@
 import numpy as np
 
 __all__ = [
+    "ConstantTargetWarning",
     "InsufficientMemoryError",
     "JitterWarning",
     "NotPositiveDefiniteError",
@@ -34,6 +35,19 @@ class NotPositiveDefiniteError(np.linalg.LinAlgError):
     >>> from skmtgp.exceptions import NotPositiveDefiniteError
     >>> issubclass(NotPositiveDefiniteError, ValueError)
     True
+    """
+
+
+class ConstantTargetWarning(RuntimeWarning):
+    """A Gaussian process was fitted to an output that is constant over many rows.
+
+    It cannot tell how much the output varies, and is certain of it everywhere.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import ConstantTargetWarning
+    >>> warnings.simplefilter("error", ConstantTargetWarning)
     """
 
 

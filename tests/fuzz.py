@@ -34,6 +34,7 @@ ERRORS = ValueError, TypeError, NotFittedError, exceptions.InsufficientMemoryErr
 WARNINGS = (
     ConvergenceWarning,
     UndefinedMetricWarning,  # of r2_score, for a single row
+    exceptions.ConstantTargetWarning,
     exceptions.JitterWarning,
     exceptions.PrecisionWarning,
     exceptions.UnderflowWarning,

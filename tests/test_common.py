@@ -24,6 +24,10 @@ FIRST += [
 ]
 FIRST += [cls(inference="sparse", n_inducing=10, **QUICK) for cls in ALONE]
 SEARCH = RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2))
+# Irises of one petal width are of one species, and its number is the target.
+pytestmark = pytest.mark.filterwarnings(
+    "ignore:Task:skmtgp.exceptions.ConstantTargetWarning"
+)
 
 
 @checks_of([*DEFAULT, *LINEAR])

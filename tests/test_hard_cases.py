@@ -29,6 +29,7 @@ from skmtgp import (
     linear,
 )
 from skmtgp.exceptions import (
+    ConstantTargetWarning,
     InsufficientMemoryError,
     NotPositiveDefiniteError,
     UnderflowWarning,
@@ -134,7 +135,20 @@ class TestFewRows:
 
 
 class TestTargets:
+    @each_gp
+    def test_constants_are_told(self, model):
+        start = "Task 0: Output" if isinstance(model, SingleTaskGP) else "Output"
+        one_task = columns(F, np.zeros(24))
+        one = rf"^{start} is constant in training: the standard deviations"
+        with pytest.warns(ConstantTargetWarning, match=one):
+            fitted(model, one_task, np.full(24, 3.0), max_iter=0)
+        second = rf"^{start} \[2\] is constant in training"
+        with pytest.warns(ConstantTargetWarning, match=second):
+            fitted(model, one_task, np.column_stack([Y, 0.0 * Y]), max_iter=0)
+        fitted(model, X[:9], np.full(9, 3.0), max_iter=0)  # may well be by chance
+
     @each
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.ConstantTargetWarning")
     def test_constant(self, model):
         mean, _ = assert_sound(fitted(model, X, np.full(24, 3.0)), X)
         np.testing.assert_allclose(mean, 3.0, rtol=1e-6)
@@ -435,6 +449,7 @@ class TestSingular:
         assert found == pytest.approx(expected, abs=0.1)
 
     @pytest.mark.parametrize("learning", ["annealed", "staged"])
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.ConstantTargetWarning")
     def test_first_estimate_of_the_task_covariance(self, learning):
         """Nothing to explain, and inputs that the kernel cannot tell apart."""
         kernel = RBF(1e12, "fixed")
@@ -483,7 +498,7 @@ class TestMemory:
     @pytest.fixture
     def large(self):
         rng = np.random.default_rng(0)
-        return columns(rng.normal(size=self.N), np.zeros(self.N)), np.ones(self.N)
+        return columns(rng.normal(size=self.N), np.zeros(self.N)), np.arange(self.N)
 
     @pytest.fixture
     def sixteen_gib(self, monkeypatch):

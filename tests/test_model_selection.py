@@ -1,4 +1,5 @@
 import pickle
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -28,7 +29,8 @@ def data(request):
 
 @pytest.fixture(scope="module")
 def search(data):
-    with pytest.warns(ConvergenceWarning):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
         return RankSearchIC(MODEL, ranks=(1, 2, 3, 4)).fit(*data)
 
 
@@ -201,7 +203,11 @@ def test_verbosity(capsys, data):
     starts = [line.split(": log marginal")[0] for line in lines]
     names = [f"output {j} of {n_outputs}" for j in range(1, n_outputs + 1)]
     names = names if n_outputs > 1 else ["the output"]
-    assert starts == [f"[skmtgp] {name}, rank {r}" for name in names for r in (1, 2)]
+    of_ranks = [f"[skmtgp] {name}, rank {r}" for name in names for r in (1, 2)]
+    assert starts == [
+        *(f"{line}, the best of 3 starts" for line in of_ranks),
+        *of_ranks,
+    ]
 
 
 @pytest.mark.parametrize("method", ["predict", "sample_y"])
@@ -256,7 +262,8 @@ def test_failed_fit_changes_nothing(monkeypatch):
 
 @pytest.fixture(scope="module")
 def kept(data):
-    with pytest.warns(ConvergenceWarning):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
         return RankSearchIC(MODEL, ranks=(1, 2, 4), keep_estimators=True).fit(*data)
 
 

@@ -28,8 +28,9 @@ MODELS = {
     "BayesianLinearRegression": BayesianLinearRegression(),
     "RankSearchIC": RankSearchIC(MultiTaskGPRegressor(max_iter=0), ranks=(1, 2)),
 }
-# Outputs, tasks, or outputs and ranks.
+# Outputs, tasks, or outputs and ranks; where there are several starts, these before.
 N_JOBS = dict(zip(MODELS, [2, 2, 2, 3, None, 4], strict=True))
+N_STARTS = {"MultiTaskGPRegressor": 3 * 2, "RankSearchIC": 3 * 4}
 EACH = pytest.mark.parametrize("name", MODELS)
 X, Y = draw(n_outputs=2)
 
@@ -57,12 +58,12 @@ class Recorder:
 
 
 def events_of(name):
-    """Setup, the fit with its stage and the stage's jobs, and teardown."""
+    """Setup, the fit with its stages and their jobs, and teardown."""
     job = [("begin", "job", 0), ("end", "job", 0)]
     stages = []
-    if n_jobs := N_JOBS[name]:
-        stage = "learning", n_jobs
-        stages = [("begin", *stage), *(n_jobs * job), ("end", *stage)]
+    for stage in (("starts", N_STARTS.get(name)), ("learning", N_JOBS[name])):
+        if stage[1]:
+            stages += [("begin", *stage), *(stage[1] * job), ("end", *stage)]
     return ["setup", ("begin", "fit", None), *stages, ("end", "fit", None), "teardown"]
 
 

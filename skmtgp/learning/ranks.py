@@ -79,11 +79,12 @@ def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
         (*p, form, of) for p, of in zip(coarse, starts, strict=True) for form in forms
     ]
     n_ways = len(ways_from(starts[0]))
-    reports = (
-        progress("starts", n_ways * len(jobs), description(pairs, forms, n_ways)),
-        progress("learning", len(jobs), describe),
+    each = description(pairs, forms, n_ways)
+    reporters = (
+        partial(progress, "starts", n_ways * len(jobs), each),
+        partial(progress, "learning", len(jobs), describe),
     )
-    modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reports=reports)
+    modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reporters=reporters)
     modes = by_output(modes, forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)

@@ -103,7 +103,7 @@ def augmented_task_covariance(data, posterior):
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reports=(None, None)):
+def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reporters=None):
     """Step 3 of section 3, from each start; the best modes.
 
     Parameters
@@ -115,9 +115,9 @@ def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reports=(None, None)):
         How often the best mode of a job is shaken.
     n_jobs : int, default=None
         Processes, to which all starts of all jobs are shared out.
-    reports : pair of callables, default=(None, None)
-        Called with a position and a mode: of each of the `ways_from` its starts, and of
-        each job.
+    reporters : pair of callables, default=None
+        Give, when a part begins, what to call with a position and a mode: of each of
+        the `ways_from` the starts of the jobs, and of each job.
 
     Returns
     -------
@@ -125,12 +125,13 @@ def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reports=(None, None)):
         The best one of each job, with what was spent on all.
     """
     ways = [(*job[:3], ways_from(job[3])) for job in jobs]
-    found = from_each_start(_follow, ways, n_jobs=n_jobs, report=reports[0])
+    of_starts, of_jobs = reporters or (lambda: None, lambda: None)
+    found = from_each_start(_follow, ways, n_jobs=n_jobs, report=of_starts())
     best = [
         (*job[:3], best_of(modes, doubt=DOUBT), shakes)
         for job, modes in zip(jobs, found, strict=True)
     ]
-    return run(shake, best, n_jobs=n_jobs, report=reports[1])
+    return run(shake, best, n_jobs=n_jobs, report=of_jobs())
 
 
 def ways_from(starts):

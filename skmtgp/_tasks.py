@@ -159,7 +159,17 @@ def split_table(table, position, estimator=None):
     except (TypeError, ValueError):
         _check_values(features, names, position)
         raise
-    return features, check_labels(columns[:, position])
+    return by_rows(features), check_labels(columns[:, position])
+
+
+def by_rows(values):
+    """The values, row after row in memory, as those of a frame are not.
+
+    Sums over them are then rounded alike, and what is learned from a frame is what is
+    learned from an array.
+    """
+    by_columns = values.ndim == 2 and values.strides[0] < values.strides[1]
+    return np.ascontiguousarray(values) if by_columns else values
 
 
 def _names(table, estimator):

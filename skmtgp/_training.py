@@ -10,7 +10,13 @@ from sklearn.utils import check_array, check_consistent_length, gen_batches
 
 from skmtgp._dask import held, is_dask
 from skmtgp._linalg import RESOLVED
-from skmtgp._tasks import encode_tasks, locate_task_column, read_table, split_table
+from skmtgp._tasks import (
+    by_rows,
+    encode_tasks,
+    locate_task_column,
+    read_table,
+    split_table,
+)
 from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
 from skmtgp.learning.problem import Data, Settings
 
@@ -140,7 +146,7 @@ def cut_table(table, position, columns, estimator):
 
 def check_target(table, y):
     """Targets of the rows of a table, as numbers whose squares do not overflow."""
-    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
+    y = by_rows(check_array(y, ensure_2d=False, dtype=np.float64, input_name="y"))
     check_consistent_length(table, y)
     _check_magnitude(y.reshape(len(y), -1), "y", range(y.size // len(y)))
     return y

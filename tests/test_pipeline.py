@@ -46,7 +46,7 @@ def test_arrays_and_frames_with_named_loads(estimator):
     assert numbered.shape == (24,)
     assert np.ptp(numbered) > 0.1 * np.ptp(Y[:, 0])
     named = clone(model).fit(FRAME, TARGETS["tau1"])
-    np.testing.assert_allclose(named.predict(FRAME), numbered, rtol=1e-6)
+    np.testing.assert_allclose(named.predict(FRAME), numbered, rtol=1e-12)
     fitted = getattr(named[-1], "best_estimator_", named[-1])
     assert fitted.tasks_.tolist() == ["c1", "c2", "c5"]
 
@@ -232,7 +232,7 @@ class TestAddTask:
         assert last_of(extended).tasks_.tolist() == ["c1", "c2", "c5", "c9"]
         array = make_inverse_dynamics_regressor(ESTIMATORS[name]).fit(X, Y[:, :2])
         expected = add_task(array, X_NEW, Y_NEW[:, :2]).predict(X_NEW)
-        np.testing.assert_allclose(extended.predict(FRAME_NEW), expected, rtol=1e-6)
+        np.testing.assert_allclose(extended.predict(FRAME_NEW), expected, rtol=1e-12)
 
     def test_one_after_another(self):
         model = make_inverse_dynamics_regressor(ESTIMATORS["mGP"]).fit(X, Y[:, 0])

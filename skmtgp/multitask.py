@@ -133,7 +133,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         All parameters as learned, for each output: the kernel's theta, the factor of
         the task covariance of the scaled output row by row, logarithms of its diagonal,
         logarithms of the noise variances of the scaled output. An output is scaled by
-        `y_scale_`, without `normalize_y` by its root mean square.
+        `y_scale_`, without `normalize_y` by its root mean square. The factor is a
+        rotation of `task_factor_`: ``L @ Q``, with the same ``L @ L.T``.
     rank_ : int
         Rank of the task covariance.
     n_iter_ : int

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Callable
 from functools import partial
 from numbers import Real
@@ -199,8 +200,7 @@ def coverage(
     >>> coverage([0.0, 1.0, 3.0, 0.5], [0.0] * 4, [1.0] * 4)
     0.75
     """
-    if not isinstance(level, Real) or not 0.0 < level < 1.0:
-        raise ValueError(f"level={level!r} must be a number between 0 and 1.")
+    _check_level(level)
     y_true, y_pred, masks = _check(y_true, y_pred, tasks)
     y_std = _check_std(y_std, y_true)
     inside = np.abs(y_true - y_pred) <= y_std * ndtri(0.5 + 0.5 * level)
@@ -266,6 +266,11 @@ def make_standardized_log_loss_scorer(
         what ``estimator.predict(X, return_std=True, include_noise=True)`` returns, in
         nats: greater is better and 0 is the trivial model. Pass it as `scoring`.
 
+    Raises
+    ------
+    TypeError
+        If `y_train` is not an array of numbers.
+
     Examples
     --------
     >>> import numpy as np
@@ -277,6 +282,7 @@ def make_standardized_log_loss_scorer(
     >>> bool(make_standardized_log_loss_scorer(y)(model, X, y) > 1.0)
     True
     """
+    _check_y_train(y_train)
     return partial(_minus_msll, y_train=y_train, task_feature=task_feature)
 
 
@@ -311,6 +317,7 @@ def make_coverage_scorer(
     >>> round(make_coverage_scorer(0.95)(model, X, y), 2)
     -0.05
     """
+    _check_level(level, _column_meant(level))
     return partial(_minus_miscoverage, level=level, task_feature=task_feature)
 
 
@@ -349,6 +356,28 @@ def _check_outputs(y_true, other, name):
         raise ValueError(
             f"y_true has {y_true.shape[1]} outputs and {name} has {other.shape[1]}."
         )
+
+
+def _check_level(level, advice=""):
+    if not isinstance(level, Real) or not 0.0 < level < 1.0:
+        raise ValueError(f"level={level!r} must be a number between 0 and 1.{advice}")
+
+
+def _check_y_train(y_train):
+    try:
+        is_array = np.asarray(y_train, dtype=np.float64).ndim > 0
+    except (TypeError, ValueError):
+        is_array = False
+    if not is_array:
+        raise TypeError(
+            f"y_train={reprlib.repr(y_train)} must be the training targets, an array "
+            f"of numbers.{_column_meant(y_train)}"
+        )
+
+
+def _column_meant(value):
+    """Advice where a name came in place of what is the first argument."""
+    return f" Did you mean task_feature={value!r}?" if isinstance(value, str) else ""
 
 
 def _check_std(y_std, y_true) -> NDArray[np.float64]:

@@ -311,3 +311,28 @@ class TestScorersOfUncertainty:
         for (train, test), score in zip(cv, scores, strict=True):
             alone = clone(model).fit(X.iloc[train], y[train])
             assert score == pytest.approx(scorer(alone, X.iloc[test], y[test]))
+
+
+WRONG = {
+    "a name": "machine",
+    "a number": 3,
+    "None": None,
+    "names": ["a", "b"],
+    "texts of a frame": pd.DataFrame({"y": ["a", "b"]}),
+}
+
+
+@pytest.mark.parametrize("y_train", WRONG.values(), ids=WRONG)
+def test_log_loss_scorer_of_what_are_no_targets(y_train):
+    with pytest.raises(TypeError, match=r"(?s)y_train=.* must be the training") as e:
+        make_standardized_log_loss_scorer(y_train)
+    is_name = isinstance(y_train, str)
+    assert ("Did you mean task_feature='machine'?" in str(e.value)) == is_name
+
+
+@pytest.mark.parametrize("level", ["machine", 0.0, 1, 95, np.nan, None])
+def test_coverage_scorer_of_a_level_that_is_none(level):
+    with pytest.raises(ValueError, match=r"level=.* between 0 and 1") as error:
+        make_coverage_scorer(level)
+    is_name = isinstance(level, str)
+    assert ("Did you mean task_feature='machine'?" in str(error.value)) == is_name

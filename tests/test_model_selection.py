@@ -206,7 +206,7 @@ def test_verbosity(capsys, data):
     of_ranks = [f"[skmtgp] {name}, rank {r}" for name in names for r in (1, 2)]
     assert starts == [
         *(f"{line}, the best of 3 starts" for line in of_ranks),
-        *of_ranks,
+        *(f"{line}, shaken" for line in of_ranks),
     ]
 
 

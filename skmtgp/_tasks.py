@@ -97,17 +97,25 @@ def read_table(estimator, X, *, reset):
     -------
     table : ndarray or DataFrame of shape (n_samples, n_features)
         A frame of pandas stays one: as an array it might lose the labels' type.
+
+    Raises
+    ------
+    ValueError
+        If X has one column, in fit, or not those of fit.
     """
     if isinstance(X, pd.DataFrame):
-        return validate_data(estimator, X, reset=reset, skip_check_array=True)
-    return validate_data(
-        estimator,
-        _keep_types(X),
-        reset=reset,
-        dtype=None,
-        ensure_all_finite=False,
-        ensure_min_features=2 if reset else 1,
-    )
+        table = validate_data(estimator, X, reset=reset, skip_check_array=True)
+    else:
+        options = {"dtype": None, "ensure_all_finite": False}
+        table = validate_data(estimator, _keep_types(X), reset=reset, **options)
+    if reset and table.shape[1] < 2:
+        raise ValueError(
+            f"X has {table.shape[1]} feature(s) (shape={table.shape}) while a minimum "
+            f"of 2 is required by {type(estimator).__name__}: the task's column and at "
+            "least one feature. If the columns of y are the tasks, stack them into one "
+            "column with a task label for each row: DataFrame.melt."
+        )
+    return table
 
 
 def _keep_types(X):

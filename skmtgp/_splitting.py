@@ -132,7 +132,7 @@ class TaskStratifiedKFold(StratifiedKFold):
                 "column of dense data only. Use X.toarray() to convert it."
             )
         check_consistent_length(X, y)
-        labels = task_labels(X, self.task_feature)
+        labels = task_labels(X, self.task_feature, self)
         tasks, codes, counts = np.unique(
             labels, return_inverse=True, return_counts=True
         )

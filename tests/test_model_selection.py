@@ -171,8 +171,12 @@ def test_methods_are_the_best_estimators(search, data):
         ):
             np.testing.assert_array_equal(found, expected)
     assert search.score(X, y) == best.score(X, y)
-    samples = search.sample_y(X[:3], 2, random_state=1)
-    np.testing.assert_array_equal(samples, best.sample_y(X[:3], 2, random_state=1))
+    for noise in (False, True):
+        samples, expected = (
+            m.sample_y(X[:3], 2, random_state=1, include_noise=noise)
+            for m in (search, best)
+        )
+        np.testing.assert_array_equal(samples, expected)
     theta = best.theta_ + 0.1
     value, gradient = search.log_marginal_likelihood(theta, eval_gradient=True)
     expected = best.log_marginal_likelihood(theta, eval_gradient=True)

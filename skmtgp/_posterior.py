@@ -23,7 +23,11 @@ class PosteriorMixin(RegressorMixin):
     - ``_means(features, codes)``, of shape (n_samples, n_outputs);
     - ``_variances(features, codes, include_noise)``, of the same shape;
     - ``_covariances(features, codes, include_noise)``, of shape (n_samples, n_samples,
-      n_outputs).
+      n_outputs);
+    - ``_draws(features, codes, n_draws, rng)``, of f, of shape (n_samples, n_outputs,
+      n_draws), and the standard deviations of the noise around them, which broadcast
+      to that shape. They come from `_means`, `_covariances` and ``_noise(codes)``, the
+      noise variances of shape (n_samples, n_outputs), where the posterior is normal.
     """
 
     def _model(self):
@@ -103,8 +107,9 @@ class PosteriorMixin(RegressorMixin):
         X: ArrayLike,
         n_samples: int = 1,
         random_state: np.random.RandomState | int | None = 0,
+        include_noise: bool = False,
     ) -> NDArray[np.float64]:
-        """Draw f from its posterior.
+        """Draw f, or new observations, from the posterior.
 
         Parameters
         ----------
@@ -114,6 +119,8 @@ class PosteriorMixin(RegressorMixin):
             Number of draws.
         random_state : int, RandomState instance or None, default=0
             Source of randomness.
+        include_noise : bool, default=False
+            Whether the draws are of new observations: the same draws of f, plus noise.
 
         Returns
         -------
@@ -130,11 +137,13 @@ class PosteriorMixin(RegressorMixin):
         check_is_fitted(self)
         model = self._model()
         features, codes = check_test(model, X)
-        draws = model._draws(features, codes, n_samples, rng)
+        draws, noise_std = model._draws(features, codes, n_samples, rng)
+        if include_noise:
+            draws += noise_std * rng.standard_normal(draws.shape)
         return draws[:, 0] if model._single_output else draws
 
     def _draws(self, features, codes, n_draws, rng):
-        """Draws of f, of shape (n_samples, n_outputs, n_draws)."""
+        """Draws of f and the standard deviations of the noise around them."""
         means = self._means(features, codes)
         covariances = self._covariances(features, codes, include_noise=False)
         draws = [
@@ -143,7 +152,7 @@ class PosteriorMixin(RegressorMixin):
                 means.T, np.moveaxis(covariances, 2, 0), strict=True
             )
         ]
-        return np.stack(draws, axis=1)
+        return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
 
     def _join(self, values):
         """Without the axis of the outputs where y was one-dimensional."""

@@ -48,7 +48,10 @@ class TaskStratifiedKFold(StratifiedKFold):
     -----
     A task with fewer rows than `n_splits` is in the training set of every fold, and in
     the test set of as many folds as it has rows. At least one task must have `n_splits`
-    rows or more, and each 2 or more.
+    rows or more, and each 2 or more. Some test set holds one row alone of a task with
+    fewer than twice `n_splits` rows: its targets have no variance to normalise errors
+    by; give :func:`~skmtgp.metrics.make_normalized_mse_scorer` that of all targets,
+    `y_var`.
 
     The rows of a training set come in turns of the tasks, so that its first rows, to
     which :func:`~sklearn.model_selection.learning_curve` cuts it, have every task if
@@ -116,7 +119,7 @@ class TaskStratifiedKFold(StratifiedKFold):
         """
         codes = self._codes(X, y)
         with warnings.catch_warnings():
-            # That a small task is not in every test set does no harm.
+            # A small task is not in every test set, but in every training set.
             warnings.filterwarnings("ignore", "The least populated class", UserWarning)
             folds = list(super().split(np.zeros(len(codes)), codes, groups))
         for train, test in folds:
@@ -129,7 +132,7 @@ class TaskStratifiedKFold(StratifiedKFold):
                 "column of dense data only. Use X.toarray() to convert it."
             )
         check_consistent_length(X, y)
-        labels = task_labels(X, self.task_feature)
+        labels = task_labels(X, self.task_feature, self)
         tasks, codes, counts = np.unique(
             labels, return_inverse=True, return_counts=True
         )

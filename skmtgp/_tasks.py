@@ -97,17 +97,25 @@ def read_table(estimator, X, *, reset):
     -------
     table : ndarray or DataFrame of shape (n_samples, n_features)
         A frame of pandas stays one: as an array it might lose the labels' type.
+
+    Raises
+    ------
+    ValueError
+        If X has one column, in fit, or not those of fit.
     """
     if isinstance(X, pd.DataFrame):
-        return validate_data(estimator, X, reset=reset, skip_check_array=True)
-    return validate_data(
-        estimator,
-        _keep_types(X),
-        reset=reset,
-        dtype=None,
-        ensure_all_finite=False,
-        ensure_min_features=2 if reset else 1,
-    )
+        table = validate_data(estimator, X, reset=reset, skip_check_array=True)
+    else:
+        options = {"dtype": None, "ensure_all_finite": False}
+        table = validate_data(estimator, _keep_types(X), reset=reset, **options)
+    if reset and table.shape[1] < 2:
+        raise ValueError(
+            f"X has {table.shape[1]} feature(s) (shape={table.shape}) while a minimum "
+            f"of 2 is required by {type(estimator).__name__}: the task's column and at "
+            "least one feature. If the columns of y are the tasks, stack them into one "
+            "column with a task label for each row: DataFrame.melt."
+        )
+    return table
 
 
 def _keep_types(X):
@@ -129,8 +137,8 @@ def split_table(table, position, estimator=None):
         As `read_table` returns it.
     position : int
         Position of the task column.
-    estimator : estimator, default=None
-        Is named in errors.
+    estimator : estimator or str, default=None
+        Is named in errors; with its `task_feature`, if it has one.
 
     Returns
     -------
@@ -159,7 +167,12 @@ def split_table(table, position, estimator=None):
     except (TypeError, ValueError):
         _check_values(features, names, position)
         raise
-    return by_rows(features), check_labels(columns[:, position])
+    features, labels = by_rows(features), columns[:, position]
+    if not hasattr(estimator, "task_feature"):
+        return features, check_labels(labels)
+    return features, _labels_of(
+        labels, names[position], estimator.task_feature, estimator
+    )
 
 
 def by_rows(values):
@@ -230,7 +243,7 @@ def _other_columns(table, position):
     return np.delete(np.arange(last + 1), position)
 
 
-def task_labels(X, task_feature=-1):
+def task_labels(X, task_feature=-1, owner=None):
     """The task of each row of X.
 
     Parameters
@@ -239,6 +252,8 @@ def task_labels(X, task_feature=-1):
         Data as the user has them.
     task_feature : int or str, default=-1
         Position or name of the task column.
+    owner : object, default=None
+        Whose parameter `task_feature` is, to name in errors.
 
     Returns
     -------
@@ -251,14 +266,27 @@ def task_labels(X, task_feature=-1):
         If X is not two-dimensional, has no such column, or a label is missing or is a
         number that is not an integer.
     """
-    if isinstance(X, pd.DataFrame):
-        position = locate_task_column(task_feature, X.shape[1], X.columns)
-        return check_labels(X.iloc[:, position])
-    names = getattr(X, "columns", None)  # of polars, say
-    X = X if hasattr(X, "dtype") else np.asarray(X, dtype=object)
+    names = getattr(X, "columns", None)  # of pandas or polars, say
+    if not isinstance(X, pd.DataFrame) and not hasattr(X, "dtype"):
+        X = np.asarray(X, dtype=object)
     if X.ndim != 2:
         raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")
-    return check_labels(X[:, locate_task_column(task_feature, X.shape[1], names)])
+    position = locate_task_column(task_feature, X.shape[1], names)
+    name = position if names is None else list(names)[position]
+    columns = X.iloc if isinstance(X, pd.DataFrame) else X
+    return _labels_of(columns[:, position], name, task_feature, owner)
+
+
+def _labels_of(column, name, task_feature, owner):
+    """Labels of a column; an error names it and whose parameter chose it."""
+    try:
+        return check_labels(column)
+    except ValueError as error:
+        of = "" if owner is None else f" of {type(owner).__name__}"
+        raise ValueError(
+            f"Column {name!r} (task_feature={task_feature!r}{of}) cannot hold the "
+            f"tasks: {error}"
+        ) from error
 
 
 def check_labels(labels):

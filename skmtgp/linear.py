@@ -256,10 +256,10 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         return covariances
 
     def _draws(self, features, codes, n_draws, rng):
-        draws = np.empty((len(features), self._n_outputs, n_draws))
+        draws, noise_std = np.empty((2, len(features), self._n_outputs, n_draws))
         for rows, posterior in self._parts(codes):
-            draws[rows] = posterior.draw(features[rows], n_draws, rng)
-        return draws
+            draws[rows], noise_std[rows] = posterior.draw(features[rows], n_draws, rng)
+        return draws, noise_std
 
 
 def _times(relative, noise_variance):

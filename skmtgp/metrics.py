@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import reprlib
+from collections.abc import Callable, Mapping
 from functools import partial
 from numbers import Real
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 from sklearn.utils import check_array, check_consistent_length, column_or_1d
@@ -23,12 +25,15 @@ __all__ = [
     "normalized_mean_squared_error",
 ]
 
+Variances: TypeAlias = Mapping[Any, ArrayLike] | pd.Series | pd.DataFrame  # by task
+
 
 def normalized_mean_squared_error(
     y_true: ArrayLike,
     y_pred: ArrayLike,
     *,
     tasks: ArrayLike | None = None,
+    y_var: Variances | None = None,
     multioutput: Literal["raw_values", "uniform_average"] = "uniform_average",
 ) -> float | NDArray[np.float64]:
     r"""Mean squared error over the variance of the targets, averaged over tasks.
@@ -45,6 +50,10 @@ def normalized_mean_squared_error(
         Predictions.
     tasks : array-like of shape (n_samples,), default=None
         Task of each sample. None is one task.
+    y_var : mapping of task to float or to array of shape (n_outputs,), default=None
+        Variance by which the errors of each task are divided, such as the Series or
+        DataFrame ``y.groupby(tasks).var(ddof=0)``. None is that of `y_true`. Only with
+        `tasks`.
     multioutput : {"raw_values", "uniform_average"}, default="uniform_average"
         Whether to return one number for each output or their mean.
 
@@ -57,7 +66,7 @@ def normalized_mean_squared_error(
     ------
     ValueError
         If the targets of a task are constant, as one sample is, so that nothing can be
-        normalised.
+        normalised, or if `y_var` has no positive variance of a task.
 
     Notes
     -----
@@ -71,18 +80,17 @@ def normalized_mean_squared_error(
     ...                               tasks=["a", "a", "b", "b"])
     0.25
     """
+    if y_var is not None and tasks is None:
+        raise ValueError("y_var is of each task, but tasks is None: give both.")
     y_true, y_pred, masks = _check(y_true, y_pred, tasks)
+    variances = None if y_var is None else _by_task(y_var)
     per_task = []
     for task, mask in masks.items():
-        targets = y_true[mask]
-        if _constant(targets).any():
-            why = ", as there is one sample" if len(targets) == 1 else ""
-            raise ValueError(
-                f"The targets of task {task!r} are constant{why}, so their errors "
-                "cannot be normalised by their variance. Leave that task out."
-            )
-        errors = np.square(y_true - y_pred)[mask]
-        per_task.append(errors.mean(axis=0) / targets.var(axis=0))
+        if variances is None:
+            variance = _variance(task, y_true[mask])
+        else:
+            variance = _given_variance(task, variances, y_true.shape[1])
+        per_task.append(np.square(y_true - y_pred)[mask].mean(axis=0) / variance)
     return _average(np.mean(per_task, axis=0), multioutput)
 
 
@@ -199,8 +207,7 @@ def coverage(
     >>> coverage([0.0, 1.0, 3.0, 0.5], [0.0] * 4, [1.0] * 4)
     0.75
     """
-    if not isinstance(level, Real) or not 0.0 < level < 1.0:
-        raise ValueError(f"level={level!r} must be a number between 0 and 1.")
+    _check_level(level)
     y_true, y_pred, masks = _check(y_true, y_pred, tasks)
     y_std = _check_std(y_std, y_true)
     inside = np.abs(y_true - y_pred) <= y_std * ndtri(0.5 + 0.5 * level)
@@ -209,7 +216,7 @@ def coverage(
 
 
 def make_normalized_mse_scorer(
-    task_feature: int | str = -1,
+    task_feature: int | str = -1, *, y_var: Variances | None = None
 ) -> Callable[[Any, ArrayLike, ArrayLike], float]:
     """Scorer for model selection: minus the nMSE, averaged over tasks and outputs.
 
@@ -217,6 +224,10 @@ def make_normalized_mse_scorer(
     ----------
     task_feature : int or str, default=-1
         Position or name of the task column of X.
+    y_var : mapping of task to float or to array of shape (n_outputs,), default=None
+        Variance by which the errors of each task are divided, such as the Series or
+        DataFrame ``y.groupby(tasks).var(ddof=0)`` of all targets. None is that of the
+        targets that are scored.
 
     Returns
     -------
@@ -227,8 +238,9 @@ def make_normalized_mse_scorer(
 
     Notes
     -----
-    Every task in a test fold must have at least two different targets: split the rows
-    within tasks.
+    Without `y_var` every task in a test fold must have at least two different targets:
+    split the rows within tasks, into no more folds than half of the rows of the
+    smallest task.
 
     Examples
     --------
@@ -242,8 +254,17 @@ def make_normalized_mse_scorer(
     >>> scores = cross_val_score(LinearRegression(), X, y, scoring=scorer, cv=3)
     >>> bool(np.all(scores > -1e-12))
     True
+
+    Where folds hold one row of a small task, the variance of all its targets:
+
+    >>> import pandas as pd
+    >>> y_var = pd.Series(y).groupby(X[:, -1]).var(ddof=0)
+    >>> scorer = make_normalized_mse_scorer(y_var=y_var)
+    >>> scores = cross_val_score(LinearRegression(), X, y, scoring=scorer, cv=12)
+    >>> bool(np.all(scores > -1e-12))
+    True
     """
-    return partial(_minus_nmse, task_feature=task_feature)
+    return partial(_minus_nmse, task_feature=task_feature, y_var=y_var)
 
 
 def make_standardized_log_loss_scorer(
@@ -266,6 +287,11 @@ def make_standardized_log_loss_scorer(
         what ``estimator.predict(X, return_std=True, include_noise=True)`` returns, in
         nats: greater is better and 0 is the trivial model. Pass it as `scoring`.
 
+    Raises
+    ------
+    TypeError
+        If `y_train` is not an array of numbers.
+
     Examples
     --------
     >>> import numpy as np
@@ -277,6 +303,7 @@ def make_standardized_log_loss_scorer(
     >>> bool(make_standardized_log_loss_scorer(y)(model, X, y) > 1.0)
     True
     """
+    _check_y_train(y_train)
     return partial(_minus_msll, y_train=y_train, task_feature=task_feature)
 
 
@@ -311,6 +338,7 @@ def make_coverage_scorer(
     >>> round(make_coverage_scorer(0.95)(model, X, y), 2)
     -0.05
     """
+    _check_level(level, _column_meant(level))
     return partial(_minus_miscoverage, level=level, task_feature=task_feature)
 
 
@@ -326,9 +354,50 @@ def _minus_miscoverage(estimator, X, y, *, level, task_feature):
     return -abs(coverage(y, mean, std, level=level, tasks=tasks) - level)
 
 
-def _minus_nmse(estimator, X, y, *, task_feature):
+def _minus_nmse(estimator, X, y, *, task_feature, y_var):
     tasks = task_labels(X, task_feature)
-    return -normalized_mean_squared_error(y, estimator.predict(X), tasks=tasks)
+    prediction = estimator.predict(X)
+    return -normalized_mean_squared_error(y, prediction, tasks=tasks, y_var=y_var)
+
+
+def _variance(task, targets):
+    """Of the targets of a task, for each output."""
+    if not _constant(targets).any():
+        return targets.var(axis=0)
+    why, advice = "", ""
+    if len(targets) == 1:
+        why = ", as there is one sample"
+        advice = (
+            " In cross-validation take fewer folds, give y_var, or score "
+            "cross_val_predict's predictions at once."
+        )
+    raise ValueError(
+        f"The targets of task {task!r} are constant{why}, so their errors cannot be "
+        f"normalised by their variance. Leave that task out.{advice}"
+    )
+
+
+def _by_task(y_var):
+    """The variances of each task, as a dict."""
+    # The columns of a frame are outputs.
+    return dict((y_var.T if isinstance(y_var, pd.DataFrame) else y_var).items())
+
+
+def _given_variance(task, variances, n_outputs):
+    if task not in variances:
+        known = reprlib.repr(list(variances))
+        raise ValueError(f"y_var has no variance of task {task!r}; it has {known}.")
+    variance = np.atleast_1d(np.asarray(variances[task], dtype=np.float64))
+    if variance.shape != (n_outputs,):
+        raise ValueError(
+            f"y_var of task {task!r} has shape {variance.shape}, not one variance for "
+            f"each of {n_outputs} outputs."
+        )
+    if not ((variance > 0.0) & np.isfinite(variance)).all():
+        raise ValueError(
+            f"y_var of task {task!r} is {variances[task]!s}, but must be positive."
+        )
+    return variance
 
 
 def _log_loss(y, mean, std):
@@ -349,6 +418,28 @@ def _check_outputs(y_true, other, name):
         raise ValueError(
             f"y_true has {y_true.shape[1]} outputs and {name} has {other.shape[1]}."
         )
+
+
+def _check_level(level, advice=""):
+    if not isinstance(level, Real) or not 0.0 < level < 1.0:
+        raise ValueError(f"level={level!r} must be a number between 0 and 1.{advice}")
+
+
+def _check_y_train(y_train):
+    try:
+        is_array = np.asarray(y_train, dtype=np.float64).ndim > 0
+    except (TypeError, ValueError):
+        is_array = False
+    if not is_array:
+        raise TypeError(
+            f"y_train={reprlib.repr(y_train)} must be the training targets, an array "
+            f"of numbers.{_column_meant(y_train)}"
+        )
+
+
+def _column_meant(value):
+    """Advice where a name came in place of what is the first argument."""
+    return f" Did you mean task_feature={value!r}?" if isinstance(value, str) else ""
 
 
 def _check_std(y_std, y_true) -> NDArray[np.float64]:

@@ -237,6 +237,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             covariances[np.ix_(rows, rows)] = block
         return covariances
 
+    def _noise(self, codes):
+        noise = np.empty((len(codes), self._n_outputs))
+        for rows, model in self._parts(codes):
+            noise[rows] = model._noise(np.zeros_like(rows))
+        return noise
+
     def _parts(self, codes):
         """The rows of each task and its model."""
         for m in np.unique(codes):

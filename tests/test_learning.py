@@ -792,13 +792,23 @@ class TestLearnRanks:
             r"log marginal likelihood -?\d+\.\d\d \(scaled\) of 36 rows after \d+ "
             r"iterations"
         )
-        pattern = pattern.replace(": log", "(, the best of 3 starts|): log")
+        pattern = pattern.replace(": log", "(, the best of 3 starts|, shaken): log")
         assert listener.lines[:2] == [None, None]  # the first two of three starts
         lines = [line for line in listener.lines if line]
         found = [re.fullmatch(pattern, line).groups() for line in lines]
         of_starts = [(j, r, ", the best of 3 starts") for j in "12" for r in "123"]
-        assert found == [*of_starts, *((j, r, "") for j in "12" for r in "123")]
+        assert found == [*of_starts, *((j, r, ", shaken") for j in "12" for r in "123")]
         assert listener.stages == [("starts", 18), ("learning", 6)]
+
+    def test_report_of_all_rows(self, monkeypatch):
+        monkeypatch.setattr(problem, "COARSE", 36)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
+        pair = draw(FACTOR @ FACTOR.T, per_task=30), configure(max_iter=1)
+        listener = Listener()
+        learn_ranks([pair], RANKS[:1], progress=listener)
+        lines = [line.split(" log ")[0] for line in listener.lines if line]
+        stages = ["the best of 3 starts", "shaken", "from all rows"]
+        assert [line.split(", ")[-1] for line in lines] == [f"{s}:" for s in stages]
 
     def test_report_of_each_climb(self, data, capsys, monkeypatch):
         monkeypatch.setattr(climbing, "REPORT_EVERY", 5)

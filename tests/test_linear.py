@@ -332,10 +332,12 @@ def test_observations_are_noisier(pooled):
 
 @POOLED
 @TARGETS
-def test_draws_have_the_moments_of_the_posterior(target, pooled):
+@pytest.mark.parametrize("noise", [False, True], ids=["of f", "with noise"])
+def test_draws_have_the_moments_of_the_posterior(target, pooled, noise):
     model = BayesianLinearRegression(pooled=pooled, noise_shape=10.0).fit(X, target)
-    draws = model.sample_y(Z, n_samples=4000, random_state=3)
-    mean, cov = model.predict(Z, return_cov=True)
+    options = {"include_noise": noise}
+    draws = model.sample_y(Z, n_samples=4000, random_state=3, **options)
+    mean, cov = model.predict(Z, return_cov=True, **options)
     assert draws.shape == (*mean.shape, 4000)
     draws = draws.reshape(len(Z), -1, 4000)
     mean, cov = mean.reshape(len(Z), -1), cov.reshape(len(Z), len(Z), -1)
@@ -348,11 +350,12 @@ def test_draws_have_the_moments_of_the_posterior(target, pooled):
         assert (error < 0.12 * scale).all()
 
 
-def test_draws_are_students():
+@pytest.mark.parametrize("noise", [False, True], ids=["of f", "with noise"])
+def test_draws_are_students(noise):
     few = np.concatenate([np.flatnonzero(X[:, -1] == m)[:4] for m in range(3)])
     model = BayesianLinearRegression(noise_shape=0.5).fit(X[few], y[few])
-    draws = model.sample_y(Z, n_samples=5000)
-    mean, std = model.predict(Z, return_std=True)
+    draws = model.sample_y(Z, n_samples=5000, include_noise=noise)
+    mean, std = model.predict(Z, return_std=True, include_noise=noise)
     nu = model.degrees_of_freedom_[0]
     assert nu == 5.0
     for i in (0, 5, 11):

@@ -18,6 +18,7 @@ from skmtgp.metrics import (
     mean_standardized_log_loss,
     normalized_mean_squared_error,
 )
+from skmtgp.model_selection import TaskStratifiedKFold
 
 TASKS = np.repeat(["a", "b", "c"], [10, 20, 70])
 ROWS = slice(0, 10), slice(10, 30), slice(30, 100)
@@ -62,7 +63,8 @@ def test_nmse_of_each_tasks_mean_is_one(data):
 
 def test_nmse_of_a_task_with_one_sample():
     y = np.array([1.0, 2.0, 3.0])
-    with pytest.raises(ValueError, match="task 2 are constant, as there is one sample"):
+    message = r"task 2 are constant, as there is one sample.*fewer folds, give y_var"
+    with pytest.raises(ValueError, match=message):
         normalized_mean_squared_error(y, y, tasks=[1, 1, 2])
 
 
@@ -311,3 +313,76 @@ class TestScorersOfUncertainty:
         for (train, test), score in zip(cv, scores, strict=True):
             alone = clone(model).fit(X.iloc[train], y[train])
             assert score == pytest.approx(scorer(alone, X.iloc[test], y[test]))
+
+
+WRONG = {
+    "a name": "machine",
+    "a number": 3,
+    "None": None,
+    "names": ["a", "b"],
+    "texts of a frame": pd.DataFrame({"y": ["a", "b"]}),
+}
+
+
+@pytest.mark.parametrize("y_train", WRONG.values(), ids=WRONG)
+def test_log_loss_scorer_of_what_are_no_targets(y_train):
+    with pytest.raises(TypeError, match=r"(?s)y_train=.* must be the training") as e:
+        make_standardized_log_loss_scorer(y_train)
+    is_name = isinstance(y_train, str)
+    assert ("Did you mean task_feature='machine'?" in str(e.value)) == is_name
+
+
+@pytest.mark.parametrize("level", ["machine", 0.0, 1, 95, np.nan, None])
+def test_coverage_scorer_of_a_level_that_is_none(level):
+    with pytest.raises(ValueError, match=r"level=.* between 0 and 1") as error:
+        make_coverage_scorer(level)
+    is_name = isinstance(level, str)
+    assert ("Did you mean task_feature='machine'?" in str(error.value)) == is_name
+
+
+class TestGivenVariances:
+    @pytest.mark.parametrize("kind", [dict, pd.DataFrame])
+    def test_of_several_outputs(self, data, kind):
+        y, prediction, _ = data
+        y_var = pd.DataFrame(y).groupby(TASKS).var(ddof=0)
+        if kind is dict:
+            y_var = {task: row.to_numpy() for task, row in y_var.iterrows()}
+        options = {"tasks": TASKS, "multioutput": "raw_values"}
+        expected = normalized_mean_squared_error(y, prediction, **options)
+        found = normalized_mean_squared_error(y, prediction, y_var=y_var, **options)
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+    @pytest.mark.parametrize("labels", [["a", "b"], [7, 3]])
+    def test_folds_with_one_row_of_a_small_task(self, labels):
+        task = np.repeat(labels, [20, 8])
+        X = pd.DataFrame({"x": np.linspace(0.0, 1.0, 28), "machine": task})
+        y = X["x"] + np.sin(20.0 * X["x"])
+        y_var = y.groupby(task).var(ddof=0)
+        cv = TaskStratifiedKFold(5, task_feature="machine")
+        scorer = make_normalized_mse_scorer("machine", y_var=y_var)
+        scorer = pickle.loads(pickle.dumps(scorer))
+        options = {"cv": cv, "error_score": "raise"}
+        scores = cross_val_score(FirstFeature(), X, y, scoring=scorer, **options)
+        of_task = np.square(y - X["x"]) / y_var[task].to_numpy()
+        expected = [
+            -of_task[test].groupby(task[test]).mean().mean() for _, test in cv.split(X)
+        ]
+        np.testing.assert_allclose(scores, expected, rtol=1e-12)
+
+    @pytest.mark.parametrize(
+        ("y_var", "match"),
+        [
+            ({"a": 1.0, "c": 2.0}, r"no variance of task 'b'; it has \['a', 'c'\]"),
+            (pd.Series([1.0, 2.0]), "no variance of task 'a'"),
+            ({"a": 0.0, "b": 1.0}, "y_var of task 'a' is 0.0, but must be positive"),
+            ({"a": np.nan, "b": 1.0}, "y_var of task 'a' is nan"),
+            ({"a": [1.0, 2.0], "b": 1.0}, r"'a' has shape \(2,\), not one variance"),
+        ],
+    )
+    def test_of_no_use(self, y_var, match):
+        with pytest.raises(ValueError, match=match):
+            normalized_mean_squared_error([0, 1], [0, 1], tasks=["a", "b"], y_var=y_var)
+
+    def test_without_tasks(self):
+        with pytest.raises(ValueError, match="tasks is None: give both"):
+            normalized_mean_squared_error([0, 1], [0, 1], y_var={"a": 1.0})

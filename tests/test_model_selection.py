@@ -171,8 +171,12 @@ def test_methods_are_the_best_estimators(search, data):
         ):
             np.testing.assert_array_equal(found, expected)
     assert search.score(X, y) == best.score(X, y)
-    samples = search.sample_y(X[:3], 2, random_state=1)
-    np.testing.assert_array_equal(samples, best.sample_y(X[:3], 2, random_state=1))
+    for noise in (False, True):
+        samples, expected = (
+            m.sample_y(X[:3], 2, random_state=1, include_noise=noise)
+            for m in (search, best)
+        )
+        np.testing.assert_array_equal(samples, expected)
     theta = best.theta_ + 0.1
     value, gradient = search.log_marginal_likelihood(theta, eval_gradient=True)
     expected = best.log_marginal_likelihood(theta, eval_gradient=True)
@@ -206,7 +210,7 @@ def test_verbosity(capsys, data):
     of_ranks = [f"[skmtgp] {name}, rank {r}" for name in names for r in (1, 2)]
     assert starts == [
         *(f"{line}, the best of 3 starts" for line in of_ranks),
-        *of_ranks,
+        *(f"{line}, shaken" for line in of_ranks),
     ]
 
 

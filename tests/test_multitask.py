@@ -184,10 +184,11 @@ def test_prediction_in_blocks(monkeypatch, fitted, block_size):
     np.testing.assert_allclose(blocks, [mean, std], rtol=1e-7)
 
 
-def test_moments_of_samples(model):
+@pytest.mark.parametrize("noise", [False, True], ids=["of f", "with noise"])
+def test_moments_of_samples(model, noise):
     Z, n = draw(per_task=1, seed=1)[0], 20_000
-    mean, cov = model.predict(Z, return_cov=True)
-    samples = model.sample_y(Z, n, random_state=0)
+    mean, cov = model.predict(Z, return_cov=True, include_noise=noise)
+    samples = model.sample_y(Z, n, random_state=0, include_noise=noise)
     assert samples.shape == (*mean.shape, n)
     std = np.sqrt(np.diagonal(cov).T)
     assert (np.abs(samples.mean(axis=-1) - mean) < 5.0 * std / np.sqrt(n)).all()
@@ -203,6 +204,28 @@ def test_samples_depend_on_the_random_state_only(fitted):
     first, again, other = (fitted.sample_y(Z, 3, random_state=s) for s in (0, 0, 1))
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, other)
+
+
+@pytest.mark.parametrize("cls", [MultiTaskGPRegressor, IndependentGP, SingleTaskGP])
+@pytest.mark.parametrize("n_outputs", [None, 2])
+def test_noise_of_samples_is_of_their_task(cls, n_outputs):
+    X, y = draw(n_outputs=n_outputs)
+    scale, options = 1.0 + 10.0 * X[:, -1], {"noise": "per_task"}
+    model = cls(max_iter=5, **(options if cls is not SingleTaskGP else {}))
+    model.fit(X, (y.T * scale).T)
+    n = 4000
+    plain, noisy, again = (
+        model.sample_y(X[:6], n, include_noise=flag) for flag in (False, True, True)
+    )
+    np.testing.assert_array_equal(noisy, again)
+    var, total = (
+        np.square(model.predict(X[:6], return_std=True, include_noise=flag)[1])
+        for flag in (False, True)
+    )
+    assert len(np.unique((total - var).round(9))) > 1
+    noise = noisy - plain
+    assert (np.abs(noise.mean(axis=-1)) < 5.0 * np.sqrt((total - var) / n)).all()
+    np.testing.assert_allclose(noise.var(axis=-1), total - var, rtol=0.15)
 
 
 def test_samples_of_large_targets_at_repeated_inputs():
@@ -387,7 +410,8 @@ def test_verbosity(capsys):
     lines = capsys.readouterr().out.splitlines()
     begin = [line.split(": log marginal likelihood ")[0] for line in lines]
     rank = [f"[skmtgp] output {j} of 2, rank 2" for j in (1, 2)]
-    assert begin == [*(f"{name}, the best of 3 starts" for name in rank), *rank]
+    stages = ("the best of 3 starts", "shaken")
+    assert begin == [f"{name}, {stage}" for stage in stages for name in rank]
     model.set_params(verbose=0).fit(*draw())
     assert capsys.readouterr() == ("", "")
 

@@ -161,6 +161,16 @@ def test_bad_parameters(params, error, match):
         TaskStratifiedKFold(**params)
 
 
+def test_column_that_cannot_hold_the_tasks():
+    table = pd.DataFrame({"load": X[:, 2].astype(int), "temperature": X[:, 0]})
+    message = (
+        r"^Column 'temperature' \(task_feature=-1 of TaskStratifiedKFold\) cannot hold "
+        r"the tasks: .* 18 of 18 are fractional"
+    )
+    with pytest.raises(ValueError, match=message):
+        next(TaskStratifiedKFold(2).split(table))
+
+
 def test_groups_are_not_used():
     with pytest.warns(UserWarning, match="ignored by TaskStratifiedKFold"):
         found = folds(TaskStratifiedKFold(2), X, y, X[:, -1])

@@ -2,6 +2,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
 from skmtgp._tasks import (
     check_labels,
     encode_tasks,
@@ -301,3 +302,17 @@ def test_a_number_is_no_known_string():
     match = "Unknown task 1: .*'1', 'a'.* labels are numbers, the model's are strings"
     with pytest.raises(ValueError, match=match):
         encode_tasks(np.array([1]), np.array(["1", "a"]))
+
+
+@pytest.mark.parametrize("names", [None, ["a", "b", "temperature"]])
+@pytest.mark.parametrize("estimator", [MultiTaskGPRegressor, BayesianLinearRegression])
+def test_column_that_cannot_hold_the_tasks(estimator, names):
+    X = np.column_stack([[1, 1, 2], [2, 1, 1], [0.5, 1.0, 2.0]])
+    column, table = (2, X) if names is None else ("temperature", pd.DataFrame(X))
+    if names is not None:
+        table.columns = names
+    of = rf"\(task_feature=-1 of {estimator.__name__}\)"
+    with pytest.raises(ValueError, match=rf"^Column {column!r} {of} cannot hold the"):
+        estimator().fit(table, [1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=rf"^Column {column!r} \(task_feature=-1\) "):
+        task_labels(table)

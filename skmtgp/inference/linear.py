@@ -112,10 +112,28 @@ class LinearPosterior:
         return solve_triangular(self.root, self._design(features).T, trans="T")
 
     def draw(self, features, n_draws, rng):
-        """Draws of f, of shape (n_samples, n_outputs, n_draws)."""
+        """Draws of f and of sigma.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n_samples, n_features)
+            Covariates without the constant.
+        n_draws : int
+            Number of draws.
+        rng : RandomState
+            Source of randomness.
+
+        Returns
+        -------
+        draws : ndarray of shape (n_samples, n_outputs, n_draws)
+            Draws of f.
+        noise_std : ndarray of shape (n_outputs, n_draws)
+            Standard deviation of the noise that was drawn with each.
+        """
         size = *self.weights.shape, n_draws
         precision = rng.gamma(self.shape, size=size[1:]) / self.rate[:, None]
         normal = rng.standard_normal(size) / np.sqrt(precision)
         deviation = solve_triangular(self.root, normal.reshape(size[0], -1))
         weights = self.weights[..., None] + deviation.reshape(size)
-        return np.tensordot(self._design(features), weights, 1)
+        draws = np.tensordot(self._design(features), weights, 1)
+        return draws, 1.0 / np.sqrt(precision)

@@ -71,7 +71,6 @@ def _coarsest(pairs):
 
 def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
     """The best mode from some of the rows, learned on from more and more of them."""
-    describe = description(pairs, forms)
     coarse, fine = _coarsest(pairs), any(len(data.levels()) > 1 for data, _ in pairs)
     alone = len(forms) == 1 and not fine  # else other ranks and rows will help
     shakes = SHAKES if alone else 1
@@ -80,9 +79,10 @@ def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
     ]
     n_ways = len(ways_from(starts[0]))
     each = description(pairs, forms, n_ways)
+    shaken = description(pairs, forms, stage=", shaken")
     reporters = (
         partial(progress, "starts", n_ways * len(jobs), each),
-        partial(progress, "learning", len(jobs), describe),
+        partial(progress, "learning", len(jobs), shaken),
     )
     modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reporters=reporters)
     modes = by_output(modes, forms)
@@ -91,7 +91,8 @@ def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
     if not fine:
         return modes
     jobs = _of_each(pairs, forms, modes)
-    report = progress("learning from all rows", len(jobs), describe)
+    of_all = description(pairs, forms, stage=", from all rows")
+    report = progress("learning from all rows", len(jobs), of_all)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
@@ -111,13 +112,13 @@ def _with_diagonal(pairs, forms, simpler, modes, n_jobs):
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
 
 
-def description(pairs, forms, n_starts=1):
+def description(pairs, forms, n_starts=1, *, stage=""):
     """What to say of the mode of an output, form and start, which come in this order.
 
-    Of the starts it is said once, when all have come.
+    Of the starts it is said once, when all have come. The stage follows the name.
     """
     names = [f"{settings.name}, {form}" for _, settings in pairs for form in forms]
-    each = f", the best of {n_starts} starts" if n_starts > 1 else ""
+    stage = f", the best of {n_starts} starts" if n_starts > 1 else stage
     of_this = []
 
     def describe(i, mode):
@@ -127,7 +128,7 @@ def description(pairs, forms, n_starts=1):
         best = max(of_this, key=lambda mode: mode.value)
         of_this.clear()
         return (
-            f"{names[i // n_starts]}{each}: log marginal likelihood {best.value:.2f} "
+            f"{names[i // n_starts]}{stage}: log marginal likelihood {best.value:.2f} "
             f"(scaled) of {best.n_samples} rows after {best.n_iter} iterations"
         )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from numbers import Integral
-from typing import Literal, Self
+from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -312,6 +312,18 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """Names of the columns of X."""
         check_is_fitted(self)
         return self.best_estimator_.feature_names_in_
+
+    if not TYPE_CHECKING:  # for which an attribute that is missing stays missing
+
+        def __getattr__(self, name):
+            """Say where an attribute is that the best model alone has."""
+            best = vars(self).get("best_estimator_")
+            if name.endswith("_") and not name.endswith("__") and hasattr(best, name):
+                raise AttributeError(
+                    f"{type(self).__name__!r} object has no attribute {name!r}; see "
+                    f"best_estimator_.{name}"
+                )
+            return self.__getattribute__(name)  # raises what it raised
 
     def __sklearn_is_fitted__(self):
         return "best_estimator_" in vars(self)

@@ -214,6 +214,22 @@ def test_verbosity(capsys, data):
     ]
 
 
+def test_attributes_of_the_best_estimator_alone(search):
+    for model in (search, clone(search), pickle.loads(pickle.dumps(search))):
+        fitted = hasattr(model, "best_estimator_")
+        where = "; see best_estimator_.task_covariance_" if fitted else ""
+        with pytest.raises(AttributeError) as error:
+            model.task_covariance_  # noqa: B018
+        assert str(error.value) == (
+            f"'RankSearchIC' object has no attribute 'task_covariance_'{where}"
+        )
+        assert not hasattr(model, "task_covariance_")
+        with pytest.raises(AttributeError, match=r"no attribute 'covariance_'$"):
+            model.covariance_  # noqa: B018
+    with pytest.raises(NotFittedError):
+        clone(search).tasks_  # noqa: B018
+
+
 @pytest.mark.parametrize("method", ["predict", "sample_y"])
 def test_methods_of_what_is_not_fitted(method):
     with pytest.raises(NotFittedError):

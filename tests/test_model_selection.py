@@ -1,5 +1,4 @@
 import pickle
-import warnings
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ from skmtgp import (
 )
 from skmtgp.learning import ranks
 
-MODEL = MultiTaskGPRegressor(max_iter=5)
+MODEL = MultiTaskGPRegressor(max_iter=3)
 CRITERIA = ("bic", "aic", "hqc")
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -29,8 +28,7 @@ def data(request):
 
 @pytest.fixture(scope="module")
 def search(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
+    with pytest.warns(ConvergenceWarning):
         return RankSearchIC(MODEL, ranks=(1, 2, 3, 4)).fit(*data)
 
 
@@ -282,8 +280,7 @@ def test_failed_fit_changes_nothing(monkeypatch):
 
 @pytest.fixture(scope="module")
 def kept(data):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)
+    with pytest.warns(ConvergenceWarning):
         return RankSearchIC(MODEL, ranks=(1, 2, 4), keep_estimators=True).fit(*data)
 
 

@@ -9,10 +9,10 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
 from skmtgp._dask import held, is_dask
+from skmtgp._labels import encode_tasks
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import (
     by_rows,
-    encode_tasks,
     locate_task_column,
     read_table,
     split_table,

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 from sklearn.utils import check_array, check_consistent_length, column_or_1d
 
-from skmtgp._tasks import check_labels, task_labels
+from skmtgp._labels import check_labels
+from skmtgp._tasks import task_labels
 
 __all__ = [
     "coverage",

@@ -13,9 +13,10 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator
+from skmtgp._labels import EXACT
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import check_feature_names_in, wants_pandas, with_callbacks
-from skmtgp._tasks import EXACT, locate_task_column, read_table, split_table
+from skmtgp._tasks import locate_task_column, read_table, split_table
 
 __all__ = ["InverseDynamicsFeatures"]
 

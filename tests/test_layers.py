@@ -15,6 +15,7 @@ LAYERS = [
         "exceptions",
         "_linalg",
         "_bfgs",
+        "_labels",
         "_tasks",
         "_complete",
         "_sklearn_compat",

@@ -3,9 +3,8 @@ import pandas as pd
 import pytest
 
 from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
+from skmtgp._labels import check_labels, encode_tasks
 from skmtgp._tasks import (
-    check_labels,
-    encode_tasks,
     locate_task_column,
     split_table,
     task_labels,

@@ -8,7 +8,8 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._tasks import check_labels, task_labels
+from skmtgp._labels import check_labels
+from skmtgp._tasks import task_labels
 from skmtgp.multitask import MultiTaskGPRegressor
 
 

@@ -207,7 +207,7 @@ def test_verbosity(capsys, data):
     names = names if n_outputs > 1 else ["the output"]
     of_ranks = [f"[skmtgp] {name}, rank {r}" for name in names for r in (1, 2)]
     assert starts == [
-        *(f"{line}, the best of 3 starts" for line in of_ranks),
+        *(f"{line}, the best of 2 starts" for line in of_ranks),
         *(f"{line}, shaken" for line in of_ranks),
     ]
 

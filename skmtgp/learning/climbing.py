@@ -43,29 +43,15 @@ def climb(data, settings, form, theta, *, relaxed=False, held=None):
         Its value is without the penalty.
     """
     likelihood = settings.likelihood(data, form)
-    lower, upper = settings.bounds(form)
-    tail = settings.tail(form)
-    if held == "up":
-        lower[tail] = settings.log_held
-    elif held == "down":
-        upper[tail] = np.maximum(theta[tail], lower[tail])
     penalise = partial(_penalty, settings.kernel.theta, relaxed)
-
-    def metric(theta):
-        return information_or_zero(likelihood, theta) + np.eye(len(theta))
-
-    def objective(theta):
-        value, gradient = likelihood.value_and_grad(theta)
-        penalty, slope = penalise(theta)
-        return penalty - value, slope - gradient
-
+    lower, upper = _bounds(settings, form, theta, held)
     begin = perf_counter()
     best = minimize(
-        objective,
+        _objective(likelihood, penalise),
         np.clip(theta, lower, upper),
         lower,
         upper,
-        metric=metric,
+        metric=_metric(likelihood),
         max_iter=settings.max_iter,
         tol=max(settings.tol, RELAXED_TOL) if relaxed else settings.tol,
         report=_reporter(data, settings, form),
@@ -74,6 +60,37 @@ def climb(data, settings, form, theta, *, relaxed=False, held=None):
     mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y), data.Z)
     _report_end(data, settings, form, mode)
     return mode
+
+
+def _bounds(settings, form, theta, held):
+    """The bounds of theta while the noise variance is held."""
+    lower, upper = settings.bounds(form)
+    tail = settings.tail(form)
+    if held == "up":
+        lower[tail] = settings.log_held
+    elif held == "down":
+        upper[tail] = np.maximum(theta[tail], lower[tail])
+    return lower, upper
+
+
+def _objective(likelihood, penalise):
+    """What is minimised, with its gradient."""
+
+    def objective(theta):
+        value, gradient = likelihood.value_and_grad(theta)
+        penalty, slope = penalise(theta)
+        return penalty - value, slope - gradient
+
+    return objective
+
+
+def _metric(likelihood):
+    """The first guess of its Hessian: Fisher information, made definite."""
+
+    def metric(theta):
+        return information_or_zero(likelihood, theta) + np.eye(len(theta))
+
+    return metric
 
 
 def _penalty(start, relaxed, theta):

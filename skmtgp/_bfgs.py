@@ -226,7 +226,8 @@ class _BFGS:
             x = np.clip(self.x + step * direction, self.lower, self.upper)
             f, g = self._evaluate(x)
             # clipping can turn a descent direction into one of ascent
-            if not f < self.f + ARMIJO * min(self.g @ (x - self.x), 0.0):
+            enough = self.f + ARMIJO * min(self.g @ (x - self.x), 0.0)
+            if not f < min(enough, f_low):
                 high = step
                 step = low + _shrink(step - low, f_low, slope_low, f)
                 continue

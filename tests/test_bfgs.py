@@ -190,6 +190,20 @@ def test_never_worse_than_before(fun, max_iter):
     assert best.value == fun(best.x)[0]
 
 
+def test_a_longer_step_is_not_taken_where_it_is_worse():
+    # the first step, 1, still goes steeply down; a longer one, 2.5, has gone up again,
+    # if not to where it would be refused
+    def fun(x):
+        value = np.interp(x[0], [0.0, 1.2, 2.5, 9.0], [0.0, -1.2, -0.5, 9.0])
+        return value, np.array([-1.0 if x[0] < 1.2 else 0.5])
+
+    watched = Watched(fun)
+    best = minimize(watched, np.zeros(1), *free(1), max_iter=1, tol=0.0)
+    values = [fun(x)[0] for x in watched.points]
+    assert values[1:3] == [-1.0, -0.5]
+    assert best.value == min(values)
+
+
 def test_a_clipped_step_does_not_go_up():
     # the bound x_1 >= 0 leaves of the first step, (6/7, -3) and downhill, (6/7, -1e-6),
     # which is uphill, and so is its end, if by less than the slope at its start says

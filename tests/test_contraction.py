@@ -104,15 +104,9 @@ def moved(kernel):
     return kernel.theta + np.linspace(-0.3, 0.4, kernel.n_dims)
 
 
-def tiles(node, n, side=4):
-    side = side if node.tileable else n
+def tiles(n, side=4):
     edges = [slice(a, min(a + side, n)) for a in range(0, n, side)]
     return [(rows, cols) for rows in edges for cols in edges]
-
-
-@pytest.mark.parametrize("name", KERNELS)
-def test_tileable_if_known(name):
-    assert compile_kernel(KERNELS[name]).tileable == (name in KNOWN)
 
 
 @pytest.mark.parametrize("known", [RBF, Matern, ConstantKernel, ARDLinear, DotProduct])
@@ -130,7 +124,7 @@ def test_compound_kernels_are_unknown():
 def test_values(kernel, X):
     node, theta = compile_kernel(kernel), moved(kernel)
     bound, K = node.bind(theta, X), np.full((9, 9), np.nan)
-    for rows, cols in tiles(node, 9):
+    for rows, cols in tiles(9):
         K[rows, cols] = bound.block(rows, cols)[0]
     expected = kernel.clone_with_theta(theta)(X)
     np.testing.assert_allclose(K, expected, rtol=1e-13, atol=1e-14)
@@ -173,7 +167,7 @@ def test_contraction(kernel, X, twins):
     node, theta = compile_kernel(kernel), moved(kernel)
     bound, W = node.bind(theta, X), np.random.default_rng(2).standard_normal((9, 9))
     total = np.zeros(kernel.n_dims)
-    for rows, cols in tiles(node, 9):
+    for rows, cols in tiles(9):
         tape = bound.block(rows, cols)[1]
         part = bound.contract(W[rows, cols], tape, rows, cols)
         assert part.shape == total.shape

@@ -3,7 +3,7 @@ r"""Kernels in tiles: values, and gradients contracted with a weight matrix.
 The gradient of a likelihood needs, for each hyperparameter theta_p of k^x, the number
 :math:`\sum_{ij} W_{ij}\, \partial K_{ij} / \partial \theta_p` only. It is summed here
 tile by tile, so that the n x n x p tensor of scikit-learn's ``eval_gradient`` is never
-built. Kernels that are not known here fall back to that tensor.
+built; kernels that are not known here are asked for the tensors of the tiles.
 
 A *node* stands for a kernel of the expression. ``node.bind(theta, X)`` is that kernel
 with its hyperparameters set, between the rows of X; ``bound.against(Z)`` is the same

@@ -20,7 +20,7 @@ class ColumnsNode(Node):
 
     def __init__(self, kernel):
         self.select, self.inner = kernel.select, compile_kernel(kernel.kernel)
-        self.n_dims, self.tileable = kernel.n_dims, self.inner.tileable
+        self.n_dims = kernel.n_dims
 
     def bind(self, theta, X):
         return BoundColumns(self.select, self.inner.bind(theta, self.select(X)))
@@ -41,7 +41,6 @@ class PairNode(Node):
     def __init__(self, kernel, bound):
         self.bound, self.n_dims = bound, kernel.n_dims
         self.left, self.right = compile_kernel(kernel.k1), compile_kernel(kernel.k2)
-        self.tileable = self.left.tileable and self.right.tileable
 
     def bind(self, theta, X):
         n = self.left.n_dims
@@ -106,7 +105,7 @@ class PowerNode(Node):
 
     def __init__(self, kernel):
         self.exponent, self.inner = kernel.exponent, compile_kernel(kernel.kernel)
-        self.n_dims, self.tileable = kernel.n_dims, self.inner.tileable
+        self.n_dims = kernel.n_dims
 
     def bind(self, theta, X):
         return BoundPower(self.inner.bind(theta, X), self.exponent)
@@ -130,31 +129,33 @@ class BoundPower(Bound):
 
 
 class UnknownNode(Node):
-    """Any other kernel: its own values and its own gradient, in one tile."""
-
-    tileable = False
+    """Any other kernel: its own values and its own gradient, of each tile."""
 
     def __init__(self, kernel):
         self.kernel, self.n_dims = kernel, kernel.n_dims
 
     def bind(self, theta, X):
-        return BoundUnknown(self.kernel.clone_with_theta(theta), X, None)
+        return BoundUnknown(self.kernel.clone_with_theta(theta), X, X)
 
 
 class BoundUnknown(Bound):
-    def __init__(self, kernel, X, Z):
-        self.kernel, self.X, self.Z = kernel, X, Z
+    def __init__(self, kernel, Z, X):
+        self.kernel, self.Z, self.X = kernel, Z, X
 
     def against(self, Z):
-        return BoundUnknown(self.kernel, self.X, Z)
+        return BoundUnknown(self.kernel, Z, self.X)
 
     def block(self, rows, cols, new=allocate):
-        if self.Z is None:
-            return self.kernel(self.X), None
+        if self.Z is self.X and rows == cols:  # a sample and itself may be special
+            return self.kernel(self.X[rows]), None
         return self.kernel(self.Z[rows], self.X[cols]), None
 
     def contract(self, W, tape, rows, cols):
-        gradient = self.kernel(self.X, eval_gradient=True)[1]
+        if rows == cols:
+            gradient = self.kernel(self.X[rows], eval_gradient=True)[1]
+        else:  # a kernel has no gradient between two sets of rows, but of their union
+            both, n = np.vstack([self.X[rows], self.X[cols]]), len(W)
+            gradient = self.kernel(both, eval_gradient=True)[1][:n, n:]
         return np.einsum("ij,ijp->p", W, gradient)
 
 

@@ -31,11 +31,7 @@ class Node:
     ----------
     n_dims : int
         Length of theta.
-    tileable : bool
-        Whether tiles other than the whole matrix have a gradient.
     """
-
-    tileable = True
 
     def __init__(self, kernel):
         self.kernel = kernel

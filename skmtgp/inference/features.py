@@ -140,12 +140,9 @@ class Tile:
         self.features, m = features, len(features)
         # k^x(Z, X) is a tile of the kernel between the rows of [Z; X]
         bound = features.node.bind(features.theta, np.vstack([features.Z, X]))
-        self.bound, n = bound, m + len(X)
-        tileable = features.node.tileable
-        self.rows, self.cols = slice(0, m if tileable else n), slice(m * tileable, n)
+        self.bound, self.rows, self.cols = bound, slice(0, m), slice(m, m + len(X))
         K, self.tape = bound.block(self.rows, self.cols)
-        K = np.broadcast_to(K, (self.rows.stop, n - self.cols.start))
-        self.phi = features.cholesky.half_solve(K[:m, -len(X) :])
+        self.phi = features.cholesky.half_solve(np.broadcast_to(K, (m, len(X))))
         self.rest = features.kernel.diag(X) - np.einsum("ji,ji->i", self.phi, self.phi)
 
     def contract(self, phi_bar, diagonal):
@@ -166,14 +163,8 @@ class Tile:
             L^{-T} phi_bar.
         """
         adjoint = self.features.cholesky.half_solve(phi_bar, transposed=True)
-        if self.features.node.tileable:
-            gradient = self.bound.contract(adjoint, self.tape, self.rows, self.cols)
-            return gradient + self._contract_diagonal(diagonal), adjoint
-        m = len(self.features)
-        W = np.zeros((self.rows.stop,) * 2)
-        W[:m, m:] = adjoint
-        np.einsum("ii->i", W)[m:] = diagonal
-        return self.bound.contract(W, self.tape, self.rows, self.cols), adjoint
+        gradient = self.bound.contract(adjoint, self.tape, self.rows, self.cols)
+        return gradient + self._contract_diagonal(diagonal), adjoint
 
     def _contract_diagonal(self, diagonal):
         gradient, m = 0.0, len(self.features)

@@ -32,7 +32,7 @@ class TiledLikelihood(Likelihood):
     def __init__(self, kernel, task_covariance, X, tasks, y, n_noise, inputs):
         super().__init__(kernel, task_covariance, X, tasks, y, n_noise)
         self.inputs, n = inputs, len(inputs)
-        edges = np.linspace(0, n, -(-n // TILE) + 1 if self.node.tileable else 2)
+        edges = np.linspace(0, n, -(-n // TILE) + 1)
         self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self.pairs = [(a, b) for i, a in enumerate(self.tiles) for b in self.tiles[i:]]
         side = max(tile.stop - tile.start for tile in self.tiles)

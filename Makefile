@@ -115,13 +115,9 @@ bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
 	$(PAGE)
 
 # What the package's own benchmarks print is kept, and shown on the page.
-OWN := likelihood memory prediction large_fit modes noisy_modes
+OWN := likelihood memory prediction large_fit modes noisy_modes kronecker
 bench-own: $(VENV)/ready-to-bench
-	for name in $(OWN); do \
-	    $(BIN)/python benchmarks/$$name.py > benchmarks/results/$$name.part \
-	        && mv benchmarks/results/$$name.part benchmarks/results/$$name.txt \
-	        || exit 1; \
-	done
+	$(BIN)/python benchmarks/peers/own_run.py $(OWN)
 	$(BIN)/python benchmarks/growth.py
 
 bench-short: $(VENV)/ready-to-bench bench-envs

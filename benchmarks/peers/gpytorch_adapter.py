@@ -3,7 +3,7 @@
 Shipped: its Hadamard multi-task regression example: single precision, IndexKernel,
 GaussianLikelihood, 50 steps of Adam with a learning rate of 0.1. Best: double
 precision, Cholesky decompositions whatever n, noise down to 1e-10, logarithms as
-parameters, the IndexKernel's diagonal fixed at 1e-16, L-BFGS-B.
+parameters, the IndexKernel's diagonal down to 1e-16, L-BFGS-B.
 """
 
 import gpytorch

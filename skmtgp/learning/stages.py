@@ -137,7 +137,7 @@ def second_stage(jobs, *, direct=True, shakes=SHAKES, n_jobs=None, reporters=Non
 
 
 def ways_from(starts, *, direct):
-    """How step 3 begins: annealed from each start, directly from the likeliest too."""
+    """How step 3 begins: annealed from each start; if direct, so from the likeliest."""
     ways = [(annealed, start) for start in starts]
     return [*ways, (climb, likeliest(starts))] if direct else ways
 
@@ -205,7 +205,7 @@ def likeliest(starts):
 
 
 def with_starts(mode, starts):
-    """The mode, with what was spent on its starts."""
+    """The mode, with what was spent on its starts, which all ranks share."""
     first = [start.mode for start in starts if start.mode]
     return mode._replace(
         n_evaluations=mode.n_evaluations + sum(m.n_evaluations for m in first),

@@ -72,10 +72,10 @@ in skmtgp's time. Each peer is run as its documentation's example of multi-task
 regression does (*shipped*) and with the best settings known for it (*best*). A fit that
 reaches its budget of time ends with the best parameters so far. Fits have one thread
 each; their times are the processor's, which other work on the machine hardly changes,
-but those of the peers at n = 280 are the time that passed while other work went on, which
-favours skmtgp there. A budget is ten times what skmtgp took, but never more than the
-seconds that the tables name; at n = 896 that is less than ten times. scikit-learn, whose
-own kernels have an n x n x p gradient, is measured at n = 280 alone.
+but those of the peers at n = 280 are the time that passed while other work went on,
+which favours skmtgp there. A budget is ten times what skmtgp took, but never more than
+the seconds that the tables name; at n = 896 that is less than ten times. scikit-learn,
+whose kernels have an n x n x p gradient, is measured at n = 280 alone.
 
 Likelihoods and errors are those of one plain implementation
 (`benchmarks/peers/reference.py`), at the parameters that each package ended with.

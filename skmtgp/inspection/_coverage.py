@@ -39,7 +39,8 @@ class CoverageDisplay(Display):
     Attributes
     ----------
     task_lines_ : list of n_tasks matplotlib Line2D
-        The coverage of each task; none where there is one task.
+        The coverage of each task, sorted as an estimator's ``tasks_`` where they are
+        found from predictions; none where there is one task.
     line_ : matplotlib Line2D
         The mean over tasks, :func:`skmtgp.metrics.coverage`.
     diagonal_ : matplotlib Line2D

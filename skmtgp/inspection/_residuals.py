@@ -42,7 +42,8 @@ class TaskResidualsDisplay(Display):
         goes from the first to the third quartile, the whiskers reach to the last sample
         within 1.5 times its length.
     tasks_ : ndarray of shape (n_tasks,)
-        The task of each box.
+        The task of each box, sorted as an estimator's ``tasks_``: numbers by size, text
+        by its letters, so that "machine 10" comes before "machine 2".
     ax_ : matplotlib Axes
         Where they are drawn.
     figure_ : matplotlib Figure

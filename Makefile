@@ -77,8 +77,8 @@ docs: $(VENV)/ready-for-docs
 	@echo docs/_build/html/index.html
 
 # The wheel is built from the source distribution and tried on its own, with no extra:
-# python -P, in another directory, cannot see the checkout. Two examples need Pinocchio,
-# and are left out.
+# python -P, in another directory, cannot see the checkout. The examples that need
+# Matplotlib or Pinocchio are skipped: see conftest.py.
 dist: $(VENV)/ready-to-build
 	rm -rf dist $(TRIAL)
 	$(BIN)/python -m build
@@ -89,7 +89,7 @@ dist: $(VENV)/ready-to-build
 	cd $(TRIAL) && bin/python -P -m skmtgp
 	$(TRIAL)/bin/python -m pip --disable-pip-version-check install -q pytest
 	cd $(TRIAL) && $(ONE_THREAD) bin/python -P -m pytest -c ../pyproject.toml \
-	    -p no:cacheprovider -k 'not _make.make and not _robot.inverse' --pyargs skmtgp
+	    -p no:cacheprovider --pyargs skmtgp
 
 # Every package that is compared has an environment of its own. One that cannot be
 # installed is left out: the results then say so.

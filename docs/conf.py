@@ -1,8 +1,12 @@
 """Configuration of the documentation; ``make docs`` builds it without a network."""
 
+import sys
 from importlib import import_module
+from pathlib import Path
 
 import skmtgp
+
+sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order
 
 project = "skmtgp"
 author = "the skmtgp developers"
@@ -52,6 +56,7 @@ trim_doctest_flags = True
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "auto_examples",
+    "within_subsection_order": "gallery_order.position",
     "min_reported_time": 1,  # seconds
     "reset_modules": ("matplotlib",),
     "abort_on_example_error": True,

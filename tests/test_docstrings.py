@@ -88,6 +88,12 @@ def test_docstring(path):
     assert not found, "\n".join([path, *found])
 
 
+def test_no_example_is_skipped():
+    """An example that needs an extra is named in conftest.py instead."""
+    items = public_objects().items()
+    assert [path for path, item in items if "+SKIP" in (item.__doc__ or "")] == []
+
+
 def test_every_kind_of_object_is_found():
     assert "skmtgp.metrics.coverage" in CHECKS
     assert "skmtgp.preprocessing.InverseDynamicsFeatures.transform" in CHECKS

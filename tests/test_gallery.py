@@ -2,17 +2,39 @@
 
 import ast
 import re
+import runpy
 from pathlib import Path
 
 import pytest
 
-GALLERY = Path(__file__).parents[1] / "examples" / "gallery"
+ROOT = Path(__file__).parents[1]
+GALLERY = ROOT / "examples" / "gallery"
 SCRIPTS = sorted(GALLERY.glob("*.py"))
 
 
 def test_there_are_scripts_and_a_header():
     assert SCRIPTS
     assert (GALLERY / "README.txt").is_file()
+
+
+def test_every_script_has_its_place():
+    order = runpy.run_path(str(ROOT / "docs" / "gallery_order.py"))
+    assert sorted(order["ORDER"]) == [path.stem for path in SCRIPTS]
+    assert sorted(SCRIPTS, key=order["position"])[0].stem == order["ORDER"][0]
+
+
+def test_pictures_and_links_of_the_pages_are_of_scripts():
+    pages = [*ROOT.glob("docs/*.md"), *ROOT.glob("docs/guide/*.md")]
+    found = {
+        name
+        for page in pages
+        for name in re.findall(
+            r"auto_examples/(?:images/sphx_glr_)?(plot_[a-z_]+[a-z])",
+            page.read_text("utf-8"),
+        )
+    }
+    assert found
+    assert found <= {path.stem for path in SCRIPTS}
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)

@@ -616,6 +616,25 @@ class TestTaskResiduals:
             TaskResidualsDisplay.from_predictions(**given | change)
 
 
+def test_tasks_are_in_the_order_of_the_model():
+    """Sorted, wherever they first appear: text by its letters, numbers by size."""
+    text = np.array(["machine 2", "machine 10", "machine 1"])[TASKS]
+    for labels in (text, np.array([2, 10, 1])[TASKS]):
+        frame = pd.DataFrame({"x": X[:, 0], "machine": labels})
+        model = PooledGP(task_feature="machine", **QUICK).fit(frame, y)
+        expected = np.unique(labels).astype(str).tolist()
+        matrix = TaskCovarianceDisplay.from_estimator(model)
+        boxes = TaskResidualsDisplay.from_estimator(model, frame, y)
+        curves = CoverageDisplay.from_estimator(model, frame, y)
+        assert texts(matrix.ax_.get_xticklabels()) == expected
+        assert texts(boxes.ax_.get_xticklabels()) == expected
+        lines = [line.get_label() for line in curves.task_lines_]
+        assert lines == [f"_{name}" for name in expected]
+        found = TaskResidualsDisplay.from_predictions(y, 0.0 * y, tasks=labels)
+        assert_array_equal(found.tasks_, model.tasks_)
+    assert expected == ["1", "2", "10"]
+
+
 KERNEL = (
     ARDLinear([1.0, 2.0, 3.0])
     + ConstantKernel() * Columns(RBF([4.0, 5.0]), [2, 0])

@@ -83,42 +83,13 @@ axes[2].set(xlabel="inducing inputs", xticks=table.index, title="nats, at one th
 axes[2].legend()
 
 # %%
-# Where they lie
-# --------------
-# By default inducing inputs are training inputs, chosen greedily. ``inducing_inputs``
-# takes the means of clusters instead, or moves the greedy ones to where the bound is
-# higher, which costs more evaluations of the bound.
-rows = []
-for n_inducing in (12, 15, 20):
-    for choice in ("greedy", "k-means", "optimised"):
-        model = MultiTaskGPRegressor(
-            **options,
-            inference="sparse",
-            n_inducing=n_inducing,
-            inducing_inputs=choice,
-        ).fit(X, y)
-        rows.append(
-            {
-                "inducing": n_inducing,
-                "which": choice,
-                "bound": model.log_marginal_likelihood_value_,
-                "nMSE": normalized_mean_squared_error(truth, model.predict(X_test)),
-                "evaluations": model.n_evaluations_,
-            }
-        )
-print(pd.DataFrame(rows).set_index(["inducing", "which"]).round(4).to_string())
-
-# %%
-# Where inducing inputs are scarce it matters: 12 find the fast wave only when they are
-# moved. 20 need not be, and predict better than 12 that were: where more inducing
-# inputs can be afforded, more are the first thing to try.
-
-# %%
-# More samples
-# ------------
-# The exact covariance of 30,000 samples would take 7 GB. The time of a bound grows with
-# their number, and not with its cube. 20 inducing inputs are enough again: the error is
-# a tenth of what it was.
+# As many for more samples
+# ------------------------
+# How many are enough depends on the function, and hardly on the number of samples: 20
+# are enough for 30,000 again, and the error is a tenth of what it was. The exact
+# covariance of 30,000 would take 7 GB. The time of a bound grows with their number, and
+# not with its cube. :ref:`Where the inducing inputs should lie
+# <sphx_glr_auto_examples_plot_inducing_inputs.py>` is a question of its own.
 from time import perf_counter
 
 X, y, _ = measure(30_000)

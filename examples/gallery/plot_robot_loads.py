@@ -69,13 +69,15 @@ print(table.T.to_string(float_format="{:.1e}".format))
 # a thousand.
 import matplotlib.pyplot as plt
 
-_, ax = plt.subplots(figsize=(7, 4), layout="constrained")
-for (name, column), marker in zip(table.items(), "ovsD", strict=True):
-    ax.plot(range(len(loads)), column, marker, ms=8, label=name)
+figure, ax = plt.subplots(figsize=(6.4, 4.6), layout="constrained")
+looks = ("#e69f00", "o"), ("#009e73", "v"), ("#999999", "s"), ("#0072b2", "D")
+for (name, column), (color, marker) in zip(table.items(), looks, strict=True):
+    style = {"color": color, "marker": marker, "ms": 9}
+    ax.plot(range(len(loads)), column, lw=1.5, label=name, **style)
 ax.set(yscale="log", xlabel="load", ylabel="nMSE on paths new to the load")
 ax.set_xticks(range(len(loads)), loads)
 ax.grid(axis="y", alpha=0.3)
-ax.legend(loc="upper left", bbox_to_anchor=(1, 1))
+figure.legend(loc="outside upper center", ncols=2, frameon=False, fontsize=12)
 
 gain = table.drop(columns="multi-task, rank 5").min(axis=1)
 gain /= table["multi-task, rank 5"]

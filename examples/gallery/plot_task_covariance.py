@@ -2,8 +2,8 @@
 Reading the task covariance
 ===========================
 
-A model has learned the torques of a robot arm under ten loads. What does it say about
-the loads, and about the joint states that matter?
+A model has learned the torques of a robot arm under ten loads, and was told nothing
+about them. What does its task covariance say of the loads?
 """
 
 # %%
@@ -52,20 +52,3 @@ print(f"share of the leading eigenvector: {values[-1] / values.sum():.2f}")
 print(
     f"its correlation with the mass: {abs(np.corrcoef(vectors[:, -1], mass)[0, 1]):.3f}"
 )
-
-# %%
-# Which joint states matter
-# -------------------------
-# The kernel is a sum of a linear part and a squared exponential, with a relevance for
-# each feature: position q, velocity qd and acceleration qdd of each joint, and the
-# signs of the velocities, which friction needs. Compare features within a part, not the
-# two parts.
-#
-# The squared exponential listens to q2 and q3 most, the angles on which gravity acts.
-# Dots in a column at the left are at their bound: the kernel does without. The largest
-# linear weight is that of q1, on which gravity does not depend. On a few paths the
-# joint states go together, and one can stand in for another: relevances tell what a
-# model uses, not what causes the torque.
-from skmtgp.inspection import KernelRelevanceDisplay
-
-KernelRelevanceDisplay.from_estimator(model)

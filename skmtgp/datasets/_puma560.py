@@ -116,8 +116,8 @@ def fetch_puma560(
     >>> from skmtgp.datasets import fetch_puma560
     >>> X, y = fetch_puma560(
     ...     n_per_load=20, loads=range(1, 15), return_X_y=True
-    ... )  # doctest: +SKIP
-    >>> X.shape, y.shape  # doctest: +SKIP
+    ... )
+    >>> X.shape, y.shape
     ((280, 19), (280, 6))
     """
     return_X_y = check_flag("return_X_y", return_X_y)

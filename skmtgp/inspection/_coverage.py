@@ -39,7 +39,8 @@ class CoverageDisplay(Display):
     Attributes
     ----------
     task_lines_ : list of n_tasks matplotlib Line2D
-        The coverage of each task; none where there is one task.
+        The coverage of each task, sorted as an estimator's ``tasks_`` where they are
+        found from predictions; none where there is one task.
     line_ : matplotlib Line2D
         The mean over tasks, :func:`skmtgp.metrics.coverage`.
     diagonal_ : matplotlib Line2D
@@ -59,19 +60,26 @@ class CoverageDisplay(Display):
 
     Examples
     --------
+    >>> import matplotlib.pyplot as plt
     >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor
     >>> from skmtgp.inspection import CoverageDisplay
-    >>> display = CoverageDisplay(
-    ...     levels=[0.5, 0.9], coverages=[[0.4, 0.8], [0.5, 1.0]], tasks=["a", "b"]
-    ... )
-    >>> display.plot()  # doctest: +SKIP
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 80), np.tile([0, 1], 40)
+    >>> y = np.where(task == 0, 1.0, -2.0) * np.sin(x)
+    >>> y += 0.1 * rng.standard_normal(80)
+    >>> X = np.column_stack([x, task])
+    >>> model = MultiTaskGPRegressor(rank=1).fit(X[:40], y[:40])
+    >>> CoverageDisplay.from_estimator(model, X[40:], y[40:])
+    <...>
+    >>> plt.show()
 
-    From predictions, and those from a fitted model:
+    The same from predictions:
 
-    >>> CoverageDisplay.from_predictions(
-    ...     y, mean, std, tasks=tasks
-    ... )  # doctest: +SKIP
-    >>> CoverageDisplay.from_estimator(model, X, y)  # doctest: +SKIP
+    >>> mean, std = model.predict(X[40:], return_std=True, include_noise=True)
+    >>> CoverageDisplay.from_predictions(y[40:], mean, std, tasks=task[40:])
+    <...>
+    >>> plt.show()
     """
 
     def __init__(

@@ -65,18 +65,31 @@ class KernelRelevanceDisplay(Display):
 
     Examples
     --------
-    >>> from sklearn.gaussian_process.kernels import RBF
+    >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from skmtgp import MultiTaskGPRegressor
     >>> from skmtgp.inspection import KernelRelevanceDisplay
+    >>> rng = np.random.default_rng(0)
+    >>> X = pd.DataFrame(rng.uniform(0, 3, (60, 2)), columns=["warm", "wet"])
+    >>> X["site"] = ["a", "b"] * 30
+    >>> y = np.sin(2 * X["warm"]) + 0.1 * X["wet"] + 0.1 * rng.standard_normal(60)
+    >>> model = MultiTaskGPRegressor(rank=1, task_feature="site").fit(X, y)
+    >>> display = KernelRelevanceDisplay.from_estimator(model)
+    >>> list(display.feature_names)
+    ['warm', 'wet']
+    >>> plt.show()
+
+    Relevances that are known already:
+
     >>> display = KernelRelevanceDisplay(
     ...     relevances=[[2.0, 0.01]],
     ...     parts=["squared exponential: 1 / length_scale"],
     ...     feature_names=["temperature", "moisture"],
     ... )
-    >>> display.plot()  # doctest: +SKIP
-
-    That of a fitted model:
-
-    >>> KernelRelevanceDisplay.from_estimator(model)  # doctest: +SKIP
+    >>> display.plot()
+    <...>
+    >>> plt.show()
     """
 
     def __init__(

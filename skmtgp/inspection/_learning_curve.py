@@ -57,21 +57,31 @@ class TaskLearningCurveDisplay(Display):
 
     Examples
     --------
+    >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
+    >>> from skmtgp import BayesianLinearRegression, PooledGP
     >>> from skmtgp.inspection import TaskLearningCurveDisplay
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 40), np.tile([0, 1], 20)
+    >>> X, y = np.column_stack([x, task]), np.sin(x) + 0.1 * rng.standard_normal(40)
+    >>> models = {"linear": BayesianLinearRegression(), "pGP": PooledGP()}
+    >>> TaskLearningCurveDisplay.from_estimator(
+    ...     models, X, y, train_sizes=[10, 20], cv=2
+    ... )
+    <...>
+    >>> plt.show()
+
+    Errors that were measured elsewhere:
+
     >>> results = {
     ...     "model": ["mGP", "mGP", "mGP", "mGP"],
     ...     "n": [280, 280, 560, 560],
     ...     "draw": [1, 2, 1, 2],
     ...     "error": [1e-5, 3e-5, 1e-6, 2e-6],
     ... }
-    >>> display = TaskLearningCurveDisplay(results=results)
-    >>> display.plot()  # doctest: +SKIP
-
-    Of models that are to be fitted:
-
-    >>> from skmtgp import MultiTaskGPRegressor, PooledGP
-    >>> models = {"pGP": PooledGP(), "mGP": MultiTaskGPRegressor(rank=2)}
-    >>> TaskLearningCurveDisplay.from_estimator(models, X, y)  # doctest: +SKIP
+    >>> TaskLearningCurveDisplay.from_results(results)
+    <...>
+    >>> plt.show()
     """
 
     def __init__(self, *, results: pd.DataFrame | Mapping[str, Any]) -> None:

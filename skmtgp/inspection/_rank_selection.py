@@ -47,10 +47,24 @@ class RankSelectionDisplay(Display):
 
     Examples
     --------
+    >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
+    >>> from skmtgp import RankSearchIC
     >>> from skmtgp.inspection import RankSelectionDisplay
-    >>> results = {"rank": [1, 2, 3], "bic": [420.0, 300.0, 310.0]}
-    >>> display = RankSelectionDisplay(results=results, best_rank=2)
-    >>> display.plot()  # doctest: +SKIP
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 60), np.tile([0, 1, 2], 20)
+    >>> y = np.array([1.0, -2.0, 0.5])[task] * np.sin(x)
+    >>> y += 0.1 * rng.standard_normal(60)
+    >>> search = RankSearchIC(ranks=(1, 2, 3)).fit(np.column_stack([x, task]), y)
+    >>> RankSelectionDisplay.from_estimator(search)
+    <...>
+    >>> plt.show()
+
+    Several criteria, each less its minimum:
+
+    >>> RankSelectionDisplay.from_estimator(search, criteria=["bic", "aic", "hqc"])
+    <...>
+    >>> plt.show()
     """
 
     def __init__(self, *, results: Mapping[str, Any], best_rank: int) -> None:

@@ -42,7 +42,8 @@ class TaskResidualsDisplay(Display):
         goes from the first to the third quartile, the whiskers reach to the last sample
         within 1.5 times its length.
     tasks_ : ndarray of shape (n_tasks,)
-        The task of each box.
+        The task of each box, sorted as an estimator's ``tasks_``: numbers by size, text
+        by its letters, so that "machine 10" comes before "machine 2".
     ax_ : matplotlib Axes
         Where they are drawn.
     figure_ : matplotlib Figure
@@ -54,20 +55,26 @@ class TaskResidualsDisplay(Display):
 
     Examples
     --------
+    >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor
     >>> from skmtgp.inspection import TaskResidualsDisplay
-    >>> display = TaskResidualsDisplay(
-    ...     residuals=[0.1, -0.2, 0.3, 0.0], tasks=["a", "a", "b", "b"]
-    ... )
-    >>> display.plot()  # doctest: +SKIP
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 80), np.tile([0, 1], 40)
+    >>> y = np.where(task == 0, 1.0, -2.0) * np.sin(x)
+    >>> y += 0.1 * rng.standard_normal(80)
+    >>> X = np.column_stack([x, task])
+    >>> model = MultiTaskGPRegressor(rank=1).fit(X[:40], y[:40])
+    >>> TaskResidualsDisplay.from_estimator(model, X[40:], y[40:], kind="standardized")
+    <...>
+    >>> plt.show()
 
-    From predictions, and those from a fitted model:
+    From predictions, in units of y:
 
-    >>> TaskResidualsDisplay.from_predictions(
-    ...     y, mean, tasks=tasks
-    ... )  # doctest: +SKIP
-    >>> TaskResidualsDisplay.from_estimator(
-    ...     model, X, y, kind="standardized"
-    ... )  # doctest: +SKIP
+    >>> mean = model.predict(X[40:])
+    >>> TaskResidualsDisplay.from_predictions(y[40:], mean, tasks=task[40:])
+    <...>
+    >>> plt.show()
     """
 
     def __init__(

@@ -64,6 +64,7 @@ class TaskCovarianceDisplay(Display):
 
     Examples
     --------
+    >>> import matplotlib.pyplot as plt
     >>> import numpy as np
     >>> from skmtgp import MultiTaskGPRegressor
     >>> from skmtgp.inspection import TaskCovarianceDisplay
@@ -71,16 +72,14 @@ class TaskCovarianceDisplay(Display):
     >>> x, task = rng.uniform(0, 6, 60), np.repeat([0, 1, 2], 20)
     >>> y = np.array([1.0, -2.0, 0.5])[task] * np.sin(x)
     >>> model = MultiTaskGPRegressor(rank=1).fit(np.column_stack([x, task]), y)
-    >>> display = TaskCovarianceDisplay(
-    ...     task_covariance=model.task_covariance_, tasks=model.tasks_
-    ... )
-    >>> display.plot(kind="correlation", order="similarity")  # doctest: +SKIP
+    >>> display = TaskCovarianceDisplay.from_estimator(model)
+    >>> plt.show()
 
-    The same in one go:
+    The same in another way:
 
-    >>> TaskCovarianceDisplay.from_estimator(
-    ...     model, kind="correlation", order="similarity"
-    ... )  # doctest: +SKIP
+    >>> display.plot(kind="correlation", order="similarity")
+    <...>
+    >>> plt.show()
     """
 
     def __init__(

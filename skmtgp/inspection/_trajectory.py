@@ -48,19 +48,23 @@ class TrajectoryDisplay(Display):
 
     Examples
     --------
+    >>> import matplotlib.pyplot as plt
     >>> import numpy as np
     >>> from skmtgp import PooledGP
     >>> from skmtgp.inspection import TrajectoryDisplay
     >>> time = np.linspace(0, 6, 40)
     >>> X, y = np.column_stack([time, np.zeros(40)]), np.sin(time)
     >>> model = PooledGP().fit(X[::2], y[::2])
+    >>> TrajectoryDisplay.from_estimator(model, X, y, time=time)
+    <...>
+    >>> plt.show()
+
+    The same from predictions:
+
     >>> mean, std = model.predict(X, return_std=True, include_noise=True)
-    >>> display = TrajectoryDisplay(y_true=y, y_mean=mean, y_std=std, time=time)
-    >>> display.plot()  # doctest: +SKIP
-
-    The same in one go:
-
-    >>> TrajectoryDisplay.from_estimator(model, X, y, time=time)  # doctest: +SKIP
+    >>> TrajectoryDisplay.from_predictions(y, mean, std, time=time)
+    <...>
+    >>> plt.show()
     """
 
     def __init__(

@@ -1,0 +1,24 @@
+"""The order of the examples in the gallery, which docs/conf.py asks for."""
+
+from pathlib import Path
+
+ORDER = [
+    "plot_robot_loads",
+    "plot_task_covariance",
+    "plot_joint_states",
+    "plot_trajectory",
+    "plot_novel_load",
+    "plot_negative_correlation",
+    "plot_choose_rank",
+    "plot_grid_search",
+    "plot_calibration",
+    "plot_real_data",
+    "plot_complete_data",
+    "plot_large_data",
+    "plot_inducing_inputs",
+]
+
+
+def position(script):
+    """Where a script, a name or path, stands."""
+    return ORDER.index(Path(script).stem)

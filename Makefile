@@ -18,24 +18,30 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
 .PHONY: help demo demo-short test coverage test-oldest fuzz lint docs dist bench \
-    bench-own bench-sparse bench-short bench-envs bench-page paper paper-short paper-page clean
+    bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
+    paper-page clean
 
 help:
-	@echo 'make demo        learn a robot arm under many loads and compare the models'
-	@echo 'make demo-short  the same, smaller'
-	@echo 'make test        run all tests'
-	@echo 'make coverage    the same, and which lines and branches they miss'
-	@echo 'make test-oldest the same with the oldest supported versions, on Python 3.11'
-	@echo 'make fuzz        2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
-	@echo 'make lint        check style and formatting'
-	@echo 'make docs        the documentation, in docs/_build/html; its examples are run'
-	@echo 'make dist        what a release is made of, in dist; it is checked and tried'
-	@echo 'make bench       compare with other packages: hours, see benchmarks/README.md'
-	@echo 'make bench-short the same with one small problem'
-	@echo 'make paper       the experiments of the paper: hours, see examples/paper/README.md'
-	@echo 'make paper-short the same, tiny: a minute'
-	@echo 'make paper-page  docs/paper.md from what is measured'
-	@echo 'make clean       remove what was installed, caches and build products'
+	@echo 'make demo         learn a robot arm under many loads and compare the models'
+	@echo 'make demo-short   the same, smaller'
+	@echo 'make test         run all tests'
+	@echo 'make coverage     the same, and which lines and branches they miss'
+	@echo 'make test-oldest  the same with the oldest supported versions, on Python 3.11'
+	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
+	@echo 'make lint         check style and formatting'
+	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
+	@echo 'make dist         what a release is made of, in dist; it is checked and tried'
+	@echo 'make bench        compare with other packages: hours, see benchmarks/README.md'
+	@echo 'make bench-own    the benchmarks that need no other package'
+	@echo 'make bench-sparse the whole training set by inducing inputs: hours'
+	@echo 'make bench-short  what make bench does, with one small problem'
+	@echo 'make bench-envs   the environments of the other packages alone (5 GB)'
+	@echo 'make bench-page   docs/benchmarks.md and its plots from what is measured'
+	@echo 'make paper        the experiments of the paper: hours, see examples/paper/README.md'
+	@echo 'make paper-short  the same, tiny: a minute'
+	@echo 'make paper-page   docs/paper.md from what is measured'
+	@echo 'make clean        remove what was installed, caches and build products'
+	@echo 'make help         this list'
 
 demo: $(VENV)/ready-to-run
 	$(BIN)/python examples/puma560_loads.py

@@ -1,4 +1,4 @@
-"""``python -m skmtgp`` prints what a report of a fault should tell."""
+"""``python -m skmtgp`` prints what a bug report should tell."""
 
 import argparse
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""What a report of a fault should tell: where it happened, and with which versions."""
+"""What a bug report should tell: where it happened, and with which versions."""
 
 import os
 import platform
@@ -13,7 +13,7 @@ EXTRAS = "matplotlib", "pin", "dask"
 
 
 def show_versions() -> None:
-    """Print the system and the versions of what is installed, for reports of faults.
+    """Print the system and the versions of what is installed, for bug reports.
 
     The same is printed by ``python -m skmtgp``.
 

@@ -40,6 +40,13 @@ def targets():
     return set(re.search(r"^\.PHONY:(.*)$", text, re.MULTILINE)[1].split())
 
 
+def test_help_lists_all_targets():
+    text = (ROOT / "Makefile").read_text("utf-8")
+    listed = re.findall(r"^\t@echo 'make ([\w-]+) ", text, re.MULTILINE)
+    assert len(listed) == len(set(listed))
+    assert set(listed) == targets()
+
+
 def stem(path):
     return path.stem
 

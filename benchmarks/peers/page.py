@@ -43,7 +43,7 @@ OWN = {
 WORDS = {True: "yes", False: "**no**", None: "not measured"}
 
 INTRODUCTION = """\
-# Comparison with other packages
+# Benchmarks
 
 The same data, kernel, starting point and threads for skmtgp, GPyTorch, BoTorch, GPy,
 GPflow and scikit-learn: how long an evaluation of the marginal likelihood and its
@@ -145,7 +145,11 @@ def own_section(folder):
             printed = "\n".join(map(folded, lines))
             text += [f"```text\n{printed}\n```\n"]
     if (folder / "growth.csv").exists():
-        text.append("![time and memory as the work grows](images/growth.png)\n")
+        text += [
+            "Time and memory as the work grows, on one thread "
+            "(`python benchmarks/growth.py`):\n",
+            "![time and memory as the work grows](images/growth.png)\n",
+        ]
     return ["## The engine alone\n", *text] if text else []
 
 

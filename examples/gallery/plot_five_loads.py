@@ -64,7 +64,7 @@ for ax, (name, model) in zip(axes, models.items(), strict=True):
 # direction, the heavier ones in the other.
 from skmtgp.inspection import TaskCovarianceDisplay
 
-_, ax = plt.subplots(figsize=(5, 4), layout="constrained")
+_, ax = plt.subplots(figsize=(6, 4), layout="constrained")
 display = TaskCovarianceDisplay.from_estimator(
     models["mGP-BIC"], kind="correlation", deviations=True, ax=ax
 )

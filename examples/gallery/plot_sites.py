@@ -85,7 +85,7 @@ for ax, (name, model) in zip(axes, models.items(), strict=True):
 # moisture alone.
 from skmtgp.inspection import TaskCovarianceDisplay
 
-figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
 display = TaskCovarianceDisplay.from_estimator(search, kind="correlation", ax=axes[0])
 display.plot(kind="correlation", deviations=True, ax=axes[1])
 

@@ -28,7 +28,7 @@ from skmtgp import IndependentGP, RankSearchIC, make_inverse_dynamics_regressor
 
 models = {
     "iGP": make_inverse_dynamics_regressor(IndependentGP()),
-    "mGP-BIC": make_inverse_dynamics_regressor(RankSearchIC(ranks=(2, 3, 4, 5))),
+    "mGP-BIC": make_inverse_dynamics_regressor(RankSearchIC(ranks=(2, 4, 5))),
 }
 for model in models.values():
     model.fit(X, tau)

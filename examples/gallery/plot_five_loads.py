@@ -36,7 +36,7 @@ for model in models.values():
 # %%
 # Which rank
 # ----------
-# The criterion falls by a hundred and more with each rank up to 4. A fifth adds
+# The criterion falls by hundreds from rank 2 to rank 4. A fifth function adds
 # nothing to the likelihood, and one parameter more.
 import matplotlib.pyplot as plt
 

@@ -4,6 +4,8 @@ from pathlib import Path
 
 ORDER = [
     "plot_robot_loads",
+    "plot_five_loads",
+    "plot_sites",
     "plot_task_covariance",
     "plot_joint_states",
     "plot_trajectory",
@@ -13,6 +15,7 @@ ORDER = [
     "plot_grid_search",
     "plot_calibration",
     "plot_real_data",
+    "plot_when_not",
     "plot_complete_data",
     "plot_large_data",
     "plot_inducing_inputs",

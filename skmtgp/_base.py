@@ -14,7 +14,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp._complete import complete_design
+from skmtgp._complete import is_complete
 from skmtgp._dask import is_dask
 from skmtgp._fitted import FittedGP
 from skmtgp._linalg import RESOLVED
@@ -209,7 +209,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         self.X_train_, self.tasks_train_ = training.features, training.codes
         Y = np.array(training.Y)  # otherwise y itself, which the user may change
         self.y_train_ = Y[:, 0] if training.single_output else Y
-        self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
+        self.complete_ = is_complete(self.X_train_, self.tasks_train_)
 
     def _store_parameters(self, modes):
         square, L = np.square(self._scales), self._likelihoods

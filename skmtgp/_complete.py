@@ -1,6 +1,10 @@
 """Complete data: every task observed at the same inputs, once each."""
 
 import numpy as np
+import pandas as pd
+from sklearn.utils import gen_batches
+
+BLOCK = 2**14  # rows that are looked at together
 
 
 def complete_design(features, codes):
@@ -18,18 +22,49 @@ def complete_design(features, codes):
     rows : ndarray of shape (n_inputs, n_tasks), or None
         The row of each distinct input and task; None if the data are not complete.
     """
+    rows = _cells(features, codes)
+    if rows is None:
+        return None
+    ascending = np.lexsort(features[rows[:, 0]].T[::-1])
+    return rows[ascending]
+
+
+def is_complete(features, codes):
+    """Whether each task is observed at each input, once; in memory of a few columns."""
+    return _cells(features, codes) is not None
+
+
+def _cells(features, codes):
+    """The rows of `complete_design`, of inputs in no order."""
     n_tasks = codes.max() + 1
     n_inputs, rest = divmod(len(codes), n_tasks)
     if rest or (np.bincount(codes) != n_inputs).any():
         return None
     if len(np.unique(features[:, 0])) > n_inputs:  # most often, and quickly
         return None
-    distinct, which = np.unique(features, axis=0, return_inverse=True)
-    if len(distinct) != n_inputs:
+    keys = row_keys(features)
+    rows = np.lexsort((codes, keys)).reshape(n_inputs, n_tasks)
+    first = keys[rows[:, 0]]
+    if (first[1:] == first[:-1]).any() or (codes[rows] != np.arange(n_tasks)).any():
         return None
-    rows = np.full((n_inputs, n_tasks), -1)
-    rows[which.reshape(-1), codes] = np.arange(len(codes))
-    return None if (rows < 0).any() else rows
+    size = max(1, BLOCK // n_tasks)
+    equal = (
+        (features[some] == features[some[:, :1]]).all()
+        for some in (rows[batch] for batch in gen_batches(n_inputs, size))
+    )
+    return rows if all(equal) else None
+
+
+def row_keys(features):
+    """A number for each row, the same for equal rows, and others for others.
+
+    Two of n rows that differ have the same one with a probability of n^2 / 2^65.
+    """
+    keys = np.empty(len(features), dtype=np.uint64)
+    for rows in gen_batches(len(features), BLOCK):
+        block = pd.DataFrame(features[rows] + 0.0)  # zero has no sign
+        keys[rows] = pd.util.hash_pandas_object(block, index=False)
+    return keys
 
 
 def check_complete(features, codes, tasks):

@@ -320,6 +320,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         Raises
         ------
+        TypeError
+            If X or y is a Dask collection.
         ValueError
             If the task is known already, if X has several tasks, other features than in
             `fit` or values that cannot be used, or if y has other outputs.

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from skmtgp._complete import complete_design
+from skmtgp import _complete
+from skmtgp._complete import complete_design, is_complete, row_keys
 
 
 class TestCompleteDesign:
@@ -56,3 +57,30 @@ class TestCompleteDesign:
         np.testing.assert_array_equal(
             complete_design(features, np.array([1, 0])), [[1, 0]]
         )
+
+    def test_by_blocks(self, design, monkeypatch):
+        monkeypatch.setattr(_complete, "BLOCK", 2)
+        self.test_rows(design)
+        self.test_an_input_that_differs(design)
+
+    def test_as_numpy_finds_it(self):
+        """Of a few inputs, drawn so that about half of the data are complete."""
+        rng, found = np.random.default_rng(0), []
+        for _ in range(100):
+            inputs = np.unique(rng.integers(0, 2, (4, 3)), axis=0).astype(float)
+            which, codes = np.indices((len(inputs), 2)).reshape(2, -1)
+            which[0] = rng.integers(0, len(inputs))
+            count = np.zeros((len(inputs), 2))
+            np.add.at(count, (which, codes), 1)
+            expected = (count == 1).all()
+            assert is_complete(inputs[which], codes) == expected
+            found.append(expected)
+        assert 10 < sum(found) < 90
+
+
+def test_keys_are_those_of_the_rows():
+    rng = np.random.default_rng(0)
+    features = rng.choice([0.0, -0.0, 1.0, -1.0, 1e300, 5e-324], (3000, 4))
+    keys = row_keys(features)
+    assert len(np.unique(keys)) == len(np.unique(features, axis=0))
+    np.testing.assert_array_equal(row_keys(-0.0 * features), row_keys(0.0 * features))

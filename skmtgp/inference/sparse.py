@@ -251,4 +251,4 @@ class SparseBound(Likelihood):
 
     def forget_rows(self):
         """Keep what does not depend on them: no likelihood can be computed any more."""
-        self.X = self.tasks = self.y = self.noise_of_row = None
+        self.X = self.tasks = self.y = None

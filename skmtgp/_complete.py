@@ -4,7 +4,10 @@ import numpy as np
 import pandas as pd
 from sklearn.utils import gen_batches
 
+from skmtgp._guide import INFERENCE
+
 BLOCK = 2**14  # rows that are looked at together
+FEW = 0.25  # of the inputs that are to be dropped for the rest to be complete
 
 
 def complete_design(features, codes):
@@ -67,6 +70,43 @@ def row_keys(features):
     return keys
 
 
+def nearly_complete(features, codes):
+    """What keeps data from being complete, where it is little.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_features)
+        Inputs, in any order.
+    codes : ndarray of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1.
+
+    Returns
+    -------
+    what : str
+        How many cells, each an input of a task, are missing or observed repeatedly.
+        Empty where there is one task, or none are, or they are of many inputs.
+    """
+    n_tasks = codes.max() + 1
+    most = len(codes) / (1.0 - FEW) / n_tasks  # inputs
+    if n_tasks == 1 or len(np.unique(features[:, 0])) > most:
+        return ""
+    distinct, which = np.unique(row_keys(features), return_inverse=True)
+    if len(distinct) > most:
+        return ""
+    cells = which * n_tasks + codes
+    count = np.bincount(cells, minlength=len(distinct) * n_tasks)
+    faults = (count != 1).reshape(-1, n_tasks).any(axis=1).sum()
+    if not 0 < faults <= FEW * len(distinct):
+        return ""
+    missing, repeated = (count == 0).sum(), (count > 1).sum()
+    return (
+        f"{missing} cell{'s are' if missing != 1 else ' is'} missing of "
+        f"{len(distinct)} inputs of {n_tasks} tasks, {repeated} observed repeatedly. "
+        f"Without the rows of {faults} input{'s' * (faults > 1)} the data would be "
+        "complete, and inference by Kronecker products."
+    )
+
+
 def check_complete(features, codes, tasks):
     """Raise a ValueError where not each task is observed at each input, once.
 
@@ -103,5 +143,5 @@ def check_complete(features, codes, tasks):
     raise ValueError(
         "inference='kronecker' needs every task observed at the same inputs, once "
         f"each, but {', '.join(faults[:5])}{more}. Complete the data, or set "
-        "inference='auto', which takes any."
+        f"inference='auto', which takes any. {INFERENCE}"
     )

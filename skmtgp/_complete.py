@@ -99,10 +99,11 @@ def nearly_complete(features, codes):
     if not 0 < faults <= FEW * len(distinct):
         return ""
     missing, repeated = (count == 0).sum(), (count > 1).sum()
+    cells = "1 cell is" if missing == 1 else f"{missing} cells are"
+    inputs = "1 input" if faults == 1 else f"{faults} inputs"
     return (
-        f"{missing} cell{'s are' if missing != 1 else ' is'} missing of "
-        f"{len(distinct)} inputs of {n_tasks} tasks, {repeated} observed repeatedly. "
-        f"Without the rows of {faults} input{'s' * (faults > 1)} the data would be "
+        f"{cells} missing of {len(distinct)} inputs of {n_tasks} tasks, {repeated} "
+        f"observed repeatedly. Without the rows of {inputs} the data would be "
         "complete, and inference by Kronecker products."
     )
 

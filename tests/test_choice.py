@@ -460,9 +460,7 @@ class TestMemory:
     def test_cells_that_are_missing(self):
         """They are told where dense inference is for want of them alone."""
         X, y = draw()
-        match = (
-            r"with 29 samples .*available\. 1 cells are missing of 10 inputs of 3 ta"
-        )
+        match = r"with 29 samples .*available\. 1 cell is missing of 10 inputs of 3 tas"
         with pytest.raises(InsufficientMemoryError, match=match):
             MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
         for model in (

@@ -101,9 +101,7 @@ class TestNearlyComplete:
     def test_what_is_missing_and_repeated(self, data):
         features, codes = (of[3:] for of in data)
         found = nearly_complete(features, codes)
-        assert found.startswith(
-            "3 cells are missing of 20 inputs of 3 tasks, and 0 are"
-        )
+        assert found.startswith("3 cells are missing of 20 inputs of 3 tasks, 0 observ")
         rows = [*range(len(codes)), 5, 5]
         found = nearly_complete(features[rows], codes[rows])
         assert "3 cells are missing" in found

@@ -13,7 +13,15 @@ LARGE = "distributed.admin.large-graph-warning-threshold"
 
 def is_dask(*data):
     """Whether any of the data is a Dask collection."""
-    return any(hasattr(part, "__dask_graph__") for part in data)
+    return any(_has_graph(part) for part in data)
+
+
+def _has_graph(part):
+    if not hasattr(part, "__dask_graph__"):
+        return False
+    if type(part).__module__.startswith("dask"):
+        return True
+    return part.__dask_graph__() is not None  # of xarray's, which may be in memory
 
 
 def refuse_dask(name, data, advice):

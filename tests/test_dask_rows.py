@@ -25,6 +25,7 @@ from skmtgp import (
     SingleTaskGP,
     make_inverse_dynamics_regressor,
 )
+from skmtgp._dask import is_dask
 from skmtgp.exceptions import UnderflowWarning
 from skmtgp.inference import sums
 from skmtgp.inference.sparse import SparseBound
@@ -531,6 +532,13 @@ def test_death_of_a_worker(client, tmp_path):
     assert died.exists()
     assert_same_model(found, expected, X)
     client.wait_for_workers(2)
+
+
+@pytest.mark.parametrize(("graph", "expected"), [(None, False), ({}, True)])
+def test_what_may_be_dask(graph, expected):
+    """As xarray's arrays, in memory or not."""
+    wrapper = type("DataArray", (), {"__dask_graph__": lambda self: graph})()
+    assert is_dask(np.ones(1), wrapper) == expected
 
 
 def test_fit_needs_no_dask():

@@ -539,6 +539,17 @@ class TestMemory:
         with pytest.raises(MemoryError):
             PooledGP(max_iter=0).fit(X, Y)
 
+    @pytest.mark.parametrize("inference", ["auto", "sparse"])
+    def test_of_single_tasks_at_the_same_time(self, monkeypatch, inference):
+        """Of 8 samples each: 3 tasks take three times what one takes."""
+        one, more = (3, 9) if inference == "auto" else (10, 26)
+        model = SingleTaskGP(max_iter=0, inference=inference, n_jobs=3)
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0**3 * (more - 1))
+        with pytest.raises(InsufficientMemoryError, match=r"3 times at once by n_jobs"):
+            model.fit(X, Y)
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0**3 * one)
+        model.set_params(n_jobs=1).fit(X, Y)
+
     def test_is_no_matter_for_linear_regression(self, large, sixteen_gib):
         assert BayesianLinearRegression().fit(*large).coef_.shape == (1, 1)
 

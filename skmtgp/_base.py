@@ -14,11 +14,13 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp._complete import complete_design
+from skmtgp._complete import is_complete
 from skmtgp._dask import is_dask
 from skmtgp._fitted import FittedGP
+from skmtgp._guide import INFERENCE
 from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
+from skmtgp._parallel import at_a_time
 from skmtgp._partitions import check_partitions
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
@@ -30,9 +32,11 @@ from skmtgp._training import (
     default_kernel,
     warn_of_constants,
 )
-from skmtgp.exceptions import PrecisionWarning
-from skmtgp.inference.choice import choose
+from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
+from skmtgp.inference.choice import choose, why_dense
 from skmtgp.inference.inducing import check_differentiable
+
+MANY = 5000  # rows, whose dense inference takes long
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -130,21 +134,19 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         check_kernel(kernel, training.features)
         return clone(kernel)  # the user may change theirs
 
-    def _pairs(self, training, n_models=1):
-        """Data and settings of each output, of which so many models are to be kept."""
-        kernel, (n, n_outputs) = self._kernel(training), training.Y.shape
+    def _n_climbs(self, n_ranks):
+        """How many climbs over all rows an output has that do not wait for others."""
+        return n_ranks
+
+    def _pairs(self, training, n_ranks=1, n_kept=1):
+        """Data and settings of each output, for models of so many ranks."""
+        kernel = self._kernel(training)
         data = training.features, training.codes, training.tasks
-        method = choose(self.inference, kernel, *data)
-        n_tasks, n_factors = len(training.tasks), n_outputs * n_models
+        method, n_tasks = choose(self.inference, kernel, *data), len(training.tasks)
         if method == "sparse":
-            n_inducing = min(n, self.n_inducing)
-            check_sparse_memory(n_inducing, n_tasks, self._rank(n_tasks), n_factors)
-            if self.inducing_inputs == "optimised":
-                check_differentiable(kernel, np.asarray(training.features[:1]))
+            self._check_sparse(training, kernel, n_kept)
         else:
-            check_memory(
-                n // n_tasks if method == "kronecker" else n, n_factors, method
-            )
+            self._check_exact(training, kernel, method, n_ranks, n_kept)
         n_noise = n_tasks if self.noise == "per_task" else 1
         pairs = training.pairs(
             kernel,
@@ -159,6 +161,37 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             inducing_inputs=self.inducing_inputs,
         )
         return list(pairs)
+
+    def _check_exact(self, training, kernel, method, n_ranks, n_kept):
+        """Whether memory suffices, and whether the data deserve a faster method."""
+        n, n_outputs = training.Y.shape
+        by_auto = self.inference == "auto" and method == "dense"
+        why = why_dense(kernel, training.features, training.codes) if by_auto else ""
+        check_memory(
+            n // len(training.tasks) if method == "kronecker" else n,
+            n_outputs * n_kept,
+            method,
+            n_climbs=at_a_time(self.n_jobs, n_outputs * self._n_climbs(n_ranks)),
+            why=why,
+        )
+        if why and n > MANY:
+            warnings.warn(
+                f"{why} As it is, inference is dense, of {n} samples. {INFERENCE}",
+                IncompleteDataWarning,
+            )
+
+    def _check_sparse(self, training, kernel, n_kept):
+        """Whether memory suffices, and the kernel for moving inducing inputs."""
+        (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
+        check_sparse_memory(
+            min(n, self.n_inducing),
+            n_tasks,
+            self._rank(n_tasks),
+            n_outputs * n_kept,
+            n_climbs=at_a_time(self.n_jobs, n_outputs),
+        )
+        if self.inducing_inputs == "optimised":
+            check_differentiable(kernel, np.asarray(training.features[:1]))
 
     def _check_noise_bounds(self):
         bounds = self.noise_variance_bounds
@@ -209,7 +242,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         self.X_train_, self.tasks_train_ = training.features, training.codes
         Y = np.array(training.Y)  # otherwise y itself, which the user may change
         self.y_train_ = Y[:, 0] if training.single_output else Y
-        self.complete_ = complete_design(self.X_train_, self.tasks_train_) is not None
+        self.complete_ = is_complete(self.X_train_, self.tasks_train_)
 
     def _store_parameters(self, modes):
         square, L = np.square(self._scales), self._likelihoods

@@ -1,6 +1,13 @@
 """Complete data: every task observed at the same inputs, once each."""
 
 import numpy as np
+import pandas as pd
+from sklearn.utils import gen_batches
+
+from skmtgp._guide import INFERENCE
+
+BLOCK = 2**14  # rows that are looked at together
+FEW = 0.25  # of the inputs that are to be dropped for the rest to be complete
 
 
 def complete_design(features, codes):
@@ -18,18 +25,87 @@ def complete_design(features, codes):
     rows : ndarray of shape (n_inputs, n_tasks), or None
         The row of each distinct input and task; None if the data are not complete.
     """
+    rows = _cells(features, codes)
+    if rows is None:
+        return None
+    ascending = np.lexsort(features[rows[:, 0]].T[::-1])
+    return rows[ascending]
+
+
+def is_complete(features, codes):
+    """Whether each task is observed at each input, once; in memory of a few columns."""
+    return _cells(features, codes) is not None
+
+
+def _cells(features, codes):
+    """The rows of `complete_design`, of inputs in no order."""
     n_tasks = codes.max() + 1
     n_inputs, rest = divmod(len(codes), n_tasks)
     if rest or (np.bincount(codes) != n_inputs).any():
         return None
     if len(np.unique(features[:, 0])) > n_inputs:  # most often, and quickly
         return None
-    distinct, which = np.unique(features, axis=0, return_inverse=True)
-    if len(distinct) != n_inputs:
+    keys = row_keys(features)
+    rows = np.lexsort((codes, keys)).reshape(n_inputs, n_tasks)
+    first = keys[rows[:, 0]]
+    if (first[1:] == first[:-1]).any() or (codes[rows] != np.arange(n_tasks)).any():
         return None
-    rows = np.full((n_inputs, n_tasks), -1)
-    rows[which.reshape(-1), codes] = np.arange(len(codes))
-    return None if (rows < 0).any() else rows
+    size = max(1, BLOCK // n_tasks)
+    equal = (
+        (features[some] == features[some[:, :1]]).all()
+        for some in (rows[batch] for batch in gen_batches(n_inputs, size))
+    )
+    return rows if all(equal) else None
+
+
+def row_keys(features):
+    """A number for each row, the same for equal rows, and others for others.
+
+    Two of n rows that differ have the same one with a probability of n^2 / 2^65.
+    """
+    keys = np.empty(len(features), dtype=np.uint64)
+    for rows in gen_batches(len(features), BLOCK):
+        block = pd.DataFrame(features[rows] + 0.0)  # zero has no sign
+        keys[rows] = pd.util.hash_pandas_object(block, index=False)
+    return keys
+
+
+def nearly_complete(features, codes):
+    """What keeps data from being complete, where it is little.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_features)
+        Inputs, in any order.
+    codes : ndarray of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1.
+
+    Returns
+    -------
+    what : str
+        How many cells, each an input of a task, are missing or observed repeatedly.
+        Empty where there is one task, or none are, or they are of many inputs.
+    """
+    n_tasks = codes.max() + 1
+    most = len(codes) / (1.0 - FEW) / n_tasks  # inputs
+    if n_tasks == 1 or len(np.unique(features[:, 0])) > most:
+        return ""
+    distinct, which = np.unique(row_keys(features), return_inverse=True)
+    if len(distinct) > most:
+        return ""
+    cells = which * n_tasks + codes
+    count = np.bincount(cells, minlength=len(distinct) * n_tasks)
+    faults = (count != 1).reshape(-1, n_tasks).any(axis=1).sum()
+    if not 0 < faults <= FEW * len(distinct):
+        return ""
+    missing, repeated = (count == 0).sum(), (count > 1).sum()
+    cells = "1 cell is" if missing == 1 else f"{missing} cells are"
+    inputs = "1 input" if faults == 1 else f"{faults} inputs"
+    return (
+        f"{cells} missing of {len(distinct)} inputs of {n_tasks} tasks, {repeated} "
+        f"observed repeatedly. Without the rows of {inputs} the data would be "
+        "complete, and inference by Kronecker products."
+    )
 
 
 def check_complete(features, codes, tasks):
@@ -68,5 +144,5 @@ def check_complete(features, codes, tasks):
     raise ValueError(
         "inference='kronecker' needs every task observed at the same inputs, once "
         f"each, but {', '.join(faults[:5])}{more}. Complete the data, or set "
-        "inference='auto', which takes any."
+        f"inference='auto', which takes any. {INFERENCE}"
     )

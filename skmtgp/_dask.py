@@ -6,12 +6,42 @@ a Dask collection has its partitions. Dask is imported only where data are Dask'
 
 import numpy as np
 
+from skmtgp._guide import PARALLEL
+
 LARGE = "distributed.admin.large-graph-warning-threshold"
 
 
 def is_dask(*data):
     """Whether any of the data is a Dask collection."""
-    return any(hasattr(part, "__dask_graph__") for part in data)
+    return any(_has_graph(part) for part in data)
+
+
+def _has_graph(part):
+    if not hasattr(part, "__dask_graph__"):
+        return False
+    if type(part).__module__.startswith("dask"):
+        return True
+    return part.__dask_graph__() is not None  # of xarray's, which may be in memory
+
+
+def refuse_dask(name, data, advice):
+    """Raise a TypeError where data are a Dask collection, which numpy would collect.
+
+    Parameters
+    ----------
+    name : str
+        Of the data.
+    data : object
+        What the user passed.
+    advice : str
+        What to do instead.
+    """
+    if is_dask(data):
+        kind = f"{type(data).__module__.partition('.')[0]} {type(data).__name__}"
+        raise TypeError(
+            f"{name} is a collection of Dask's ({kind}), whose rows would be collected "
+            f"here. {advice} {PARALLEL}"
+        )
 
 
 def partitions(collection):

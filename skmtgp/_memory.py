@@ -5,6 +5,7 @@ import math
 import os
 from pathlib import Path
 
+from skmtgp._guide import INFERENCE
 from skmtgp.exceptions import InsufficientMemoryError
 
 # Between what the covariances are, and how many of them learning takes, by
@@ -12,9 +13,14 @@ from skmtgp.exceptions import InsufficientMemoryError
 ROWS = {"dense": "samples", "kronecker": "inputs of each task"}
 MATRICES = {"dense": 3, "kronecker": 6}
 GIB = 2.0**30
+PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
+CONTROLS = [  # of a control group: limit, use, files within that can be let go
+    ("memory.max", "memory.current", "inactive_file"),
+    ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
+]
 
 
-def check_memory(n_rows, n_factors, inference="dense"):
+def check_memory(n_rows, n_factors, inference="dense", *, n_climbs=1, why=""):
     """Raise an InsufficientMemoryError where the covariances cannot be held.
 
     Parameters
@@ -25,17 +31,22 @@ def check_memory(n_rows, n_factors, inference="dense"):
         Covariances whose factors are kept.
     inference : {"dense", "kronecker"}, default="dense"
         Whether the rows are samples, or the inputs that all tasks share.
+    n_climbs : int, default=1
+        Climbs at the same time.
+    why : str, default=""
+        What the method was chosen for, if there is something to say about it.
     """
     _check(
-        8.0 * n_rows**2 * max(MATRICES[inference], n_factors),
-        f"Exact inference with {n_rows} {ROWS[inference]}",
+        8.0 * n_rows**2 * max(MATRICES[inference] * n_climbs, n_factors),
+        f"Exact inference with {n_rows} {ROWS[inference]}{_at_a_time(n_climbs)}",
+        f"{why} "
         "Set inference='sparse', which approximates by inducing inputs, fit fewer "
         "samples, or a SingleTaskGP, whose matrices are of one task each, or a "
         "BayesianLinearRegression, which has none.",
     )
 
 
-def check_sparse_memory(n_inducing, n_tasks, rank, n_factors):
+def check_sparse_memory(n_inducing, n_tasks, rank, n_factors, *, n_climbs=1):
     """The same of sparse inference.
 
     Parameters
@@ -49,14 +60,20 @@ def check_sparse_memory(n_inducing, n_tasks, rank, n_factors):
     n_factors : int
         Posteriors that are kept, of M + r^2 matrices of m x m each; learning takes
         four times that, by benchmarks/sparse_bound.py.
+    n_climbs : int, default=1
+        Climbs at the same time.
     """
-    matrices = (4 + n_factors) * (n_tasks + rank**2)
+    matrices = (4 * n_climbs + n_factors) * (n_tasks + rank**2)
     _check(
         8.0 * n_inducing**2 * matrices,
         f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
-        f"{rank}",
+        f"{rank}{_at_a_time(n_climbs)}",
         "Take fewer inducing inputs, or a lower rank.",
     )
+
+
+def _at_a_time(n_climbs):
+    return f", {n_climbs} times at once by n_jobs," if n_climbs > 1 else ""
 
 
 def _check(needed, what, advice):
@@ -64,14 +81,46 @@ def _check(needed, what, advice):
     if needed > available:
         raise InsufficientMemoryError(
             f"{what} needs about {needed / GIB:.3g} GiB of memory, but "
-            f"{available / GIB:.3g} GiB are available. {advice}"
+            f"{available / GIB:.3g} GiB are available. {advice.strip()} {INFERENCE}"
         )
 
 
 def available_memory():
-    """Bytes that can still be allocated; infinite where the system does not tell."""
+    """Bytes that can still be allocated; infinite where the system does not tell.
+
+    The machine's, or what is left to the container if that is less.
+    """
+    left = (_left(group, *names) for group in _control_groups() for names in CONTROLS)
+    return min(_of_the_machine(), *left)
+
+
+def _control_groups():
+    """Folders of the control groups that this process may be in."""
+    groups = {CGROUP, CGROUP / "memory"}
+    with contextlib.suppress(OSError, ValueError):
+        for line in (PROC / "self" / "cgroup").read_text().splitlines():
+            _, controllers, path = line.split(":", 2)
+            if controllers in ("", "memory"):  # version 2, version 1
+                group = CGROUP / controllers / path.lstrip("/")
+                groups.update([group, *group.parents])
+    return groups
+
+
+def _left(group, limit, used, files):
+    """Bytes that a control group leaves; infinite where it has no limit."""
+    try:
+        most, held = (int((group / name).read_text()) for name in (limit, used))
+    except (OSError, ValueError):  # "max"
+        return math.inf
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        lines = (group / "memory.stat").read_text().splitlines()
+        held -= int(dict(line.split() for line in lines)[files])
+    return max(0, most - held)
+
+
+def _of_the_machine():
     with contextlib.suppress(OSError, ValueError, StopIteration):
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        lines = (PROC / "meminfo").read_text().splitlines()
         line = next(line for line in lines if line.startswith("MemAvailable:"))
         return 1024 * int(line.split()[1])
     with contextlib.suppress(AttributeError, OSError, ValueError):  # not Linux

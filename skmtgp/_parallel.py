@@ -4,7 +4,8 @@ import contextlib
 from concurrent.futures import ThreadPoolExecutor
 
 import scipy.linalg.lapack  # noqa: F401  its BLAS is to be found below
-from joblib import parallel_config
+from joblib import effective_n_jobs, parallel_config
+from joblib.parallel import get_active_backend
 from sklearn.utils.parallel import Parallel, delayed
 from threadpoolctl import ThreadpoolController
 
@@ -40,6 +41,17 @@ def run(function, jobs, *, n_jobs=None, report=None):
         report(len(results), result)
         results.append(result)
     return results
+
+
+def at_a_time(n_jobs, n_pieces):
+    """How many of so many pieces of work share this machine's memory.
+
+    Those that Dask does do not: its workers have memory of their own.
+    """
+    backend, _ = get_active_backend()
+    if type(backend).__name__.startswith("Dask"):
+        return 1
+    return max(1, min(effective_n_jobs(n_jobs), n_pieces))
 
 
 def _alone(function, job):

@@ -8,6 +8,7 @@ from sklearn.utils.validation import validate_data
 
 from skmtgp._dask import is_dask, partitions
 from skmtgp._training import (
+    check_given,
     check_target,
     cut_table,
     locate,
@@ -45,6 +46,7 @@ def check_partitions(estimator, X, y):
     """
     import dask
 
+    check_given(estimator, y)
     pairs = _pair(X, y)
     frame = hasattr(X, "columns")
     header = pd.DataFrame(columns=X.columns) if frame else X
@@ -72,6 +74,11 @@ def _pair(X, y):
                 "collection. Give both as Dask arrays, dataframes or series, in the "
                 "same partitions."
             )
+    if X.ndim != 2:
+        raise ValueError(
+            f"Expected 2D array, got {X.ndim}D {type(X).__name__} instead: the columns "
+            "of X are the features and the task."
+        )
     if hasattr(X, "rechunk") and hasattr(y, "rechunk") and X.shape[:1] == y.shape[:1]:
         y = y.rechunk({0: X.chunks[0]})
     parts = partitions(X), partitions(y)
@@ -88,10 +95,25 @@ def _check_partition(name, position, columns, number, table, y):
     if not len(table):
         return np.empty((0, len(columns))), np.empty(0), np.empty(0)
     try:
+        _check_index(table, y)
         y = check_target(table, y)
         return *cut_table(table, position, columns, name), y
     except ValueError as error:
         raise ValueError(f"In partition {number}: {error}") from error
+
+
+def _check_index(table, y):
+    """Raise a ValueError where both have an index and they are not of the same rows."""
+    if not (
+        isinstance(table, pd.DataFrame) and isinstance(y, pd.Series | pd.DataFrame)
+    ):
+        return
+    if len(table) == len(y) and not table.index.equals(y.index):
+        raise ValueError(
+            "The rows of X and y differ in their index, or in its order: y must be a "
+            "column of the dataframe that X is of, or made from it row by row. If the "
+            "rows are the same, pass y.to_dask_array(lengths=True)."
+        )
 
 
 def _describe(part):

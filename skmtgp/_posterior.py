@@ -84,6 +84,8 @@ class PosteriorMixin(RegressorMixin):
 
         Raises
         ------
+        TypeError
+            If X is a Dask collection.
         ValueError
             If a task was not seen in fit, or if both `return_std` and `return_cov` are
             asked for.
@@ -129,6 +131,8 @@ class PosteriorMixin(RegressorMixin):
 
         Raises
         ------
+        TypeError
+            If X is a Dask collection.
         ValueError
             If a task was not seen in fit.
         """

@@ -156,7 +156,7 @@ def split_table(table, position, estimator=None):
     if table.shape[1] < 2:
         raise ValueError("X has 0 feature(s) beside the task column; give at least 1.")
     columns = table.iloc if isinstance(table, pd.DataFrame) else table
-    features = columns[:, _other_columns(table, position)]
+    features = _without(table, position)
     names = _names(table, estimator)
     if _has_dates(features):  # alone, they would become numbers of some unit
         _check_values(features, names, position)
@@ -235,12 +235,15 @@ def _is_mapped(array):
     return isinstance(array, np.memmap)
 
 
-def _other_columns(table, position):
-    """What to index for a copy of the columns but one; of a file, for a view of it."""
+def _without(table, position):
+    """A copy of the columns but one; of a file, a view if that is the first or last."""
     last = table.shape[1] - 1
     if _is_mapped(table) and position in (0, last):
-        return slice(1, None) if position == 0 else slice(last)
-    return np.delete(np.arange(last + 1), position)
+        return table[:, 1:] if position == 0 else table[:, :last]
+    others = np.delete(np.arange(last + 1), position)
+    if isinstance(table, pd.DataFrame):
+        return table.iloc[:, others]
+    return np.asarray(table).take(others, axis=1)  # row after row in memory
 
 
 def task_labels(X, task_feature=-1, owner=None):

@@ -8,7 +8,8 @@ from sklearn.gaussian_process.kernels import RBF
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
-from skmtgp._dask import held, is_dask
+from skmtgp._dask import held, is_dask, refuse_dask
+from skmtgp._guide import PARALLEL
 from skmtgp._labels import encode_tasks
 from skmtgp._linalg import RESOLVED
 from skmtgp._tasks import (
@@ -25,6 +26,12 @@ SMALLEST = 1e-150  # its square is not rounded
 ROUNDING = 1e-6  # of a value at its bound
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 ROWS = 100_000  # of which the standard deviation is taken at once
+AS_THEY_ARE = slice(None)
+BY_PARTITIONS = (
+    "Predict where they are: X.map_partitions(model.predict, meta=('output', float)), "
+    "or of an array X.map_blocks(model.predict, drop_axis=1, dtype=float). Otherwise "
+    "pass X.compute(), or a partition of it."
+)
 
 
 def check_training(estimator, X, y):
@@ -55,19 +62,24 @@ def check_training(estimator, X, y):
             f"{type(estimator).__name__} would collect the rows of a Dask collection "
             "here. MultiTaskGPRegressor, IndependentGP, PooledGP and RankSearchIC "
             "learn from them where they are: set inference='sparse'. Otherwise pass "
-            "X.compute() and y.compute()."
+            f"X.compute() and y.compute(). {PARALLEL}"
         )
     table = read_table(estimator, X, reset=True)
-    if y is None:
-        raise ValueError(
-            f"{type(estimator).__name__} requires y to be passed, but the target y is "
-            "None."
-        )
+    check_given(estimator, y)
     y = check_target(table, y)
     features, labels = _split(estimator, table)
     tasks, codes = np.unique(labels, return_inverse=True)
     warn_of_training(features, tasks, y)
     return features, codes, tasks, y
+
+
+def check_given(estimator, y):
+    """Raise a ValueError where there are no targets."""
+    if y is None:
+        raise ValueError(
+            f"{type(estimator).__name__} requires y to be passed, but the target y is "
+            "None."
+        )
 
 
 def check_new_task(estimator, X, y):
@@ -91,6 +103,8 @@ def check_new_task(estimator, X, y):
     Y : ndarray of shape (n_samples, n_outputs)
         Numbers.
     """
+    for name, data in [("X", X), ("y", y)]:
+        refuse_dask(name, data, f"Pass {name}.compute(): a task that joins is small.")
     table = read_table(estimator, X, reset=False)
     features, labels = _split(estimator, table)
     tasks, known = np.unique(labels), estimator.tasks_
@@ -120,6 +134,7 @@ def check_new_task(estimator, X, y):
 
 def check_test(estimator, X):
     """Features and positions of the tasks in `tasks_`, from what the user passed."""
+    refuse_dask("X", X, BY_PARTITIONS)
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
     can_join = hasattr(estimator, "add_task")
     return features, encode_tasks(labels, estimator.tasks_, can_join=can_join)
@@ -326,16 +341,17 @@ class Training(NamedTuple):
     single_output: bool
 
     def order(self, inference):
-        """The rows as inference takes them: sorted by task, or as they are."""
+        """The rows as inference takes them: sorted by task, or all as they are."""
         if inference == "sparse":
-            return slice(None)
+            return AS_THEY_ARE
         return np.argsort(self.codes, kind="stable")
 
     def data(self, inference):
         """The data of each output, scaled."""
         order, complete = self.order(inference), inference == "kronecker"
-        X, tasks = self.features[order], self.codes[order]
-        Y = ((self.Y - self.y_mean) / self.y_scale)[order]
+        X, tasks, Y = self.features, self.codes, (self.Y - self.y_mean) / self.y_scale
+        if order is not AS_THEY_ARE:  # views of X would be pickled beside it
+            X, tasks, Y = X[order], tasks[order], Y[order]
         n_tasks = len(self.tasks)
         return [Data(X, tasks, held(y), n_tasks, complete) for y in Y.T]
 

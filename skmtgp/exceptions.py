@@ -4,6 +4,7 @@ import numpy as np
 
 __all__ = [
     "ConstantTargetWarning",
+    "IncompleteDataWarning",
     "InsufficientMemoryError",
     "JitterWarning",
     "NotPositiveDefiniteError",
@@ -48,6 +49,20 @@ class ConstantTargetWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import ConstantTargetWarning
     >>> warnings.simplefilter("error", ConstantTargetWarning)
+    """
+
+
+class IncompleteDataWarning(RuntimeWarning):
+    """A few cells are missing of data that would be complete, and have many rows.
+
+    Dense inference is exact for them too, but takes far more time and memory than
+    complete data do. The message says how many cells are missing.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import IncompleteDataWarning
+    >>> warnings.simplefilter("error", IncompleteDataWarning)  # before a long fit
     """
 
 

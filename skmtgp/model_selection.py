@@ -154,7 +154,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         training = model._read(X, y)
         ranks = self._check_ranks(len(training.tasks))
         model.set_params(rank=ranks[-1])
-        pairs = model._pairs(training, len(ranks) if self.keep_estimators else 1)
+        n_kept = len(ranks) if self.keep_estimators else 1
+        pairs = model._pairs(training, len(ranks), n_kept)
         forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
         modes = model._learn_ranks(pairs, forms, progress)
         objectives = [

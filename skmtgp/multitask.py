@@ -14,7 +14,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp._memory import check_memory
+from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._sklearn_compat import Interval, StrOptions
 from skmtgp._training import check_new_task
 from skmtgp.inference.choice import extended
@@ -272,6 +272,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _rank(self, n_tasks):
         return self.rank or n_tasks
 
+    def _n_climbs(self, n_ranks):
+        starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
+        return n_ranks * starts
+
     def _learn_ranks(self, pairs, forms, progress):
         """Modes for each form and output."""
         learn = {
@@ -320,6 +324,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         Raises
         ------
+        TypeError
+            If X or y is a Dask collection.
         ValueError
             If the task is known already, if X has several tasks, other features than in
             `fit` or values that cannot be used, or if y has other outputs.
@@ -348,14 +354,23 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
         training, position = self._training().with_task(*check_new_task(self, X, y))
-        n_rows = len(self._likelihoods[0].inputs)
-        n_rows += len(training.features) - len(self.X_train_)
-        if self.inference_ != "sparse":
-            check_memory(n_rows, len(self._likelihoods), self.inference_)
+        self._check_room(training)
         outputs = self._extend(training, position, informed=prior is not None)
         model = copy(self)
         model._store(training, *zip(*outputs, strict=True))
         return model
+
+    def _check_room(self, training):
+        """Whether memory suffices for the model with a task more."""
+        n_before, n_outputs = len(self._likelihoods[0].inputs), len(self._likelihoods)
+        n_rows = n_before + len(training.features) - len(self.X_train_)
+        if self.inference_ != "sparse":
+            check_memory(n_rows, n_outputs, self.inference_)
+            return
+        n_tasks = len(training.tasks)
+        check_sparse_memory(
+            min(n_rows, 2 * n_before), n_tasks, self._rank(n_tasks), n_outputs
+        )
 
     def _extend(self, training, position, informed):
         """Likelihood and mode of each output with the task at `position` added."""

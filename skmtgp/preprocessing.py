@@ -12,6 +12,7 @@ from sklearn.base import TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._dask import refuse_dask
 from skmtgp._estimator import Estimator
 from skmtgp._labels import EXACT
 from skmtgp._progress import fitting
@@ -21,6 +22,11 @@ from skmtgp._tasks import locate_task_column, read_table, split_table
 __all__ = ["InverseDynamicsFeatures"]
 
 STANDSTILL = 1e-9  # rad/s; slower than this a velocity is rounding noise of either sign
+BY_PARTITIONS = (
+    "Fit the features to rows in memory, X.get_partition(0).compute() say, and map "
+    "them over the partitions, X.map_partitions(features.transform, meta=...): a "
+    "regressor with inference='sparse' takes what comes of it."
+)
 
 
 class InverseDynamicsFeatures(TransformerMixin, Estimator):
@@ -102,7 +108,7 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         Raises
         ------
         TypeError
-            If `n_joints` or `task_feature` is of another type.
+            If `n_joints` or `task_feature` is of another type, or X a Dask collection.
         ValueError
             If X does not have 3 J + 1 columns or no column `task_feature`, if a number
             is missing or infinite, or if a task label is missing or fractional. The
@@ -113,6 +119,7 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         return self
 
     def _fit(self, X):
+        refuse_dask("X", X, BY_PARTITIONS)
         table = read_table(self, X, reset=True)
         n_features = self.n_features_in_
         self._task_position = locate_task_column(
@@ -139,10 +146,13 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
         Raises
         ------
+        TypeError
+            If X is a Dask collection.
         ValueError
             If X has other columns than in `fit`, or as for `fit`.
         """
         check_is_fitted(self)
+        refuse_dask("X", X, BY_PARTITIONS)
         states, labels = self._split(read_table(self, X, reset=False))
         velocities = states[:, self.n_joints_ : 2 * self.n_joints_]
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))

@@ -14,7 +14,8 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp._complete import check_complete
 from skmtgp._estimator import Estimator
-from skmtgp._parallel import run
+from skmtgp._memory import check_memory, check_sparse_memory
+from skmtgp._parallel import at_a_time, run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
@@ -185,6 +186,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             for m, r in enumerate(rows):
                 one = np.zeros(np.count_nonzero(r), dtype=int)
                 check_complete(features[r], one, self.tasks_[[m]])
+        self._check_room(max(map(np.count_nonzero, rows)), Y[:1].size)
         results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
@@ -195,6 +197,16 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             for category, message in caught:
                 warnings.warn(f"Task {label!r}: {message}", category)
         self._store([estimator for estimator, _ in results])
+
+    def _check_room(self, n, n_outputs):
+        """Whether memory suffices for tasks side by side, of at most n samples each."""
+        n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
+        if self.inference == "sparse":
+            n_inducing = min(n, self.n_inducing)
+            check_sparse_memory(n_inducing, 1, 1, n_outputs, n_climbs=n_climbs)
+        else:
+            method = "kronecker" if self.inference == "kronecker" else "dense"
+            check_memory(n, n_outputs, method, n_climbs=n_climbs)
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""

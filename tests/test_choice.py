@@ -2,6 +2,7 @@
 
 import itertools
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -20,9 +21,10 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
+    _base,
     _memory,
 )
-from skmtgp.exceptions import InsufficientMemoryError
+from skmtgp.exceptions import IncompleteDataWarning, InsufficientMemoryError
 from skmtgp.inference.choice import choose, depends_on_inputs_only, extended
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
@@ -454,6 +456,42 @@ class TestMemory:
         model.add_task(NEW[:1], TARGETS[:1])
         with pytest.raises(InsufficientMemoryError, match="with 13 inputs of each ta"):
             model.add_task(NEW, TARGETS)
+
+    def test_cells_that_are_missing(self):
+        """They are told where dense inference is for want of them alone."""
+        X, y = draw()
+        match = r"with 29 samples .*available\. 1 cell is missing of 10 inputs of 3 tas"
+        with pytest.raises(InsufficientMemoryError, match=match):
+            MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+        for model in (
+            MultiTaskGPRegressor(max_iter=0, inference="dense"),
+            MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0),
+        ):
+            with pytest.raises(InsufficientMemoryError, match=r"available\. Set inf"):
+                model.fit(X[1:], y[1:])
+
+
+class TestIncompleteData:
+    @pytest.fixture(autouse=True)
+    def few_are_many(self, monkeypatch):
+        monkeypatch.setattr(_base, "MANY", 28)
+
+    def test_warning(self):
+        X, y = draw()
+        match = r"1 cell is missing of 10 .* dense, of 29 samples\. See the user guid"
+        with pytest.warns(IncompleteDataWarning, match=match):
+            model = MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+        assert model.inference_ == "dense"
+
+    def test_no_warning(self, monkeypatch):
+        X, y = draw()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", IncompleteDataWarning)
+            MultiTaskGPRegressor(max_iter=0).fit(X, y)
+            MultiTaskGPRegressor(max_iter=0, inference="dense").fit(X[1:], y[1:])
+            MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0).fit(X[1:], y[1:])
+            monkeypatch.setattr(_base, "MANY", 29)
+            MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
 
 
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")

@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from skmtgp._complete import complete_design
+from skmtgp import _complete
+from skmtgp._complete import (
+    complete_design,
+    is_complete,
+    nearly_complete,
+    row_keys,
+)
 
 
 class TestCompleteDesign:
@@ -56,3 +62,65 @@ class TestCompleteDesign:
         np.testing.assert_array_equal(
             complete_design(features, np.array([1, 0])), [[1, 0]]
         )
+
+    def test_by_blocks(self, design, monkeypatch):
+        monkeypatch.setattr(_complete, "BLOCK", 2)
+        self.test_rows(design)
+        self.test_an_input_that_differs(design)
+
+    def test_as_numpy_finds_it(self):
+        """Of a few inputs, drawn so that about half of the data are complete."""
+        rng, found = np.random.default_rng(0), []
+        for _ in range(100):
+            inputs = np.unique(rng.integers(0, 2, (4, 3)), axis=0).astype(float)
+            which, codes = np.indices((len(inputs), 2)).reshape(2, -1)
+            which[0] = rng.integers(0, len(inputs))
+            count = np.zeros((len(inputs), 2))
+            np.add.at(count, (which, codes), 1)
+            expected = (count == 1).all()
+            assert is_complete(inputs[which], codes) == expected
+            found.append(expected)
+        assert 10 < sum(found) < 90
+
+
+def test_keys_are_those_of_the_rows():
+    rng = np.random.default_rng(0)
+    features = rng.choice([0.0, -0.0, 1.0, -1.0, 1e300, 5e-324], (3000, 4))
+    keys = row_keys(features)
+    assert len(np.unique(keys)) == len(np.unique(features, axis=0))
+    np.testing.assert_array_equal(row_keys(-0.0 * features), row_keys(0.0 * features))
+
+
+class TestNearlyComplete:
+    @pytest.fixture
+    def data(self):
+        """20 inputs, 3 tasks."""
+        x = np.random.default_rng(0).standard_normal((20, 2))
+        return np.tile(x, (3, 1)), np.repeat([0, 1, 2], 20)
+
+    def test_what_is_missing_and_repeated(self, data):
+        features, codes = (of[3:] for of in data)
+        found = nearly_complete(features, codes)
+        assert found.startswith("3 cells are missing of 20 inputs of 3 tasks, 0 observ")
+        rows = [*range(len(codes)), 5, 5]
+        found = nearly_complete(features[rows], codes[rows])
+        assert "3 cells are missing" in found
+        assert "1 observed repeatedly. Without the rows of 4 inputs the" in found
+
+    def test_of_one_input_cells_of_two_tasks(self, data):
+        features, codes = (np.delete(of, [0, 20], axis=0) for of in data)
+        found = nearly_complete(features, codes)
+        assert "2 cells are missing" in found
+        assert "the rows of 1 input the" in found
+
+    def test_other_data(self, data):
+        """Complete, of one task, with too many faults, or with nothing in common."""
+        features, codes = data
+        assert not nearly_complete(features, codes)
+        assert not nearly_complete(features[:19], codes[:19])
+        assert not nearly_complete(features[:-6], codes[:-6])
+        assert nearly_complete(features[:-5], codes[:-5])
+        features = np.random.default_rng(1).standard_normal(features.shape)
+        assert not nearly_complete(features, codes)
+        features[:, 0] = codes
+        assert not nearly_complete(features, codes)

@@ -21,6 +21,7 @@ LAYERS = [
         "_sklearn_compat",
         "_parallel",
         "_dask",
+        "_guide",
         "_memory",
         "_progress",
         "_show_versions",

@@ -2,11 +2,12 @@
 
 import threading
 
+import joblib
 import pytest
 from threadpoolctl import threadpool_limits
 
-from skmtgp import PooledGP
-from skmtgp._parallel import map_threads, run
+from skmtgp import PooledGP, _parallel
+from skmtgp._parallel import at_a_time, map_threads, run
 from skmtgp._progress import fitting, silent
 
 
@@ -40,3 +41,26 @@ def test_nobody_listens():
     with fitting(PooledGP(), [[0.0]], [0.0]) as progress:
         assert progress is silent
         assert progress("learning", 2, str) is None
+
+
+class TestAtATime:
+    """How many pieces of work share this machine's memory."""
+
+    @pytest.mark.parametrize(
+        ("n_jobs", "n_pieces", "expected"),
+        [(None, 5, 1), (2, 5, 2), (9, 5, 5), (3, 0, 1)],
+    )
+    def test_processes(self, n_jobs, n_pieces, expected):
+        assert at_a_time(n_jobs, n_pieces) == expected
+
+    def test_context(self):
+        with joblib.parallel_config(n_jobs=3):
+            assert at_a_time(None, 5) == 3
+        with joblib.parallel_config(backend="sequential"):
+            assert at_a_time(3, 5) == 1
+
+    def test_dask(self, monkeypatch):
+        """Its workers have memory of their own."""
+        backend = type("DaskDistributedBackend", (), {})()
+        monkeypatch.setattr(_parallel, "get_active_backend", lambda: (backend, 8))
+        assert at_a_time(8, 5) == 1

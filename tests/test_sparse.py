@@ -22,6 +22,7 @@ from skmtgp.exceptions import JitterWarning
 from skmtgp.inference import features, likelihood
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.features import Features
+from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
 from skmtgp.inference.weights import Gradients
@@ -446,6 +447,30 @@ def test_accuracy_of_small_noise(noise, kappa):
     mean = textbook.exact_mean(K_rho, noise, X, tasks, y, X_new, tasks_new)
     found = bound.posterior(theta).mean(X_new, tasks_new)
     np.testing.assert_allclose(found, mean, rtol=0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-6, 1e-8, 1e-10])
+@pytest.mark.parametrize("length", [0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("variance", [1.0, 900.0])
+def test_never_above_without_noise(noise, length, variance):
+    """But for rounding, which is down: from fifty digits, and however smooth k^x is.
+
+    The losses are those that the user guide states, with K_ZZ singular or not.
+    """
+    _, F, (X, tasks, _) = small_noise_problem()
+    X[12:18], F = X[:6], np.sqrt(variance) * F  # some inputs are shared
+    y = F[tasks, 0] * np.sin(2.0 * X[:, 0]) * np.cos(X[:, 1])
+    X = X / length
+    form, theta = low_rank(2, 1), np.r_[0.0, F.ravel(), np.log(noise)]
+    noise = np.exp(theta[-1])
+    exact = textbook.exact_log_marginal_likelihood(F @ F.T, noise, X, tasks, y)
+    size = max(len(y), -2.0 * exact)  # where the model does not fit, the latter
+    slack = size * np.finfo(float).eps * (1.0 + variance / noise)
+    for Z in (greedy_variance(RBF(), X, len(X)), X, X[::2]):
+        value = SparseBound(RBF(), form, X, tasks, y, Z).value(theta)
+        assert value <= exact + slack
+        if len(Z) != len(X[::2]):
+            assert value >= exact - 500.0 * slack
 
 
 def test_many_rows_without_noise():

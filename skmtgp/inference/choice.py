@@ -3,7 +3,12 @@
 import numpy as np
 from sklearn.gaussian_process.kernels import WhiteKernel
 
-from skmtgp._complete import check_complete, complete_design
+from skmtgp._complete import (
+    check_complete,
+    is_complete,
+    nearly_complete,
+)
+from skmtgp._guide import INFERENCE
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.inducing import greedy_variance
@@ -46,10 +51,17 @@ def choose(inference, kernel, features, codes, tasks):
         _check_inputs_are_all(inference, kernel, features)
     if inference != "auto":
         return inference
-    is_complete = len(tasks) > 1 and complete_design(features, codes) is not None
-    if is_complete and depends_on_inputs_only(kernel, features):
+    complete = len(tasks) > 1 and is_complete(features, codes)
+    if complete and depends_on_inputs_only(kernel, features):
         return "kronecker"
     return "dense"
+
+
+def why_dense(kernel, features, codes):
+    """What little keeps "auto" from "kronecker"; empty where it is not little."""
+    if not depends_on_inputs_only(kernel, features):
+        return ""
+    return nearly_complete(features, codes)
 
 
 def depends_on_inputs_only(kernel, features):
@@ -69,7 +81,8 @@ def _check_inputs_are_all(inference, kernel, features):
         raise ValueError(
             f"inference={inference!r} needs a kernel of the inputs alone, but "
             f"kernel={kernel} has noise of its own for each sample, such as a "
-            "WhiteKernel. Leave it to noise_variance, or set inference='auto'."
+            "WhiteKernel. Leave it to noise_variance, or set inference='auto'. "
+            f"{INFERENCE}"
         )
 
 
@@ -89,7 +102,7 @@ def extended(likelihood, task_covariance, X, tasks, y, n_noise, position, kernel
     if likelihood.inference == "dense":
         return DenseLikelihood(*data, n_noise)
     data = *data, n_noise
-    if complete_design(X, tasks) is not None:
+    if is_complete(X, tasks):
         return KroneckerLikelihood(*data)
     novel = [m + (m >= position) for m in likelihood.novel]
     return ExtendedLikelihood(*data, [*novel, position])

@@ -47,7 +47,11 @@ class Likelihood(ABC):
         self.task_covariance = task_covariance
         self.X, self.tasks, self.y = X, tasks, y
         self.n_noise = n_noise
-        self.noise_of_row = tasks if n_noise > 1 else np.broadcast_to(0, len(tasks))
+
+    @property
+    def noise_of_row(self):
+        """Which noise variance each row has."""
+        return self.tasks if self.n_noise > 1 else np.broadcast_to(0, len(self.tasks))
 
     @abstractmethod
     def _evaluate(self, theta):

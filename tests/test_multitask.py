@@ -410,7 +410,7 @@ def test_verbosity(capsys):
     lines = capsys.readouterr().out.splitlines()
     begin = [line.split(": log marginal likelihood ")[0] for line in lines]
     rank = [f"[skmtgp] output {j} of 2, rank 2" for j in (1, 2)]
-    stages = ("the best of 3 starts", "shaken")
+    stages = ("the best of 2 starts", "shaken")
     assert begin == [f"{name}, {stage}" for stage in stages for name in rank]
     model.set_params(verbose=0).fit(*draw())
     assert capsys.readouterr() == ("", "")

@@ -30,7 +30,7 @@ MODELS = {
 }
 # Outputs, tasks, or outputs and ranks; where there are several starts, these before.
 N_JOBS = dict(zip(MODELS, [2, 2, 2, 3, None, 4], strict=True))
-N_STARTS = {"MultiTaskGPRegressor": 3 * 2, "RankSearchIC": 2 * 4}
+N_STARTS = {"MultiTaskGPRegressor": 2 * 2, "RankSearchIC": 2 * 4}
 EACH = pytest.mark.parametrize("name", MODELS)
 X, Y = draw(n_outputs=2)
 

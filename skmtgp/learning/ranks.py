@@ -19,7 +19,6 @@ from skmtgp.learning.stages import (
     full_rank_start,
     perturbed,
     second_stage,
-    ways_from,
     with_starts,
 )
 from skmtgp.task_covariance import identity, ones
@@ -72,20 +71,19 @@ def _coarsest(pairs):
 def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
     """The best mode from some of the rows, learned on from more and more of them."""
     coarse, fine = _coarsest(pairs), any(len(data.levels()) > 1 for data, _ in pairs)
-    alone = len(forms) == 1  # other ranks would help, and so do other rows
-    shakes = SHAKES if alone and not fine else 1
+    alone = len(forms) == 1 and not fine  # else other ranks and rows will help
+    shakes = SHAKES if alone else 1
     jobs = [
         (*p, form, of) for p, of in zip(coarse, starts, strict=True) for form in forms
     ]
-    n_ways = len(ways_from(starts[0], direct=alone))
-    each = description(pairs, forms, n_ways)
+    n_starts = len(starts[0])
+    each = description(pairs, forms, n_starts)
     shaken = description(pairs, forms, stage=", shaken")
     reporters = (
-        partial(progress, "starts", n_ways * len(jobs), each),
+        partial(progress, "starts", n_starts * len(jobs), each),
         partial(progress, "learning", len(jobs), shaken),
     )
-    effort = {"direct": alone, "shakes": shakes}
-    modes = second_stage(jobs, **effort, n_jobs=n_jobs, reporters=reporters)
+    modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reporters=reporters)
     modes = by_output(modes, forms)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)

@@ -3,8 +3,7 @@ r"""The staged heuristic of the paper's section 3.
 1. theta^x is learned with K_0^rho = I and with K_0^rho = 1 1^T, relaxed.
 2. K_1^rho is computed from either, section 3.2.
 3. All parameters are learned from K_1^rho and sigma_0^2. Each start is *annealed*, k^x
-   relaxed and the noise held up at first; where no other rank helps, the likelier one
-   is also followed directly, as in the paper. The best mode is *shaken*.
+   relaxed and the noise held up at first. The best mode is *shaken*.
 
 Stages 1 and 2 do not depend on the rank.
 """
@@ -103,7 +102,7 @@ def augmented_task_covariance(data, posterior):
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(jobs, *, direct=True, shakes=SHAKES, n_jobs=None, reporters=None):
+def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reporters=None):
     """Step 3 of section 3, from each start; the best modes.
 
     Parameters
@@ -111,24 +110,21 @@ def second_stage(jobs, *, direct=True, shakes=SHAKES, n_jobs=None, reporters=Non
     jobs : list of (Data, Settings, LowRank, list of Start)
         Observations, settings, form of K^rho and each (theta_1^x, K_1^rho), which is
         followed with sigma_0^2.
-    direct : bool, default=True
-        Whether the likeliest start of a job is also followed directly.
     shakes : int, default=SHAKES
         How often the best mode of a job is shaken.
     n_jobs : int, default=None
         Processes, to which all starts of all jobs are shared out.
     reporters : pair of callables, default=None
-        Give, when a part begins, what to call with a position and a mode: of each of
-        the `ways_from` the starts of the jobs, and of each job.
+        Give, when a part begins, what to call with a position and a mode: of each
+        start of the jobs, and of each job.
 
     Returns
     -------
     modes : list of Mode
         The best one of each job, with what was spent on all.
     """
-    ways = [(*job[:3], ways_from(job[3], direct=direct)) for job in jobs]
     of_starts, of_jobs = reporters or (lambda: None, lambda: None)
-    found = from_each_start(_follow, ways, n_jobs=n_jobs, report=of_starts())
+    found = from_each_start(_follow, jobs, n_jobs=n_jobs, report=of_starts())
     best = [
         (*job[:3], best_of(modes, doubt=DOUBT), shakes)
         for job, modes in zip(jobs, found, strict=True)
@@ -136,15 +132,8 @@ def second_stage(jobs, *, direct=True, shakes=SHAKES, n_jobs=None, reporters=Non
     return run(shake, best, n_jobs=n_jobs, report=of_jobs())
 
 
-def ways_from(starts, *, direct):
-    """How step 3 begins: annealed from each start; if direct, so from the likeliest."""
-    ways = [(annealed, start) for start in starts]
-    return [*ways, (climb, likeliest(starts))] if direct else ways
-
-
-def _follow(data, settings, form, way):
-    climb_from, start = way
-    return climb_from(data, settings, form, start.theta(settings, form))
+def _follow(data, settings, form, start):
+    return annealed(data, settings, form, start.theta(settings, form))
 
 
 def from_each_start(function, jobs, *, n_jobs=None, report=None):
@@ -197,11 +186,6 @@ def add_diagonal(data, settings, form, simpler):
     raised = climb(data, settings, form, settings.with_noise(theta, form))
     simplest = simpler._replace(theta=theta, value=value)
     return best_of([simplest, simpler.led_to(raised)])
-
-
-def likeliest(starts):
-    """The start whose step 1 reached most, section 3.1."""
-    return max(starts, key=lambda start: start.mode.value if start.mode else -np.inf)
 
 
 def with_starts(mode, starts):

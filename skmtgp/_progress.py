@@ -1,8 +1,12 @@
 """What a long fit tells while it goes on: lines, and scikit-learn's callbacks."""
 
 from contextlib import contextmanager
+from threading import Lock
 
 from skmtgp._sklearn_compat import begin_callbacks
+
+# A process has one connection to a progress bar, whose messages threads would mix.
+_TELLING = Lock()
 
 
 @contextmanager
@@ -29,14 +33,16 @@ def fitting(estimator, X, y, *, verbose=0):
         nobody listens. ``describe(position, result)`` is the line that is printed, or
         None.
     """
-    context = begin_callbacks(estimator, X, y)
+    with _TELLING:
+        context = begin_callbacks(estimator, X, y)
     before = vars(estimator).copy()
     try:
         yield _reporter(estimator, context, verbose)
         if context:
-            context.call_on_fit_task_end(
-                estimator=estimator, X=X, y=y, reconstruction_attributes={}
-            )
+            with _TELLING:
+                context.call_on_fit_task_end(
+                    estimator=estimator, X=X, y=y, reconstruction_attributes={}
+                )
     except BaseException:
         vars(estimator).clear()
         vars(estimator).update(before)
@@ -54,7 +60,8 @@ def _reporter(estimator, context, verbose):
     def progress(stage, n_jobs, describe):
         if context:
             of_stage = context.subcontext(task_name=stage, max_subtasks=n_jobs)
-            of_stage.call_on_fit_task_begin(estimator=estimator)
+            with _TELLING:
+                of_stage.call_on_fit_task_begin(estimator=estimator)
 
         def report(i, result):
             line = describe(i, result) if verbose else None
@@ -62,10 +69,11 @@ def _reporter(estimator, context, verbose):
                 print(f"[skmtgp] {line}", flush=True)
             if context:
                 job = of_stage.subcontext(task_name="job")
-                job.call_on_fit_task_begin(estimator=estimator)
-                job.call_on_fit_task_end(estimator=estimator)
-                if i + 1 == n_jobs:
-                    of_stage.call_on_fit_task_end(estimator=estimator)
+                with _TELLING:
+                    job.call_on_fit_task_begin(estimator=estimator)
+                    job.call_on_fit_task_end(estimator=estimator)
+                    if i + 1 == n_jobs:
+                        of_stage.call_on_fit_task_end(estimator=estimator)
 
         return report
 

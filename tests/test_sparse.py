@@ -505,11 +505,30 @@ def test_singular_inducing_covariance(twice):
     expected = once.value_and_grad(theta)
     np.testing.assert_allclose(value, expected[0], rtol=1e-9)
     np.testing.assert_allclose(gradient, expected[1], rtol=1e-5, atol=1e-6)
+    mean = once.posterior(theta).mean(*new_rows())
+    found = twice.posterior(theta).mean(*new_rows())
+    np.testing.assert_allclose(found, mean, rtol=1e-6)
+
+
+def test_more_jitter_than_usual_is_told(twice, monkeypatch):
+    monkeypatch.setattr(features, "ROUNDING", 1e-19)  # too little for a singular K_ZZ
     message = r"covariance of the 12 inducing inputs .* was added to its diagonal"
     with pytest.warns(JitterWarning, match=message):
-        posterior = twice.posterior(theta)
-    mean = once.posterior(theta).mean(*new_rows())
-    np.testing.assert_allclose(posterior.mean(*new_rows()), mean, rtol=1e-6)
+        twice.posterior(parameters(twice.kernel, twice.task_covariance))
+
+
+@pytest.mark.parametrize("n_features", [1, 2])
+def test_trace_term_is_not_negative(n_features):
+    # whatever the kernel that has been learned since the inducing inputs were chosen:
+    # the smoother it is, the nearer K_ZZ comes to a singular matrix
+    n = 400
+    X = np.random.default_rng(0).uniform(0.0, 6.0 / n_features**2, (n, n_features))
+    Z = greedy_variance(RBF(), X, n)
+    tasks, y = np.zeros(n, dtype=int), np.zeros(n)
+    bound = SparseBound(RBF(), ones(1), X, tasks, y, Z)
+    for length in np.linspace(1.0, 1.6, 60):
+        _, weights = bound.forward(np.log([length, 1e-10]))
+        assert weights.sums.rest.sum() >= 0.0
 
 
 def test_inducing_inputs_that_are_all_alike():
@@ -523,7 +542,7 @@ def test_inducing_inputs_that_are_all_alike():
 
 def test_jitter_is_part_of_the_model(monkeypatch):
     # its derivative is in the gradient, and the bound remains one
-    monkeypatch.setattr(features, "JITTERS", (0.1,))
+    monkeypatch.setattr(features, "ROUNDING", 0.02)
     bound = make(ConstantKernel(1.3) * RBF(0.8), low_rank(M, 2))
     theta = parameters(bound.kernel, bound.task_covariance)
     by_differences = textbook.derivative(bound.value, theta)

@@ -13,7 +13,8 @@ from skmtgp._linalg import Cholesky
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 DIAGONAL = 64  # rows of a tile of which only the diagonal counts
-JITTERS = 0.0, *(10.0**power for power in range(-14, -3))  # of the mean diagonal
+ROUNDING = 3e-17  # for each inducing input: always added to K_ZZ, of its diagonal
+MOST_JITTERS = 12  # each ten times the last
 
 
 class Features:
@@ -33,13 +34,21 @@ class Features:
     Attributes
     ----------
     jitter : float
-        What was added to the diagonal of K_ZZ, relative to its mean, so that it has a
-        factor: noise of the inducing variables, which leaves the bound a bound.
+        What was added to the diagonal of K_ZZ, relative to its mean: noise of the
+        inducing variables, which leaves the bound a bound. It is never zero, see
+        below.
 
     Raises
     ------
     NotPositiveDefiniteError
         If no jitter helps.
+
+    Notes
+    -----
+    Where K_ZZ is all but singular, its rounding alone would make |phi(x)|^2 larger than
+    k^x(x, x), by thousands of eps. The bound would be above the likelihood, the more the
+    smaller the noise, and learning would look for such parameters. A jitter of the size
+    of that rounding, a fraction of m eps, prevents it.
     """
 
     def __init__(self, kernel, node, theta, Z):
@@ -55,7 +64,7 @@ class Features:
 
     def warn_of_jitter(self):
         """Say what was added to K_ZZ, if anything was."""
-        if self.jitter:
+        if self.jitter > ROUNDING * len(self):
             warnings.warn(
                 f"The covariance of the {len(self)} inducing inputs is not positive "
                 f"definite in floating point; {self.jitter:.0e} of its mean diagonal "
@@ -106,7 +115,7 @@ class Features:
 def _factorise(K):
     """The factor of K, and the least relative jitter with which there is one."""
     unit = np.diagonal(K).mean() * np.eye(len(K))
-    for jitter in JITTERS:
+    for jitter in ROUNDING * len(K) * 10.0 ** np.arange(MOST_JITTERS):
         try:
             return Cholesky(np.asfortranarray(K + jitter * unit)), jitter
         except NotPositiveDefiniteError:

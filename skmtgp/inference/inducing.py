@@ -14,7 +14,7 @@ from skmtgp._bfgs import minimize
 from skmtgp._contraction import compile_kernel, contract_inputs
 
 CANDIDATES = 20_000  # rows
-RESOLVED = 1e-13  # of the largest variance: less is rounding
+RESOLVED = 1e-14  # of the largest variance: less is rounding
 
 
 def greedy_variance(

@@ -83,18 +83,17 @@ class SparseBound(Likelihood):
     decomposition of the features instead takes several times as long and gave no more
     digits.
 
-    What is lost without noise is the trace term's: k^x(x, x) - |phi|^2 has an error of
-    some eps k^x(x, x), eps = 2e-16, for each row, and is multiplied by
-    K^rho_mm / sigma^2. With all inputs in Z, told apart by k^x, and a prior variance
-    of 1 the value is below exact inference by up to 1e-8 nats a row at a noise variance
-    of 1e-8, and by 1e-6 at 1e-10; the gradient, relative to its largest element, is off
-    by 1e-6 and 1e-4. Where K_ZZ is nearly singular the value loses up to 500 times
-    that. Where the model fits the data it is never above exact inference by more than
-    eps K^rho_mm k^x / sigma^2 a row; where it does not, -2 log p takes the place of the
-    rows. The mean of the posterior is refined by its residuals and keeps 10 digits.
-    Inducing inputs so close that K_ZZ is singular in floating point cost digits of the
-    gradient by the kernel's theta: some per cent at worst, while greedily chosen ones
-    keep 4.
+    Without noise the trace term costs digits: k^x(x, x) - |phi|^2 has an error of some
+    eps k^x(x, x), eps = 2e-16, and the jitter of K_ZZ adds m / 15 times that, in each
+    row, multiplied by K^rho_mm / sigma^2. With m = 120, all inputs in Z and a prior
+    variance of 1 the value is below exact inference by 2e-7 nats a row at a noise
+    variance of 1e-8, and by 2e-5 at 1e-10; the gradient, relative to its largest
+    element, is off by 3e-6 and 1e-4. Where the model fits the data the value is never
+    above exact inference by more than eps K^rho_mm k^x / sigma^2 a row, which the
+    jitter is for; where it does not, -2 log p takes the place of the rows. The mean of
+    the posterior is refined by its residuals and keeps 10 digits. Inducing inputs so
+    close that K_ZZ needs more jitter cost digits of the gradient by the kernel's theta:
+    some per cent at worst, while greedily chosen ones keep 4.
     """
 
     inference = "sparse"

@@ -15,7 +15,7 @@ KEYS = {
     "fits": ("package", "settings", "n", "joint", "draw"),
     "timings": ("package", "settings", "n"),
     "checks": ("package", "settings", "n", "joint", "draw"),
-    "sparse_fits": ("n", "m", "rank", "joint", "draw"),
+    "sparse_fits": ("n", "m", "rank", "joint", "draw", "noise_floor"),
     "sparse_timings": ("package", "settings", "n", "m"),
     "sparse_peers": ("package", "settings", "n", "m", "rank", "joint", "draw"),
     "sparse_checks": ("package", "settings", "n", "m", "joint", "draw"),

@@ -85,7 +85,7 @@ def columns(means):
 def show(means, model, joint, size, subset):
     """A number, with its loads where some are missing."""
     if (model, joint, size) not in means.index:
-        return MISSING
+        return MISSING if plan.in_table2(joint, size) else "-"
     row = means.loc[(model, joint, size)]
     text = error(row[f"nmse_{subset}"])
     some = row["loads"] < len(plan.ALL_LOADS)

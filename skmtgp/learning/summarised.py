@@ -23,6 +23,7 @@ EXACT_ROWS = 1100  # two levels from coarse to fine
 ROUNDS = 2  # of choosing inducing inputs
 GAIN = 1e-4  # nats a row under which a climb of the bound ends
 MOST_MOVES = 100  # of all inducing inputs, in a round
+NOISES = 6  # noise variances that are tried before the first climb
 
 
 def exact_part(pairs):
@@ -131,14 +132,21 @@ def climb_bounds(data, settings, forms, modes):
 
 
 def _climb_on(data, settings, form, mode):
-    return mode.then(climb(data, settings, form, _begin(settings, form, mode)))
+    return mode.then(climb(data, settings, form, _begin(data, settings, form, mode)))
 
 
-def _begin(settings, form, mode):
-    """Parameters at which the climb of the bound begins."""
-    if mode.Z is None:  # few rows ask for less noise than all do
-        return settings.with_noise(mode.theta, form)
-    return mode.theta
+def _begin(data, settings, form, mode):
+    """Parameters at which the climb of the bound begins.
+
+    A few rows may ask for less noise than all do. Raised at once to where it is held, it
+    would lead the climb away from what is known already: it is no higher than it must.
+    """
+    if mode.Z is not None:
+        return mode.theta
+    way = settings.with_noise(mode.theta, form) - mode.theta
+    steps = np.linspace(1.0, 0.0, NOISES if way.any() else 1)
+    value = settings.likelihood(data, form).value
+    return max((mode.theta + step * way for step in steps), key=value)
 
 
 def inducing_inputs(data, settings, form, mode):
@@ -165,9 +173,10 @@ def inducing_inputs(data, settings, form, mode):
     if settings.inducing_inputs != "optimised":
         return _chosen(data.X, settings, mode), 0
     Z = _chosen(data.X, settings, mode) if mode.Z is None else mode.Z
+    data = replace(data, Z=Z)
     return optimised(
-        settings.likelihood(replace(data, Z=Z), form),
-        _begin(settings, form, mode),
+        settings.likelihood(data, form),
+        _begin(data, settings, form, mode),
         max_iter=min(MOST_MOVES, settings.max_iter),
         tol=settings.tol,
     )

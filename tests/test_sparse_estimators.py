@@ -354,6 +354,25 @@ def test_textbook_bound():
     assert_allclose(model.log_marginal_likelihood_value_, value, rtol=1e-7)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.003, 0.3])
+def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
+    X, y = noisy()
+    y = np.sin(X[:, 0]) + noise * np.random.default_rng(1).standard_normal(len(y))
+    gp = PooledGP(RBF(1.0), normalize_y=False, **SPARSE)
+    [(data, settings)] = gp._pairs(gp._read(X, y))
+    data = replace(data, Z=greedy_variance(RBF(1.0), data.X, 20))
+    few = Mode(np.log([1.0, 1e-10]), 0.0, 0, 0, True, False, 0.0, 60)
+    begun = summarised._begin(data, settings, ones(M), few)
+    assert begun[0] == few.theta[0]
+    value = settings.likelihood(data, ones(M)).value
+    held = settings.with_noise(few.theta, ones(M))
+    others = np.linspace(few.theta, held, summarised.NOISES)
+    assert value(begun) == max(map(value, others))
+    assert (begun[1] == held[1]) == (noise > 0.0)
+    later = few._replace(Z=data.Z)
+    assert summarised._begin(data, settings, ones(M), later) is few.theta
+
+
 def test_inducing_inputs_follow_the_kernel(coarse):
     X, y = draw()
     model = PooledGP(RBF([1.0, 1.0]), **SPARSE).fit(X, y)

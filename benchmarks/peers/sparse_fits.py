@@ -2,8 +2,8 @@
 
 ``python benchmarks/peers/sparse_fits.py`` learns 14 loads x 4000 samples, joint by
 joint, through the public interface, and measures the errors on the whole interpolation
-and extrapolation sets. The data have no noise: its variance may fall to 1e-12 of the
-targets', where the estimators' default is 1e-10. Each fit has a process of its own,
+and extrapolation sets. The data have no noise: how far its variance may fall is
+``--noise-floor``, by default that of the estimators. Each fit has a process of its own,
 whose memory is measured before the test sets are read; what is there is not measured
 again. ``--short`` takes seconds, and its results are in benchmarks/.short.
 """
@@ -109,7 +109,7 @@ def parse():
     add("--m", nargs="+", type=int, default=[500, 1000, 1500], help="inducing inputs")
     add("--rank", nargs="+", type=int, default=[5])
     add("--draw", type=int, default=0)
-    add("--noise-floor", nargs="+", type=float, default=[1e-12], help="variance")
+    add("--noise-floor", nargs="+", type=float, default=[NOISE[0]], help="variance")
     add("--threads", type=int, default=1)
     add("--max-iter", type=int, default=2000)
     add("--test-rows", type=int, help="of each load; all if not given")

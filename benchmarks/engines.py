@@ -90,7 +90,7 @@ def write(rows, path):
 
 def draw(rows, path):
     """Two panels, time and memory."""
-    figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
+    figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.3), layout="constrained")
     for engine, (*_, color) in ENGINES.items():
         of = sorted((int(r["n"]), r) for r in rows if r["engine"] == engine)
         n = [size for size, _ in of]
@@ -100,7 +100,9 @@ def draw(rows, path):
     for axis, label in zip(axes, ("seconds", "MiB over the data"), strict=True):
         axis.set(xlabel="samples n of 14 tasks", ylabel=label)
         axis.grid(which="major", alpha=0.3)
-    axes[0].legend(loc="upper left", frameon=False)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4
+    )
     figure.suptitle("One likelihood and gradient, on one thread")
     figure.savefig(path, dpi=150)
 

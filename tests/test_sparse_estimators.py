@@ -362,7 +362,7 @@ def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     [(data, settings)] = gp._pairs(gp._read(X, y))
     data = replace(data, Z=greedy_variance(RBF(1.0), data.X, 20))
     few = Mode(np.log([1.0, 1e-10]), 0.0, 0, 0, True, False, 0.0, 60)
-    begun = summarised._begin(data, settings, ones(M), few)
+    begun = summarised.begin_at(data, settings, ones(M), few)
     assert begun[0] == few.theta[0]
     value = settings.likelihood(data, ones(M)).value
     held = settings.with_noise(few.theta, ones(M))
@@ -370,7 +370,7 @@ def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     assert value(begun) == max(map(value, others))
     assert (begun[1] == held[1]) == (noise > 0.0)
     later = few._replace(Z=data.Z)
-    assert summarised._begin(data, settings, ones(M), later) is few.theta
+    assert summarised.begin_at(data, settings, ones(M), later) is few.theta
 
 
 def test_inducing_inputs_follow_the_kernel(coarse):

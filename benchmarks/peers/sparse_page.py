@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from compare import NAMES, OURS
+from problem import NOISE
 from results import Table
 
 DENSE = Path(__file__).resolve().parents[2] / "examples/paper/results/figure4.csv"
@@ -141,7 +142,7 @@ class SparseResults:
         if not self.fits:
             return []
         head = "n,m,rank,joint,draw,inducing,seconds,threads,evaluations,MiB,"
-        head += "bound,noise,"
+        head += "bound,noise floor,noise,"
         head += "nMSE interpolation,dense,nMSE extrapolation,dense"
         exact = dense_errors()
         rows = []
@@ -150,7 +151,7 @@ class SparseResults:
             words += [row["n_inducing"], number(seconds(row)), row["threads"]]
             words += [row["n_evaluations"]]
             words += [number(row["peak_mib"]), f"{row['bound']:.1f}"]
-            words += [number(row["noise"])]
+            words += [number(row["noise_floor"]), number(row["noise"])]
             for kind in ERRORS:
                 of_dense = exact.get(row["joint"], {}).get(kind)
                 words += [number(row[kind]), number(of_dense)]
@@ -184,7 +185,7 @@ class SparseResults:
         ours = [
             {**row, "package": OURS, "settings": "inputs"}
             for row in self.fits
-            if problem_of(row) in problems
+            if problem_of(row) in problems and row["noise_floor"] == NOISE[0]
         ]
         if not done:
             return []

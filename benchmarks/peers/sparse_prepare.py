@@ -1,5 +1,7 @@
 """The problems of the sparse models: inducing points, and where learning starts."""
 
+from dataclasses import replace
+
 import numpy as np
 from inducing import with_tasks
 from prepare import CLIMB, N_TASKS, START_NOISE, random_problem, to_parameters
@@ -11,7 +13,7 @@ from skmtgp.inference.inducing import greedy_variance
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.summarised import exact_part
+from skmtgp.learning.summarised import begin_at, exact_part
 from skmtgp.task_covariance import leading_eigenvectors, low_rank
 
 
@@ -69,8 +71,8 @@ def greedy(prior, X, m):
 def start_of(train, m, rank, max_iter=CLIMB):
     """The problem with the start from which skmtgp climbs the bound.
 
-    That is the mode of exact inference on some of the rows, its noise variance raised,
-    and the inducing inputs chosen there.
+    That is the mode of exact inference on some of the rows, its noise variance raised
+    as far as it must, and the inducing inputs chosen there.
     """
     kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, rank)
     data = Data(train.u, train.tasks, train.y, N_TASKS)
@@ -84,7 +86,9 @@ def start_of(train, m, rank, max_iter=CLIMB):
         inference="sparse",
     )
     (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
-    theta = settings.with_noise(mode.theta, form)
+    k_x = kernel.clone_with_theta(mode.theta[: kernel.n_dims])
+    data = replace(data, Z=greedy(k_x, data.X, m))
+    theta = begin_at(data, settings, form, mode)
     kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
     F = F.reshape(N_TASKS, rank)
     start = to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))

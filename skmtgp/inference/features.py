@@ -46,9 +46,9 @@ class Features:
     Notes
     -----
     Where K_ZZ is all but singular, its rounding alone would make |phi(x)|^2 larger than
-    k^x(x, x), by thousands of eps. The bound would be above the likelihood, the more the
-    smaller the noise, and learning would look for such parameters. A jitter of the size
-    of that rounding, a fraction of m eps, prevents it.
+    k^x(x, x), by thousands of eps. The bound would be above the likelihood, the more
+    so the smaller the noise, and learning would look for such parameters. A jitter of
+    the size of that rounding, a fraction of m eps, prevents it.
     """
 
     def __init__(self, kernel, node, theta, Z):

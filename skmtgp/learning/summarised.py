@@ -132,14 +132,27 @@ def climb_bounds(data, settings, forms, modes):
 
 
 def _climb_on(data, settings, form, mode):
-    return mode.then(climb(data, settings, form, _begin(data, settings, form, mode)))
+    return mode.then(climb(data, settings, form, begin_at(data, settings, form, mode)))
 
 
-def _begin(data, settings, form, mode):
+def begin_at(data, settings, form, mode):
     """Parameters at which the climb of the bound begins.
 
-    A few rows may ask for less noise than all do. Raised at once to where it is held, it
-    would lead the climb away from what is known already: it is no higher than it must.
+    A few rows may ask for less noise than all do. Raised at once to where it is held,
+    it would lead the climb away from what is known already: it is no higher than it
+    must.
+
+    Parameters
+    ----------
+    data : Data
+        Observations with their inducing inputs.
+    settings, form, mode
+        Of the model, and what was learned so far.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_theta,)
+        The mode's, or with more noise.
     """
     if mode.Z is not None:
         return mode.theta
@@ -176,7 +189,7 @@ def inducing_inputs(data, settings, form, mode):
     data = replace(data, Z=Z)
     return optimised(
         settings.likelihood(data, form),
-        _begin(data, settings, form, mode),
+        begin_at(data, settings, form, mode),
         max_iter=min(MOST_MOVES, settings.max_iter),
         tol=settings.tol,
     )

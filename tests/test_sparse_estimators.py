@@ -369,8 +369,18 @@ def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     others = np.linspace(few.theta, held, summarised.NOISES)
     assert value(begun) == max(map(value, others))
     assert (begun[1] == held[1]) == (noise > 0.0)
-    later = few._replace(Z=data.Z)
-    assert summarised.begin_at(data, settings, ones(M), later) is few.theta
+
+
+@pytest.mark.parametrize(
+    ("noise", "expected"), [(1e-10, 1e-8), (1e-6, 1e-5), (1e-4, 1e-4)]
+)
+def test_the_second_climb_begins_with_a_little_more_noise(noise, expected):
+    gp = PooledGP(RBF(1.0), normalize_y=False, **SPARSE)
+    X, y = noisy()
+    [(data, settings)] = gp._pairs(gp._read(X, y / np.sqrt(np.mean(y**2))))
+    mode = Mode(np.log([1.0, noise]), 0.0, 0, 0, True, False, 0.0, 60, data.X[:5])
+    begun = summarised.begin_at(data, settings, ones(M), mode)
+    assert_allclose(np.exp(begun), [1.0, expected])
 
 
 def test_inducing_inputs_follow_the_kernel(coarse):

@@ -24,6 +24,7 @@ ROUNDS = 2  # of choosing inducing inputs
 GAIN = 1e-4  # nats a row under which a climb of the bound ends
 MOST_MOVES = 100  # of all inducing inputs, in a round
 NOISES = 6  # noise variances that are tried before the first climb
+RAISED = 100.0  # times the noise variance, before the second
 
 
 def exact_part(pairs):
@@ -139,8 +140,9 @@ def begin_at(data, settings, form, mode):
     """Parameters at which the climb of the bound begins.
 
     A few rows may ask for less noise than all do. Raised at once to where it is held,
-    it would lead the climb away from what is known already: it is no higher than it
-    must.
+    it would lead the first climb away from what is known already: it is no higher than
+    it must. A climb with next to no noise gets stuck for lack of digits: raised a
+    little, though not above where it is held, it lets the second get further.
 
     Parameters
     ----------
@@ -154,9 +156,9 @@ def begin_at(data, settings, form, mode):
     theta : ndarray of shape (n_theta,)
         The mode's, or with more noise.
     """
-    if mode.Z is not None:
-        return mode.theta
     way = settings.with_noise(mode.theta, form) - mode.theta
+    if mode.Z is not None:
+        return mode.theta + np.minimum(way, np.log(RAISED))
     steps = np.linspace(1.0, 0.0, NOISES if way.any() else 1)
     value = settings.likelihood(data, form).value
     return max((mode.theta + step * way for step in steps), key=value)

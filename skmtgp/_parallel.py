@@ -64,9 +64,9 @@ def _alone(function, job):
         return function(*job)
 
 
-def limit_threads(n_samples):
+def limit_threads(size):
     """Context in which small matrices are not spread over threads, which slows them."""
-    return BLAS.limit(limits=1) if n_samples < SMALL else contextlib.nullcontext()
+    return BLAS.limit(limits=1) if size < SMALL else contextlib.nullcontext()
 
 
 def map_threads(function, jobs):

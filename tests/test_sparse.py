@@ -1,3 +1,4 @@
+import contextlib
 import pickle
 import tracemalloc
 from typing import NamedTuple
@@ -19,7 +20,7 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp.exceptions import JitterWarning
-from skmtgp.inference import features, likelihood
+from skmtgp.inference import features, likelihood, sparse
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.features import Features
 from skmtgp.inference.inducing import greedy_variance
@@ -496,6 +497,19 @@ def test_many_rows_without_noise():
 def twice():
     """A bound whose inducing inputs are two of each."""
     return make(RBF(0.8), low_rank(M, 2), Z=np.repeat(inducing(), 2, axis=0))
+
+
+def test_many_rows_and_few_inducing_inputs_take_one_thread(twice, monkeypatch):
+    # more of them take several times as long, whatever the number of rows
+    sizes = []
+
+    def limit_threads(size):
+        sizes.append(size)
+        return contextlib.nullcontext()
+
+    monkeypatch.setattr(sparse, "limit_threads", limit_threads)
+    twice.value_and_grad(parameters(twice.kernel, twice.task_covariance))
+    assert sizes == [len(twice.Z)]
 
 
 def test_singular_inducing_covariance(twice):

@@ -40,7 +40,7 @@ class SparsePosterior:
     """
 
     def __init__(self, bound, theta):
-        with limit_threads(len(bound.y)):
+        with limit_threads(len(bound.Z)):
             self.features, weights = bound.forward(theta)
             sums = bound.over_rows(sum_residuals, self.features, weights.omega)
             self.log_likelihood = weights.log_density(sums.squares)

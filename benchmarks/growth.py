@@ -7,23 +7,16 @@ the upper half of each range, and goes on where an interrupted run of it ended;
 ``--fresh`` starts again. ``--short`` takes a minute and has files of its own.
 """
 
-import argparse
-import csv
-import tracemalloc
-from pathlib import Path
-from time import perf_counter
-
 import matplotlib.pyplot as plt
 import numpy as np
+from growing import collect, cost, run
 from matplotlib.ticker import NullFormatter
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
-from threadpoolctl import threadpool_limits
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear
 from skmtgp.task_covariance import LowRank
 
-HERE = Path(__file__).parent
 AT = {"n": 1400, "tasks": 14, "features": 18, "rank": 4}
 RANGES = {
     "n": [280, 560, 840, 1400, 2100, 2800, 4000, 5600],
@@ -44,7 +37,6 @@ LABELS = {
     "rank": r"rank of $K^\rho$, M = 64",
 }
 BLUE, ORANGE = "#0072B2", "#D55E00"
-FIELDS = ["grows", "value", "seconds", "bytes"]
 
 
 def make(n, tasks, features, rank, seed=0):
@@ -69,43 +61,9 @@ def setting(grows, value):
 
 
 def measure(grows, value):
-    """Best seconds and peak bytes of one evaluation."""
+    """Best seconds of the processor and peak bytes of one evaluation."""
     likelihood, theta = make(**setting(grows, value))
-    tracemalloc.start()
-    likelihood.value_and_grad(theta)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    times, end = [], perf_counter() + 3.0
-    while len(times) < 3 or (len(times) < 50 and perf_counter() < end):
-        begin = perf_counter()
-        likelihood.value_and_grad(theta)
-        times.append(perf_counter() - begin)
-    return min(times), peak
-
-
-def collect(ranges, path):
-    """Rows of the results file, measured where they are missing."""
-    rows = {}
-    if path.exists():
-        with path.open() as file:
-            rows = {(r["grows"], int(r["value"])): r for r in csv.DictReader(file)}
-    for grows, values in ranges.items():
-        for value in values:
-            if (grows, value) not in rows:
-                seconds, peak = measure(grows, value)
-                found = grows, value, seconds, peak
-                rows[grows, value] = dict(zip(FIELDS, found, strict=True))
-                write(rows.values(), path)
-                print(f"{grows:9s} {value:5d} {seconds:9.4f} s {peak:12d} bytes")
-    return rows
-
-
-def write(rows, path):
-    path.parent.mkdir(exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        writer.writerows(rows)
+    return cost(lambda: likelihood.value_and_grad(theta))
 
 
 def exponent(x, y):
@@ -114,20 +72,18 @@ def exponent(x, y):
     return np.polyfit(np.log(x[upper]), np.log(y[upper]), 1)[0]
 
 
-def series(rows, grows, values):
+def series(found, grows, values):
     """What grows as the plot shows it, seconds and MiB."""
     x = np.array(values, dtype=float)
-    of = [rows[grows, value] for value in values]
-    seconds = np.array([float(row["seconds"]) for row in of])
-    mebibytes = np.array([float(row["bytes"]) for row in of]) / 2**20
-    return (2.0 * x + 2.0 if grows == "features" else x), seconds, mebibytes
+    costs = np.array([found[grows, value] for value in values]) / [1.0, 2.0**20]
+    return 2.0 * x + 2.0 if grows == "features" else x, *costs.T
 
 
-def draw(rows, ranges, path):
+def draw(found, ranges, path):
     """Four panels, time and memory with their exponents."""
     figure, axes = plt.subplots(2, 2, figsize=(9.0, 7.0), layout="constrained")
     for axis, (grows, values) in zip(axes.flat, ranges.items(), strict=True):
-        x, seconds, mebibytes = series(rows, grows, values)
+        x, seconds, mebibytes = series(found, grows, values)
         powers = exponent(x, seconds), exponent(x, mebibytes)
         print(f"{LABELS[grows]}: time ~ x^{powers[0]:.2f}, memory ~ x^{powers[1]:.2f}")
         right = axis.twinx()
@@ -151,22 +107,12 @@ def draw(rows, ranges, path):
     figure.savefig(path, dpi=150)
 
 
-def main():
+def collect_and_draw(short, table, image):
     """Measure what is missing, and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--short", action="store_true")
-    parser.add_argument("--fresh", action="store_true")
-    arguments = parser.parse_args()
-    results = HERE / (".short" if arguments.short else "results")
-    table = results / "growth.csv"
-    image = HERE.parent / "docs" / "images" / "growth.png"
-    if arguments.fresh:
-        table.unlink(missing_ok=True)
-    ranges = SHORT if arguments.short else RANGES
-    with threadpool_limits(1):
-        rows = collect(ranges, table)
-    draw(rows, ranges, table.with_suffix(".png") if arguments.short else image)
+    ranges = SHORT if short else RANGES
+    keys = [(grows, value) for grows, values in ranges.items() for value in values]
+    draw(collect(table, ["grows", "value"], keys, measure), ranges, image)
 
 
 if __name__ == "__main__":
-    main()
+    run(__doc__, "growth.csv", "growth.png", collect_and_draw)

@@ -5,20 +5,16 @@ all of its 15 loads' 64,000 samples, with the paper's kernel, rank 4 and inducin
 chosen greedily from the smallest part. It writes ``results/sparse_growth.csv`` and a
 plot, ``docs/images/sparse-growth.png``, with the exponents of n, and goes on where an
 interrupted run of it ended; ``--fresh`` starts again. Seconds are the processor's on
-one thread, the best of three; memory is the most that is taken over that of the data.
-``--short`` takes seconds and has files of its own.
+one thread, the best of three or more; memory is the most that is taken over that of the
+data. ``--short`` takes seconds and has files of its own.
 """
 
-import argparse
-import csv
-import tracemalloc
-from pathlib import Path
-from time import process_time
+from functools import cache, partial
 
 import matplotlib.pyplot as plt
 import numpy as np
+from growing import collect, cost, run
 from matplotlib.ticker import NullFormatter
-from threadpoolctl import threadpool_limits
 
 from skmtgp.datasets import fetch_puma560
 from skmtgp.inference.inducing import greedy_variance
@@ -27,12 +23,10 @@ from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.preprocessing import InverseDynamicsFeatures
 from skmtgp.task_covariance import LowRank
 
-HERE = Path(__file__).parent
-N_TASKS, RANK, JOINT, REPEATS, MIB = 15, 4, 4, 3, 2.0**20
+N_TASKS, RANK, JOINT, MIB = 15, 4, 4, 2.0**20
 SIZES, INDUCING = [10_000, 30_000, 100_000, 300_000, 960_000], [100, 500]
 SHORT = [1_000, 2_000, 4_000], [20, 50]
 COLORS = ["#0072B2", "#D55E00", "#009E73"]
-FIELDS = ["m", "n", "seconds", "bytes"]
 
 
 class Rows:
@@ -64,49 +58,26 @@ class Rows:
         return tuple(part[:n][order] for part in (self.u, self.tasks, self.y))
 
 
-def measure(rows, n, Z):
+@cache
+def all_rows():
+    """They are read once, if at all."""
+    return Rows()
+
+
+@cache
+def inducing_inputs(m, few):
+    """Some of the first few."""
+    return greedy_variance(inverse_dynamics_kernel(6), all_rows().u[:few], m)
+
+
+def measure(m, n, few):
     """Best seconds of the processor and peak bytes of one evaluation."""
     kernel, form = inverse_dynamics_kernel(6), LowRank(N_TASKS, RANK)
     F = np.random.default_rng(0).standard_normal(form.n_parameters)
     theta = np.concatenate([kernel.theta, F, [np.log(1e-2)]])
-    bound = SparseBound(kernel, form, *rows.first(n), Z)
-    tracemalloc.start()
-    bound.value_and_grad(theta)
-    peak = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    times = []
-    for _ in range(REPEATS):
-        begin = process_time()
-        bound.value_and_grad(theta)
-        times.append(process_time() - begin)
-    return min(times), peak
-
-
-def collect(sizes, inducing, path):
-    """Rows of the results file, measured where they are missing."""
-    found, rows = {}, None
-    if path.exists():
-        with path.open() as file:
-            found = {(int(r["m"]), int(r["n"])): r for r in csv.DictReader(file)}
-    for m in inducing:
-        missing = [n for n in sizes if (m, n) not in found]
-        if missing:
-            rows = rows or Rows()
-            Z = greedy_variance(inverse_dynamics_kernel(6), rows.u[: sizes[0]], m)
-        for n in missing:
-            values = m, n, *measure(rows, n, Z)
-            found[m, n] = dict(zip(FIELDS, values, strict=True))
-            write(found.values(), path)
-            print(f"m {m:5d} n {n:7d} {values[2]:9.3f} s {values[3]:12d} bytes")
-    return found
-
-
-def write(rows, path):
-    path.parent.mkdir(exist_ok=True)
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, FIELDS)
-        writer.writeheader()
-        writer.writerows(rows)
+    data = all_rows().first(n)
+    bound = SparseBound(kernel, form, *data, inducing_inputs(m, few))
+    return cost(lambda: bound.value_and_grad(theta))
 
 
 def exponent(x, y):
@@ -118,10 +89,8 @@ def draw(found, sizes, inducing, path):
     """Two panels, time and memory, with their exponents."""
     figure, axes = plt.subplots(1, 2, figsize=(9.0, 4.0), layout="constrained")
     for m, color in zip(inducing, COLORS, strict=False):
-        of = [found[m, n] for n in sizes]
-        seconds = np.array([float(row["seconds"]) for row in of])
-        mebibytes = np.array([float(row["bytes"]) for row in of]) / MIB
-        for axis, y in zip(axes, (seconds, mebibytes), strict=True):
+        costs = np.array([found[m, n] for n in sizes]) / [1.0, MIB]
+        for axis, y in zip(axes, costs.T, strict=True):
             power = f"{round(exponent(sizes, y), 2) + 0.0:.2f}"
             print(f"m = {m}: {'time' if axis is axes[0] else 'memory'} ~ n^{power}")
             axis.loglog(sizes, y, "o-", color=color, label=f"m = {m}, $n^{{{power}}}$")
@@ -139,24 +108,13 @@ def draw(found, sizes, inducing, path):
     figure.savefig(path, dpi=150)
 
 
-def main():
+def collect_and_draw(short, table, image):
     """Measure what is missing, and draw."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--short", action="store_true")
-    parser.add_argument("--fresh", action="store_true")
-    arguments = parser.parse_args()
-    results = HERE / (".short" if arguments.short else "results")
-    table = results / "sparse_growth.csv"
-    image = HERE.parent / "docs" / "images" / "sparse-growth.png"
-    if arguments.short:
-        image = table.with_suffix(".png")
-    if arguments.fresh:
-        table.unlink(missing_ok=True)
-    sizes, inducing = SHORT if arguments.short else (SIZES, INDUCING)
-    with threadpool_limits(1):
-        found = collect(sizes, inducing, table)
+    sizes, inducing = SHORT if short else (SIZES, INDUCING)
+    keys = [(m, n) for m in inducing for n in sizes]
+    found = collect(table, ["m", "n"], keys, partial(measure, few=sizes[0]))
     draw(found, sizes, inducing, image)
 
 
 if __name__ == "__main__":
-    main()
+    run(__doc__, "sparse_growth.csv", "sparse-growth.png", collect_and_draw)

@@ -121,7 +121,7 @@ bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
 	$(PAGE)
 
 # What the package's own benchmarks print is kept, and shown on the page.
-OWN := likelihood memory prediction large_fit modes noisy_modes kronecker
+OWN := likelihood memory prediction large_fit modes noisy_modes kronecker digits
 bench-own: $(VENV)/ready-to-bench
 	$(BIN)/python benchmarks/peers/own_run.py $(OWN)
 	$(BIN)/python benchmarks/growth.py

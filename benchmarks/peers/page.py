@@ -39,6 +39,7 @@ OWN = {
     "modes": "Likelihoods found, and the time to find them",
     "noisy_modes": "Likelihoods found for small and noisy data",
     "kronecker": "One evaluation of complete data over one eigh of its N inputs",
+    "digits": "Digits lost where there is next to no noise",
 }
 WORDS = {True: "yes", False: "**no**", None: "not measured"}
 

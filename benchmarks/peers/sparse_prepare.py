@@ -71,8 +71,8 @@ def greedy(prior, X, m):
 def start_of(train, m, rank, max_iter=CLIMB):
     """The problem with the start from which skmtgp climbs the bound.
 
-    That is the mode of exact inference on some of the rows, its noise variance raised
-    as far as it must, and the inducing inputs chosen there.
+    That is the mode of exact inference on some of the rows, where the inducing inputs
+    are chosen, its noise variance raised as far as it must.
     """
     kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, rank)
     data = Data(train.u, train.tasks, train.y, N_TASKS)
@@ -86,10 +86,12 @@ def start_of(train, m, rank, max_iter=CLIMB):
         inference="sparse",
     )
     (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
-    k_x = kernel.clone_with_theta(mode.theta[: kernel.n_dims])
-    data = replace(data, Z=greedy(k_x, data.X, m))
-    theta = begin_at(data, settings, form, mode)
-    kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
-    F = F.reshape(N_TASKS, rank)
-    start = to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
-    return part_problem(Problem(*train, F, start), m)
+
+    def parameters(theta):
+        kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
+        F = F.reshape(N_TASKS, rank)
+        return F, to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
+
+    problem = part_problem(Problem(*train, *parameters(mode.theta)), m)
+    theta = begin_at(replace(data, Z=problem.Z), settings, form, mode)
+    return problem._replace(start=parameters(theta)[1])

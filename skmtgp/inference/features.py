@@ -13,7 +13,7 @@ from skmtgp._linalg import Cholesky
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 DIAGONAL = 64  # rows of a tile of which only the diagonal counts
-ROUNDING = 3e-17  # for each inducing input: always added to K_ZZ, of its diagonal
+ROUNDING = 3e-17  # of its diagonal, m times: what is always added to K_ZZ
 MOST_JITTERS = 12  # each ten times the last
 
 
@@ -63,7 +63,7 @@ class Features:
         return len(self.Z)
 
     def warn_of_jitter(self):
-        """Say what was added to K_ZZ, if anything was."""
+        """Say what was added to K_ZZ, if that was more than always."""
         if self.jitter > ROUNDING * len(self):
             warnings.warn(
                 f"The covariance of the {len(self)} inducing inputs is not positive "

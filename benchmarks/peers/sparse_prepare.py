@@ -1,7 +1,5 @@
 """The problems of the sparse models: inducing points, and where learning starts."""
 
-from dataclasses import replace
-
 import numpy as np
 from inducing import with_tasks
 from prepare import CLIMB, N_TASKS, START_NOISE, random_problem, to_parameters
@@ -13,7 +11,7 @@ from skmtgp.inference.inducing import greedy_variance
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.summarised import begin_at, exact_part
+from skmtgp.learning.summarised import RAISED, exact_part
 from skmtgp.task_covariance import leading_eigenvectors, low_rank
 
 
@@ -58,9 +56,14 @@ def part_problem(problem, m):
 
 
 def learned_problem(problem, parameters, m):
-    """The same data: what has been learned is the start, and the points are new."""
+    """The same data: what has been learned is the start, and the points are new.
+
+    The noise variance is raised as skmtgp raises it, see `begin_at` there.
+    """
     F = leading_eigenvectors(parameters.K_rho, problem.F.shape[1])
-    return part_problem(problem._replace(F=F, start=parameters), m)
+    raised = min(RAISED * parameters.noise, problem.start.noise)
+    start = parameters._replace(noise=np.maximum(raised, parameters.noise))
+    return part_problem(problem._replace(F=F, start=start), m)
 
 
 def greedy(prior, X, m):
@@ -69,10 +72,11 @@ def greedy(prior, X, m):
 
 
 def start_of(train, m, rank, max_iter=CLIMB):
-    """The problem with the start from which skmtgp climbs the bound.
+    """The problem with the start from which the peers climb the bound.
 
-    That is the mode of exact inference on some of the rows, where the inducing inputs
-    are chosen, its noise variance raised as far as it must.
+    As in skmtgp that is the mode of exact inference on some of the rows, where the
+    inducing inputs are chosen. Its noise variance is raised to where skmtgp holds it
+    up: at a bound, where that mode's may be, the peers' transforms have no gradient.
     """
     kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, rank)
     data = Data(train.u, train.tasks, train.y, N_TASKS)
@@ -86,12 +90,8 @@ def start_of(train, m, rank, max_iter=CLIMB):
         inference="sparse",
     )
     (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
-
-    def parameters(theta):
-        kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
-        F = F.reshape(N_TASKS, rank)
-        return F, to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
-
-    problem = part_problem(Problem(*train, *parameters(mode.theta)), m)
-    theta = begin_at(replace(data, Z=problem.Z), settings, form, mode)
-    return problem._replace(start=parameters(theta)[1])
+    theta = settings.with_noise(mode.theta, form)
+    kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
+    F = F.reshape(N_TASKS, rank)
+    start = to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
+    return part_problem(Problem(*train, F, start), m)

@@ -6,7 +6,7 @@ yet. Its parts are
 - checks: each package's own bound against the textbook formulae, and with all inputs
   inducing against the exact likelihood;
 - times: seconds and memory of one evaluation of the bound with its gradient;
-- fits: from where skmtgp begins to climb the bound, for a budget of time.
+- fits: from the mode at which skmtgp begins to climb the bound, for a budget of time.
 
 `inducing.py` says which inducing points the others get. skmtgp's own fits are those of
 `sparse_fits.py`.

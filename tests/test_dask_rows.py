@@ -68,7 +68,7 @@ def without_cluster(request):
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch):
     """Fewer rows are learned from exactly than there are."""
-    monkeypatch.setattr(summarised, "EXACT_ROWS", (60, 60))
+    monkeypatch.setattr(summarised, "EXACT_ROWS", 60)
 
 
 def on_dask(X, y, rows=ROWS):

@@ -19,7 +19,7 @@ from skmtgp.inference.inducing import greedy_variance, k_means, optimised
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 
-EXACT_ROWS = 1100, 2800  # the fewest: two levels from coarse to fine; the most
+EXACT_ROWS = 1100  # two levels from coarse to fine
 ROUNDS = 2  # of choosing inducing inputs
 GAIN = 1e-4  # nats a row under which a climb of the bound ends
 MOST_MOVES = 100  # of all inducing inputs, in a round
@@ -38,32 +38,14 @@ def exact_part(pairs):
     Returns
     -------
     pairs : list of (Data, Settings)
-        Of some rows where inference is sparse.
+        Of EXACT_ROWS rows where inference is sparse.
     """
     return [
-        (data.drawn(exact_rows(len(data.y), settings.n_inducing)), settings)
+        (data.drawn(min(EXACT_ROWS, len(data.y))), settings)
         if settings.inference == "sparse"
         else (data, settings)
         for data, settings in pairs
     ]
-
-
-def exact_rows(n, m):
-    """How many rows are learned from exactly: as many as cost what the bound does.
-
-    Parameters
-    ----------
-    n : int
-        Number of rows.
-    m : int
-        Number of inducing inputs.
-
-    Returns
-    -------
-    n_exact : int
-        n_exact^3 = 5 n m^2, the operations of either, but within EXACT_ROWS.
-    """
-    return min(n, int(np.clip(np.cbrt(5.0 * n * m * m), *EXACT_ROWS)))
 
 
 def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):

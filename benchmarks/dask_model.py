@@ -1,8 +1,8 @@
 """What a sparse bound and its gradient cost on a Dask cluster: a model, on paper.
 
 ``python benchmarks/dask_model.py`` prints the table of the user guide's page on
-parallel work. Its constants are those that ``dask_rows.py`` measured; the network is
-assumed.
+parallel work. Its constants are those that ``dask_rows.py`` measured; what a partition
+costs its worker, and the network, are assumed.
 """
 
 import argparse
@@ -34,7 +34,7 @@ def main():
     print("rows, workers, partitions, m: MB of a worker; seconds, of these Dask and")
     print("network; MB sent between workers")
     for n, n_workers, n_parts in CASES:
-        held = 8 * (N_FEATURES + 2) * n / n_workers
+        held = 8 * (N_FEATURES + 3) * n / n_workers
         for m, row in zip(INDUCING, options.row, strict=True):
             seconds, others, sent = cost(n, n_workers, n_parts, m, row, options)
             print(

@@ -35,6 +35,7 @@ from skmtgp._training import (
 from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
 from skmtgp.inference.choice import choose, why_dense
 from skmtgp.inference.inducing import check_differentiable
+from skmtgp.learning.summarised import exact_rows
 
 MANY = 5000  # rows, whose dense inference takes long
 
@@ -144,7 +145,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         data = training.features, training.codes, training.tasks
         method, n_tasks = choose(self.inference, kernel, *data), len(training.tasks)
         if method == "sparse":
-            self._check_sparse(training, kernel, n_kept)
+            self._check_sparse(training, kernel, n_ranks, n_kept)
         else:
             self._check_exact(training, kernel, method, n_ranks, n_kept)
         n_noise = n_tasks if self.noise == "per_task" else 1
@@ -180,7 +181,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 IncompleteDataWarning,
             )
 
-    def _check_sparse(self, training, kernel, n_kept):
+    def _check_sparse(self, training, kernel, n_ranks, n_kept):
         """Whether memory suffices, and the kernel for moving inducing inputs."""
         (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
         check_sparse_memory(
@@ -189,6 +190,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             self._rank(n_tasks),
             n_outputs * n_kept,
             n_climbs=at_a_time(self.n_jobs, n_outputs),
+            n_exact=exact_rows(n),
+            n_exact_climbs=at_a_time(self.n_jobs, n_outputs * self._n_climbs(n_ranks)),
         )
         if self.inducing_inputs == "optimised":
             check_differentiable(kernel, np.asarray(training.features[:1]))
@@ -301,7 +304,7 @@ def _warn_of_unfinished(modes, max_iter):
             f"Learning{which} ended for lack of digits: the prior "
             "variance is so much larger than the noise variance that the likelihood "
             "cannot be resolved further. The model is the best one found; a larger "
-            "lower bound in noise_variance_bounds avoids this.",
+            f"lower bound in noise_variance_bounds avoids this. {INFERENCE}",
             PrecisionWarning,
         )
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]

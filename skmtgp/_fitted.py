@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator
+from skmtgp._guide import PARALLEL
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._training import Training, check_theta
 
@@ -154,7 +155,7 @@ class FittedGP(PosteriorMixin, Estimator):
             raise ValueError(
                 f"This needs the training rows, but the {type(self).__name__} was "
                 "fitted to Dask collections, whose rows it does not keep. Fit it to "
-                "arrays, or to a part of the rows that fits in memory."
+                f"arrays, or to a part of the rows that fits in memory. {PARALLEL}"
             )
 
     def _means(self, features, codes):

@@ -7,6 +7,7 @@ from scipy.linalg import LinAlgError, eigh, solve_triangular
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
+from skmtgp._guide import INFERENCE
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 ROUNDING = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
@@ -108,14 +109,14 @@ def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
         warnings.warn(
             "The covariance matrix of the training data is not positive definite in "
             f"floating point; {jitter:.1e} ({relative:.0e} of its mean diagonal) was "
-            "added to its diagonal. A larger noise_variance avoids this.",
+            f"added to its diagonal. A larger noise_variance avoids this. {INFERENCE}",
             JitterWarning,
         )
         return cholesky
     raise NotPositiveDefiniteError(
         f"The covariance matrix of the training data is not positive definite, even "
         f"with {last:.0e} of its mean added to the diagonal. Check X and y for extreme "
-        "values, or increase noise_variance."
+        f"values, or increase noise_variance. {INFERENCE}"
     )
 
 

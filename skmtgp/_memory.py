@@ -46,7 +46,9 @@ def check_memory(n_rows, n_factors, inference="dense", *, n_climbs=1, why=""):
     )
 
 
-def check_sparse_memory(n_inducing, n_tasks, rank, n_factors, *, n_climbs=1):
+def check_sparse_memory(
+    n_inducing, n_tasks, rank, n_factors, *, n_climbs=1, n_exact=0, n_exact_climbs=1
+):
     """The same of sparse inference.
 
     Parameters
@@ -58,17 +60,42 @@ def check_sparse_memory(n_inducing, n_tasks, rank, n_factors, *, n_climbs=1):
     rank : int
         Number r of latent functions.
     n_factors : int
-        Posteriors that are kept, of M + r^2 matrices of m x m each; learning takes
-        four times that, by benchmarks/sparse_bound.py.
+        Posteriors that are kept, of M + r^2 matrices of m x m each; learning takes up
+        to six times that.
     n_climbs : int, default=1
-        Climbs at the same time.
+        Climbs of the bound at the same time.
+    n_exact : int, default=0
+        Rows that are learned from exactly, before.
+    n_exact_climbs : int, default=1
+        Climbs of their likelihood at the same time.
     """
-    matrices = (4 * n_climbs + n_factors) * (n_tasks + rank**2)
+    matrices = (6 * n_climbs + n_factors) * (n_tasks + rank**2)
+    of_bound = n_inducing**2 * matrices
     _check(
-        8.0 * n_inducing**2 * matrices,
+        8.0 * max(of_bound, MATRICES["dense"] * n_exact_climbs * n_exact**2),
         f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
         f"{rank}{_at_a_time(n_climbs)}",
-        "Take fewer inducing inputs, or a lower rank.",
+        "Take fewer inducing inputs, a lower rank, or a lower n_jobs.",
+    )
+
+
+def check_border_memory(n_new, n_inducing, rank):
+    """The same for a task that joins a sparse model.
+
+    Parameters
+    ----------
+    n_new : int
+        Its samples.
+    n_inducing : int
+        Number of inducing inputs.
+    rank : int
+        Number of latent functions.
+    """
+    side = rank * min(n_new, n_inducing)
+    _check(
+        8.0 * (4 * n_new**2 + 2 * rank * side * n_new + 3 * side**2),
+        f"add_task with {n_new} samples, {n_inducing} inducing inputs and rank {rank}",
+        "Give fewer samples of the new task.",
     )
 
 

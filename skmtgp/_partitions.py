@@ -7,6 +7,7 @@ import pandas as pd
 from sklearn.utils.validation import validate_data
 
 from skmtgp._dask import is_dask, partitions
+from skmtgp._guide import PARALLEL
 from skmtgp._training import (
     check_given,
     check_target,
@@ -72,7 +73,7 @@ def _pair(X, y):
             raise ValueError(
                 f"{name} is of type {type(part).__name__}, but the other one a Dask "
                 "collection. Give both as Dask arrays, dataframes or series, in the "
-                "same partitions."
+                f"same partitions. {PARALLEL}"
             )
     if X.ndim != 2:
         raise ValueError(
@@ -85,7 +86,8 @@ def _pair(X, y):
     if len(parts[0]) != len(parts[1]):
         raise ValueError(
             f"X has {len(parts[0])} partitions and y {len(parts[1])}: they must be the "
-            "same, with the same rows. Repartition one of them, or rechunk it."
+            "same, with the same rows. Repartition one of them, or rechunk it. "
+            f"{PARALLEL}"
         )
     return zip(*parts, strict=True)
 
@@ -112,7 +114,7 @@ def _check_index(table, y):
         raise ValueError(
             "The rows of X and y differ in their index, or in its order: y must be a "
             "column of the dataframe that X is of, or made from it row by row. If the "
-            "rows are the same, pass y.to_dask_array(lengths=True)."
+            f"rows are the same, pass y.to_dask_array(lengths=True). {PARALLEL}"
         )
 
 

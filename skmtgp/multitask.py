@@ -14,7 +14,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp._memory import check_memory, check_sparse_memory
+from skmtgp._memory import check_border_memory, check_memory, check_sparse_memory
 from skmtgp._sklearn_compat import Interval, StrOptions
 from skmtgp._training import check_new_task
 from skmtgp.inference.choice import extended
@@ -96,7 +96,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
-        Gain in the log likelihood, in nats, under which a maximisation ends.
+        Gain in the log likelihood, in nats, under which a maximisation ends For
+        "sparse", climbs of the bound end under 1e-4 nats a row, but at most 10 nats,
+        where this is more.
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     random_state : int, RandomState instance or None, default=None
@@ -368,9 +370,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             check_memory(n_rows, n_outputs, self.inference_)
             return
         n_tasks = len(training.tasks)
-        check_sparse_memory(
-            min(n_rows, 2 * n_before), n_tasks, self._rank(n_tasks), n_outputs
-        )
+        rank = self._rank(n_tasks)
+        check_border_memory(n_rows - n_before, n_before, rank)
+        check_sparse_memory(min(n_rows, 2 * n_before), n_tasks, rank, n_outputs)
 
     def _extend(self, training, position, informed):
         """Likelihood and mode of each output with the task at `position` added."""

@@ -21,6 +21,7 @@ from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
 from skmtgp._training import check_theta, check_training
 from skmtgp.baselines import PooledGP
+from skmtgp.learning.summarised import exact_rows
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
@@ -203,7 +204,15 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
         if self.inference == "sparse":
             n_inducing = min(n, self.n_inducing)
-            check_sparse_memory(n_inducing, 1, 1, n_outputs, n_climbs=n_climbs)
+            check_sparse_memory(
+                n_inducing,
+                1,
+                1,
+                n_outputs,
+                n_climbs=n_climbs,
+                n_exact=exact_rows(n),
+                n_exact_climbs=n_climbs,
+            )
         else:
             method = "kronecker" if self.inference == "kronecker" else "dense"
             check_memory(n, n_outputs, method, n_climbs=n_climbs)

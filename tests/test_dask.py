@@ -38,7 +38,11 @@ FITS = {
     "staged": clone(QUICK).set_params(learning="staged", n_restarts_optimizer=1),
     "ranks": RANKS,
     "diagonal": clone(RANKS).set_params(estimator__diagonal=True),
+    "sparse": clone(RANKS).set_params(
+        estimator__inference="sparse", estimator__n_inducing=8
+    ),
     "tasks": SingleTaskGP(max_iter=5),
+    "sparse tasks": SingleTaskGP(max_iter=5, inference="sparse", n_inducing=8),
     "cells": GridSearchCV(QUICK, {"rank": [1, 2]}, cv=CV),
     "cells of ranks": GridSearchCV(RANKS, {"criterion": ["bic", "aic"]}, cv=CV),
 }

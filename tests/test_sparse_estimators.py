@@ -197,14 +197,16 @@ class TestLeaveOneOut:
 
 
 class TestAddTask:
-    def test_latent_functions(self):
+    @pytest.mark.parametrize("n", [5, 40])
+    def test_latent_functions(self, n):
         """Their covariances are those of the tasks' functions, without F."""
         bound, theta = scattered()
-        posterior = bound.posterior(theta)
-        X = np.random.default_rng(2).uniform(-2.0, 2.0, (5, 2))
+        posterior, rank = bound.posterior(theta), FACTOR.shape[1]
+        X = np.random.default_rng(2).uniform(-2.0, 2.0, (n, 2))
         means, halves = posterior.latent(X, FACTOR)
+        assert halves.shape == (rank, rank * min(n, len(bound.Z)), n)
         for m, F_m in enumerate(FACTOR):
-            tasks = np.full(5, m)
+            tasks = np.full(n, m)
             assert_allclose(F_m @ means, posterior.mean(X, tasks), rtol=1e-7)
             half = np.tensordot(F_m, halves, 1)
             covariance = (F_m @ F_m) * bound.kernel(X) - half.T @ half
@@ -260,7 +262,30 @@ class TestMemory:
         with pytest.raises(InsufficientMemoryError, match=match):
             model.fit(*draw())
 
-    def test_proposed_where_exact_inference_does_not_fit(self, monkeypatch):
+    def test_too_much_memory_of_the_rows_that_are_learned_exactly(self, monkeypatch):
+        X, y = draw()
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 3 * len(y) ** 2)
+        model = MultiTaskGPRegressor(
+            rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
+        )
+        assert model.fit(X, y).inference_ == "sparse"
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 3 * len(y))
+        with pytest.raises(InsufficientMemoryError, match="Sparse inference with"):
+            model.fit(X, y)
+
+    def test_too_much_memory_for_a_task_that_joins(self, monkeypatch):
+        X, y = draw()
+        model = MultiTaskGPRegressor(
+            rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
+        ).fit(X, y)
+        new = np.column_stack([np.linspace(0, 1, 200), np.full(200, 99)])
+        new = np.column_stack([new[:, :1]] * (X.shape[1] - 1) + [new[:, 1:]])
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 3 * 200**2)
+        match = "add_task with 200 samples, 10 inducing inputs and rank 1 needs about"
+        with pytest.raises(InsufficientMemoryError, match=match):
+            model.add_task(new, np.zeros(200))
+
+    def test_proposed_where_exact_inference_does_not_fit(self, monkeypatch, coarse):
         X, y = draw()
         needed = 8.0 * 3 * len(y) ** 2
         monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)

@@ -20,6 +20,7 @@ from skmtgp._contraction.terms import (
     BoundStationary,
     BoundWhite,
 )
+from skmtgp._guide import INFERENCE
 
 
 @singledispatch
@@ -53,7 +54,7 @@ def contract_inputs(bound, W, tape, rows, cols, n_features):
         "inducing_inputs='optimised' needs the derivative of the kernel by its inputs, "
         f"which is not known of kernel={bound.kernel!r}. Set inducing_inputs='greedy' "
         "or 'k-means', or make the kernel of RBF, RationalQuadratic, Matern with "
-        "nu=0.5, 1.5 or 2.5, DotProduct, ARDLinear and Columns."
+        f"nu=0.5, 1.5 or 2.5, DotProduct, ARDLinear and Columns. {INFERENCE}"
     )
 
 

@@ -9,6 +9,7 @@ import warnings
 import numpy as np
 
 from skmtgp._contraction import contract_inputs
+from skmtgp._guide import INFERENCE
 from skmtgp._linalg import Cholesky
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
@@ -68,7 +69,8 @@ class Features:
             warnings.warn(
                 f"The covariance of the {len(self)} inducing inputs is not positive "
                 f"definite in floating point; {self.jitter:.0e} of its mean diagonal "
-                "was added to its diagonal. Fewer inducing inputs avoid this.",
+                "was added to its diagonal. Fewer inducing inputs avoid this. "
+                f"{INFERENCE}",
                 JitterWarning,
             )
 
@@ -123,7 +125,7 @@ def _factorise(K):
     raise NotPositiveDefiniteError(
         f"The covariance of the {len(K)} inducing inputs is not positive definite, "
         f"even with {jitter:.0e} of its mean added to the diagonal. Choose fewer "
-        "inducing inputs, or check them for extreme values."
+        f"inducing inputs, or check them for extreme values. {INFERENCE}"
     )
 
 

@@ -153,8 +153,7 @@ class SparsePosterior:
         Parameters
         ----------
         X : ndarray of shape (n_samples, n_features)
-            Inputs: few, for the arrays have as many numbers as the square of rank times
-            n_samples.
+            Inputs.
         factor : ndarray of shape (n_tasks, rank)
             F, which the posterior knows.
 
@@ -162,16 +161,19 @@ class SparsePosterior:
         -------
         means : ndarray of shape (rank, n_samples)
             Their posterior means at X.
-        halves : ndarray of shape (rank, rank * n_samples, n_samples)
-            C_a with cov(z_a, z_b) = delta_ab k^x(X, X) - C_a^T C_b.
+        halves : ndarray of shape (rank, n_halves, n_samples)
+            C_a with cov(z_a, z_b) = delta_ab k^x(X, X) - C_a^T C_b, where n_halves is
+            rank times the lesser of n_samples and n_inducing.
         """
         phi, (rank, n) = self.features.tile(X).phi, (factor.shape[1], len(X))
         inverse = self.covariances.inverse
+        if n > len(phi):  # of the weights: I - A^{-1}
+            told, n = -inverse.swapaxes(1, 2), len(phi)
+            np.einsum("aiai->ai", told)[...] += 1.0
+            return self.V @ phi, _root(told, rank, n) @ phi
         told = -np.einsum("ji,abjk,kl->aibl", phi, inverse, phi, optimize=True)
         np.einsum("aial->ail", told)[...] += phi.T @ phi
-        values, vectors = np.linalg.eigh(told.reshape(rank * n, rank * n))
-        half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
-        return self.V @ phi, half.reshape(-1, rank, n).swapaxes(0, 1)
+        return self.V @ phi, _root(told, rank, n)
 
     def _by_block(self, function, X, *parts):
         """``function(X, *parts)`` for blocks of rows, put together again."""
@@ -180,3 +182,10 @@ class SparsePosterior:
         return np.concatenate(
             [function(*(part[rows] for part in (X, *parts))) for rows in blocks]
         )
+
+
+def _root(A, rank, n):
+    """C_a of shape (n_halves, n) with C_a^T C_b = A_ab; negatives are rounding."""
+    values, vectors = np.linalg.eigh(A.reshape(rank * n, rank * n))
+    half = (vectors * np.sqrt(np.maximum(values, 0.0))).T
+    return half.reshape(-1, rank, n).swapaxes(0, 1)

@@ -21,7 +21,8 @@ from skmtgp.learning.nesting import nest
 
 EXACT_ROWS = 1100  # two levels from coarse to fine
 ROUNDS = 2  # of choosing inducing inputs
-GAIN = 1e-4  # nats a row under which a climb of the bound ends
+GAIN = 1e-4  # nats a row under which a climb of the bound ends, but
+MOST_GAIN = 10.0  # nats at most
 MOST_MOVES = 100  # of all inducing inputs, in a round
 NOISES = 6  # noise variances that are tried before the first climb
 RAISED = 100.0  # times the noise variance, before the second
@@ -41,11 +42,16 @@ def exact_part(pairs):
         Of EXACT_ROWS rows where inference is sparse.
     """
     return [
-        (data.drawn(min(EXACT_ROWS, len(data.y))), settings)
+        (data.drawn(exact_rows(len(data.y))), settings)
         if settings.inference == "sparse"
         else (data, settings)
         for data, settings in pairs
     ]
+
+
+def exact_rows(n):
+    """How many of n rows are learned from exactly."""
+    return min(n, EXACT_ROWS)
 
 
 def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
@@ -106,7 +112,8 @@ def climb_bounds(data, settings, forms, modes):
     modes : list of Mode
         Their values do not fall as the rank grows.
     """
-    settings = replace(settings, tol=max(settings.tol, GAIN * len(data.y)))
+    gain = min(GAIN * len(data.y), MOST_GAIN)
+    settings = replace(settings, tol=max(settings.tol, gain))
     best = None
     for _ in range(ROUNDS):
         begin = perf_counter()

@@ -20,6 +20,7 @@ from skmtgp import (
     _fitted,
     multitask,
 )
+from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import paper, problem, ranks
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
@@ -423,6 +424,17 @@ def test_too_few_iterations_are_reported():
     ):
         model.fit(*draw(n_outputs=2))
     assert 2 <= model.n_iter_ <= 12  # of six climbs
+
+
+def test_missing_digits_are_reported(monkeypatch):
+    def stalled(pairs, forms, **options):
+        modes = learn_ranks(pairs, forms, **options)
+        return [[m._replace(stalled=True) for m in of_output] for of_output in modes]
+
+    monkeypatch.setattr(multitask, "learn_ranks", stalled)
+    match = r"Learning of output \[1, 2\] ended for lack of digits.* See the user guide"
+    with pytest.warns(PrecisionWarning, match=match):
+        MultiTaskGPRegressor(rank=1).fit(*draw(n_outputs=2))
 
 
 @pytest.mark.filterwarnings("error")

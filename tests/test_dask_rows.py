@@ -401,9 +401,8 @@ class TestErrors:
 
     def test_other_partitions(self):
         X, y = on_dask(*draw(N))
-        with pytest.raises(
-            ValueError, match="X has 4 partitions and y 3.* See the user guide"
-        ):
+        match = r"X has 4 partitions and y 3.* See the user guide"
+        with pytest.raises(ValueError, match=match):
             clone(QUICK).fit(X, y[:-1])
         with pytest.raises(ValueError, match=r"In partition 3: .*inconsistent"):
             clone(QUICK).fit(X, y.rechunk({0: ROWS})[:-1])

@@ -125,6 +125,7 @@ OWN := likelihood memory prediction large_fit modes noisy_modes kronecker digits
 bench-own: $(VENV)/ready-to-bench
 	$(BIN)/python benchmarks/peers/own_run.py $(OWN)
 	$(BIN)/python benchmarks/growth.py
+	$(BIN)/python benchmarks/engines.py
 
 bench-short: $(VENV)/ready-to-bench bench-envs
 	$(COMPARE) --parts checks times fits --joints 4 --draws 0 --fit-sizes 280 \

@@ -542,7 +542,7 @@ class TestMemory:
     @pytest.mark.parametrize("inference", ["auto", "sparse"])
     def test_of_single_tasks_at_the_same_time(self, monkeypatch, inference):
         """Of 8 samples each: 3 tasks take three times what one takes."""
-        one, more = (3, 9) if inference == "auto" else (10, 26)
+        one, more = (3, 9) if inference == "auto" else (14, 38)
         model = SingleTaskGP(max_iter=0, inference=inference, n_jobs=3)
         monkeypatch.setattr(_memory, "available_memory", lambda: 8.0**3 * (more - 1))
         with pytest.raises(InsufficientMemoryError, match=r"3 times at once by n_jobs"):
@@ -574,10 +574,10 @@ class TestMemory:
             assert model._pairs(model._read(X, many))
 
     def test_of_sparse_inference(self, monkeypatch):
-        """Four for each climb and one for each output, of M + r^2 matrices."""
+        """Six for each climb and one for each output, of M + r^2 matrices."""
         model = PooledGP(inference="sparse", n_inducing=10, n_jobs=2, max_iter=0)
         n_tasks = len(np.unique(X[:, -1]))
-        needed = 8.0 * 10**2 * (4 * 2 + 2) * (n_tasks + 1)
+        needed = 8.0 * 10**2 * (6 * 2 + 2) * (n_tasks + 1)
         training = model._read(X, np.column_stack([Y, Y]))
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         assert model._pairs(training)

@@ -29,7 +29,8 @@ one thread.
 FITS = """\
 Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with
 the rank that BIC chooses. The bound is of the scaled targets. Fewer than m inducing
-inputs are used where the others have no variance left in double precision:
+inputs are used where the others have no variance left in double precision; a larger m
+then changes nothing:
 """
 
 TIMES = """\

@@ -1,5 +1,7 @@
 """The problems of the sparse models: inducing points, and where learning starts."""
 
+from dataclasses import replace
+
 import numpy as np
 from inducing import with_tasks
 from prepare import CLIMB, N_TASKS, START_NOISE, random_problem, to_parameters
@@ -11,8 +13,10 @@ from skmtgp.inference.inducing import greedy_variance
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.summarised import RAISED, exact_part
+from skmtgp.learning.summarised import begin_at, exact_part
 from skmtgp.task_covariance import leading_eigenvectors, low_rank
+
+LEAST_NOISE = 2.0 * NOISE[0]  # of a start
 
 
 class Prior:
@@ -56,13 +60,9 @@ def part_problem(problem, m):
 
 
 def learned_problem(problem, parameters, m):
-    """The same data: what has been learned is the start, and the points are new.
-
-    The noise variance is raised as skmtgp raises it, see `begin_at` there.
-    """
+    """The same data: what has been learned is the start, and the points are new."""
     F = leading_eigenvectors(parameters.K_rho, problem.F.shape[1])
-    raised = min(RAISED * parameters.noise, problem.start.noise)
-    start = parameters._replace(noise=np.maximum(raised, parameters.noise))
+    start = parameters._replace(noise=np.maximum(parameters.noise, LEAST_NOISE))
     return part_problem(problem._replace(F=F, start=start), m)
 
 
@@ -72,11 +72,11 @@ def greedy(prior, X, m):
 
 
 def start_of(train, m, rank, max_iter=CLIMB):
-    """The problem with the start from which the peers climb the bound.
+    """The problem with the start from which skmtgp climbs the bound.
 
-    As in skmtgp that is the mode of exact inference on some of the rows, where the
-    inducing inputs are chosen. Its noise variance is raised to where skmtgp holds it
-    up: at a bound, where that mode's may be, the peers' transforms have no gradient.
+    That is the mode of exact inference on some of the rows, where the inducing inputs
+    are chosen, with the noise variance that has the highest bound. It is kept off its
+    own lower bound, where the peers' transforms have no gradient.
     """
     kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, rank)
     data = Data(train.u, train.tasks, train.y, N_TASKS)
@@ -90,8 +90,13 @@ def start_of(train, m, rank, max_iter=CLIMB):
         inference="sparse",
     )
     (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
-    theta = settings.with_noise(mode.theta, form)
-    kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
-    F = F.reshape(N_TASKS, rank)
-    start = to_parameters(kernel, kernel_theta, F, np.exp(theta[-1]))
-    return part_problem(Problem(*train, F, start), m)
+
+    def problem_at(theta):
+        kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
+        F = F.reshape(N_TASKS, rank)
+        noise = np.maximum(np.exp(theta[-1]), LEAST_NOISE)
+        return Problem(*train, F, to_parameters(kernel, kernel_theta, F, noise))
+
+    problem = part_problem(problem_at(mode.theta), m)
+    theta = begin_at(replace(data, Z=problem.Z), settings, form, mode)
+    return problem._replace(start=problem_at(theta).start)

@@ -264,12 +264,13 @@ class TestMemory:
 
     def test_too_much_memory_of_the_rows_that_are_learned_exactly(self, monkeypatch):
         X, y = draw()
-        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 3 * len(y) ** 2)
+        needed = 8.0 * 3 * len(y) ** 2
+        monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         model = MultiTaskGPRegressor(
             rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
         )
         assert model.fit(X, y).inference_ == "sparse"
-        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 3 * len(y))
+        monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
         with pytest.raises(InsufficientMemoryError, match="Sparse inference with"):
             model.fit(X, y)
 
@@ -394,6 +395,25 @@ def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     others = np.linspace(few.theta, held, summarised.NOISES)
     assert value(begun) == max(map(value, others))
     assert (begun[1] == held[1]) == (noise > 0.0)
+
+
+@pytest.mark.parametrize(
+    ("gain", "tol", "expected"),
+    [(1e-3, 1e-2, 1e-3 * N), (1.0, 1e-2, 10.0), (1e-4, 0.5, 0.5), (1.0, 20.0, 20.0)],
+)
+def test_gain_under_which_climbs_of_the_bound_end(
+    coarse, monkeypatch, gain, tol, expected
+):
+    tols, climb = [], summarised.climb
+
+    def told(data, settings, *arguments):
+        tols.append(settings.tol)
+        return climb(data, settings, *arguments)
+
+    monkeypatch.setattr(summarised, "GAIN", gain)
+    monkeypatch.setattr(summarised, "climb", told)
+    PooledGP(**SPARSE | {"tol": tol, "max_iter": 1}).fit(*draw())
+    assert_allclose(tols, [expected] * summarised.ROUNDS)
 
 
 @pytest.mark.parametrize(

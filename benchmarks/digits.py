@@ -28,8 +28,8 @@ V, N, SEEDS, NOISES = 900.0, (60, 120), range(3), (1e-6, 1e-8, 1e-10)
 LENGTHS, DIMENSIONS = (0.5, 1.0, 2.0, 3.0), (1, 2)
 HEAD = "   n  sigma^2  draws  method         nats below    above  units below  above"
 METHODS = {
-    "dense": lambda *data: DenseLikelihood(*data),
-    "kronecker": lambda *data: KroneckerLikelihood(*data),
+    "dense": DenseLikelihood,
+    "kronecker": KroneckerLikelihood,
     "sparse, all": lambda *data: SparseBound(*data, data[2]),
     "sparse, found": lambda *data: SparseBound(*data, found(data[2])),
 }

@@ -42,10 +42,11 @@ MEMORY = "Its peak memory, MiB over what the loaded package takes:\n"
 
 PEERS = """\
 Fits for a budget of time, from the same start: the mode of exact inference on 1100 of
-the samples, which the peers get for nothing and which counts in skmtgp's time. The
-peers' bounds and errors are those of a plain implementation at their parameters. All
-choose their inducing points twice, the peers after half of the time. skmtgp ends by
-itself:
+the samples, which the peers get for nothing and which counts in skmtgp's time. Their
+noise variance begins at 2e-10 at least: bounds are higher where it is lower, and tell
+little of the fits. The peers' bounds and errors are those of a plain implementation at
+their parameters. All choose their inducing points twice, the peers after half of the
+time. skmtgp ends by itself:
 """
 
 CHECKS = """\

@@ -20,7 +20,9 @@ CONTROLS = [  # of a control group: limit, use, files within that can be let go
 ]
 
 
-def check_memory(n_rows, n_factors, inference="dense", *, n_climbs=1, why=""):
+def check_memory(
+    n_rows, n_factors, inference="dense", *, n_climbs=1, why="", alone=False
+):
     """Raise an InsufficientMemoryError where the covariances cannot be held.
 
     Parameters
@@ -35,14 +37,18 @@ def check_memory(n_rows, n_factors, inference="dense", *, n_climbs=1, why=""):
         Climbs at the same time.
     why : str, default=""
         What the method was chosen for, if there is something to say about it.
+    alone : bool, default=False
+        Whether the rows are of one task already.
     """
+    fewer_jobs = "lower n_jobs, " if n_climbs > 1 else ""
+    single = "" if alone else "a SingleTaskGP, whose matrices are of one task each, or "
     _check(
         8.0 * n_rows**2 * max(MATRICES[inference] * n_climbs, n_factors),
         f"Exact inference with {n_rows} {ROWS[inference]}{_at_a_time(n_climbs)}",
         f"{why} "
-        "Set inference='sparse', which approximates by inducing inputs, fit fewer "
-        "samples, or a SingleTaskGP, whose matrices are of one task each, or a "
-        "BayesianLinearRegression, which has none.",
+        "Set inference='sparse', which approximates by inducing inputs, "
+        f"{fewer_jobs}fit fewer samples, or {single}"
+        "a BayesianLinearRegression, which has none.",
     )
 
 

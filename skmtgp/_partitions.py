@@ -59,7 +59,7 @@ def check_partitions(estimator, X, y):
     kept = [(part, n) for part, (n, _) in zip(parts, described, strict=True) if n]
     if not kept:
         raise ValueError("X has no rows: give at least 1.")
-    tasks = _union([labels for n, labels in described if n])
+    tasks = _union({i: labels for i, (n, labels) in enumerate(described) if n})
     arrays = _assemble(kept, tasks, header.shape[1] - 1, y.shape[1:])
     features, codes, Y = dask.persist(*arrays)
     warn_of_training(features, tasks, Y)
@@ -124,14 +124,21 @@ def _describe(part):
 
 
 def _union(labels):
-    """The labels of all partitions, sorted."""
-    kinds = sorted({of_part.dtype.kind.replace("u", "i") for of_part in labels})
-    if len(kinds) > 1:
-        raise ValueError(
-            "Task labels must all be integers or all be strings, but the partitions "
-            f"have them of the kinds {kinds}."
+    """The labels of all partitions, sorted; `labels` has each partition's."""
+    first = {}
+    for i, of_part in labels.items():
+        kind = {"U": "strings", "b": "booleans"}.get(of_part.dtype.kind, "integers")
+        first.setdefault(kind, (i, of_part[0]))
+    if len(first) > 1:
+        where = " and ".join(
+            f"{kind} in partition {i}, such as {label!r}"
+            for kind, (i, label) in first.items()
         )
-    return np.unique(np.concatenate(labels))
+        raise ValueError(
+            f"Task labels must all be integers or all be strings, but are {where}. "
+            "Convert the column of the task."
+        )
+    return np.unique(np.concatenate(list(labels.values())))
 
 
 def _assemble(parts, tasks, n_features, shape):

@@ -217,7 +217,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             )
         else:
             method = "kronecker" if self.inference == "kronecker" else "dense"
-            check_memory(n, n_outputs, method, n_climbs=n_climbs)
+            check_memory(n, n_outputs, method, n_climbs=n_climbs, alone=True)
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""

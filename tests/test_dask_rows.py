@@ -452,7 +452,8 @@ class TestErrors:
         X, y = draw(N)
         X = X.astype(object)
         X[:150, 2] = "a"
-        with pytest.raises(ValueError, match=r"of the kinds \['U', 'i'\]"):
+        match = r"strings in partition 0, such as np.str_\('a'\) and integers in part"
+        with pytest.raises(ValueError, match=match):
             clone(QUICK).fit(*on_dask(X, y))
 
     def test_no_rows(self):

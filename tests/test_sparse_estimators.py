@@ -253,6 +253,25 @@ class TestAddTask:
         extended = model.add_task(X[~known], y[~known])
         assert len(extended.inducing_inputs_) <= 40
 
+    @pytest.mark.parametrize(
+        "options", [{"noise": "per_task"}, {"diagonal": True}, {"learning": "staged"}]
+    )
+    def test_novel_task_where_all_inputs_are_inducing(self, options):
+        """It is the novel task of exact inference."""
+        X, y = draw(80)
+        novel = X[:, 2] == 2
+        found = []
+        for inference in ("sparse", "dense"):
+            model = MultiTaskGPRegressor(rank=1, max_iter=0, **options)
+            model.set_params(inference=inference, n_inducing=len(y))
+            model.fit(X[~novel], y[~novel]).set_params(max_iter=100)
+            found.append(model.add_task(X[novel], y[novel]))
+        assert_allclose(*(model.theta_ for model in found), rtol=1e-5, atol=1e-5)
+        pairs = (model.predict(X, return_std=True) for model in found)
+        means, stds = zip(*pairs, strict=True)
+        assert_allclose(*means, rtol=1e-5, atol=1e-5)
+        assert_allclose(*stds, rtol=1e-5)
+
 
 class TestMemory:
     def test_that_cannot_suffice(self, monkeypatch):

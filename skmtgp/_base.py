@@ -35,7 +35,6 @@ from skmtgp._training import (
 from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
 from skmtgp.inference.choice import choose, why_dense
 from skmtgp.inference.inducing import check_differentiable
-from skmtgp.learning.summarised import exact_rows
 
 MANY = 5000  # rows, whose dense inference takes long
 
@@ -53,6 +52,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         "inference": [StrOptions({"auto", "dense", "kronecker", "sparse"})],
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
+        "n_exact": [Interval(Integral, 1, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
         "n_jobs": [Integral, None],
@@ -160,6 +160,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             verbose=self.verbose,
             n_inducing=self.n_inducing,
             inducing_inputs=self.inducing_inputs,
+            n_exact=self.n_exact,
         )
         return list(pairs)
 
@@ -190,7 +191,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             self._rank(n_tasks),
             n_outputs * n_kept,
             n_climbs=at_a_time(self.n_jobs, n_outputs),
-            n_exact=exact_rows(n),
+            n_exact=min(n, self.n_exact),
             n_exact_climbs=at_a_time(self.n_jobs, n_outputs * self._n_climbs(n_ranks)),
         )
         if self.inducing_inputs == "optimised":

@@ -81,7 +81,7 @@ def check_sparse_memory(
         8.0 * max(of_bound, MATRICES["dense"] * n_exact_climbs * n_exact**2),
         f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
         f"{rank}{_at_a_time(n_climbs)}",
-        "Take fewer inducing inputs, a lower rank, or a lower n_jobs.",
+        "Take fewer inducing inputs, a lower rank, n_exact or n_jobs.",
     )
 
 

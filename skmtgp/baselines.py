@@ -36,6 +36,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
+        n_exact: int = 1100,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -51,6 +52,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
+        self.n_exact = n_exact
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
@@ -122,6 +124,11 @@ class IndependentGP(_FixedTaskCovarianceGP):
         "greedy" to where the bound is higher, which takes longer and needs a kernel
         whose derivative by its inputs is known. From more than 20,000 rows the first
         choice is among as many of them, drawn at random.
+    n_exact : int, default=1100
+        Number of samples, drawn at random, that are learned from exactly before the
+        bound is, only for "sparse". Without noise it is from them that most is learned
+        of the kernel: more take time with the cube of their number, and memory with
+        its square.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -249,6 +256,11 @@ class PooledGP(_FixedTaskCovarianceGP):
         "greedy" to where the bound is higher, which takes longer and needs a kernel
         whose derivative by its inputs is known. From more than 20,000 rows the first
         choice is among as many of them, drawn at random.
+    n_exact : int, default=1100
+        Number of samples, drawn at random, that are learned from exactly before the
+        bound is, only for "sparse". Without noise it is from them that most is learned
+        of the kernel: more take time with the cube of their number, and memory with
+        its square.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2

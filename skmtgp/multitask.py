@@ -82,6 +82,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "greedy" to where the bound is higher, which takes longer and needs a kernel
         whose derivative by its inputs is known. From more than 20,000 rows the first
         choice is among as many of them, drawn at random.
+    n_exact : int, default=1100
+        Number of samples, drawn at random, that are learned from exactly before the
+        bound is, only for "sparse". Without noise it is from them that most is learned
+        of the kernel: more take time with the cube of their number, and memory with
+        its square.
     learning : {"annealed", "staged", "simultaneous"}, default="annealed"
         How the mode is searched for. "annealed" finds the best ones; "staged" is the
         heuristic of the paper's section 3 to the letter; "simultaneous" learns all
@@ -232,6 +237,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
+        n_exact: int = 1100,
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
@@ -252,6 +258,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
+        self.n_exact = n_exact
         self.learning = learning
         self.truncation = truncation
         self.n_restarts_optimizer = n_restarts_optimizer

@@ -21,7 +21,6 @@ from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
 from skmtgp._training import check_theta, check_training
 from skmtgp.baselines import PooledGP
-from skmtgp.learning.summarised import exact_rows
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
@@ -62,6 +61,11 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         "greedy" to where the bound is higher, which takes longer and needs a kernel
         whose derivative by its inputs is known. From more than 20,000 rows the first
         choice is among as many of them, drawn at random.
+    n_exact : int, default=1100
+        Number of samples of each task, drawn at random, that are learned from exactly
+        before the bound is, only for "sparse". Without noise it is from them that most
+        is learned of the kernel: more take time with the cube of their number, and
+        memory with its square.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -139,6 +143,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
+        n_exact: int = 1100,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -152,6 +157,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
+        self.n_exact = n_exact
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
@@ -212,7 +218,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
                 1,
                 n_outputs,
                 n_climbs=n_climbs,
-                n_exact=exact_rows(n),
+                n_exact=min(n, self.n_exact),
                 n_exact_climbs=n_climbs,
             )
         else:

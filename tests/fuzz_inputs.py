@@ -241,6 +241,7 @@ def common_params(rng, problem):
         "inference": pick(rng, ["auto", "auto", "auto" if has_noise else "sparse"]),
         "n_inducing": pick(rng, [1, 3, 10, 500]),
         "inducing_inputs": pick(rng, ["greedy", "k-means", "optimised"]),
+        "n_exact": pick(rng, [1, 7, 1100, 1100]),
         "max_iter": pick(rng, [0, 1, 3, 10, 30]),
         "tol": 10.0 ** rng.uniform(-4, 1),
     }

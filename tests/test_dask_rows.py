@@ -65,12 +65,6 @@ def without_cluster(request):
             yield
 
 
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch):
-    """Fewer rows are learned from exactly than there are."""
-    monkeypatch.setattr(summarised, "EXACT_ROWS", 60)
-
-
 def on_dask(X, y, rows=ROWS):
     """The same as Dask arrays, y in other chunks."""
     X = da.from_array(X, chunks=(rows, X.shape[1]))
@@ -172,6 +166,7 @@ class TestFit:
         """What rounding grows to in a whole fit: measured 8e-12 and 6e-10 at most."""
         X, y = draw(N, n_outputs=n_outputs)
         model = MultiTaskGPRegressor(rank=2, inference="sparse", n_inducing=20)
+        model.set_params(n_exact=60)
         found, expected = clone(model).fit(*on_dask(X, y)), model.fit(X, y)
         values = (of.log_marginal_likelihood_value_ for of in (found, expected))
         assert_allclose(*values, rtol=0.0, atol=1e-9)
@@ -501,7 +496,7 @@ def test_nothing_is_collected(monkeypatch):
     n, d = 20_000, 12
     X = da.random.default_rng(0).standard_normal((n, d), chunks=(n // 4, d))
     X, y = da.concatenate([X, X[:, :1] > 0.0], axis=1), da.sin(X[:, 1])
-    model = MultiTaskGPRegressor(rank=1, inference="sparse", n_inducing=5, max_iter=0)
+    model = MultiTaskGPRegressor(rank=1, **SPARSE | {"n_inducing": 5, "max_iter": 0})
     model.fit(X, y)
     assert model.inference_ == "sparse"
     assert max(sizes) < 300 * 8 * (d + 1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import textbook
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from sklearn import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, WhiteKernel
@@ -48,7 +48,7 @@ def draw(n=N, seed=0, n_outputs=None):
     return np.column_stack([x, tasks]), y
 
 
-SPARSE = {"inference": "sparse", "n_inducing": 20, "max_iter": 15}
+SPARSE = {"inference": "sparse", "n_inducing": 20, "n_exact": 60, "max_iter": 15}
 GPS = {
     "MultiTaskGPRegressor": MultiTaskGPRegressor(rank=2, **SPARSE),
     "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **SPARSE),
@@ -62,15 +62,9 @@ GPS = {
 each = pytest.mark.parametrize("model", GPS.values(), ids=GPS.keys())
 
 
-@pytest.fixture
-def coarse(monkeypatch):
-    """Fewer rows are learned from exactly than there are."""
-    monkeypatch.setattr(summarised, "EXACT_ROWS", 60)
-
-
 @each
 class TestFit:
-    def test_bound_is_below_the_likelihood(self, model, coarse):
+    def test_bound_is_below_the_likelihood(self, model):
         X, y = draw()
         sparse = clone(model).fit(X, y)
         exact = clone(model).set_params(inference="dense", max_iter=0).fit(X, y)
@@ -95,7 +89,7 @@ class TestFit:
 
     def test_order_of_rows_does_not_matter(self, model):
         X, y = draw()
-        model = clone(model).set_params(max_iter=0, n_inducing=N)
+        model = clone(model).set_params(max_iter=0, n_inducing=N, n_exact=N)
         order = np.random.default_rng(1).permutation(N)
         one, other = model.fit(X, y), clone(model).fit(X[order], y[order])
         assert_allclose(
@@ -112,7 +106,7 @@ class TestFit:
         for a, b in zip(one.loo_predict(), other.loo_predict(), strict=True):
             assert_allclose(a[order], b, rtol=1e-6, atol=1e-8)
 
-    def test_predicts(self, model, coarse):
+    def test_predicts(self, model):
         X, y = draw(300)
         model = clone(model).set_params(n_inducing=40, max_iter=200).fit(X, y)
         X_new, y_new = draw(200, seed=1)
@@ -147,7 +141,7 @@ def test_single_tasks():
 
 
 class TestRankSearch:
-    def test_likelihood_does_not_fall_with_the_rank(self, coarse):
+    def test_likelihood_does_not_fall_with_the_rank(self):
         search = RankSearchIC(MultiTaskGPRegressor(**SPARSE), ranks=(1, 2, 3))
         search.set_params(keep_estimators=True).fit(*draw())
         values = search.results_["log_marginal_likelihood"]
@@ -156,9 +150,9 @@ class TestRankSearch:
         assert_allclose(found, values, rtol=1e-9)
         first, *others = (m.inducing_inputs_ for m in search.estimators_)
         for other in others:
-            np.testing.assert_array_equal(first, other)
+            assert_array_equal(first, other)
 
-    def test_progress(self, coarse, capsys):
+    def test_progress(self, capsys):
         model = MultiTaskGPRegressor(rank=1, verbose=1, **SPARSE)
         model.set_params(max_iter=1).fit(*draw())
         assert "bound on the log marginal likelihood" in capsys.readouterr().out
@@ -232,7 +226,7 @@ class TestAddTask:
         assert_allclose(found[0], expected[0], rtol=1e-5)
         assert_allclose(found[1], expected[1], rtol=1e-4)
 
-    def test_a_novel_task(self, coarse):
+    def test_a_novel_task(self):
         X, y = draw(400)
         known, novel = X[:, 2] < 2, np.flatnonzero(X[:, 2] == 2)
         model = MultiTaskGPRegressor(rank=2, **SPARSE | {"max_iter": 200})
@@ -243,7 +237,7 @@ class TestAddTask:
         assert np.mean((mean - y[novel]) ** 2) < 0.2 * y[novel].var()
         assert extended.inference_ == "sparse"
         assert 50 <= len(extended.inducing_inputs_) <= 60
-        np.testing.assert_array_equal(model.predict(X[known]), before)
+        assert_array_equal(model.predict(X[known]), before)
 
     def test_a_large_novel_task(self):
         """It does not get more inducing inputs than the others have."""
@@ -283,7 +277,7 @@ class TestMemory:
 
     def test_too_much_memory_of_the_rows_that_are_learned_exactly(self, monkeypatch):
         X, y = draw()
-        needed = 8.0 * 3 * len(y) ** 2
+        needed = 8.0 * 3 * SPARSE["n_exact"] ** 2
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         model = MultiTaskGPRegressor(
             rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
@@ -305,7 +299,7 @@ class TestMemory:
         with pytest.raises(InsufficientMemoryError, match=match):
             model.add_task(new, np.zeros(200))
 
-    def test_proposed_where_exact_inference_does_not_fit(self, monkeypatch, coarse):
+    def test_proposed_where_exact_inference_does_not_fit(self, monkeypatch):
         X, y = draw()
         needed = 8.0 * 3 * len(y) ** 2
         monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
@@ -326,7 +320,7 @@ class TestMemory:
         ],
     )
     def test_a_file_is_read_in_blocks(
-        self, tmp_path, monkeypatch, coarse, position, choice, binary
+        self, tmp_path, monkeypatch, position, choice, binary
     ):
         """Also where the tasks' numbers and the first feature might be complete."""
         for choose in (inducing.greedy_variance, inducing.k_means):
@@ -345,6 +339,7 @@ class TestMemory:
             task_feature=position,
             inference="sparse",
             n_inducing=5,
+            n_exact=60,
             inducing_inputs=choice,
             max_iter=0,
         )
@@ -365,14 +360,14 @@ class TestMemory:
         )
 
 
-def test_the_rows_are_pickled_once(tmp_path, coarse):
+def test_the_rows_are_pickled_once(tmp_path):
     n, d = 5000, 12
     rng = np.random.default_rng(0)
     X = np.column_stack([rng.standard_normal((n, d)), rng.integers(0, M, n)])
     y = np.column_stack([np.sin(X[:, 0]), np.cos(X[:, 1])])
     np.save(tmp_path / "X.npy", X)
     model = MultiTaskGPRegressor(
-        RBF(np.full(d, 3.0)), rank=1, inference="sparse", n_inducing=5, max_iter=0
+        RBF(np.full(d, 3.0)), rank=1, **SPARSE | {"n_inducing": 5, "max_iter": 0}
     )
     for of in (X, np.load(tmp_path / "X.npy", mmap_mode="r")):
         model.fit(of, y[:, 0])
@@ -420,9 +415,7 @@ def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     ("gain", "tol", "expected"),
     [(1e-3, 1e-2, 1e-3 * N), (1.0, 1e-2, 10.0), (1e-4, 0.5, 0.5), (1.0, 20.0, 20.0)],
 )
-def test_gain_under_which_climbs_of_the_bound_end(
-    coarse, monkeypatch, gain, tol, expected
-):
+def test_gain_under_which_climbs_of_the_bound_end(monkeypatch, gain, tol, expected):
     tols, climb = [], summarised.climb
 
     def told(data, settings, *arguments):
@@ -447,7 +440,7 @@ def test_the_second_climb_begins_with_a_little_more_noise(noise, expected):
     assert_allclose(np.exp(begun), [1.0, expected])
 
 
-def test_inducing_inputs_follow_the_kernel(coarse):
+def test_inducing_inputs_follow_the_kernel():
     X, y = draw()
     model = PooledGP(RBF([1.0, 1.0]), **SPARSE).fit(X, y)
     assert {tuple(z) for z in model.inducing_inputs_} <= {tuple(x) for x in X[:, :2]}
@@ -479,19 +472,19 @@ class TestInducingInputs:
         model.fit(X, y)
         mean = model.predict(X)
         assert np.isfinite(mean).all()
-        np.testing.assert_array_equal(again.predict(X), mean)
+        assert_array_equal(again.predict(X), mean)
         assert_allclose(pickle.loads(pickle.dumps(model)).predict(X), mean, rtol=0.0)
 
-    def test_greedy(self, coarse):
+    def test_greedy(self):
         """As before there was a choice."""
         X, y = draw()
         model = PooledGP(RBF([1.0, 1.0]), **SPARSE)
         assert model.inducing_inputs == "greedy"
         model.set_params(max_iter=0).fit(X, y)
         expected = greedy_variance(model.kernel_, X[:, :2], 20)
-        np.testing.assert_array_equal(model.inducing_inputs_, expected)
+        assert_array_equal(model.inducing_inputs_, expected)
 
-    def test_k_means_in_any_units(self, coarse):
+    def test_k_means_in_any_units(self):
         X, y = draw()
         model = PooledGP(inducing_inputs="k-means", **SPARSE).set_params(max_iter=0)
         Z, units = model.fit(X, y).inducing_inputs_, [1.0, 1024.0, 1.0]
@@ -507,7 +500,7 @@ class TestInducingInputs:
         model.set_params(n_inducing=200).fit(X, y)
         assert len(model.inducing_inputs_) < 50
 
-    def test_optimised_raises_the_bound(self, coarse):
+    def test_optimised_raises_the_bound(self):
         X, y = noisy()
         greedy = MultiTaskGPRegressor(rank=1, normalize_y=False, **SPARSE)
         greedy.set_params(n_inducing=12, max_iter=100)
@@ -545,9 +538,9 @@ class TestInducingInputs:
         X, y = noisy()
         greedy = PooledGP(RBF(1.0), **SPARSE).set_params(max_iter=0).fit(X, y)
         moved = clone(greedy).set_params(inducing_inputs="optimised").fit(X, y)
-        np.testing.assert_array_equal(moved.inducing_inputs_, greedy.inducing_inputs_)
+        assert_array_equal(moved.inducing_inputs_, greedy.inducing_inputs_)
 
-    def test_rank_search(self, coarse):
+    def test_rank_search(self):
         model = MultiTaskGPRegressor(inducing_inputs="optimised", **SPARSE)
         search = RankSearchIC(model, ranks=(1, 2, 3), keep_estimators=True)
         X, y = draw(300)
@@ -559,7 +552,7 @@ class TestInducingInputs:
         first, *others = (m.inducing_inputs_ for m in search.estimators_)
         assert not {tuple(z) for z in first} <= {tuple(x) for x in X[:, :2]}
         for other in others:
-            np.testing.assert_array_equal(first, other)
+            assert_array_equal(first, other)
 
     def test_a_novel_task(self):
         X, y = draw(200)
@@ -602,7 +595,19 @@ def test_noise_of_the_kernel_is_refused():
         model.fit(*draw())
 
 
-@pytest.mark.parametrize("n_inducing", [0, -3, 2.5, "many"])
-def test_n_inducing_is_checked(n_inducing):
-    with pytest.raises(ValueError, match="n_inducing"):
-        PooledGP(inference="sparse", n_inducing=n_inducing).fit(*draw())
+@pytest.mark.parametrize("name", ["n_inducing", "n_exact"])
+@pytest.mark.parametrize("value", [0, -3, 2.5, "many"])
+def test_numbers_are_checked(name, value):
+    with pytest.raises(ValueError, match=name):
+        PooledGP(inference="sparse", **{name: value}).fit(*draw())
+
+
+@pytest.mark.parametrize(("n_exact", "least"), [(1, 3), (40, 40), (1100, N)])
+def test_rows_that_are_learned_from_exactly(n_exact, least):
+    """Of each task its share, rounded up."""
+    gp = PooledGP(**SPARSE | {"n_exact": n_exact})
+    pairs = gp._pairs(gp._read(*draw()))
+    [(part, _)] = summarised.exact_part(pairs)
+    assert least <= len(part.y) <= least + M - 1
+    assert_array_equal(np.unique(part.tasks), np.arange(M))
+    assert part.Z is None

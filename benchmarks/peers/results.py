@@ -15,7 +15,9 @@ KEYS = {
     "fits": ("package", "settings", "n", "joint", "draw"),
     "timings": ("package", "settings", "n"),
     "checks": ("package", "settings", "n", "joint", "draw"),
-    "sparse_fits": ("n", "m", "rank", "joint", "draw", "noise_floor"),
+    "sparse_fits": (
+        *("n", "m", "n_exact", "ranks", "rank", "joint", "draw", "noise_floor"),
+    ),
     "sparse_timings": ("package", "settings", "n", "m"),
     "sparse_peers": ("package", "settings", "n", "m", "rank", "joint", "draw"),
     "sparse_checks": ("package", "settings", "n", "m", "joint", "draw"),
@@ -44,7 +46,8 @@ class Table:
 
     def key(self, row):
         """What identifies a row."""
-        return tuple(row[name] for name in self.key_names)
+        values = (row[name] for name in self.key_names)
+        return tuple(tuple(v) if isinstance(v, list) else v for v in values)
 
     def append(self, row):
         """Add a row, to the file at once."""

@@ -3,9 +3,11 @@
 ``python benchmarks/peers/sparse_fits.py`` learns 14 loads x 4000 samples, joint by
 joint, through the public interface, and measures the errors on the whole interpolation
 and extrapolation sets. The data have no noise: how far its variance may fall is
-``--noise-floor``, by default that of the estimators. Each fit has a process of its own,
-whose memory is measured before the test sets are read; what is there is not measured
-again. ``--short`` takes seconds, and its results are in benchmarks/.short.
+``--noise-floor``, by default that of the estimators. ``--search`` learns all ranks in
+one `RankSearchIC`, as exact inference in the paper's experiments, each rank with a row
+of its own; else each is learned alone. Each fit has a process of its own, whose memory
+is measured before the test sets are read; what is there is not measured again.
+``--short`` takes seconds, and its results are in benchmarks/.short.
 """
 
 import argparse
@@ -21,10 +23,11 @@ from adapter import peak_mib
 from problem import NOISE
 from results import RESULTS, Table, commit, write_machine
 from run import command_line
+from sklearn.pipeline import make_pipeline
 from threadpoolctl import threadpool_limits
 
 import skmtgp
-from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
+from skmtgp import MultiTaskGPRegressor, RankSearchIC, make_inverse_dynamics_regressor
 from skmtgp.datasets import fetch_puma560
 from skmtgp.metrics import normalized_mean_squared_error
 
@@ -34,27 +37,39 @@ SHORT = {"n_per_load": 20, "m": [20], "joints": [4], "max_iter": 20, "test_rows"
 
 
 def fit(key, arguments):
-    """One fit: what it took, what it found, its errors."""
+    """One fit: of each rank what all took, what it found, its errors."""
     threadpool_limits(arguments.threads)
     X, y = rows("train", key, arguments.n_per_load)
+    ranks = key["ranks"]
     model = MultiTaskGPRegressor(
-        rank=key["rank"],
+        rank=ranks[-1],
         inference="sparse",
         n_inducing=key["m"],
+        n_exact=key["n_exact"],
         noise_variance_bounds=(key["noise_floor"], NOISE[1]),
         max_iter=arguments.max_iter,
     )
+    if len(ranks) > 1:
+        model = RankSearchIC(model, ranks=ranks, keep_estimators=True)
     wall, processor = time.perf_counter(), time.process_time()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         pipeline = make_inverse_dynamics_regressor(model).fit(X, y)
-    report = {
+    spent = {
         "wall_seconds": time.perf_counter() - wall,
         "processor_seconds": time.process_time() - processor,
         "peak_mib": peak_mib(),
         "warned": sorted({warning.category.__name__ for warning in caught}),
     }
-    return report | facts(pipeline[-1]) | errors(pipeline, key, arguments.test_rows)
+    features, fitted = pipeline
+    models = fitted.estimators_ if len(ranks) > 1 else [fitted]
+    return [
+        {"rank": rank}
+        | spent
+        | facts(model)
+        | errors(make_pipeline(features, model), key, arguments.test_rows)
+        for rank, model in zip(ranks, models, strict=True)
+    ]
 
 
 def rows(subset, key, n_per_load):
@@ -78,6 +93,7 @@ def facts(model):
         "n_inducing": len(model.inducing_inputs_),
         "n_iter": int(model.n_iter_),
         "n_evaluations": int(model.n_evaluations_),
+        "n_hyperparameters": model.n_hyperparameters_,
     }
 
 
@@ -108,6 +124,8 @@ def parse():
     add("--n-per-load", type=int, default=4000)
     add("--m", nargs="+", type=int, default=[500, 1000, 1500], help="inducing inputs")
     add("--rank", nargs="+", type=int, default=[5])
+    add("--search", action="store_true", help="all ranks together, by RankSearchIC")
+    add("--n-exact", nargs="+", type=int, default=[1100], help="rows learned exactly")
     add("--draw", type=int, default=0)
     add("--noise-floor", nargs="+", type=float, default=[NOISE[0]], help="variance")
     add("--threads", type=int, default=1)
@@ -133,20 +151,24 @@ def main():
     versions = {"skmtgp": skmtgp.__version__} | {p: version(p) for p in packages}
     table = Table("sparse_fits", arguments.results)
     n = len(LOADS) * arguments.n_per_load
+    together = sorted(arguments.rank)
     keys = [
-        {"n": n, "m": m, "rank": rank, "joint": joint, "draw": arguments.draw}
-        | {"noise_floor": floor}
+        {"n": n, "m": m, "n_exact": n_exact, "ranks": ranks, "joint": joint}
+        | {"draw": arguments.draw, "noise_floor": floor}
         for floor in arguments.noise_floor
         for m in arguments.m
-        for rank in arguments.rank
+        for n_exact in arguments.n_exact
+        for ranks in ([together] if arguments.search else [[r] for r in together])
         for joint in arguments.joints
     ]
     for key in keys:
-        if table.key(key) in table.rows and not arguments.redo:
+        last = table.key({**key, "rank": key["ranks"][-1]})
+        if last in table.rows and not arguments.redo:
             continue
-        report = alone(fit, key, arguments) | told
-        report |= {"versions": versions, "commit": commit(), "command": command}
-        print(table.append({**key, **report}), flush=True)
+        for report in alone(fit, key, arguments):
+            row = {**key, **report, **told}
+            row |= {"versions": versions, "commit": commit(), "command": command}
+            print(table.append(row), flush=True)
 
 
 if __name__ == "__main__":

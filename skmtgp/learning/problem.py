@@ -141,6 +141,8 @@ class Settings:
         Inducing inputs of sparse inference.
     inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
         Which they are.
+    n_exact : int, default=0
+        Rows that are learned from exactly before.
     """
 
     kernel: Kernel
@@ -155,6 +157,7 @@ class Settings:
     inference: str = "dense"
     n_inducing: int = 0
     inducing_inputs: str = "greedy"
+    n_exact: int = 0
 
     @property
     def log_held(self):

@@ -19,7 +19,6 @@ from skmtgp.inference.inducing import greedy_variance, k_means, optimised
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 
-EXACT_ROWS = 1100  # two levels from coarse to fine
 ROUNDS = 2  # of choosing inducing inputs
 GAIN = 1e-4  # nats a row under which a climb of the bound ends, but
 MOST_GAIN = 10.0  # nats at most
@@ -39,19 +38,14 @@ def exact_part(pairs):
     Returns
     -------
     pairs : list of (Data, Settings)
-        Of EXACT_ROWS rows where inference is sparse.
+        Of `n_exact` rows where inference is sparse.
     """
     return [
-        (data.drawn(exact_rows(len(data.y))), settings)
+        (data.drawn(min(settings.n_exact, len(data.y))), settings)
         if settings.inference == "sparse"
         else (data, settings)
         for data, settings in pairs
     ]
-
-
-def exact_rows(n):
-    """How many of n rows are learned from exactly."""
-    return min(n, EXACT_ROWS)
 
 
 def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):

@@ -128,7 +128,7 @@ def _union(labels):
     first = {}
     for i, of_part in labels.items():
         kind = {"U": "strings", "b": "booleans"}.get(of_part.dtype.kind, "integers")
-        first.setdefault(kind, (i, of_part[0]))
+        first.setdefault(kind, (i, of_part[0].item()))
     if len(first) > 1:
         where = " and ".join(
             f"{kind} in partition {i}, such as {label!r}"

@@ -26,7 +26,10 @@ the whole interpolation and extrapolation sets. Times are the processor's where 
 one thread.
 """
 
-DEFAULTS = 1100, (5,)  # n_exact and the ranks of a fit of one rank, which is as it comes
+DEFAULTS = (
+    1100,
+    (5,),
+)  # n_exact and the ranks of a fit of one rank, which is as it comes
 
 FITS = """\
 Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with

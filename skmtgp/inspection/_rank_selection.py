@@ -104,7 +104,8 @@ class RankSelectionDisplay(Display):
         )
         several = len(names) > 1
         self.lines_ = [self._draw(name, k, several) for k, name in enumerate(names)]
-        if several:
+        largest = max((np.max(line.get_ydata()) for line in self.lines_), default=0.0)
+        if several and largest > CLEAR:
             ax.set_yscale("symlog", linthresh=CLEAR)
         ax.set_ylabel("criterion less its minimum" if several else names[0].upper())
         ax.set_xticks(np.asarray(self.results["rank"]))

@@ -117,6 +117,8 @@ SPARSE_FITS := $(BIN)/python benchmarks/peers/sparse_fits.py
 bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
 	$(BIN)/python benchmarks/sparse_growth.py
 	$(SPARSE_FITS) $(SPARSEFLAGS)
+	$(SPARSE_FITS) --m 500 --n-exact 2800 --rank 4 5 --search $(SPARSEFLAGS)
+	$(BIN)/python benchmarks/peers/own_run.py more_rows
 	$(SPARSE) --parts checks times fits
 	$(PAGE)
 

@@ -139,12 +139,7 @@ def own_section(folder):
     reached = own_goals(folder)
     text = [goals_table(reached)] if reached else []
     for name, title in OWN.items():
-        path = folder / f"{name}.txt"
-        if path.exists():
-            text += [f"{title} (`python benchmarks/{name}.py`):\n"]
-            lines = path.read_text().strip("\n").split("\n")
-            printed = "\n".join(map(folded, lines))
-            text += [f"```text\n{printed}\n```\n"]
+        text += printed(folder, name, title)
     if (folder / "growth.csv").exists():
         text += [
             "Time and memory as the work grows, on one thread "
@@ -152,6 +147,15 @@ def own_section(folder):
             "![time and memory as the work grows](images/growth.png)\n",
         ]
     return ["## The engine alone\n", *text] if text else []
+
+
+def printed(folder, name, title):
+    """What a benchmark printed, if it was run."""
+    path = folder / f"{name}.txt"
+    if not path.exists():
+        return []
+    lines = "\n".join(map(folded, path.read_text().strip("\n").split("\n")))
+    return [f"{title} (`python benchmarks/{name}.py`):\n", f"```text\n{lines}\n```\n"]
 
 
 def folded(line):
@@ -377,7 +381,7 @@ def main():
         *timings_section(timings),
         *fits_section(fits),
         *errors_section(fits),
-        *sparse.section(table, number),
+        *sparse.section(table, number, printed),
         *own_section(arguments.results),
         METHOD,
         *jitter_section(fits),

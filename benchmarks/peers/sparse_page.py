@@ -26,10 +26,7 @@ the whole interpolation and extrapolation sets. Times are the processor's where 
 one thread.
 """
 
-DEFAULTS = (
-    1100,
-    (5,),
-)  # n_exact and the ranks of a fit of one rank, which is as it comes
+DEFAULTS = 1100, (5,)  # n_exact, and the only rank
 
 FITS = """\
 Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with
@@ -38,6 +35,10 @@ is shown, with the time of all. *Exact* is `n_exact`, 1100 by default. The bound
 the scaled targets. Fewer than m inducing inputs are used where the others have no
 variance left in double precision; a larger m then changes nothing:
 """
+
+MORE_ROWS = """\
+Whether more rows lower the errors: those of exact inference from some of the rows, at
+the parameters that sparse inference has learned from all"""
 
 TIMES = """\
 One evaluation of the bound and its gradient, seconds, on random data at rank 4; a dash
@@ -78,17 +79,18 @@ class SparseResults:
         )
         self.fits = chosen(fits)
 
-    def section(self, table, number):
+    def section(self, table, number, printed):
         """The lines of the page; none if nothing has been measured.
 
         Parameters
         ----------
-        table, number : callable
-            Of the page: a Markdown table, a number in it.
+        table, number, printed : callable
+            Of the page: a Markdown table, a number in it, what a benchmark printed.
         """
         parts = [
             *self.goals(table),
             *self.own_fits(table, number),
+            *printed(self.folder, "more_rows", MORE_ROWS),
             *self.evaluations(table, number),
             *self.peers_fits(table, number),
             *self.checked(table),

@@ -9,6 +9,7 @@ from problem import N_X, NOISE, Problem
 from reference import covariance
 from sparse_reference import prior_variance
 
+from skmtgp import MultiTaskGPRegressor
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.problem import Data, Settings
@@ -88,6 +89,7 @@ def start_of(train, m, rank, max_iter=CLIMB):
         max_iter=max_iter,
         tol=1e-2,
         inference="sparse",
+        n_exact=MultiTaskGPRegressor().n_exact,
     )
     (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
 

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import textwrap
 from pathlib import Path
 from statistics import median
 
@@ -24,13 +23,12 @@ from compare import (
     usable,
     variants,
 )
+from markup import DASH, number, printed, table
 from own_goals import own_goals
 from results import RESULTS, Table
 from sparse_page import SparseResults
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
-DASH = "-"
-WIDTH = 88  # of what is printed
 OWN = {
     "likelihood": "One evaluation over its floor, LAPACK's potrf and potri",
     "memory": "Peak memory of a whole fit over the data; the goal is 4",
@@ -93,23 +91,6 @@ reference's.
 """
 
 
-def number(value, digits=3):
-    """A number with a few significant digits, or a dash."""
-    if value is None:
-        return DASH
-    if isinstance(value, int):
-        return str(value)
-    if value and (abs(value) < 1e-2 or abs(value) >= 1e5):
-        return f"{value:.1e}"
-    return f"{value:.{digits}g}" if abs(value) < 1000 else f"{value:.0f}"
-
-
-def table(head, rows, others="--:"):
-    """A Markdown table; all columns but the first to the right, or as told."""
-    lines = [head, ["---"] + [others] * (len(head) - 1), *rows]
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines) + "\n"
-
-
 def goals_section(fits, timings):
     """Goals and whether they are reached."""
     text = ["## Goals\n", goals_table(goals(fits, timings))]
@@ -147,22 +128,6 @@ def own_section(folder):
             "![time and memory as the work grows](images/growth.png)\n",
         ]
     return ["## The engine alone\n", *text] if text else []
-
-
-def printed(folder, name, title):
-    """What a benchmark printed, if it was run."""
-    path = folder / f"{name}.txt"
-    if not path.exists():
-        return []
-    lines = "\n".join(map(folded, path.read_text().strip("\n").split("\n")))
-    return [f"{title} (`python benchmarks/{name}.py`):\n", f"```text\n{lines}\n```\n"]
-
-
-def folded(line):
-    """A long line, a warning, as several."""
-    if len(line) <= WIDTH:
-        return line
-    return textwrap.fill(line, WIDTH, subsequent_indent="    ")
 
 
 def timings_section(timings):
@@ -381,7 +346,7 @@ def main():
         *timings_section(timings),
         *fits_section(fits),
         *errors_section(fits),
-        *sparse.section(table, number, printed),
+        *sparse.section(),
         *own_section(arguments.results),
         METHOD,
         *jitter_section(fits),

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from compare import NAMES, OURS
+from markup import number, printed, table
 from problem import NOISE
 from results import Table
 
@@ -12,6 +13,7 @@ DENSE = Path(__file__).resolve().parents[2] / "examples/paper/results/figure4.cs
 DENSE_N, WHOLE_N, WHOLE_M = 2800, 56_000, 500
 SPEED_GOAL, MEMORY_GOAL = 3.0, 8.0  # times, GB
 KINDS = {"inputs": "m inputs, r tasks", "points": "m points"}
+DEFAULTS = 1100, (5,)  # n_exact, and the only rank
 ERRORS = "nmse_interpolation", "nmse_extrapolation"
 
 INTRODUCTION = """\
@@ -25,8 +27,6 @@ skmtgp has inputs (*m points*), and skmtgp's inputs with as many tasks each as t
 the whole interpolation and extrapolation sets. Times are the processor's where there is
 one thread.
 """
-
-DEFAULTS = 1100, (5,)  # n_exact, and the only rank
 
 FITS = """\
 Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with
@@ -79,29 +79,23 @@ class SparseResults:
         )
         self.fits = chosen(fits)
 
-    def section(self, table, number, printed):
-        """The lines of the page; none if nothing has been measured.
-
-        Parameters
-        ----------
-        table, number, printed : callable
-            Of the page: a Markdown table, a number in it, what a benchmark printed.
-        """
+    def section(self):
+        """The lines of the page; none if nothing has been measured."""
         parts = [
-            *self.goals(table),
-            *self.own_fits(table, number),
+            *self.goals(),
+            *self.own_fits(),
             *printed(self.folder, "more_rows", MORE_ROWS),
-            *self.evaluations(table, number),
-            *self.peers_fits(table, number),
-            *self.checked(table),
-            *self.failures(table),
+            *self.evaluations(),
+            *self.peers_fits(),
+            *self.checked(),
+            *self.failures(),
         ]
         if (self.folder / "sparse_growth.csv").exists():
             parts.append("From 10,000 samples to all 960,000 of the data:\n")
             parts.append("![time and memory against n](images/sparse-growth.png)\n")
         return [INTRODUCTION, *parts] if parts else []
 
-    def goals(self, table):
+    def goals(self):
         """What was wanted, what was found, whether reached."""
         found = [*self.error_goal(), *self.memory_goal(), *self.speed_goals()]
         rows = [(*line, "yes" if ok else "**no**") for *line, ok in found]
@@ -161,13 +155,12 @@ class SparseResults:
                 goal += f"times faster than the best peer's, {kind}"
                 yield goal, f"{ratio:.2g} times", ratio >= SPEED_GOAL
 
-    def own_fits(self, table, number):
+    def own_fits(self):
         """Each fit of skmtgp."""
         if not self.fits:
             return []
         head = "n,m,exact,ranks,rank,joint,draw,inducing,seconds,threads,evaluations,"
-        head += "MiB,"
-        head += "bound,noise floor,noise,"
+        head += "MiB,bound,noise floor,noise,"
         head += "nMSE interpolation,dense,nMSE extrapolation,dense"
         exact = dense_errors()
         rows = []
@@ -185,7 +178,7 @@ class SparseResults:
             rows.append(words)
         return [FITS, table(head.split(","), rows)]
 
-    def evaluations(self, table, number):
+    def evaluations(self):
         """Seconds and memory of each package."""
         if not self.timings:
             return []
@@ -205,7 +198,7 @@ class SparseResults:
             text += [title, table(head, rows)]
         return text
 
-    def peers_fits(self, table, number):
+    def peers_fits(self):
         """The peers' fits, and skmtgp's of the same data."""
         done = [row for row in self.peers if "bound" in row]
         problems = {problem_of(row) for row in done}
@@ -234,7 +227,7 @@ class SparseResults:
         ]
         return [PEERS, table(head.split(","), rows)]
 
-    def checked(self, table):
+    def checked(self):
         """The bounds at a start."""
         done = [row for row in self.checks if "likelihood" in row]
         rows = [
@@ -250,7 +243,7 @@ class SparseResults:
         head = ["package", "n", "m", "reference", "difference"]
         return [CHECKS, table(head, rows)] if rows else []
 
-    def failures(self, table):
+    def failures(self):
         """What did not work, and why."""
         failed = [
             (name(row), row["n"], row["m"], row.get("joint", "-"), reason(row))

@@ -134,6 +134,7 @@ bench-short: $(VENV)/ready-to-bench bench-envs
 	    --sizes 280 --time-budget 1 --budget-factor 0 --budget-min 5 --redo \
 	    --results benchmarks/.short $(BENCHFLAGS)
 	$(SPARSE_FITS) --short
+	$(SPARSE_FITS) --short --n-exact 140 --rank 1 2 --search
 	$(SPARSE) --parts checks times fits --sizes 2000 --inducing 20 --n-per-load 20 \
 	    --fit-inducing 20 --budget 5 --time-budget 1 --test-rows 200 --redo \
 	    --results benchmarks/.short

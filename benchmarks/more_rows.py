@@ -31,13 +31,13 @@ def rows(subset, joint, n_per_load=None):
 
 def exact(model, size):
     """The model with the same parameters, and the exact posterior of some rows."""
-    [bound], exact = model._likelihoods, copy(model)
+    [bound], other = model._likelihoods, copy(model)
     chosen = np.random.default_rng(0).permutation(len(bound.y))[:size]
     chosen = chosen[np.argsort(bound.tasks[chosen], kind="stable")]
     data = (part[chosen] for part in (bound.X, bound.tasks, bound.y))
     likelihood = DenseLikelihood(bound.kernel, bound.task_covariance, *data)
-    exact._posteriors = [likelihood.posterior(model.theta_)]
-    return exact
+    other._posteriors = [likelihood.posterior(model.theta_)]
+    return other
 
 
 def report(joint, kind, n, pipeline):

@@ -352,6 +352,13 @@ class TestRankSelection:
         labels = texts(display.ax_.get_legend().get_texts())
         assert labels == ["rank 4, chosen", "BIC", "AIC"]
 
+    @pytest.mark.parametrize(("worst", "scale"), [(9.0, "linear"), (90.0, "symlog")])
+    def test_several_near_and_far(self, worst, scale):
+        results = {"rank": [2, 4], "bic": [worst, 0.0], "aic": [5.0, 7.0]}
+        display = RankSelectionDisplay(results=results, best_rank=4)
+        display.plot(criteria=["bic", "aic"])
+        assert display.ax_.get_yscale() == scale
+
     @pytest.mark.parametrize("criteria", ["cv", ["bic", "cv"], []])
     def test_unknown_criteria(self, criteria):
         display = RankSelectionDisplay(results={}, best_rank=1)

@@ -104,7 +104,7 @@ class RankSelectionDisplay(Display):
         )
         several = len(names) > 1
         self.lines_ = [self._draw(name, k, several) for k, name in enumerate(names)]
-        largest = max((np.max(line.get_ydata()) for line in self.lines_), default=0.0)
+        largest = max(np.max(line.get_ydata()) for line in self.lines_)
         if several and largest > CLEAR:
             ax.set_yscale("symlog", linthresh=CLEAR)
         ax.set_ylabel("criterion less its minimum" if several else names[0].upper())

@@ -776,13 +776,14 @@ class TestLearnRanks:
             r"log marginal likelihood -?\d+\.\d\d \(scaled\) of 36 rows after \d+ "
             r"iterations"
         )
-        pattern = pattern.replace(": log", "(, the best of 2 starts|, shaken): log")
+        of_stage = "(, the best of 2 starts|, shaken|, without levels first): log"
+        pattern = pattern.replace(": log", of_stage)
         assert listener.lines[0] is None  # the first of two starts
         lines = [line for line in listener.lines if line]
         found = [re.fullmatch(pattern, line).groups() for line in lines]
-        of_starts = [(j, r, ", the best of 2 starts") for j in "12" for r in "123"]
-        assert found == [*of_starts, *((j, r, ", shaken") for j in "12" for r in "123")]
-        assert listener.stages == [("starts", 12), ("learning", 6)]
+        stages = ", the best of 2 starts", ", shaken", ", without levels first"
+        assert found == [(j, r, stage) for stage in stages for j in "12" for r in "123"]
+        assert listener.stages == [("starts", 12), ("learning", 6), ("levels", 6)]
 
     def test_report_of_all_rows(self, monkeypatch):
         monkeypatch.setattr(problem, "COARSE", 36)
@@ -791,7 +792,12 @@ class TestLearnRanks:
         listener = Listener()
         learn_ranks([pair], RANKS[:1], progress=listener)
         lines = [line.split(" log ")[0] for line in listener.lines if line]
-        stages = ["the best of 2 starts", "shaken", "from all rows"]
+        stages = [
+            "the best of 2 starts",
+            "shaken",
+            "without levels first",
+            "from all rows",
+        ]
         assert [line.split(", ")[-1] for line in lines] == [f"{s}:" for s in stages]
 
     def test_report_of_each_climb(self, data, capsys, monkeypatch):

@@ -731,15 +731,19 @@ class TestEvaluations:
         """What the ranks share is counted for each."""
         shared = []
 
-        def make_starts(*args, **options):
-            before = len(count)
-            starts = plain(*args, **options)
-            shared.append(len(count) - before)
-            return starts
+        def counted(plain):
+            def shares(*args, **options):
+                before = len(count)
+                starts = plain(*args, **options)
+                shared.append(len(count) - before)
+                return starts
 
-        plain = ranks.make_starts
+            return shares
+
+        make_starts, hidden_starts = counted(ranks.make_starts), ranks.hidden_starts
         for module in (ranks, paper):
             monkeypatch.setattr(module, "make_starts", make_starts)
+        monkeypatch.setattr(ranks, "hidden_starts", counted(hidden_starts))
         model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=8)
         search = RankSearchIC(model, ranks=(1, 2, 3), keep_estimators=True).fit(*data)
         total = sum(model.n_evaluations_ for model in search.estimators_)

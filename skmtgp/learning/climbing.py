@@ -117,10 +117,11 @@ def annealed(data, settings, form, theta):
     While the noise is held up the landscape has few modes, and most starts lead to the
     same one.
     """
-    return _held_first("up", data, settings, form, theta)
+    return held_first("up", data, settings, form, theta)
 
 
-def _held_first(held, data, settings, form, theta):
+def held_first(held, data, settings, form, theta):
+    """Climb relaxed and with the noise held "up" or "down", then on without."""
     before = climb(data, settings, form, theta, relaxed=True, held=held)
     return before.then(climb(data, settings, form, before.theta))
 
@@ -169,7 +170,7 @@ def _lowered(data, settings, form, mode):
         theta = best.theta.copy()
         theta[tail] = np.maximum(theta[tail] + np.log(factor), lowest)
         if (theta < best.theta).any():  # it is not fixed
-            other = _held_first("down", data, settings, form, theta)
+            other = held_first("down", data, settings, form, theta)
             modes.append(best.led_to(other))
     return modes[1:]
 

@@ -168,6 +168,11 @@ class Settings:
         held = min(np.log(HELD * self.scale**2), self.log_noise.min())
         return float(np.clip(held, *self.log_noise_bounds))
 
+    def is_noisy(self, mode):
+        """Whether the noise variances of a mode are above where they are held."""
+        log_noise = mode.theta[-len(self.log_noise) :]
+        return bool((log_noise >= self.log_held).all())
+
     def tail(self, form):
         """Where theta has variances of what is unexplained: kappa and the noise."""
         return slice(-len(self.log_noise) - form.n_kappa, None)
@@ -258,7 +263,12 @@ def best_of(modes, *, doubt=0.0):
         value lacks digits.
     """
     best = max(modes, key=lambda mode: mode.value - doubt * mode.stalled)
-    return best._replace(
+    return spent_on(best, modes)
+
+
+def spent_on(mode, modes):
+    """The mode, with what was spent on all of some modes."""
+    return mode._replace(
         n_evaluations=sum(mode.n_evaluations for mode in modes),
         seconds=sum(mode.seconds for mode in modes),
     )

@@ -6,10 +6,12 @@ on its own, and from the mode of the one without, which is part of it.
 """
 
 from functools import partial
+from itertools import compress
 
 from skmtgp._parallel import run
 from skmtgp._progress import silent
 from skmtgp.learning.climbing import refine
+from skmtgp.learning.hidden import hidden_start, reveal
 from skmtgp.learning.nesting import descend, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
@@ -48,9 +50,10 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     """
     coarse = _coarsest(pairs)
     starts = make_starts(coarse, n_jobs)
+    hidden = hidden_starts(coarse, starts, n_jobs)
     more = more_starts(coarse, starts, seeds, n_jobs)
     starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
-    options = {"n_jobs": n_jobs, "progress": progress}
+    options = {"hidden": hidden, "n_jobs": n_jobs, "progress": progress}
     if forms[0].n_kappa:
         without = [form.form for form in forms]
         simpler = _coarse_to_fine(pairs, without, starts, **options)
@@ -59,8 +62,8 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     else:
         modes = _coarse_to_fine(pairs, forms, starts, **options)
     return [
-        [with_starts(mode, of_output) for mode in of]
-        for of, of_output in zip(modes, starts, strict=True)
+        [with_starts(mode, [*of_output, *hidden_of]) for mode in of]
+        for of, of_output, hidden_of in zip(modes, starts, hidden, strict=True)
     ]
 
 
@@ -68,7 +71,7 @@ def _coarsest(pairs):
     return [(data.levels()[0], settings) for data, settings in pairs]
 
 
-def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
+def _coarse_to_fine(pairs, forms, starts, *, hidden, n_jobs, progress):
     """The best mode from some of the rows, learned on from more and more of them."""
     coarse, fine = _coarsest(pairs), any(len(data.levels()) > 1 for data, _ in pairs)
     alone = len(forms) == 1 and not fine  # else other ranks and rows will help
@@ -84,7 +87,7 @@ def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
         partial(progress, "learning", len(jobs), shaken),
     )
     modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reporters=reporters)
-    modes = by_output(modes, forms)
+    modes = _revealed(coarse, forms, by_output(modes, forms), hidden, n_jobs, progress)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     if not fine:
@@ -94,6 +97,19 @@ def _coarse_to_fine(pairs, forms, starts, *, n_jobs, progress):
     report = progress("learning from all rows", len(jobs), of_all)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
+
+
+def _revealed(pairs, forms, modes, hidden, n_jobs, progress):
+    """The modes, or those of hidden starts where these are better."""
+    if not any(hidden):
+        return modes
+    of_each = [starts for starts in hidden for _ in forms]
+    jobs = _of_each(pairs, forms, modes)
+    jobs = [(*job, starts) for job, starts in zip(jobs, of_each, strict=True)]
+    report = progress(
+        "levels", len(jobs), description(pairs, forms, stage=", without levels first")
+    )
+    return by_output(run(reveal, jobs, n_jobs=n_jobs, report=report), forms)
 
 
 def _with_diagonal(pairs, forms, simpler, modes, n_jobs):
@@ -156,11 +172,32 @@ def make_starts(pairs, n_jobs, *, relaxed=True):
 
     With one task I and 1 1^T are the same, and so are the starts.
     """
+    first = partial(first_stage, relaxed=relaxed)
+    return _from_fixed(first, pairs, n_jobs)
+
+
+def hidden_starts(pairs, starts, n_jobs):
+    """Starts for functions that levels may hide, for each output.
+
+    None where noise does not explain more than a little of the targets at the others.
+    """
+    noisy = [
+        settings.max_iter > 0 and all(settings.is_noisy(start.mode) for start in of)
+        for (_, settings), of in zip(pairs, starts, strict=True)
+    ]
+    found = _from_fixed(hidden_start, list(compress(pairs, noisy)), n_jobs)
+    found = iter(found)
+    return [next(found) if is_noisy else [] for is_noisy in noisy]
+
+
+def _from_fixed(start, pairs, n_jobs):
+    """The starts from K_0^rho = I and 1 1^T, of each output."""
+    if not pairs:
+        return []
     M = pairs[0][0].n_tasks
     fixed = [identity(M), ones(M)][: min(M, 2)]
     jobs = [(*pair, form) for pair in pairs for form in fixed]
-    first = partial(first_stage, relaxed=relaxed)
-    return by_output(run(first, jobs, n_jobs=n_jobs), fixed)
+    return by_output(run(start, jobs, n_jobs=n_jobs), fixed)
 
 
 def more_starts(pairs, starts, seeds, n_jobs):

@@ -48,16 +48,20 @@ class Start(NamedTuple):
         K_1^rho before its rank is constrained.
     mode : Mode, default=None
         What step 1 found, if it comes from there.
+    log_noise : ndarray of shape (n_noise,), default=None
+        Logarithm of the noise variance. None is that of sigma_0^2.
     """
 
     kernel_theta: np.ndarray
     K_rho: np.ndarray
     mode: Mode | None = None
+    log_noise: np.ndarray | None = None
 
     def theta(self, settings, form):
-        """All parameters of the model of this form, with sigma_0^2."""
+        """All parameters of the model of this form."""
         rho = form.parameters(self.K_rho, settings.truncation)
-        return np.concatenate([self.kernel_theta, rho, settings.log_noise])
+        log_noise = settings.log_noise if self.log_noise is None else self.log_noise
+        return np.concatenate([self.kernel_theta, rho, log_noise])
 
 
 def first_stage(data, settings, form, *, relaxed=True):

@@ -11,10 +11,10 @@ The best is the best of what the defaults, of the same and of lower rank, and a 
 Each comes with several seeds and is learned at rank 1, 2, 3 and at full rank. The last
 columns are the evaluations of a fit, and of one with more starts.
 
-With ``--sites`` the data are of six sites with levels from -5 to 40, signals of deviation
-1.5 and noise of 0.3, 240 rows, learned at rank 3, and the best is what the defaults and
-``n_restarts_optimizer=10`` find. The signals are sines: of one of the features, with
-phases of the sites' own, or one that is shared and a slower one of each.
+With ``--sites`` the data are of six sites with levels from -5 to 40, signals of
+deviation 1.5 and noise of 0.3, 240 rows, learned at rank 3, and the best is what the
+defaults and ``n_restarts_optimizer=10`` find. The signals are sines: of one of d
+features, with phases of the sites' own, or one that is shared and a slower one of each.
 """
 
 import argparse
@@ -58,7 +58,7 @@ def draw(seed, noise, *, d=2, n_tasks=5, per_task=25, rank=2, trend=0.0):
 
 
 def sites(seed, frequency, d, *, shared):
-    """Sines of one of d features, of each site's own phase; or a shared and a slower."""
+    """Six sites: sines of their own phases, or one that is shared and a slower one."""
     rng = np.random.default_rng(1000 + seed)
     means = np.linspace(-5.0, 40.0, 6)
     means = rng.permutation(means) if shared else means
@@ -87,7 +87,7 @@ KINDS = {
 
 
 OF_SITES = {
-    f"{name}, {d} features, frequency {frequency:g}": partial(
+    f"{name}, d = {d}, frequency {frequency:g}": partial(
         sites, frequency=frequency, d=d, shared=name == "shared"
     )
     for name, d, frequency in [

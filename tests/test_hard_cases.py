@@ -179,7 +179,7 @@ class TestTargets:
         match = r"lose digits or vanish, so that they may count as constant[.,]"
         with pytest.warns(UnderflowWarning, match=match):
             found = fitted(model, small, of_y * Y).predict(small) / of_y
-        np.testing.assert_allclose(found, expected, rtol=1e-5)
+        np.testing.assert_allclose(found, expected, atol=1e-3)  # of the noise, 0.01
 
     def test_one_of_them_as_small_as_1e300(self):
         match = r"output \[2\] are .*constant, and standard deviations .*another unit"

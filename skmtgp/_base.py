@@ -201,8 +201,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         bounds = self.noise_variance_bounds
         if isinstance(bounds, str):
             return bounds
-        bounds = np.asarray(bounds, dtype=np.float64)
-        if bounds.shape != (2,) or not 0.0 < bounds[0] <= bounds[1] < np.inf:
+        bounds = np.asarray(bounds, dtype=object)
+        if not _is_range(bounds):
             raise ValueError(
                 f"noise_variance_bounds={self.noise_variance_bounds!r} must be a pair "
                 "of positive numbers, the smaller one first, or 'fixed'."
@@ -213,7 +213,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 f"noise_variance_bounds={self.noise_variance_bounds!r}: it is where "
                 "learning starts. Give one between them."
             )
-        return bounds
+        return bounds.astype(np.float64)
 
     def _store(self, training, likelihoods, modes):
         """Set the fitted attributes, in the target's own units."""
@@ -286,6 +286,13 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             + likelihood.task_covariance.n_free
             + (0 if noise_is_fixed else likelihood.n_noise)
         )
+
+
+def _is_range(bounds):
+    """Whether these are two positive numbers, the smaller one first."""
+    if bounds.shape != (2,) or not all(isinstance(bound, Real) for bound in bounds):
+        return False
+    return bool(0.0 < bounds[0] <= bounds[1] < np.inf)
 
 
 def likelihoods(pairs, form, modes):

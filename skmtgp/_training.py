@@ -22,7 +22,7 @@ from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
 from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
-SMALLEST = 1e-150  # its square is not rounded
+SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
 ROUNDING = 1e-6  # of a value at its bound
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 ROWS = 100_000  # of which the standard deviation is taken at once
@@ -217,7 +217,9 @@ def warn_of_training(features, tasks, y):
         Numbers.
     """
     _warn_of_underflow(features, "feature")
-    _warn_of_underflow(y.reshape(len(y), -1), "output")
+    _warn_of_underflow(
+        y.reshape(len(y), -1), "output", ", and standard deviations mean nothing"
+    )
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
         warnings.warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
@@ -226,15 +228,16 @@ def warn_of_training(features, tasks, y):
         )
 
 
-def _warn_of_underflow(values, kind):
-    """Say which columns have values so small that their squares vanish."""
+def _warn_of_underflow(values, kind, more=""):
+    """Say which columns have values so small that their squares may vanish."""
     largest = _largest(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
         which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
         warnings.warn(
-            f"The values of {which} are below {SMALLEST:.0e}: "
-            "their squares vanish, and they count as constant. Choose another unit.",
+            f"The values of {which} are below {SMALLEST:.0e}: their squares lose "
+            f"digits or vanish, so that they may count as constant{more}. Choose "
+            "another unit.",
             UnderflowWarning,
         )
 

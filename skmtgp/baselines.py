@@ -73,7 +73,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
                 f"(scaled) after {mode.n_iter} iterations"
             )
 
-        jobs = [(*pair, form) for pair in exact_part(pairs)]
+        jobs = [(*pair, form) for pair in exact_part(pairs, [form])]
         report = progress("learning", len(jobs), describe)
         modes = [[m] for m in run(learn_fixed, jobs, n_jobs=self.n_jobs, report=report)]
         modes = learn_rest(pairs, [form], modes, n_jobs=self.n_jobs, progress=progress)

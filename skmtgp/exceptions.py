@@ -93,9 +93,11 @@ class PrecisionWarning(RuntimeWarning):
 
 
 class UnderflowWarning(RuntimeWarning):
-    """A feature or target is so small that the squares of its values vanish.
+    """A feature or target is so small that squares of its values may vanish.
 
-    It counts as constant then. Other units avoid this.
+    Where they do, it counts as constant; where they only lose digits, which begins at
+    some 1e-158, predictions do too. Standard deviations in units of such a target mean
+    nothing. Other units avoid this.
 
     Examples
     --------

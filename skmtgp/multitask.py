@@ -300,7 +300,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             for data, settings in pairs
         ]
         options = {"n_jobs": self.n_jobs, "progress": progress}
-        modes = learn(exact_part(pairs), forms, seeds=seeds.tolist(), **options)
+        modes = learn(exact_part(pairs, forms), forms, seeds=seeds.tolist(), **options)
         modes = learn_rest(pairs, forms, modes, **options)
         return list(zip(*modes, strict=True))
 

@@ -169,8 +169,21 @@ class TestTargets:
             model = fitted(model, X, 1e-300 * Y)
         assert (np.abs(assert_sound(model, X)[0]) <= 1e-299).all()
 
+    @each_gp
+    @pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.UnderflowWarning")
+    @pytest.mark.parametrize(("of_X", "of_y"), [(2.0**-505, 1.0), (1.0, 2.0**-505)])
+    def test_as_small_as_1e152(self, model, of_X, of_y):
+        """Not small enough to count as constant, which is not what is said."""
+        expected = fitted(model, X, Y).predict(X)
+        small = X * [of_X, of_X, 1.0]
+        match = r"lose digits or vanish, so that they may count as constant[.,]"
+        with pytest.warns(UnderflowWarning, match=match):
+            found = fitted(model, small, of_y * Y).predict(small) / of_y
+        np.testing.assert_allclose(found, expected, atol=1e-3)  # of the noise, 0.01
+
     def test_one_of_them_as_small_as_1e300(self):
-        with pytest.warns(UnderflowWarning, match=r"output \[2\] are .*another unit"):
+        match = r"output \[2\] are .*constant, and standard deviations .*another unit"
+        with pytest.warns(UnderflowWarning, match=match):
             model = PooledGP().fit(X, np.column_stack([Y, 1e-300 * Y]))
         np.testing.assert_allclose(
             model.predict(X)[:, 0], PooledGP().fit(X, Y).predict(X)
@@ -284,7 +297,8 @@ class TestFeatures:
     @pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.UnderflowWarning")
     def test_as_small_as_1e300(self, model):
         small = X * [1.0, 1e-300, 1.0]
-        with pytest.warns(UnderflowWarning, match=r"feature \[2\] are below 1e-150"):
+        match = r"feature \[2\] are below 1e-150: .* constant\. Choose another unit"
+        with pytest.warns(UnderflowWarning, match=match):
             model = fitted(model, small, Y)
         assert_sound(model, small)
 

@@ -1,5 +1,7 @@
 """What the estimators take, and what they say to what they do not."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -220,6 +222,31 @@ BAD_PARAMETERS = {
     "bounds at zero": ({"noise_variance_bounds": (0, 1)}, ValueError, NOISE_BOUNDS),
     "three bounds": ({"noise_variance_bounds": (1, 2, 3)}, ValueError, NOISE_BOUNDS),
     "bounds of text": ({"noise_variance_bounds": "none"}, ValueError, "array-like or"),
+    "no bounds": ({"noise_variance_bounds": None}, ValueError, "array-like or"),
+    **{
+        f"bounds {bounds!r}": (
+            {"noise_variance_bounds": bounds},
+            ValueError,
+            rf"noise_variance_bounds={re.escape(repr(bounds))} {NOISE_BOUNDS}",
+        )
+        for bounds in [
+            ("a", "b"),
+            ("1e-3", "1"),
+            ["a", 1.0],
+            (),
+            (1.0,),
+            [[1.0, 2.0]],
+            [0.1, [1.0]],
+            (np.nan, 1.0),
+            (0.1, np.nan),
+            (-1.0, 1.0),
+            (0.1, np.inf),
+            (None, 1.0),
+            (0.1, 1j),
+            {0.1: 1.0},
+            np.array(["a", "b"]),
+        ]
+    },
     "no noise": ({"noise_variance": 0.0}, ValueError, r"range \(0.0, inf\)"),
     "inference": ({"inference": "exact"}, ValueError, "must be a str among"),
     "iterations": ({"max_iter": -1}, ValueError, r"'max_iter' .* range \[0, inf\)"),

@@ -607,7 +607,7 @@ def test_rows_that_are_learned_from_exactly(n_exact, least):
     """Of each task its share, rounded up."""
     gp = PooledGP(**SPARSE | {"n_exact": n_exact})
     pairs = gp._pairs(gp._read(*draw()))
-    [(part, _)] = summarised.exact_part(pairs)
+    [(part, _)] = summarised.exact_part(pairs, [ones(M)])
     assert least <= len(part.y) <= least + M - 1
     assert_array_equal(np.unique(part.tasks), np.arange(M))
     assert part.Z is None

@@ -91,7 +91,7 @@ def start_of(train, m, rank, max_iter=CLIMB):
         inference="sparse",
         n_exact=MultiTaskGPRegressor().n_exact,
     )
-    (mode,) = learn_ranks(exact_part([(data, settings)]), [form])[0]
+    (mode,) = learn_ranks(exact_part([(data, settings)], [form]), [form])[0]
 
     def problem_at(theta):
         kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])

@@ -14,7 +14,7 @@ import numpy as np
 from skmtgp.datasets import _store as store
 from skmtgp.datasets import fetch_puma560
 from skmtgp.datasets._loads import N_LOADS
-from skmtgp.datasets._puma560 import bundled_path
+from skmtgp.datasets._puma560 import BUNDLED, bundled_path
 from skmtgp.datasets._whole import LABELS
 
 # Rows of each load: as many as two million bytes hold.
@@ -52,9 +52,9 @@ def main():
     output = parser.parse_args().output
     with tempfile.TemporaryDirectory() as folder:
         arrays = bundled_arrays(folder)
-    store.write(output, arrays, compress=True)
-    print(f"{output}: {output.stat().st_size} bytes, sha256 of arrays:")
-    print(store.digest(arrays))
+    store.write(output, arrays, BUNDLED, compress=True)
+    print(f"{output}: {output.stat().st_size} bytes, sha256:")
+    print(store.digest(arrays, BUNDLED))
 
 
 if __name__ == "__main__":

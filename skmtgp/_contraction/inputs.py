@@ -48,11 +48,13 @@ def contract_inputs(bound, W, tape, rows, cols, n_features):
     Raises
     ------
     ValueError
-        If the kernel is not one of those that skmtgp knows.
+        If no function is registered for the bound kernel.
     """
+    known = hasattr(bound, "kernel")
+    name = f"kernel={bound.kernel!r}" if known else type(bound).__name__
     raise ValueError(
         "inducing_inputs='optimised' needs the derivative of the kernel by its inputs, "
-        f"which is not known of kernel={bound.kernel!r}. Set inducing_inputs='greedy' "
+        f"which is not known of {name}. Set inducing_inputs='greedy' "
         "or 'k-means', or make the kernel of RBF, RationalQuadratic, Matern with "
         f"nu=0.5, 1.5 or 2.5, DotProduct, ARDLinear and Columns. {INFERENCE}"
     )

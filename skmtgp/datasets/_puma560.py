@@ -16,6 +16,8 @@ from ._split import subset_rows
 from ._trajectories import N_SAMPLES
 from ._whole import LABELS, loads_table, select_rows, stored_arrays
 
+BUNDLED = "the bundled Puma 560 data, seed 0"
+
 
 def fetch_puma560(
     *,
@@ -98,7 +100,8 @@ def fetch_puma560(
     Warns
     -----
     UserWarning
-        If the stored file is damaged; it is then made again.
+        If the stored file is damaged or another version's, and is made again; or if
+        the data cannot be stored. They are returned all the same.
 
     See Also
     --------
@@ -201,7 +204,7 @@ def load_puma560(
     subset = check_subset(subset)
     numbers = check_loads(loads, N_LOADS)
     with resources.as_file(bundled_path()) as path:
-        arrays = store.read(path)
+        arrays = store.read(path, BUNDLED)
     available = arrays[f"{subset}_x"].shape[1]
     hint = "; fetch_puma560 has more"
     n_per_load = check_n_per_load(n_per_load, available, subset, hint)

@@ -25,6 +25,11 @@ from ._trajectories import (
 # Raised whenever what is made changes, so that older files are not mistaken for it.
 VERSION = 1
 LABELS = trajectory_labels(len(PATHS), len(SPEEDS))
+SHAPES = {
+    "x": (len(LABELS), N_SAMPLES, 3 * N_JOINTS),
+    "torque": (N_LOADS, len(LABELS), N_SAMPLES, N_JOINTS),
+    "loads": (N_LOADS, len(GEOMETRY) + len(INERTIAL)),
+}
 
 
 def stored_path(data_home, seed):
@@ -65,7 +70,7 @@ def generate(seed):
 
 
 def stored_arrays(data_home, seed):
-    """Read the data of one seed; make them if they are not there or damaged.
+    """Read the data of one seed; make and keep them if they are not there or damaged.
 
     Parameters
     ----------
@@ -82,17 +87,27 @@ def stored_arrays(data_home, seed):
     Warns
     -----
     UserWarning
-        If the file is there, but damaged.
+        If the file is there, but damaged or another version's, or if what was made
+        cannot be kept.
     """
-    path = stored_path(data_home, seed)
+    what = f"the Puma 560 data, version {VERSION}, seed {seed}"
     try:
-        return store.read(path)
-    except FileNotFoundError:
+        path = stored_path(data_home, seed)
+        store.remove_stale(path)
+        return store.read(path, what, SHAPES)
+    except OSError:  # most often they are not there; keeping them tells anything else
         pass
     except store.DamagedFileError as error:
         warnings.warn(f"{error}; the Puma 560 data are made again.", stacklevel=3)
     arrays = generate(seed)
-    store.write(path, arrays)
+    try:
+        store.write(stored_path(data_home, seed), arrays, what)
+    except OSError as error:
+        warnings.warn(
+            f"The Puma 560 data were made, but cannot be kept: {error}. Pass another "
+            "data_home, or they are made again each time.",
+            stacklevel=3,
+        )
     return arrays
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from skmtgp._bfgs import minimize
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
+from skmtgp.task_covariance import WithDiagonal
 
 FOLLOWED = 4  # starts
 FARTHEST = 1e6  # coordinate
@@ -65,8 +66,14 @@ def add_task(
         Form of K^rho with one more task.
     mode : Mode
         All parameters of that model; its value is log p(y | the other tasks' targets).
+
+    Raises
+    ------
+    ValueError
+        If the form of K^rho has no factor that a task can be added to.
     """
     begin = perf_counter()
+    _check_extensible(likelihood.task_covariance)
     kernel, rho, log_noise = likelihood.split(theta)
     factor = likelihood.task_covariance.columns(rho)
     noise = np.exp(log_noise.mean())  # of the novel task, if they have one each
@@ -82,6 +89,18 @@ def add_task(
     seconds = perf_counter() - begin
     value = border.value(best.x)
     return form, Mode(theta, value, *best[2:], seconds, len(y))
+
+
+def _check_extensible(form):
+    """Raise a ValueError where a form of K^rho cannot get one more task."""
+    inner = form.form if isinstance(form, WithDiagonal) else form
+    missing = [name for name in ("columns", "bordered") if not hasattr(inner, name)]
+    if missing:
+        raise ValueError(
+            "add_task adds a row to a factor of the task covariance, but "
+            f"{type(inner).__name__} has no {' and no '.join(missing)}. Fit the model "
+            "to all tasks, or give the class these methods."
+        )
 
 
 class Rows:

@@ -23,7 +23,7 @@ from skmtgp.learning.stages import (
     second_stage,
     with_starts,
 )
-from skmtgp.task_covariance import identity, ones
+from skmtgp.task_covariance import WithDiagonal, identity, ones
 
 
 def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
@@ -54,7 +54,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     more = more_starts(coarse, starts, seeds, n_jobs)
     starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
     options = {"hidden": hidden, "n_jobs": n_jobs, "progress": progress}
-    if forms[0].n_kappa:
+    if isinstance(forms[0], WithDiagonal):
         without = [form.form for form in forms]
         simpler = _coarse_to_fine(pairs, without, starts, **options)
         modes = _coarse_to_fine(pairs, forms, starts, **options)

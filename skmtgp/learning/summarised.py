@@ -16,6 +16,7 @@ from skmtgp._dask import is_dask
 from skmtgp._parallel import run
 from skmtgp._progress import silent
 from skmtgp.inference.inducing import greedy_variance, k_means, optimised
+from skmtgp.inference.latent import check_latent
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 
@@ -27,19 +28,30 @@ NOISES = 6  # noise variances that are tried before the first climb
 RAISED = 100.0  # times the noise variance, before the second
 
 
-def exact_part(pairs):
+def exact_part(pairs, forms):
     """What of the data exact inference learns from, for each output: all, or some rows.
 
     Parameters
     ----------
     pairs : list of (Data, Settings)
         For each output.
+    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
+        Forms of K^rho that will be learned.
 
     Returns
     -------
     pairs : list of (Data, Settings)
         Of `n_exact` rows where inference is sparse.
+
+    Raises
+    ------
+    ValueError
+        If inference is sparse and a form has no latent functions: better now than
+        after the exact part.
     """
+    if any(settings.inference == "sparse" for _, settings in pairs):
+        for form in forms:
+            check_latent(form)
     return [
         (data.drawn(min(settings.n_exact, len(data.y))), settings)
         if settings.inference == "sparse"

@@ -1,5 +1,8 @@
+import errno
+import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -189,6 +192,7 @@ def tiny(monkeypatch):
         return {"x": np.full(3, seed)}
 
     monkeypatch.setattr(_whole, "generate", generate)
+    monkeypatch.setattr(_whole, "SHAPES", {"x": (3,)})
     return seeds
 
 
@@ -220,9 +224,87 @@ def test_a_damaged_whole_is_mended(tmp_path, data_home):
         found = fetch_puma560(data_home=tmp_path, n_per_load=9)
     expected = fetch_puma560(data_home=data_home, n_per_load=9)
     np.testing.assert_array_equal(found.target, expected.target)
-    assert store.digest(store.read(path)) == store.digest(
-        store.read(_whole.stored_path(data_home, 0))
-    )
+    assert path.read_bytes() == _whole.stored_path(data_home, 0).read_bytes()
+
+
+def test_shapes_are_those_of_what_is_made(whole):
+    assert {name: array.shape for name, array in whole.items()} == _whole.SHAPES
+
+
+WHAT = "the Puma 560 data, version 1, seed 4"
+OLD = {"x": np.zeros(3), "sha256": np.array(64 * "0")}
+
+
+@pytest.mark.parametrize(
+    "put",
+    [
+        lambda path: _whole.stored_path(path.parent, 5).rename(path),
+        lambda path: np.savez(path, **OLD),
+        lambda path: store.write(path, {"x": np.zeros(4)}, WHAT),
+        lambda path: store.write(path, {"y": np.zeros(3)}, WHAT),
+        lambda path: path.write_bytes(b""),
+    ],
+    ids=["another seed", "older format", "another shape", "no array", "empty"],
+)
+def test_another_file_in_its_place_is_replaced(tmp_path, tiny, put):
+    _whole.stored_arrays(tmp_path, 5)
+    put(_whole.stored_path(tmp_path, 4))
+    with pytest.warns(UserWarning, match=r"seed4\.npz .* are made again"):
+        assert _whole.stored_arrays(tmp_path, 4)["x"].tolist() == [4, 4, 4]
+    assert _whole.stored_arrays(tmp_path, 4)["x"].tolist() == [4, 4, 4]
+    assert tiny == [5, 4]
+
+
+NOT_KEPT = "were made, but cannot be kept: .* Pass another data_home, or they are made"
+
+
+def test_a_directory_in_its_place_is_left_alone(tmp_path, tiny):
+    _whole.stored_path(tmp_path, 0).mkdir()
+    with pytest.warns(UserWarning, match=NOT_KEPT):
+        assert _whole.stored_arrays(tmp_path, 0)["x"].tolist() == [0, 0, 0]
+    assert [path.name for path in tmp_path.iterdir()] == ["puma560_v1_seed0.npz"]
+
+
+def test_a_file_in_the_place_of_the_folder(tmp_path, tiny):
+    (tmp_path / "home").touch()
+    with pytest.warns(UserWarning, match=NOT_KEPT):
+        assert _whole.stored_arrays(tmp_path / "home", 0)["x"].tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("call", "number"),
+    [("fsync", errno.ENOSPC), ("replace", errno.EACCES), ("open", errno.EROFS)],
+)
+def test_data_are_returned_where_they_cannot_be_kept(
+    monkeypatch, tmp_path, tiny, call, number
+):
+    def refuse(name, *_):
+        raise OSError(number, os.strerror(number), str(name))
+
+    monkeypatch.setattr(store if call == "open" else os, call, refuse, raising=False)
+    with pytest.warns(UserWarning, match=NOT_KEPT) as caught:
+        assert _whole.stored_arrays(tmp_path, 0)["x"].tolist() == [0, 0, 0]
+    assert os.strerror(number) in str(caught[0].message)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_warning_is_of_the_callers_line(tmp_path, tiny, monkeypatch):
+    monkeypatch.setattr("skmtgp.datasets._puma560.select_rows", lambda *_: None)
+    monkeypatch.setattr("skmtgp.datasets._puma560.package", lambda *_: "data")
+    _whole.stored_path(tmp_path, 0).mkdir()
+    with pytest.warns(UserWarning, match=NOT_KEPT) as caught:
+        assert fetch_puma560(data_home=tmp_path) == "data"
+    assert caught[0].filename == __file__
+
+
+def test_what_a_killed_process_left_is_removed(tmp_path, tiny):
+    for age, name in [(0.0, "live"), (2.0 * store.STALE, "killed")]:
+        left = tmp_path / f".puma560_v1_seed0.npz.{name}.tmp"
+        left.touch()
+        os.utime(left, (time.time() - age,) * 2)
+    _whole.stored_arrays(tmp_path, 0)
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == [".puma560_v1_seed0.npz.live.tmp", "puma560_v1_seed0.npz"]
 
 
 def test_an_interrupted_fetch_is_made_again(monkeypatch, tmp_path, tiny):

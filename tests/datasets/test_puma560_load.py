@@ -8,7 +8,7 @@ import pytest
 
 from skmtgp.datasets import _store as store
 from skmtgp.datasets import fetch_puma560, load_puma560
-from skmtgp.datasets._puma560 import bundled_path
+from skmtgp.datasets._puma560 import BUNDLED, bundled_path
 
 RECIPE = Path(__file__).parents[2] / "datasets" / "puma560"
 ROWS = {"train": 200, "interpolation": 180, "extrapolation": 340}
@@ -44,7 +44,7 @@ def test_rows_are_those_of_fetch(data_home, subset, n):
 
 
 def test_the_bundled_file_is_what_the_script_makes(data_home, build):
-    bundled, made = store.read(bundled_path()), build.bundled_arrays(data_home)
+    bundled, made = store.read(bundled_path(), BUNDLED), build.bundled_arrays(data_home)
     assert bundled.keys() == made.keys()
     for name, array in made.items():
         assert bundled[name].dtype == array.dtype
@@ -59,8 +59,8 @@ def test_the_script_writes_the_file(monkeypatch, tmp_path, build, capsys):
     monkeypatch.setattr(build, "bundled_arrays", lambda _: arrays)
     monkeypatch.setattr(sys, "argv", ["build.py", "--output", str(tmp_path / "a.npz")])
     build.main()
-    assert store.read(tmp_path / "a.npz")["x"].tolist() == [0, 1, 2]
-    assert store.digest(arrays) in capsys.readouterr().out
+    assert store.read(tmp_path / "a.npz", BUNDLED)["x"].tolist() == [0, 1, 2]
+    assert store.digest(arrays, BUNDLED) in capsys.readouterr().out
 
 
 def test_the_bundled_file_is_small_and_has_the_cards_checksum():
@@ -68,7 +68,7 @@ def test_the_bundled_file_is_small_and_has_the_cards_checksum():
     card = (RECIPE / "README.md").read_text(encoding="utf-8")
     assert size <= 2_000_000
     assert f"{size:,} bytes" in card
-    assert store.digest(store.read(bundled_path())) in card
+    assert store.digest(store.read(bundled_path(), BUNDLED), BUNDLED) in card
 
 
 def test_no_pinocchio_is_needed(monkeypatch):

@@ -1,5 +1,8 @@
+import os
 import subprocess
 import sys
+import time
+import zipfile
 
 import numpy as np
 import pytest
@@ -68,20 +71,125 @@ def test_a_short_file_is_noticed(path):
             store.read(path)
 
 
-def test_consistent_zip_with_other_values_is_noticed(path, arrays):
+def comment_of(path):
+    with zipfile.ZipFile(path) as archive:
+        return archive.comment
+
+
+def with_comment(path, comment):
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = comment
+
+
+def test_the_checksum_is_not_among_the_arrays(path, arrays):
     with np.load(path) as archive:
-        content = dict(archive)
-    np.savez(path, **content | {"x": arrays["x"] + 1e-15})
+        assert sorted(archive.files) == sorted(arrays)
+    assert comment_of(path).decode().endswith(store.digest(arrays))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"x": np.zeros((5, 3))},
+        {"x": np.random.default_rng(0).normal(size=(5, 3)) + 1e-15},
+        {"labels": np.arange(4, dtype=np.int8)},
+        {"labels": np.arange(4, dtype=np.uint8).reshape(2, 2)},
+        {"more": np.zeros(1)},
+    ],
+    ids=["values", "last digits", "type", "shape", "another array"],
+)
+def test_other_arrays_with_the_checksum_are_noticed(path, arrays, change):
+    comment = comment_of(path)
+    np.savez(path, **arrays | change)
+    with_comment(path, comment)
     with pytest.raises(store.DamagedFileError, match="does not have the checksum"):
         store.read(path)
+
+
+def test_an_array_less_is_noticed(path, arrays):
+    comment = comment_of(path)
+    np.savez(path, x=arrays["x"])
+    with_comment(path, comment)
+    with pytest.raises(store.DamagedFileError, match="does not have the checksum"):
+        store.read(path)
+
+
+def test_a_file_of_other_data_is_noticed(tmp_path, arrays):
+    store.write(tmp_path / "a.npz", arrays, "seed 1")
+    assert same(store.read(tmp_path / "a.npz", "seed 1"), arrays)
+    with pytest.raises(store.DamagedFileError, match=r"the checksum of seed 0: it is"):
+        store.read(tmp_path / "a.npz", "seed 0")
+
+
+def test_a_file_of_another_format_is_noticed(monkeypatch, path):
+    monkeypatch.setattr(store, "FORMAT", "skmtgp.datasets 3")
+    with pytest.raises(store.DamagedFileError, match="or of another version"):
+        store.read(path)
+
+
+def test_a_file_without_a_checksum_is_noticed(path, arrays):
     np.savez(path, **arrays)
     with pytest.raises(store.DamagedFileError, match="does not have the checksum"):
         store.read(path)
 
 
+@pytest.mark.parametrize(
+    "shapes", [{"x": (5, 3)}, {"x": (5, 3), "labels": (5,)}, {"y": (5, 3)}]
+)
+def test_other_shapes_than_expected_are_named(path, shapes):
+    with pytest.raises(store.DamagedFileError, match=r"'labels': \(4,\)}, not {'"):
+        store.read(path, shapes=shapes)
+    assert store.read(path, shapes={"x": (5, 3), "labels": (4,)})
+
+
 def test_a_missing_file_is_no_damaged_one(tmp_path):
     with pytest.raises(FileNotFoundError):
         store.read(tmp_path / "none.npz")
+
+
+def test_a_full_disk_leaves_the_old_file(path, arrays):
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, limits[1]))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            store.write(path, {"x": np.zeros(10_000)})
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert [file.name for file in path.parent.iterdir()] == ["file.npz"]
+    assert same(store.read(path), arrays)
+
+
+def test_temporary_files_are_removed_once_nobody_can_be_writing_them(path):
+    names = ".file.npz.0a.tmp", ".file.npz.0b.tmp", ".other.npz.0c.tmp"
+    old, new, other = (path.with_name(name) for name in names)
+    for file in (old, new, other):
+        file.write_bytes(b"half of it")
+    for file in (old, other):
+        os.utime(file, (time.time() - 1.1 * store.STALE,) * 2)
+    os.utime(new, (time.time() - 0.9 * store.STALE,) * 2)
+    store.remove_stale(path)
+    assert not old.exists()
+    assert new.exists()
+    assert other.exists()
+    assert path.exists()
+
+
+def test_a_temporary_file_that_cannot_be_removed_stays(monkeypatch, path):
+    temporary = path.with_name(".file.npz.0a.tmp")
+    temporary.touch()
+    os.utime(temporary, (0, 0))
+
+    def refuse(*_):
+        raise PermissionError("open elsewhere")
+
+    monkeypatch.setattr(type(path), "unlink", refuse)
+    store.remove_stale(path)
+    assert temporary.exists()
+
+
+def test_there_may_be_no_folder_to_remove_from(tmp_path):
+    store.remove_stale(tmp_path / "none" / "file.npz")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError, MemoryError])

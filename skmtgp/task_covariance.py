@@ -142,7 +142,7 @@ class LowRank:
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
-        return (2.0 * D @ self.columns(parameters)).ravel()
+        return 2.0 * (D @ self.columns(parameters)).ravel()
 
     def derivatives(self, parameters):
         """Derivatives of K^rho: an OfTasks for each column of F."""

@@ -125,6 +125,8 @@ class LimitedMemory:
 
     def newton_step(self, g, free):
         """- H^{-1} g of the free parameters, by Nocedal's two loops."""
+        if len(free) == len(g):
+            free = slice(None)  # no copies of the steps
         q = g[free].copy()
         pairs = [(s[free], y[free]) for s, y in self.steps]
         pairs = [(s, y, s @ y) for s, y in pairs if s @ y > 1e-12 * (y @ y)]

@@ -5,11 +5,31 @@ pulls gradients with respect to the matrix back to the parameters. It knows noth
 inputs or likelihoods.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg.lapack import dpstrf
 
 FACTOR_BOUND = 10.0
 KAPPA_BOUNDS = (1e-16, 1e4)
+
+
+class OfTasks(NamedTuple):
+    """Derivatives of a matrix by parameters that the tasks have one each of.
+
+    That by the parameter of task m is zero but in the rows and columns of m: it is
+    E_m H + H^T E_m, where E_m is diagonal and has ones at those of m.
+
+    Attributes
+    ----------
+    positions : ndarray of shape (n_tasks,)
+        Which of the parameters they are.
+    half : ndarray of shape (n, n)
+        H.
+    """
+
+    positions: np.ndarray
+    half: np.ndarray
 
 
 class FixedTaskCovariance:
@@ -49,8 +69,8 @@ class FixedTaskCovariance:
         return np.empty(0)
 
     def derivatives(self, parameters):
-        """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
-        return np.empty((0, self.n_tasks, self.n_tasks))
+        """Derivatives of K^rho: none."""
+        return ()
 
     def parameters(self, K, truncation="eigen"):
         """Parameters of the member nearest to K: none."""
@@ -122,13 +142,13 @@ class LowRank:
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
-        return (2.0 * D @ self.columns(parameters)).ravel()
+        return 2.0 * (D @ self.columns(parameters)).ravel()
 
     def derivatives(self, parameters):
-        """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
-        half = np.einsum("mi,jr->mrij", np.eye(self.n_tasks), self.columns(parameters))
-        symmetric = half + half.swapaxes(2, 3)
-        return symmetric.reshape(-1, self.n_tasks, self.n_tasks)
+        """Derivatives of K^rho: an OfTasks for each column of F."""
+        for a, column in enumerate(self.columns(parameters).T):
+            positions = np.arange(a, self.n_parameters, self.rank)
+            yield OfTasks(positions, np.broadcast_to(column, (self.n_tasks,) * 2))
 
     def parameters(self, K, truncation="eigen"):
         """Parameters of a matrix of this rank near K.
@@ -229,11 +249,11 @@ class WithDiagonal:
         return np.concatenate([gradient, np.diagonal(D) * kappa])
 
     def derivatives(self, parameters):
-        """dK^rho / d parameters, of shape (n_parameters, n_tasks, n_tasks)."""
+        """Derivatives of K^rho: the other one's, and an OfTasks of the diagonal."""
         parameters, kappa = self._split(parameters)
-        unit = np.eye(self.n_tasks)
-        d_kappa = np.einsum("mi,mj,m->mij", unit, unit, kappa)
-        return np.concatenate([self.form.derivatives(parameters), d_kappa])
+        yield from self.form.derivatives(parameters)
+        positions = np.arange(self.form.n_parameters, self.n_parameters)
+        yield OfTasks(positions, np.diag(0.5 * kappa))
 
     def parameters(self, K, truncation="eigen"):
         """Parameters from K: what the other one leaves of its diagonal is kappa."""

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import numpy as np
 import pytest
 from scipy.optimize import Bounds, lsq_linear
@@ -424,3 +426,16 @@ class TestLimitedMemory:
             tol=1e-12,
         )
         np.testing.assert_allclose(best.x, 1.0, rtol=1e-4)
+
+    def test_a_step_of_all_parameters_takes_no_copies(self):
+        """Of hundreds of thousands each step would be megabytes."""
+        model, n = LimitedMemory(), 10_000
+        model.restart(np.zeros(n), np.ones(n))
+        for s in np.random.default_rng(0).standard_normal((_bfgs.MEMORY, n)):
+            model.update(s, 2.0 * s)
+        tracemalloc.start()
+        step = model.newton_step(np.ones(n), np.arange(n))
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        np.testing.assert_allclose(step, -0.5)
+        assert peak < 10 * 8 * n

@@ -1,4 +1,6 @@
 import re
+import time
+import tracemalloc
 from dataclasses import replace
 from itertools import pairwise
 
@@ -320,6 +322,17 @@ class TestAugmentedTaskCovariance:
         values = np.linalg.eigvalsh(K_rho)
         assert values[0] > 0.01 * values[-1]
 
+    def test_memory(self):
+        """Few matrices between inputs and tasks, of which there may be as many."""
+        n, rng = 400, np.random.default_rng(0)
+        data = Data(rng.uniform(size=(n, 2)), np.arange(n), np.ones(n), n)
+        posterior = self.posterior(data, identity(n), RBF())
+        tracemalloc.start()
+        augmented_task_covariance(data, posterior)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 4.5 * 8 * n**2
+
     def test_does_not_change_the_data(self, data):
         y = data.y.copy()
         augmented_task_covariance(data, self.posterior(data, ones(M)))
@@ -617,6 +630,16 @@ class TestCoarseToFine:
         X = np.arange(100.0)[:, None]
         few = Data(X, tasks, X[:, 0], 3).thinned(10)
         np.testing.assert_array_equal(np.bincount(few.tasks), [1, 1, 10])
+
+    @pytest.mark.parametrize("part", [Data.thinned, Data.drawn])
+    def test_time_does_not_grow_with_the_tasks_times_the_rows(self, part):
+        n, n_tasks = 200_000, 20_000
+        tasks = np.arange(n) // (n // n_tasks)
+        data = Data(np.zeros((n, 1)), tasks, np.zeros(n), n_tasks)
+        begin = time.process_time()
+        some = part(data, 40_000)
+        assert time.process_time() - begin < 2.0  # 10 s, were it so
+        np.testing.assert_array_equal(np.bincount(some.tasks), 2)
 
     @pytest.mark.usefixtures("small")
     def test_levels_are_nested(self, data):

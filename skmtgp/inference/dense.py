@@ -85,7 +85,9 @@ class DenseLikelihood(TiledLikelihood):
 
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""
-        return K_rho.take(self.tasks[cols], axis=1).take(self.tasks[rows], axis=0)
+        rows, cols = self.tasks[rows], self.tasks[cols]
+        met = K_rho[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]  # of many tasks few
+        return met.take(cols - cols[0], axis=1).take(rows - rows[0], axis=0)
 
     def _contract(self, bound, K_rho, tapes, alpha, inverse):
         """Gradients with respect to the kernel's theta and to K^rho.
@@ -102,14 +104,16 @@ class DenseLikelihood(TiledLikelihood):
             G *= self._between(K_rho, rows, cols)
             return bound.contract(G, tape, rows, cols), H
 
-        d_kernel, D = np.zeros(self.node.n_dims), np.zeros_like(K_rho)
+        d_kernel, D = np.zeros(self.node.n_dims), np.zeros(K_rho.shape)
         for (rows, cols), (d_tile, H) in zip(
             self.pairs, self._map_tiles(contract, tapes), strict=True
         ):
             d_kernel += d_tile
             present = self.present[rows.start][0], self.present[cols.start][0]
             D[present[0][:, None], present[1]] += H
-        return d_kernel, 0.5 * (D + D.T)
+        D = D + D.T
+        D *= 0.5
+        return d_kernel, D
 
     def _sum_by_task(self, H, rows, cols):
         """Block sums of the tile H, whose rows and columns are sorted by task."""

@@ -2,16 +2,17 @@
 
 import contextlib
 from abc import ABC, abstractmethod
-from itertools import chain
 from math import isqrt
 
 import numpy as np
 
 from skmtgp._contraction import compile_kernel
 from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.inference.information import information
+from skmtgp.task_covariance import OfTasks
 
 FISHER_ROWS = 200
-FISHER_SIZE = 2**24  # elements of the derivatives by all parameters
+FISHER_SIZE = 2**24  # elements of the derivatives
 
 
 class Likelihood(ABC):
@@ -121,7 +122,7 @@ class Likelihood(ABC):
     def fisher_information(self, theta):
         """Fisher information of theta, from some of the rows.
 
-        At most FISHER_ROWS, and fewer where there are thousands of parameters.
+        At most FISHER_ROWS, and fewer where there are hundreds of derivatives.
 
         Parameters
         ----------
@@ -134,37 +135,42 @@ class Likelihood(ABC):
             1/2 tr(K^{-1} dK_p K^{-1} dK_q), scaled to all rows.
         """
         self.release()  # the derivatives need as much memory
-        n = len(self.X)
-        most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // len(theta)))
+        of_rho = list(self.task_covariance.derivatives(self.split(theta)[1]))
+        n, n_matrices = len(self.X), self.node.n_dims + len(of_rho) + 1
+        most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
-        K, derivatives = self._derivatives(theta, rows)
-        inverse, scores = np.linalg.inv(K), np.empty((len(theta), most, most))
-        for score, derivative in zip(scores, derivatives, strict=True):
-            np.matmul(inverse, derivative, out=score)
-        information, flat = np.empty((len(theta),) * 2), scores.reshape(len(theta), -1)
-        for a in range(0, len(theta), 16):  # a few transposed at a time
-            transposed = scores[a : a + 16].swapaxes(1, 2).reshape(-1, most * most)
-            information[a : a + 16] = 0.5 * transposed @ flat.T
-        return information * (n / most)
+        of_some = information(*self._derivatives(theta, rows, of_rho))
+        return of_some * (n / most)
 
-    def _derivatives(self, theta, rows):
-        """K of some rows, and its derivatives by theta, one after another."""
+    def _derivatives(self, theta, rows, of_rho):
+        """K of some rows, their tasks, and its derivatives by the parts of theta."""
         kernel, rho, log_noise = self.split(theta)
-        tasks, noise_of_row = (
-            np.asarray(of_row[rows]) for of_row in (self.tasks, self.noise_of_row)
-        )
-        between, noise = np.ix_(tasks, tasks), np.exp(log_noise)
-        K_rho = self.task_covariance.matrix(rho)[between]
-        kernel = self.kernel.clone_with_theta(kernel)
-        X = np.asarray(self.X[rows], dtype=float)
-        K_x, dK_x = kernel(X, eval_gradient=True)
-        dK_rho = self.task_covariance.derivatives(rho)
-        derivatives = chain(
-            (d * K_rho for d in np.moveaxis(dK_x, 2, 0)),
-            (d[between] * K_x for d in dK_rho),
-            (np.diag(v * (noise_of_row == k)) for k, v in enumerate(noise)),
-        )
-        return K_x * K_rho + np.diag(noise[noise_of_row]), derivatives
+        X, tasks, noise_of_row = self._some(rows)
+        K_x, dK_x = self.kernel.clone_with_theta(kernel)(X, eval_gradient=True)
+        K_rho = self.task_covariance.matrix(rho)[np.ix_(tasks, tasks)]
+        noise = np.diag(np.exp(log_noise)[noise_of_row])
+        of_tasks = OfTasks(np.arange(self.n_noise), 0.5 * noise)
+        derivatives = [
+            [d * K_rho for d in np.moveaxis(dK_x, 2, 0)],
+            [_between_samples(d, tasks, K_x) for d in of_rho],
+            [of_tasks if self.n_noise > 1 else noise],
+        ]
+        return K_x * K_rho + noise, tasks, derivatives
+
+    def _some(self, rows):
+        """X, tasks and the noise variance of some rows, sorted by task."""
+        tasks = np.asarray(self.tasks[rows])
+        order = np.argsort(tasks, kind="stable")
+        X = np.asarray(self.X[rows], dtype=float)[order]
+        return X, tasks[order], np.asarray(self.noise_of_row[rows])[order]
+
+
+def _between_samples(d_rho, tasks, K_x):
+    """Derivatives of K by parameters of K^rho, from those of K^rho."""
+    between = np.ix_(tasks, tasks)
+    if isinstance(d_rho, OfTasks):
+        return d_rho._replace(half=d_rho.half[between] * K_x)
+    return d_rho[between] * K_x
 
 
 def log_density(fit, log_det, n):

@@ -31,13 +31,10 @@ def draw_rows(tasks, n_tasks, size):
     of_task, rng = counts.sum(axis=0), np.random.default_rng(0)
     n = of_task.sum()
     drawn = [rng.choice(k, -(-k * size // n), replace=False) for k in of_task]
-    begin = np.cumsum(counts, axis=0) - counts
+    task = np.repeat(np.arange(n_tasks), [len(places) for places in drawn])
+    place, begin = np.concatenate(drawn), np.cumsum(counts, axis=0) - counts
     wanted = [
-        [
-            rows[(rows >= a) & (rows < a + k)] - a
-            for rows, a, k in zip(drawn, *of_part, strict=True)
-        ]
-        for of_part in zip(begin, counts, strict=True)
+        _of_part(task, place, *of_part) for of_part in zip(begin, counts, strict=True)
     ]
     found = map_parts(_positions, tasks, wanted)
     return np.concatenate(
@@ -45,7 +42,14 @@ def draw_rows(tasks, n_tasks, size):
     )
 
 
+def _of_part(task, place, begin, count):
+    """What is drawn from a part: tasks, and which of their rows in it."""
+    here = (begin[task] <= place) & (place < (begin + count)[task])
+    return task[here], place[here] - begin[task[here]]
+
+
 def _positions(tasks, wanted):
     """Where the rows are that are the first, second, ... of their task."""
-    rows = [np.flatnonzero(tasks == m)[k] for m, k in enumerate(wanted) if len(k)]
-    return np.sort(np.concatenate([np.zeros(0, dtype=int), *rows]))
+    task, place = wanted
+    order = np.argsort(tasks, kind="stable")
+    return np.sort(order[np.searchsorted(tasks, task, sorter=order) + place])

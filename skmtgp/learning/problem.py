@@ -97,11 +97,11 @@ class Data:
     def _rows(self, n_samples):
         n = len(self.tasks)
         order = np.random.default_rng(0).permutation(n)
-        kept = []
-        for m in np.unique(self.tasks):
-            rows = order[self.tasks[order] == m]
-            kept.append(rows[: -(-len(rows) * n_samples // n)])
-        return np.concatenate(kept)
+        order = order[np.argsort(self.tasks[order], kind="stable")]
+        of_task = np.unique(self.tasks, return_counts=True)[1]
+        place = np.arange(n) - np.repeat(np.cumsum(of_task) - of_task, of_task)
+        share = -(-of_task * n_samples // n)
+        return order[place < np.repeat(share, of_task)]
 
     def _inputs(self, n_inputs):
         """The rows of some of the inputs."""

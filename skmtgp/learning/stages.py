@@ -68,8 +68,9 @@ def first_stage(data, settings, form, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
     theta = np.concatenate([settings.kernel.theta, settings.log_noise])
     mode = climb(data, settings, form, theta, relaxed=relaxed)
-    posterior = settings.likelihood(data, form).posterior(mode.theta)
-    K_rho = augmented_task_covariance(data, posterior)
+    K_rho = augmented_task_covariance(
+        data, settings.likelihood(data, form).posterior(mode.theta)
+    )
     return Start(settings.split(mode.theta)[0], K_rho, mode)
 
 
@@ -94,12 +95,13 @@ def augmented_task_covariance(data, posterior):
     X, row = np.unique(data.X, axis=0, return_inverse=True)
     row = row.reshape(-1)
     T_aug = posterior.mean_of_tasks(X, np.arange(data.n_tasks))
-    observed, count = np.zeros_like(T_aug), np.zeros_like(T_aug)
-    np.add.at(observed, (row, data.tasks), data.y)
-    np.add.at(count, (row, data.tasks), 1.0)
-    np.divide(observed, count, out=T_aug, where=count > 0.0)  # t^m(x_i)
+    kernel = posterior.kernel
+    del posterior  # its factor takes as much memory as K_x
+    cells, cell = np.unique(row * data.n_tasks + data.tasks, return_inverse=True)
+    observed = np.bincount(cell, data.y) / np.bincount(cell)
+    T_aug.flat[cells] = observed  # t^m(x_i)
     eta_squared = np.square(T_aug).mean()  # tr(T_aug^T T_aug) / (M N)
-    K_x = posterior.kernel(X)
+    K_x = kernel(X)
     # Where there is nothing to explain, or next to nothing, K_x alone is singular.
     floor = SINGULAR * np.diagonal(K_x).mean() + np.finfo(np.float64).tiny
     K_x[np.diag_indices_from(K_x)] += max(eta_squared, floor)

@@ -20,10 +20,17 @@ from skmtgp.learning.climbing import DOUBT, climb, held_first, shake
 from skmtgp.learning.problem import best_of, spent_on
 from skmtgp.learning.stages import Start, augmented_task_covariance
 
+FEWEST = 3  # rows of each task, on average
 NOISES = 1e-1, 1e-2  # in variances of what is left
 FASTER = -1.5, -3.0  # steps of log parameters: a length-scale a fifth, a twentieth
 SLOWER = 2.0  # of all of them
 UNUSED = 3.0  # of those of all features but one
+
+
+def may_hide(data, settings, modes):
+    """Whether levels may hide functions: from modes of step 1 without these starts."""
+    told = len(data.y) >= FEWEST * data.n_tasks and settings.max_iter > 0
+    return told and all(settings.is_noisy(mode) for mode in modes)
 
 
 def hidden_start(data, settings, form):

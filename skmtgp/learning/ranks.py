@@ -11,7 +11,7 @@ from itertools import compress
 from skmtgp._parallel import run
 from skmtgp._progress import silent
 from skmtgp.learning.climbing import refine
-from skmtgp.learning.hidden import hidden_start, reveal
+from skmtgp.learning.hidden import hidden_start, may_hide, reveal
 from skmtgp.learning.nesting import descend, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
@@ -179,15 +179,15 @@ def make_starts(pairs, n_jobs, *, relaxed=True):
 def hidden_starts(pairs, starts, n_jobs):
     """Starts for functions that levels may hide, for each output.
 
-    None where noise does not explain more than a little of the targets at the others.
+    None where noise explains next to nothing of the targets at the other starts, or
+    where the tasks have so few rows that their means take most of what they tell.
     """
-    noisy = [
-        settings.max_iter > 0 and all(settings.is_noisy(start.mode) for start in of)
-        for (_, settings), of in zip(pairs, starts, strict=True)
+    hiding = [
+        may_hide(*pair, [start.mode for start in of])
+        for pair, of in zip(pairs, starts, strict=True)
     ]
-    found = _from_fixed(hidden_start, list(compress(pairs, noisy)), n_jobs)
-    found = iter(found)
-    return [next(found) if is_noisy else [] for is_noisy in noisy]
+    found = iter(_from_fixed(hidden_start, list(compress(pairs, hiding)), n_jobs))
+    return [next(found) if hides else [] for hides in hiding]
 
 
 def _from_fixed(start, pairs, n_jobs):

@@ -55,9 +55,10 @@ def hidden_start(data, settings, form):
     theta = max(_candidates(settings, np.square(rest.y).mean()), key=likelihood.value)
     likelihood.release()
     mode = climb(rest, settings, form, theta)
-    posterior = settings.likelihood(data, form).posterior(mode.theta)
     kernel, _, log_noise = settings.split(mode.theta)
-    K_rho = augmented_task_covariance(data, posterior)
+    K_rho = augmented_task_covariance(
+        data, settings.likelihood(data, form).posterior(mode.theta)
+    )
     return Start(kernel, K_rho, mode, log_noise)
 
 

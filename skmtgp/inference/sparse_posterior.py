@@ -45,7 +45,7 @@ class SparsePosterior:
             sums = bound.over_rows(sum_residuals, self.features, weights.omega)
             self.log_likelihood = weights.log_density(sums.squares)
             self.V, self.omega = weights.refined(sums.errors)
-            self.covariances = Covariances(weights)
+            self.covariances = Covariances(weights)  # spends the factor of `weights`
         self.features.warn_of_jitter()
         self.bound, self.noise = bound, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size

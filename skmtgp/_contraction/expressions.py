@@ -124,8 +124,14 @@ class BoundPower(Bound):
 
     def contract(self, W, tape, rows, cols):
         K, inner_tape = tape
-        W = self.exponent * W * K ** (self.exponent - 1)
+        W = self.exponent * W * self._slope(K)
         return self.inner.contract(W, inner_tape, rows, cols)
+
+    def _slope(self, K):
+        if self.exponent >= 1:
+            return K ** (self.exponent - 1)
+        # a value that has underflown to 0 has a derivative that has, too
+        return np.power(K, self.exponent - 1, out=np.zeros_like(K), where=K != 0.0)
 
 
 class UnknownNode(Node):
@@ -152,11 +158,22 @@ class BoundUnknown(Bound):
 
     def contract(self, W, tape, rows, cols):
         if rows == cols:
-            gradient = self.kernel(self.X[rows], eval_gradient=True)[1]
+            gradient = self._gradient(self.X[rows])
         else:  # a kernel has no gradient between two sets of rows, but of their union
             both, n = np.vstack([self.X[rows], self.X[cols]]), len(W)
-            gradient = self.kernel(both, eval_gradient=True)[1][:n, n:]
+            gradient = self._gradient(both)[:n, n:]
         return np.einsum("ij,ijp->p", W, gradient)
+
+    def _gradient(self, X):
+        gradient = np.asarray(self.kernel(X, eval_gradient=True)[1])
+        shape = len(X), len(X), self.kernel.n_dims
+        if gradient.shape != shape:
+            raise ValueError(
+                f"{type(self.kernel).__name__} has a gradient of shape "
+                f"{gradient.shape}, not {shape}: for {len(X)} rows and "
+                f"{self.kernel.n_dims} free hyperparameters."
+            )
+        return gradient
 
 
 NODES = TERMS | {

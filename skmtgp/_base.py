@@ -85,8 +85,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         Raises
         ------
         ValueError
-            If a parameter, a feature, a label or a target cannot be used. The estimator
-            is then as it was before.
+            If a parameter, a feature, a label or a target cannot be used, or if the
+            kernel is no covariance of the features. The estimator is then as it was
+            before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y)

@@ -42,6 +42,11 @@ class FittedGP(PosteriorMixin, Estimator):
         NotFittedError
             If the model was not fitted.
 
+        Warns
+        -----
+        NegativeVarianceWarning
+            If a variance is negative by more than rounding.
+
         Notes
         -----
         Rasmussen and Williams (2006), eqs. 5.10 to 5.12: with the covariance K of the

@@ -171,7 +171,7 @@ class Columns(Kernel):
             Parameter names and their values.
         """
         params = {"kernel": self.kernel, "columns": self.columns}
-        if deep:
+        if deep and isinstance(self.kernel, Kernel):
             inner = self.kernel.get_params()
             params |= {f"kernel__{name}": value for name, value in inner.items()}
         return params

@@ -152,8 +152,9 @@ class SparsePosterior:
         features leave of the variance of f is added.
         """
         parts = [self._left_out(*block) for block in self.bound.blocks()]
-        residual, *variances, prior, noise = np.concatenate(parts, axis=1)
-        told, rest = (without_negatives(v, prior, self.rounding) for v in variances)
+        residual, told, rest, prior, noise = np.concatenate(parts, axis=1)
+        without_negatives(told, prior, min(self.rounding, 0.5))
+        without_negatives(rest, prior, self.rounding)
         return residual, told + rest + noise * include_noise
 
     def _left_out(self, X, tasks, y):
@@ -161,7 +162,8 @@ class SparsePosterior:
         prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
         rest = self.K_rho[tasks, tasks] * tile.rest
         share = self._spread(tile.phi, tasks) / noise
-        # 1 - h_i is that of a row without others at least; below 0 no digit is left
+        # 1 - h_i is that of a row without others at least. Below 0 it has no digit, and
+        # the variance is told as minus the prior's
         left, least = 1.0 - share, noise / (noise + prior - rest)
         left = np.where(left > 0.0, np.maximum(left, least), -least)
         error = y - np.einsum("ij,ji->i", self.omega[tasks], tile.phi)

@@ -26,7 +26,7 @@ from skmtgp.inference.features import Features
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
-from skmtgp.inference.weights import Gradients
+from skmtgp.inference.weights import Covariances, Gradients
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.task_covariance import identity, low_rank, ones
 
@@ -620,6 +620,17 @@ def test_posterior_in_blocks(block_size):
         found = getattr(posterior, method)(X, tasks)
         whole = getattr(expected, method)(X, tasks)
         np.testing.assert_allclose(found, whole, rtol=1e-10)
+
+
+def test_weights_cannot_be_refined_without_their_factor():
+    bound = make(RBF(1.2), low_rank(M, 2))
+    theta = parameters(RBF(1.2), low_rank(M, 2))
+    _, weights = bound.forward(theta)
+    errors = np.ones_like(weights.own)
+    weights.refined(errors)
+    Covariances(weights)
+    with pytest.raises(RuntimeError, match="solve before `invert`"):
+        weights.refined(errors)
 
 
 def test_variance_is_never_negative(monkeypatch):

@@ -43,6 +43,8 @@ class Posterior(ABC):
         Of k^x at each training input in the mean of each task.
     log_likelihood : float
         Log marginal likelihood of the targets.
+    largest : float
+        The largest prior variance of f, of the training inputs and all tasks.
     """
 
     jitter = 0.0

@@ -18,6 +18,7 @@ from skmtgp._complete import is_complete
 from skmtgp._dask import is_dask
 from skmtgp._fitted import FittedGP
 from skmtgp._guide import INFERENCE
+from skmtgp._kernel_check import check_covariance, check_kernel
 from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._parallel import at_a_time
@@ -27,7 +28,6 @@ from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callb
 from skmtgp._training import (
     FEW_ROWS,
     Training,
-    check_kernel,
     check_training,
     default_kernel,
     warn_of_constants,
@@ -85,8 +85,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         Raises
         ------
         ValueError
-            If a parameter, a feature, a label or a target cannot be used. The estimator
-            is then as it was before.
+            If a parameter, a feature, a label or a target cannot be used, or if the
+            kernel is no covariance of the features. The estimator is then as it was
+            before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y)
@@ -217,6 +218,10 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
 
     def _store(self, training, likelihoods, modes):
         """Set the fitted attributes, in the target's own units."""
+        for likelihood, mode in zip(likelihoods, modes, strict=True):
+            learned = likelihood.split(mode.theta)[0]
+            kernel = likelihood.kernel.clone_with_theta(learned)
+            check_covariance(kernel, training.features)
         self._likelihoods, self.inference_ = likelihoods, likelihoods[0].inference
         self._posteriors = [
             likelihood.posterior(mode.theta)

@@ -11,8 +11,6 @@ from skmtgp._guide import PARALLEL
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._training import Training, check_theta
 
-BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
-
 
 class FittedGP(PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
@@ -43,6 +41,11 @@ class FittedGP(PosteriorMixin, Estimator):
         ------
         NotFittedError
             If the model was not fitted.
+
+        Warns
+        -----
+        NegativeVarianceWarning
+            If a variance is negative by more than rounding.
 
         Notes
         -----
@@ -163,11 +166,8 @@ class FittedGP(PosteriorMixin, Estimator):
         return means * self._scales + self._centres
 
     def _variances(self, features, codes, include_noise):
-        variances = np.empty((len(features), len(self._posteriors)))
-        for rows in _blocks(len(features), self._n_samples):
-            for j, posterior in enumerate(self._posteriors):
-                variances[rows, j] = posterior.variance(features[rows], codes[rows])
-        variances *= np.square(self._scales)
+        variances = [p.variance(features, codes) for p in self._posteriors]
+        variances = np.stack(variances, axis=1) * np.square(self._scales)
         return variances + (self._noise(codes) if include_noise else 0.0)
 
     def _covariances(self, features, codes, include_noise):
@@ -183,9 +183,3 @@ class FittedGP(PosteriorMixin, Estimator):
         noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
         per_task = noise.shape[1] > 1
         return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
-
-
-def _blocks(n_samples, n_train):
-    """Slices of the samples for which the cross-covariance is not too large."""
-    size = max(1, BLOCK_SIZE // max(1, n_train))
-    return [slice(a, a + size) for a in range(0, n_samples, size)]

@@ -38,10 +38,19 @@ class Cholesky:
     jitter = 0.0
 
     def __init__(self, K):
-        self.factor, info = dpotrf(K, lower=1, clean=0, overwrite_a=1)
+        self._factor, info = dpotrf(K, lower=1, clean=0, overwrite_a=1)
         pivots = np.diagonal(self.factor)
         if info != 0 or not (np.isfinite(pivots).all() and pivots.all()):
             raise NotPositiveDefiniteError(f"pivot {info} of {len(K)} is not positive")
+
+    @property
+    def factor(self):
+        """C, of shape (n, n); above the diagonal is anything."""
+        if self._factor is None:  # which BLAS would take for a matrix
+            raise RuntimeError(
+                "The inverse took the place of this factor: solve before `invert`."
+            )
+        return self._factor
 
     def log_det(self):
         """Log-determinant of K."""
@@ -60,9 +69,12 @@ class Cholesky:
         )
 
     def invert(self):
-        """Lower triangle of K^{-1}; it takes the place of the factor."""
-        inverse, self.factor = dpotri(self.factor, lower=1, overwrite_c=1)[0], None
-        return inverse
+        """Lower triangle of K^{-1}; it takes the place of the factor.
+
+        Whatever is asked of the factor afterwards raises a RuntimeError.
+        """
+        factor, self._factor = self.factor, None
+        return dpotri(factor, lower=1, overwrite_c=1)[0]
 
     def inverse_diagonal(self):
         """Diagonal of K^{-1} = C^{-T} C^{-1}; the factor stays."""

@@ -23,7 +23,6 @@ from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
-ROUNDING = 1e-6  # of a value at its bound
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 ROWS = 100_000  # of which the standard deviation is taken at once
 AS_THEY_ARE = slice(None)
@@ -270,48 +269,6 @@ def default_kernel(features):
     deviation, rounding = _deviation(features), RESOLVED * _largest(features)
     scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
     return RBF(scale, np.outer(scale, [1e-2, 1e3]))
-
-
-def check_kernel(kernel, features):
-    """Raise a ValueError where the kernel is not one for these features."""
-    _check_hyperparameters(kernel)
-    try:
-        shape = np.shape(kernel(np.asarray(features[:1])))
-    except (ValueError, TypeError, IndexError, AttributeError) as error:
-        raise ValueError(
-            f"kernel={kernel!r} cannot take X, which has {features.shape[1]} features "
-            f"beside the task column: {error}"
-        ) from error
-    if shape != (1, 1):
-        raise ValueError(
-            f"kernel of type {type(kernel).__name__} gives an array of shape {shape} "
-            "for one sample; a covariance has shape (1, 1)."
-        )
-
-
-def _check_hyperparameters(kernel):
-    """Raise a ValueError where learning cannot start at the kernel's values."""
-    params = kernel.get_params()
-    for h in (h for h in kernel.hyperparameters if not h.fixed):
-        try:
-            value = np.asarray(params[h.name], dtype=np.float64)
-            lower, upper = np.asarray(h.bounds, dtype=np.float64).T
-            usable = _is_between(value, lower, upper)
-        except (TypeError, ValueError):
-            usable = False
-        if not usable:
-            bounds = np.asarray(h.bounds).tolist()
-            raise ValueError(
-                f"The kernel's {h.name}={params[h.name]!r} must be positive and lie "
-                f"between its bounds, {bounds}, which must be positive and ascending, "
-                "or 'fixed'."
-            )
-
-
-def _is_between(value, lower, upper):
-    slack = 1.0 + ROUNDING  # what was learned may start another fit
-    inside = (lower <= value * slack) & (value <= upper * slack)
-    return bool(np.all((lower > 0.0) & inside & np.isfinite(value)))
 
 
 class Training(NamedTuple):

@@ -7,6 +7,7 @@ __all__ = [
     "IncompleteDataWarning",
     "InsufficientMemoryError",
     "JitterWarning",
+    "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
     "PrecisionWarning",
     "UnderflowWarning",
@@ -76,6 +77,22 @@ class JitterWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import JitterWarning
     >>> warnings.simplefilter("error", JitterWarning)  # stop where it happens
+    """
+
+
+class NegativeVarianceWarning(RuntimeWarning):
+    """Variances of predictions are negative, by more than rounding explains.
+
+    They are taken for zero, and so are no measure of any error. The kernel is not
+    positive semi-definite at these inputs, or its `diag` is not the diagonal of its
+    values; or the noise variance is so small that no digits are left. The message says
+    how many variances it concerns.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import NegativeVarianceWarning
+    >>> warnings.simplefilter("error", NegativeVarianceWarning)
     """
 
 

@@ -139,7 +139,8 @@ class Columns(Kernel):
     kernel : Kernel
         The kernel of the selected features. Its hyperparameters are this kernel's.
     columns : sequence of int
-        Indices of the features that it sees, the task column not counted.
+        Indices of the features that it sees, the task column not counted. Negative ones
+        count from the end.
 
     Examples
     --------
@@ -170,7 +171,7 @@ class Columns(Kernel):
             Parameter names and their values.
         """
         params = {"kernel": self.kernel, "columns": self.columns}
-        if deep:
+        if deep and isinstance(self.kernel, Kernel):
             inner = self.kernel.get_params()
             params |= {f"kernel__{name}": value for name, value in inner.items()}
         return params
@@ -247,16 +248,10 @@ class Columns(Kernel):
         Raises
         ------
         ValueError
-            If X has too few features.
+            If `columns` are not indices of features.
         """
         X = np.atleast_2d(X)
-        columns = np.asarray(self.columns)
-        if columns.size and columns.max() >= X.shape[1]:
-            raise ValueError(
-                f"columns={self.columns!r} name column {columns.max()}, but X has "
-                f"{X.shape[1]} features without the task column."
-            )
-        return X[:, columns]
+        return X[:, _positions(self.columns, X.shape[1])]
 
     def diag(self, X: NDArray[Any]) -> NDArray[np.float64]:
         """Diagonal of ``self(X)``, of shape (n_samples_X,)."""
@@ -273,6 +268,27 @@ class Columns(Kernel):
 
     def __repr__(self) -> str:
         return f"Columns({self.kernel!r}, {list(self.columns)})"
+
+
+def _positions(columns, n_features):
+    """Indices of features as an array; a ValueError says what is wrong with them."""
+    positions, values = np.asarray(columns), np.ravel(np.asarray(columns, object))
+    if (
+        positions.ndim != 1
+        or not positions.size
+        or positions.dtype.kind not in "iu"
+        or any(isinstance(value, bool | np.bool_) for value in values)
+    ):
+        raise ValueError(
+            f"columns={columns!r} must be a list of indices (int) of features, the "
+            "task column not counted, such as [0, 2]."
+        )
+    for column in positions[(positions < -n_features) | (positions >= n_features)][:1]:
+        raise ValueError(
+            f"columns={columns!r} name column {column}, but X has {n_features} "
+            "features without the task column."
+        )
+    return positions
 
 
 def inverse_dynamics_kernel(n_joints: int) -> Kernel:

@@ -59,6 +59,8 @@ KNOWN = {
     "rational quadratic, fixed scale": RationalQuadratic(1.2, 0.6, FIXED),
     "power": Exponentiation(RBF(ARD) + ConstantKernel(0.5), 3.0),
     "power of a constant": ConstantKernel(1.3) ** 2,
+    "root": (RBF(ARD) + ConstantKernel(0.5)) ** 0.5,
+    "root of a constant": ConstantKernel(1.3) ** 0.5,
     "sum": RBF(ARD) + DotProduct(0.8),
     "sum of scalars": ConstantKernel(1.3) + WhiteKernel(0.3),
     "product": RBF(ARD) * ARDLinear(ARD, 0.4),
@@ -107,6 +109,17 @@ def moved(kernel):
 def tiles(n, side=4):
     edges = [slice(a, min(a + side, n)) for a in range(0, n, side)]
     return [(rows, cols) for rows in edges for cols in edges]
+
+
+def test_root_of_values_that_underflow():
+    X, rows = np.array([[0.0], [1.0], [1e3]]), slice(0, 3)
+    kernel, other = RBF(1.0) ** 0.5, RBF(np.sqrt(2.0))
+    found, expected = (
+        bound.contract(W, bound.block(rows, rows)[1], rows, rows)
+        for W in [np.random.default_rng(0).standard_normal((3, 3))]
+        for bound in (compile_kernel(k).bind(k.theta, X) for k in (kernel, other))
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("known", [RBF, Matern, ConstantKernel, ARDLinear, DotProduct])

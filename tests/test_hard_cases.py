@@ -17,6 +17,8 @@ from sklearn.gaussian_process.kernels import (
     CompoundKernel,
     ConstantKernel,
     ExpSineSquared,
+    Matern,
+    WhiteKernel,
 )
 
 from skmtgp import (
@@ -32,11 +34,10 @@ from skmtgp import (
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     InsufficientMemoryError,
-    NotPositiveDefiniteError,
     UnderflowWarning,
 )
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.kernels import ARDLinear
+from skmtgp.kernels import ARDLinear, Columns
 
 GPS = {
     "MultiTaskGPRegressor": MultiTaskGPRegressor(),
@@ -395,9 +396,44 @@ BAD_KERNELS = {
     "negative bound": (RBF(1.0, (-1.0, 1.0)), HYPERPARAMETERS),
     "bounds of text": (RBF(1.0, "fix"), "must be positive and ascending, or 'fixed'"),
     "one of several": (ARDLinear([1.0, -1.0]), r"kernel's weights=\[1.0, -1.0\] must"),
+    "fixed NaN": (
+        2.0 * RBF([1.0, np.nan], "fixed"),
+        r"kernel's k2__length_scale=\[1.0, nan\] must be a number",
+    ),
+    "fixed text": (RBF("a", "fixed"), "kernel's length_scale='a' must be"),
+    "fixed infinity": (
+        ConstantKernel(np.inf, "fixed") * RBF(),
+        r"is inf between \[.*\] and \[.*\], which are rows of X; a covariance is fin",
+    ),
+    "fixed below zero": (
+        WhiteKernel(-1.0, "fixed") + RBF(),
+        "is not positive semi-definite, as a covariance is: the smallest eigenvalue",
+    ),
+    "no kernel": (
+        RBF() + Columns(None, [0]),
+        "has 2 features beside the task column: Columns needs a kernel, but got None",
+    ),
+    **{
+        f"columns {columns}": (
+            Columns(RBF(), columns),
+            r"columns=.* must be a list of indices \(int\) of features, the task",
+        )
+        for columns in (["x"], [], 0, "x", [0.0], [True, False], [0, True], [[0]])
+    },
+    "columns that are not there": (
+        Columns(RBF(), [0, -3]),
+        r"columns=\[0, -3\] name column -3, but X has 2 features",
+    ),
+    **{
+        f"nu {nu}": (
+            2.0 * Columns(Matern(nu=nu), [0]),
+            r"nu must be 0\.5, 1\.5, 2\.5, inf, or from 0\.3 to 15",
+        )
+        for nu in (50, 15.1, 0.29, 0.0, -1.5, np.nan, "a", None)
+    },
     "several kernels": (
         CompoundKernel([RBF(), RBF()]),
-        r"CompoundKernel gives an array of shape \(1, 1, 2\)",
+        r"CompoundKernel gives an array of shape \(\d+, \d+, 2\)",
     ),
 }
 
@@ -416,13 +452,18 @@ def test_learned_kernel_at_its_bound_starts_another_fit():
     assert str(again.kernel_) == str(first.kernel_)
 
 
-def test_what_is_no_covariance():
+@each_gp
+def test_what_is_no_covariance(model):
     """Periodic in a distance is positive definite in one dimension only."""
-    F, tasks, y = draw(40, 1)
-    kernel = ExpSineSquared(1.0, 0.7, "fixed", "fixed")
-    fixed = {"noise_variance": 1e-10, "noise_variance_bounds": "fixed"}
-    with pytest.raises(NotPositiveDefiniteError, match="increase noise_variance"):
-        PooledGP(kernel, max_iter=0, **fixed).fit(columns(F, tasks), y)
+    match = r"ExpSineSquared is positive semi-definite on one feature, not on 2\. Give"
+    for kernel in (RBF() + ExpSineSquared(), ExpSineSquared() ** 2):
+        with pytest.raises(ValueError, match=match):
+            fitted(model, X, Y, kernel=kernel)
+    kernel = ExpSineSquared() * Columns(ExpSineSquared(), [0])
+    assert_sound(
+        fitted(model, np.delete(X, 1, axis=1), Y, kernel=kernel, max_iter=0),
+        X[:, [0, 2]],
+    )
 
 
 @pytest.mark.parametrize("noise_variance", [1e-3, 2.0])

@@ -62,6 +62,24 @@ def test_columns_see_some_features_only(X, Z):
     np.testing.assert_array_equal(Columns(rbf, [2, 0])(X, Z), expected)
 
 
+def test_columns_may_count_from_the_end(X):
+    np.testing.assert_array_equal(Columns(RBF(), [-1, 0])(X), RBF()(X[:, [2, 0]]))
+
+
+@pytest.mark.parametrize(
+    "columns", [["x"], [], 0, "x", None, [0.0], [True, False], [0, True], [[0]]]
+)
+def test_columns_that_are_no_indices(columns, X):
+    with pytest.raises(ValueError, match=r"must be a list of indices \(int\) of feat"):
+        Columns(RBF(), columns)(X)
+
+
+@pytest.mark.parametrize("column", [3, -4])
+def test_columns_that_are_not_there(column, X):
+    with pytest.raises(ValueError, match=rf"name column {column}, but X has 3 featu"):
+        Columns(RBF(), [0, column]).diag(X)
+
+
 def test_nested_columns_count_within_the_outer_ones(X):
     nested = Columns(Columns(RBF(), [1]), [0, 2])
     np.testing.assert_array_equal(nested(X), RBF()(X[:, [2]]))

@@ -34,6 +34,7 @@ LAYERS = [
     {
         "_estimator",
         "_training",
+        "_kernel_check",
         "_partitions",
         "_posterior",
         "_fitted",

@@ -43,7 +43,24 @@ def test_invert(K, cholesky):
     inverse = np.tril(cholesky.invert())
     expected = np.tril(np.linalg.inv(K))
     np.testing.assert_allclose(inverse, expected, rtol=1e-11, atol=1e-13)
-    assert cholesky.factor is None
+
+
+ASKED = {
+    "solve": lambda cholesky, b: cholesky.solve(b),
+    "half_solve": lambda cholesky, b: cholesky.half_solve(b),
+    "half_solve of several": lambda cholesky, b: cholesky.half_solve(b[:, None]),
+    "log_det": lambda cholesky, _: cholesky.log_det(),
+    "inverse_diagonal": lambda cholesky, _: cholesky.inverse_diagonal(),
+    "invert": lambda cholesky, _: cholesky.invert(),
+    "factor": lambda cholesky, _: cholesky.factor,
+}
+
+
+@pytest.mark.parametrize("ask", ASKED.values(), ids=ASKED)
+def test_spent_factor(cholesky, ask):
+    cholesky.invert()
+    with pytest.raises(RuntimeError, match="solve before `invert`"):
+        ask(cholesky, np.ones(8))
 
 
 def test_log_det_where_the_determinant_overflows():

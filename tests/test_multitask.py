@@ -17,10 +17,10 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _fitted,
     multitask,
 )
 from skmtgp.exceptions import PrecisionWarning
+from skmtgp.inference import posterior
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import paper, problem, ranks
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
@@ -179,10 +179,18 @@ def test_single_and_several_outputs_are_the_same_models():
 def test_prediction_in_blocks(monkeypatch, fitted, block_size):
     Z, _ = draw(per_task=7, seed=1)
     mean, std = fitted.predict(Z, return_std=True)
-    monkeypatch.setattr(_fitted, "BLOCK_SIZE", block_size)
-    assert len(_fitted._blocks(len(Z), 30)) == -(-len(Z) // max(1, block_size // 30))
+    monkeypatch.setattr(posterior, "BLOCK_SIZE", block_size)
+    (of_output,), sizes = fitted._posteriors, []
+    explained = of_output.explained
+
+    def counted(X, tasks):
+        sizes.append(len(X))
+        return explained(X, tasks)
+
+    monkeypatch.setattr(of_output, "explained", counted)
     blocks = fitted.predict(Z, return_std=True)
     np.testing.assert_allclose(blocks, [mean, std], rtol=1e-7)
+    assert max(sizes) == max(1, block_size // 30)
 
 
 @pytest.mark.parametrize("noise", [False, True], ids=["of f", "with noise"])

@@ -26,7 +26,7 @@ from skmtgp.inference.features import Features
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
-from skmtgp.inference.weights import Gradients
+from skmtgp.inference.weights import Covariances, Gradients
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.task_covariance import identity, low_rank, ones
 
@@ -622,14 +622,28 @@ def test_posterior_in_blocks(block_size):
         np.testing.assert_allclose(found, whole, rtol=1e-10)
 
 
+def test_weights_cannot_be_refined_without_their_factor():
+    bound = make(RBF(1.2), low_rank(M, 2))
+    theta = parameters(RBF(1.2), low_rank(M, 2))
+    _, weights = bound.forward(theta)
+    errors = np.ones_like(weights.own)
+    weights.refined(errors)
+    Covariances(weights)
+    with pytest.raises(RuntimeError, match="solve before `invert`"):
+        weights.refined(errors)
+
+
 def test_variance_is_never_negative(monkeypatch):
     _, F, (X, tasks, y) = small_noise_problem()
     bound = SparseBound(RBF(), low_rank(2, 1), X, tasks, y, X)
     posterior = bound.posterior(np.r_[0.0, F.ravel(), np.log(1e-15)])
     assert (posterior.variance(X, tasks) >= 0.0).all()
-    monkeypatch.setattr(posterior.features.kernel, "diag", lambda X: np.zeros(len(X)))
+    less = 1.0 - 1e-12  # as rounding may make it
+    monkeypatch.setattr(
+        posterior.features.kernel, "diag", lambda X: np.full(len(X), less)
+    )
     np.testing.assert_array_equal(posterior.variance(X, tasks), 0.0)
-    monkeypatch.setattr(posterior, "kernel", lambda X: np.zeros((len(X), len(X))))
+    monkeypatch.setattr(posterior, "kernel", lambda X: less * RBF()(X))
     covariance = posterior.covariance(X, tasks)
     np.testing.assert_array_equal(np.diagonal(covariance), 0.0)
 

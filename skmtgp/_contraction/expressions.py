@@ -124,8 +124,14 @@ class BoundPower(Bound):
 
     def contract(self, W, tape, rows, cols):
         K, inner_tape = tape
-        W = self.exponent * W * K ** (self.exponent - 1)
+        W = self.exponent * W * self._slope(K)
         return self.inner.contract(W, inner_tape, rows, cols)
+
+    def _slope(self, K):
+        if self.exponent >= 1:
+            return K ** (self.exponent - 1)
+        # a value that has underflown to 0 has a derivative that has, too
+        return np.power(K, self.exponent - 1, out=np.zeros_like(K), where=K != 0.0)
 
 
 class UnknownNode(Node):

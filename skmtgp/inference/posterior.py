@@ -6,6 +6,15 @@ import numpy as np
 
 from skmtgp._parallel import map_threads
 from skmtgp.inference import tiles
+from skmtgp.inference.variances import (
+    diagonal,
+    in_blocks,
+    largest_prior,
+    rounding_of,
+    without_negatives,
+)
+
+BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
 
 class Posterior(ABC):
@@ -34,6 +43,8 @@ class Posterior(ABC):
         Of k^x at each training input in the mean of each task.
     log_likelihood : float
         Log marginal likelihood of the targets.
+    largest : float
+        The largest prior variance of f, of the training inputs and all tasks.
     """
 
     jitter = 0.0
@@ -45,6 +56,13 @@ class Posterior(ABC):
         self.K_rho = likelihood.task_covariance.matrix(rho)
         self.tasks = likelihood.tasks
         self.noise = np.exp(log_noise)[likelihood.noise_of_row]
+        self.largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
+
+    @property
+    def rounding(self):
+        """What rounding may add to a variance, relative to its prior."""
+        least = (self.noise + self.jitter).min()
+        return rounding_of(len(self.tasks), self.largest, least)
 
     @abstractmethod
     def explained(self, X, tasks):
@@ -114,13 +132,21 @@ class Posterior(ABC):
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
-        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
-        return np.maximum(prior - self.explained(X, tasks), 0.0)
+
+        def of_rows(X, tasks):
+            prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
+            return prior - self.explained(X, tasks), prior
+
+        size = max(1, BLOCK_SIZE // len(self.tasks))
+        found = in_blocks(of_rows, size, X, tasks, axis=1)
+        return without_negatives(*found, self.rounding)
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         prior = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X)
-        return without_negatives(prior - self.explained_covariance(X, tasks))
+        covariance = prior - self.explained_covariance(X, tasks)
+        without_negatives(diagonal(covariance), np.diagonal(prior), self.rounding)
+        return covariance
 
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from all the others.
@@ -144,8 +170,8 @@ class Posterior(ABC):
         and 1 / [K^{-1}]_ii is the variance of y_i given the others.
         """
         precision = self.precision()
-        noise = self.noise + self.jitter
-        variance = np.maximum(1.0 / precision - noise, 0.0)
+        noise, of_y = self.noise + self.jitter, 1.0 / precision
+        variance = without_negatives(of_y - noise, of_y + noise, self.rounding)
         return self.alpha / precision, variance + noise * include_noise
 
     def cross(self, X):
@@ -162,13 +188,6 @@ class Posterior(ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
-
-
-def without_negatives(covariance):
-    """The covariance, in place, with 0 where rounding made a variance negative."""
-    diagonal = np.einsum("ii->i", covariance)  # a view
-    np.maximum(diagonal, 0.0, out=diagonal)
-    return covariance
 
 
 def _by_rows(function, n):

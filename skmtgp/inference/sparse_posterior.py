@@ -3,9 +3,17 @@
 import numpy as np
 
 from skmtgp._parallel import limit_threads
-from skmtgp.inference.posterior import without_negatives
 from skmtgp.inference.sums import sum_residuals
+from skmtgp.inference.variances import (
+    diagonal,
+    in_blocks,
+    largest_prior,
+    rounding_of,
+    without_negatives,
+)
 from skmtgp.inference.weights import Covariances
+
+SINGULAR = 1e-8  # of k^x(x, x): what rounding of an all but singular K_ZZ may add
 
 
 class SparsePosterior:
@@ -30,6 +38,8 @@ class SparsePosterior:
         Mean weights of the latent functions.
     noise : ndarray of shape (n_tasks,)
         Noise variance of each task.
+    rounding : float
+        What rounding may add to a variance, relative to its prior.
     log_likelihood : float
         The bound on the log marginal likelihood of the targets.
 
@@ -45,11 +55,14 @@ class SparsePosterior:
             sums = bound.over_rows(sum_residuals, self.features, weights.omega)
             self.log_likelihood = weights.log_density(sums.squares)
             self.V, self.omega = weights.refined(sums.errors)
-            self.covariances = Covariances(weights)
+            self.covariances = Covariances(weights)  # spends the factor of `weights`
         self.features.warn_of_jitter()
         self.bound, self.noise = bound, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho = bound.task_covariance.matrix(bound.split(theta)[1])
+        prior = largest_prior(self.K_rho, self.kernel, bound.Z)
+        rounding = rounding_of(len(bound.tasks), prior, self.noise.min())
+        self.rounding = SINGULAR + rounding
         # f^m(x) = omega_m . L^{-1} k^x(Z, x)
         solve = self.features.cholesky.half_solve
         self.weights = solve(self.omega.T, transposed=True).T
@@ -61,7 +74,7 @@ class SparsePosterior:
             present, column = np.unique(tasks, return_inverse=True)
             return self.mean_of_tasks(X, present)[np.arange(len(X)), column]
 
-        return self._by_block(of_rows, X, tasks)
+        return in_blocks(of_rows, self.block_size, X, tasks)
 
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
@@ -84,17 +97,18 @@ class SparsePosterior:
             cross = self.features.against(X)
             return cross.times(slice(0, len(X)), slice(0, m), weights)
 
-        return self._by_block(of_rows, X)
+        return in_blocks(of_rows, self.block_size, X)
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
         def of_rows(X, tasks):
-            tile = self.features.tile(X)
-            variance = self.K_rho[tasks, tasks] * tile.rest
-            return np.maximum(variance + self._spread(tile.phi, tasks), 0.0)
+            tile, own = self.features.tile(X), self.K_rho[tasks, tasks]
+            variance = own * tile.rest + self._spread(tile.phi, tasks)
+            return variance, own * self.kernel.diag(X)
 
-        return self._by_block(of_rows, X, tasks)
+        found = in_blocks(of_rows, self.block_size, X, tasks, axis=1)
+        return without_negatives(*found, self.rounding)
 
     def _spread(self, phi, tasks):
         """Variances of omega_m . phi for given features and tasks."""
@@ -108,10 +122,12 @@ class SparsePosterior:
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         phi = self.features.tile(X).phi
-        rest = self.kernel(X) - phi.T @ phi
-        covariance = self.K_rho[np.ix_(tasks, tasks)] * rest
+        K_rho, K_x = self.K_rho[np.ix_(tasks, tasks)], self.kernel(X)
+        covariance = K_rho * (K_x - phi.T @ phi)
         covariance += self.covariances.between(phi, tasks)
-        return without_negatives(covariance)
+        prior = np.diagonal(K_rho) * np.diagonal(K_x)
+        without_negatives(diagonal(covariance), prior, self.rounding)
+        return covariance
 
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from all the others, by the same Z.
@@ -136,16 +152,24 @@ class SparsePosterior:
         features leave of the variance of f is added.
         """
         parts = [self._left_out(*block) for block in self.bound.blocks()]
-        residual, variance, noise = np.concatenate(parts, axis=1)
-        return residual, variance + noise * include_noise
+        residual, told, rest, prior, noise = np.concatenate(parts, axis=1)
+        without_negatives(told, prior, min(self.rounding, 0.5))
+        without_negatives(rest, prior, self.rounding)
+        return residual, told + rest + noise * include_noise
 
     def _left_out(self, X, tasks, y):
         tile, noise = self.features.tile(X), self.noise[tasks]
+        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
+        rest = self.K_rho[tasks, tasks] * tile.rest
         share = self._spread(tile.phi, tasks) / noise
-        left = np.maximum(1.0 - share, np.finfo(float).eps)
+        # 1 - h_i is that of a row without others at least. Below 0 it has no digit, and
+        # the variance is told as minus the prior's
+        left, least = 1.0 - share, noise / (noise + prior - rest)
+        left = np.where(left > 0.0, np.maximum(left, least), -least)
         error = y - np.einsum("ij,ji->i", self.omega[tasks], tile.phi)
-        rest = self.K_rho[tasks, tasks] * np.maximum(tile.rest, 0.0)
-        return np.stack([error / left, noise * share / left + rest, noise])
+        return np.stack(
+            [error / np.abs(left), noise * share / left, rest, prior, noise]
+        )
 
     def latent(self, X, factor):
         """The latent functions z_a at X.
@@ -174,14 +198,6 @@ class SparsePosterior:
         told = -np.einsum("ji,abjk,kl->aibl", phi, inverse, phi, optimize=True)
         np.einsum("aial->ail", told)[...] += phi.T @ phi
         return self.V @ phi, _root(told, rank, n)
-
-    def _by_block(self, function, X, *parts):
-        """``function(X, *parts)`` for blocks of rows, put together again."""
-        starts = range(0, len(X), self.block_size)
-        blocks = [slice(a, a + self.block_size) for a in starts]
-        return np.concatenate(
-            [function(*(part[rows] for part in (X, *parts))) for rows in blocks]
-        )
 
 
 def _root(A, rank, n):

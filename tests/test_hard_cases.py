@@ -9,6 +9,7 @@ import joblib
 import numpy as np
 import pandas as pd
 import pytest
+from samples import posteriors
 from scipy.sparse import csr_array
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
@@ -17,6 +18,8 @@ from sklearn.gaussian_process.kernels import (
     CompoundKernel,
     ConstantKernel,
     ExpSineSquared,
+    Matern,
+    RationalQuadratic,
 )
 
 from skmtgp import (
@@ -491,6 +494,49 @@ class TestInterrupted:
 
 def interrupt(*_):
     raise KeyboardInterrupt
+
+
+class TestWideInputs:
+    """Times in seconds over years, in bursts, with a length-scale of a minute."""
+
+    @pytest.fixture(params=[10, 100])
+    def data(self, request):
+        rng = np.random.default_rng(0)
+        begin = rng.integers(0, request.param * 365 * 86_400, 8)
+        times = np.add.outer(begin, np.arange(0.0, 180.0, 30.0)).ravel()
+        X = columns(np.tile(times, 2), np.repeat([0, 1], 48))
+        y = (1.0 + X[:, 1]) * np.sin(X[:, 0] / 60.0) + 0.1 * rng.standard_normal(96)
+        Z = columns(X[::5, 0] + 7.0, X[::5, 1])
+        return X, y, Z
+
+    @pytest.mark.parametrize("inference", ["dense", "kronecker", "sparse"])
+    @pytest.mark.parametrize(
+        "kernel",
+        [
+            RBF(60.0, "fixed"),
+            Matern(60.0, "fixed", nu=0.5),
+            Matern(60.0, "fixed", nu=1.5),
+            RationalQuadratic(60.0, 1.0, "fixed", "fixed"),
+            RBF(60.0, "fixed") * Matern(120.0, "fixed", nu=2.5),
+        ],
+    )
+    def test_predictions(self, data, inference, kernel):
+        X, y, Z = data
+        model = MultiTaskGPRegressor(
+            kernel,
+            rank=1,
+            noise_variance=0.01,
+            inference=inference,
+            n_inducing=96,
+            max_iter=0,
+        ).fit(X, y)
+        [(mean, cov)] = posteriors(model, X, y, Z)
+        # scikit-learn's kernels, which are in there, round times in minutes: 1e-8
+        found, of_Z = model.predict(Z, return_cov=True)
+        np.testing.assert_allclose(found, mean, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(of_Z, cov, rtol=0.0, atol=1e-6)
+        std = model.predict(Z, return_std=True)[1]
+        np.testing.assert_allclose(np.square(std), np.diag(cov), rtol=0.0, atol=1e-6)
 
 
 class TestMemory:

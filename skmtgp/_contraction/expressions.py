@@ -9,7 +9,6 @@ from skmtgp._contraction.terms import (
     Bound,
     BoundConstant,
     Node,
-    StationaryNode,
     allocate,
 )
 from skmtgp.kernels import Columns
@@ -181,5 +180,5 @@ def compile_kernel(kernel):
         Its fast form, or one that calls the kernel where its type is not known.
     """
     if type(kernel) is Matern and kernel.nu in MATERN:
-        return StationaryNode(kernel, MATERN[kernel.nu])
+        return MATERN[kernel.nu](kernel)
     return NODES.get(type(kernel), UnknownNode)(kernel)

@@ -71,10 +71,8 @@ def _(bound: BoundLinear, W, tape, rows, cols, n_features):
 
 @contract_inputs.register
 def _(bound: BoundStationary, W, tape, rows, cols, n_features):
-    _, slope = tape
-    V = W * slope
-    VZ = V @ bound.right[cols, :-1]  # and, last, its row sums
-    return (VZ[:, :-1] - VZ[:, -1:] * bound.left[rows, :-2]) / bound.l
+    _, slope, near = tape
+    return bound.differences.contract_rows(W * slope, near, rows, cols) / bound.l
 
 
 @contract_inputs.register

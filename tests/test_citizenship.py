@@ -395,7 +395,7 @@ FIXED = {
     f"{TERMS}BoundConstant",
     f"{EXPRESSIONS}BoundProduct",
     f"{TERMS}ConstantNode",
-    f"{EXPRESSIONS}PairNode",
+    f"{EXPRESSIONS}JoinedNode",
     "skmtgp.task_covariance.FixedTaskCovariance",
 }
 DENSE = {

@@ -42,7 +42,8 @@ class Differences:
 
     def __init__(self, X, length_scale, *, steep=False):
         self.sets, self.zeros = (X, X), np.zeros(len(X))
-        self.l = np.broadcast_to(length_scale, X.shape[1])
+        valid = np.where(np.greater(length_scale, 0.0), length_scale, np.nan)
+        self.l = np.broadcast_to(valid, X.shape[1])  # nan where exp(theta) is zero
         self.center = (X / len(X)).sum(axis=0)  # the sum of X might overflow
         self.narrow, self.wide = slice(None), np.arange(0)
         self.left = self._factor(X)

@@ -32,7 +32,11 @@ class Node:
     ----------
     n_dims : int
         Length of theta.
+    n_slices : int
+        Of the largest tensor that a kernel within is asked for.
     """
+
+    n_slices = 0
 
     def __init__(self, kernel):
         self.kernel = kernel

@@ -35,6 +35,7 @@ from skmtgp._training import (
 from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
 from skmtgp.inference.choice import choose, why_dense
 from skmtgp.inference.inducing import check_differentiable
+from skmtgp.inference.memory import TileMemory
 
 MANY = 5000  # rows, whose dense inference takes long
 
@@ -174,6 +175,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             n // len(training.tasks) if method == "kronecker" else n,
             n_outputs * n_kept,
             method,
+            tiles=TileMemory(kernel, training.features[:1]),
             n_climbs=at_a_time(self.n_jobs, n_outputs * self._n_climbs(n_ranks)),
             why=why,
         )
@@ -186,17 +188,20 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _check_sparse(self, training, kernel, n_ranks, n_kept):
         """Whether memory suffices, and the kernel for moving inducing inputs."""
         (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
+        x = np.asarray(training.features[:1])
         check_sparse_memory(
             min(n, self.n_inducing),
             n_tasks,
             self._rank(n_tasks),
             n_outputs * n_kept,
+            n_rows=n,
+            tiles=TileMemory(kernel, x),
             n_climbs=at_a_time(self.n_jobs, n_outputs),
             n_exact=min(n, self.n_exact),
             n_exact_climbs=at_a_time(self.n_jobs, n_outputs * self._n_climbs(n_ranks)),
         )
         if self.inducing_inputs == "optimised":
-            check_differentiable(kernel, np.asarray(training.features[:1]))
+            check_differentiable(kernel, x)
 
     def _check_noise_bounds(self):
         bounds = self.noise_variance_bounds

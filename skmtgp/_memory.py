@@ -8,10 +8,10 @@ from pathlib import Path
 from skmtgp._guide import INFERENCE
 from skmtgp.exceptions import InsufficientMemoryError
 
-# Between what the covariances are, and how many of them learning takes, by
-# benchmarks/memory.py
+# Between what the covariances are, and how many matrices of them learning takes beside
+# the tiles: K, the space that its eigen-decomposition takes
 ROWS = {"dense": "samples", "kronecker": "inputs of each task"}
-MATRICES = {"dense": 3, "kronecker": 6}
+MATRICES = {"dense": 1, "kronecker": 3}
 GIB = 2.0**30
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 CONTROLS = [  # of a control group: limit, use, files within that can be let go
@@ -21,7 +21,14 @@ CONTROLS = [  # of a control group: limit, use, files within that can be let go
 
 
 def check_memory(
-    n_rows, n_factors, inference="dense", *, n_climbs=1, why="", alone=False
+    n_rows,
+    n_factors,
+    inference="dense",
+    *,
+    tiles,
+    n_climbs=1,
+    why="",
+    alone=False,
 ):
     """Raise an InsufficientMemoryError where the covariances cannot be held.
 
@@ -33,6 +40,8 @@ def check_memory(
         Covariances whose factors are kept.
     inference : {"dense", "kronecker"}, default="dense"
         Whether the rows are samples, or the inputs that all tasks share.
+    tiles : TileMemory
+        What the kernel takes.
     n_climbs : int, default=1
         Climbs at the same time.
     why : str, default=""
@@ -42,8 +51,10 @@ def check_memory(
     """
     fewer_jobs = "lower n_jobs, " if n_climbs > 1 else ""
     single = "" if alone else "a SingleTaskGP, whose matrices are of one task each, or "
+    of_climbs = _matrices(n_rows, MATRICES[inference] * n_climbs)
+    of_climbs += tiles.of_triangle(n_rows, n_climbs)
     _check(
-        8.0 * n_rows**2 * max(MATRICES[inference] * n_climbs, n_factors),
+        max(of_climbs, _matrices(n_rows, n_factors)),
         f"Exact inference with {n_rows} {ROWS[inference]}{_at_a_time(n_climbs)}",
         f"{why} "
         "Set inference='sparse', which approximates by inducing inputs, "
@@ -53,7 +64,16 @@ def check_memory(
 
 
 def check_sparse_memory(
-    n_inducing, n_tasks, rank, n_factors, *, n_climbs=1, n_exact=0, n_exact_climbs=1
+    n_inducing,
+    n_tasks,
+    rank,
+    n_factors,
+    *,
+    n_rows,
+    tiles,
+    n_climbs=1,
+    n_exact=0,
+    n_exact_climbs=1,
 ):
     """The same of sparse inference.
 
@@ -68,6 +88,10 @@ def check_sparse_memory(
     n_factors : int
         Posteriors that are kept, of M + r^2 matrices of m x m each; learning takes up
         to six times that.
+    n_rows : int
+        Rows, some of which are read at a time.
+    tiles : TileMemory
+        What the kernel takes.
     n_climbs : int, default=1
         Climbs of the bound at the same time.
     n_exact : int, default=0
@@ -76,9 +100,12 @@ def check_sparse_memory(
         Climbs of their likelihood at the same time.
     """
     matrices = (6 * n_climbs + n_factors) * (n_tasks + rank**2)
-    of_bound = n_inducing**2 * matrices
+    of_bound = _matrices(n_inducing, matrices)
+    of_bound += tiles.of_blocks(n_inducing, n_rows, n_climbs)
+    of_exact = _matrices(n_exact, MATRICES["dense"] * n_exact_climbs)
+    of_exact += tiles.of_triangle(n_exact, n_exact_climbs)
     _check(
-        8.0 * max(of_bound, MATRICES["dense"] * n_exact_climbs * n_exact**2),
+        max(of_bound, of_exact),
         f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
         f"{rank}{_at_a_time(n_climbs)}",
         "Take fewer inducing inputs, a lower rank, n_exact or n_jobs.",
@@ -103,6 +130,11 @@ def check_border_memory(n_new, n_inducing, rank):
         f"add_task with {n_new} samples, {n_inducing} inducing inputs and rank {rank}",
         "Give fewer samples of the new task.",
     )
+
+
+def _matrices(n, how_many):
+    """Bytes of matrices of n x n."""
+    return 8.0 * n**2 * how_many
 
 
 def _at_a_time(n_climbs):

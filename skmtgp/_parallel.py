@@ -69,6 +69,11 @@ def limit_threads(size):
     return BLAS.limit(limits=1) if size < SMALL else contextlib.nullcontext()
 
 
+def count_threads():
+    """As many as BLAS may use."""
+    return max((library.num_threads for library in BLAS.lib_controllers), default=1)
+
+
 def map_threads(function, jobs):
     """``[function(*job) for job in jobs]``, on as many threads as BLAS may use.
 
@@ -84,9 +89,7 @@ def map_threads(function, jobs):
     results : list
         In the order of the jobs.
     """
-    n_threads = max(
-        (library.num_threads for library in BLAS.lib_controllers), default=1
-    )
+    n_threads = count_threads()
     if n_threads == 1 or len(jobs) == 1:
         return [function(*job) for job in jobs]
     with BLAS.limit(limits=1), ThreadPoolExecutor(n_threads) as pool:

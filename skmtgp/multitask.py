@@ -18,6 +18,7 @@ from skmtgp._memory import check_border_memory, check_memory, check_sparse_memor
 from skmtgp._sklearn_compat import Interval, StrOptions
 from skmtgp._training import check_new_task
 from skmtgp.inference.choice import extended
+from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.novel import add_task
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
@@ -373,13 +374,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         """Whether memory suffices for the model with a task more."""
         n_before, n_outputs = len(self._likelihoods[0].inputs), len(self._likelihoods)
         n_rows = n_before + len(training.features) - len(self.X_train_)
+        tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
         if self.inference_ != "sparse":
-            check_memory(n_rows, n_outputs, self.inference_)
+            check_memory(n_rows, n_outputs, self.inference_, tiles=tiles)
             return
         n_tasks = len(training.tasks)
         rank = self._rank(n_tasks)
         check_border_memory(n_rows - n_before, n_before, rank)
-        check_sparse_memory(min(n_rows, 2 * n_before), n_tasks, rank, n_outputs)
+        n_inducing, n = min(n_rows, 2 * n_before), len(training.features)
+        check_sparse_memory(n_inducing, n_tasks, rank, n_outputs, n_rows=n, tiles=tiles)
 
     def _extend(self, training, position, informed):
         """Likelihood and mode of each output with the task at `position` added."""

@@ -19,8 +19,9 @@ from skmtgp._parallel import at_a_time, run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
-from skmtgp._training import check_theta, check_training
+from skmtgp._training import check_kernel, check_theta, check_training
 from skmtgp.baselines import PooledGP
+from skmtgp.inference.memory import TileMemory
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
@@ -195,7 +196,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             for m, r in enumerate(rows):
                 one = np.zeros(np.count_nonzero(r), dtype=int)
                 check_complete(features[r], one, self.tasks_[[m]])
-        self._check_room(max(map(np.count_nonzero, rows)), Y[:1].size)
+        kernel = alone._default_kernel(features) if self.kernel is None else self.kernel
+        check_kernel(kernel, features)
+        tiles = TileMemory(kernel, features[:1])
+        self._check_room(max(map(np.count_nonzero, rows)), Y[:1].size, tiles)
         results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
@@ -207,7 +211,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
                 warnings.warn(f"Task {label!r}: {message}", category)
         self._store([estimator for estimator, _ in results])
 
-    def _check_room(self, n, n_outputs):
+    def _check_room(self, n, n_outputs, tiles):
         """Whether memory suffices for tasks side by side, of at most n samples each."""
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
         if self.inference == "sparse":
@@ -217,13 +221,17 @@ class SingleTaskGP(PosteriorMixin, Estimator):
                 1,
                 1,
                 n_outputs,
+                n_rows=n,
+                tiles=tiles,
                 n_climbs=n_climbs,
                 n_exact=min(n, self.n_exact),
                 n_exact_climbs=n_climbs,
             )
         else:
             method = "kronecker" if self.inference == "kronecker" else "dense"
-            check_memory(n, n_outputs, method, n_climbs=n_climbs, alone=True)
+            check_memory(
+                n, n_outputs, method, tiles=tiles, n_climbs=n_climbs, alone=True
+            )
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""

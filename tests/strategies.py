@@ -109,11 +109,7 @@ class OwnRBF(RBF):
 
 @st.composite
 def kernels(draw, spread):
-    """A kernel for features of these scales, with hyperparameters of their units.
-
-    Matern's with nu = 1/2 is left out: it has half the digits where inputs are the
-    same, see test_contraction.py.
-    """
+    """A kernel for features of these scales, with hyperparameters of their units."""
     p = len(spread)
     relative = st.lists(st.floats(0.5, 5.0), min_size=p, max_size=p)
     lengths, weights = spread * draw(relative), draw(relative) / spread**2
@@ -122,6 +118,7 @@ def kernels(draw, spread):
     makers = [
         lambda: rbf,
         lambda: OwnRBF(lengths, WIDE),
+        lambda: Matern(lengths, WIDE, nu=0.5),
         lambda: ConstantKernel(2.0) * Matern(lengths, WIDE, nu=1.5),
         lambda: Matern(lengths, WIDE, nu=2.5) + WhiteKernel(0.1),
         lambda: Columns(RationalQuadratic(lengths[0], 0.7, WIDE), [0]) + rbf,

@@ -378,6 +378,7 @@ POSTERIOR = {
     f"{TERMS}BoundStationary",
     f"{TERMS}StationaryNode",
     f"{TERMS}_rbf",
+    "skmtgp._contraction.differences.Differences",
     "skmtgp._linalg.Cholesky",
     "skmtgp.inference.dense.DenseLikelihood",
     "skmtgp.inference.dense.DensePosterior",
@@ -394,7 +395,7 @@ FIXED = {
     f"{TERMS}BoundConstant",
     f"{EXPRESSIONS}BoundProduct",
     f"{TERMS}ConstantNode",
-    f"{EXPRESSIONS}PairNode",
+    f"{EXPRESSIONS}JoinedNode",
     "skmtgp.task_covariance.FixedTaskCovariance",
 }
 DENSE = {

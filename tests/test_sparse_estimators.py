@@ -26,6 +26,7 @@ from skmtgp.inference import inducing
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.inducing import greedy_variance
+from skmtgp.inference.memory import TileMemory
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
@@ -277,7 +278,8 @@ class TestMemory:
 
     def test_too_much_memory_of_the_rows_that_are_learned_exactly(self, monkeypatch):
         X, y = draw()
-        needed = 8.0 * 3 * SPARSE["n_exact"] ** 2
+        tiles = TileMemory(RBF(), X[:1]).of_triangle(SPARSE["n_exact"], 1)
+        needed = 8.0 * SPARSE["n_exact"] ** 2 + tiles
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         model = MultiTaskGPRegressor(
             rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
@@ -301,7 +303,7 @@ class TestMemory:
 
     def test_proposed_where_exact_inference_does_not_fit(self, monkeypatch):
         X, y = draw()
-        needed = 8.0 * 3 * len(y) ** 2
+        needed = 8.0 * len(y) ** 2 + TileMemory(RBF(), X[:1]).of_triangle(len(y), 1)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
         with pytest.raises(InsufficientMemoryError, match="inference='sparse'"):
             MultiTaskGPRegressor(rank=1).fit(X, y)

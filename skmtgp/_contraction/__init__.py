@@ -17,6 +17,7 @@ each element of theta. Arrays that last until then may be made by the caller, wh
 
 from skmtgp._contraction.expressions import NODES, UnknownNode, compile_kernel
 from skmtgp._contraction.inputs import contract_inputs
+from skmtgp._contraction.memory import count_arrays, count_elements
 from skmtgp._contraction.terms import Bound, Node, allocate
 
 __all__ = [
@@ -27,4 +28,6 @@ __all__ = [
     "allocate",
     "compile_kernel",
     "contract_inputs",
+    "count_arrays",
+    "count_elements",
 ]

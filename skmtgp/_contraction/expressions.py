@@ -1,5 +1,9 @@
 """Nodes of kernels made of others, and the node of any kernel."""
 
+from functools import reduce
+from itertools import pairwise, product
+from math import isqrt, prod
+
 import numpy as np
 from sklearn.gaussian_process.kernels import Exponentiation, Matern, Product, Sum
 
@@ -9,10 +13,11 @@ from skmtgp._contraction.terms import (
     Bound,
     BoundConstant,
     Node,
-    StationaryNode,
     allocate,
 )
 from skmtgp.kernels import Columns
+
+TENSOR = 2**19  # elements of the largest that a kernel is asked for
 
 
 class ColumnsNode(Node):
@@ -20,7 +25,7 @@ class ColumnsNode(Node):
 
     def __init__(self, kernel):
         self.select, self.inner = kernel.select, compile_kernel(kernel.kernel)
-        self.n_dims = kernel.n_dims
+        self.n_dims, self.n_slices = kernel.n_dims, self.inner.n_slices
 
     def bind(self, theta, X):
         return BoundColumns(self.select, self.inner.bind(theta, self.select(X)))
@@ -35,64 +40,82 @@ class BoundColumns(Bound):
         return self.inner.against(self.select(Z))
 
 
-class PairNode(Node):
-    """A sum or a product of two kernels."""
+class JoinedNode(Node):
+    """A sum or a product, of all kernels that are summed or multiplied.
+
+    Attributes
+    ----------
+    parts : list of Node
+        The terms or the factors, in the order of theta.
+    """
 
     def __init__(self, kernel, bound):
-        self.bound, self.n_dims = bound, kernel.n_dims
-        self.left, self.right = compile_kernel(kernel.k1), compile_kernel(kernel.k2)
+        self.bound, self.n_dims, self.parts = bound, kernel.n_dims, []
+        for node in map(compile_kernel, (kernel.k1, kernel.k2)):
+            is_same = isinstance(node, JoinedNode) and node.bound is bound
+            self.parts += node.parts if is_same else [node]
+        self.n_slices = max(part.n_slices for part in self.parts)
 
     def bind(self, theta, X):
-        n = self.left.n_dims
-        return self.bound(self.left.bind(theta[:n], X), self.right.bind(theta[n:], X))
+        ends = np.cumsum([part.n_dims for part in self.parts])[:-1]
+        pairs = zip(self.parts, np.split(theta, ends), strict=True)
+        return self.bound([part.bind(of_part, X) for part, of_part in pairs])
 
 
-class BoundSum(Bound):
-    def __init__(self, left, right):
-        self.left, self.right = left, right
-
-    def against(self, Z):
-        return BoundSum(self.left.against(Z), self.right.against(Z))
-
-    def block(self, rows, cols, new=allocate):
-        left, left_tape = self.left.block(rows, cols, new)
-        right, right_tape = self.right.block(rows, cols, new)
-        return np.add(left, right, out=new()), (left_tape, right_tape)
-
-    def times(self, rows, cols, B):
-        return self.left.times(rows, cols, B) + self.right.times(rows, cols, B)
-
-    def contract(self, W, tape, rows, cols):
-        left = self.left.contract(W, tape[0], rows, cols)
-        return np.concatenate([left, self.right.contract(W, tape[1], rows, cols)])
-
-
-class BoundProduct(Bound):
-    def __init__(self, left, right):
-        self.left, self.right = left, right
+class BoundJoined(Bound):
+    def __init__(self, parts):
+        self.parts = parts
 
     def against(self, Z):
-        return BoundProduct(self.left.against(Z), self.right.against(Z))
+        return type(self)([part.against(Z) for part in self.parts])
 
+
+class BoundSum(BoundJoined):
     def block(self, rows, cols, new=allocate):
-        left, left_tape = self.left.block(rows, cols, new)
-        right, right_tape = self.right.block(rows, cols, new)
-        return left * right, (left, right, left_tape, right_tape)
+        first, *others = self.parts
+        total, tape = first.block(rows, cols, new)
+        tapes, out = [tape], new()
+        for part in others:  # values that are on no tape are not kept
+            K, tape = part.block(rows, cols, new)
+            total = np.add(total, K, out=out)
+            tapes.append(tape)
+        return total, tapes
 
     def times(self, rows, cols, B):
-        if isinstance(self.left, BoundConstant):
-            return self.left.c * self.right.times(rows, cols, B)
-        return super().times(rows, cols, B)
+        return sum(part.times(rows, cols, B) for part in self.parts)
+
+    def contract(self, W, tapes, rows, cols):
+        pairs = zip(self.parts, tapes, strict=True)
+        return np.concatenate([part.contract(W, t, rows, cols) for part, t in pairs])
+
+
+class BoundProduct(BoundJoined):
+    def block(self, rows, cols, new=allocate):
+        blocks = [part.block(rows, cols, new) for part in self.parts]
+        values, tapes = zip(*blocks, strict=True)
+        return reduce(np.multiply, values), (values, tapes)
+
+    def times(self, rows, cols, B):
+        others = [part for part in self.parts if not isinstance(part, BoundConstant)]
+        if len(others) != 1:
+            return super().times(rows, cols, B)
+        constants = (part.c for part in self.parts if part is not others[0])
+        return prod(constants) * others[0].times(rows, cols, B)
+
+    def split(self, tape):
+        """Each factor, its tape, and the values of the product of the others."""
+        values, tapes = tape
+        for k, (part, of_part) in enumerate(zip(self.parts, tapes, strict=True)):
+            yield part, of_part, reduce(np.multiply, values[:k] + values[k + 1 :])
 
     def contract(self, W, tape, rows, cols):
-        left, right, left_tape, right_tape = tape
-        d_left = _contract_factor(self.left, W, left_tape, right, rows, cols)
-        d_right = _contract_factor(self.right, W, right_tape, left, rows, cols)
-        return np.concatenate([d_left, d_right])
+        return np.concatenate(
+            [_contract_factor(*split, W, rows, cols) for split in self.split(tape)]
+        )
 
 
-def _contract_factor(factor, W, tape, other, rows, cols):
-    """Contraction of one factor of a product, `other` being the values of the other."""
+def _contract_factor(factor, tape, other, W, rows, cols):
+    """Contraction of a factor of a product, `other` being the values of the others."""
     if np.ndim(other) == 0:  # contractions are linear in W
         return other * factor.contract(W, tape, rows, cols)
     if isinstance(factor, BoundConstant):
@@ -105,7 +128,7 @@ class PowerNode(Node):
 
     def __init__(self, kernel):
         self.exponent, self.inner = kernel.exponent, compile_kernel(kernel.kernel)
-        self.n_dims = kernel.n_dims
+        self.n_dims, self.n_slices = kernel.n_dims, self.inner.n_slices
 
     def bind(self, theta, X):
         return BoundPower(self.inner.bind(theta, X), self.exponent)
@@ -135,10 +158,10 @@ class BoundPower(Bound):
 
 
 class UnknownNode(Node):
-    """Any other kernel: its own values and its own gradient, of each tile."""
+    """Any other kernel: its own values and its own gradient, of parts of each tile."""
 
     def __init__(self, kernel):
-        self.kernel, self.n_dims = kernel, kernel.n_dims
+        self.kernel, self.n_dims, self.n_slices = kernel, *[kernel.n_dims] * 2
 
     def bind(self, theta, X):
         return BoundUnknown(self.kernel.clone_with_theta(theta), X, X)
@@ -151,25 +174,52 @@ class BoundUnknown(Bound):
     def against(self, Z):
         return BoundUnknown(self.kernel, Z, self.X)
 
+    def _is_same(self, rows, cols):
+        """Whether rows and columns are the same samples, which may be special."""
+        return self.Z is self.X and rows == cols
+
     def block(self, rows, cols, new=allocate):
-        if self.Z is self.X and rows == cols:  # a sample and itself may be special
+        if self._is_same(rows, cols):
             return self.kernel(self.X[rows]), None
         return self.kernel(self.Z[rows], self.X[cols]), None
 
     def contract(self, W, tape, rows, cols):
-        if rows == cols:
+        total = np.zeros(self.kernel.n_dims)
+        if len(total):
+            side = side_of_tensor(len(total))
+            for i, j in product(*(_cut(n, side) for n in W.shape)):
+                total += self._contract(W[i, j], _within(rows, i), _within(cols, j))
+        return total
+
+    def _contract(self, W, rows, cols):
+        if self._is_same(rows, cols):
             gradient = self.kernel(self.X[rows], eval_gradient=True)[1]
         else:  # a kernel has no gradient between two sets of rows, but of their union
-            both, n = np.vstack([self.X[rows], self.X[cols]]), len(W)
+            both, n = np.vstack([self.Z[rows], self.X[cols]]), len(W)
             gradient = self.kernel(both, eval_gradient=True)[1][:n, n:]
         return np.einsum("ij,ijp->p", W, gradient)
+
+
+def side_of_tensor(n_slices):
+    """Rows of a part of a tile whose gradient is one tensor."""
+    return max(1, isqrt(TENSOR // max(1, n_slices)) // 2)
+
+
+def _cut(n, most):
+    """So many rows in parts of at most some, all of about the same size."""
+    edges = np.linspace(0, n, -(-n // most) + 1).astype(int).tolist()
+    return [slice(a, b) for a, b in pairwise(edges)]
+
+
+def _within(rows, part):
+    return slice(rows.start + part.start, rows.start + part.stop)
 
 
 NODES = TERMS | {
     Columns: ColumnsNode,
     Exponentiation: PowerNode,
-    Product: lambda kernel: PairNode(kernel, BoundProduct),
-    Sum: lambda kernel: PairNode(kernel, BoundSum),
+    Product: lambda kernel: JoinedNode(kernel, BoundProduct),
+    Sum: lambda kernel: JoinedNode(kernel, BoundSum),
 }
 
 
@@ -187,5 +237,5 @@ def compile_kernel(kernel):
         Its fast form, or one that calls the kernel where its type is not known.
     """
     if type(kernel) is Matern and kernel.nu in MATERN:
-        return StationaryNode(kernel, MATERN[kernel.nu])
+        return MATERN[kernel.nu](kernel)
     return NODES.get(type(kernel), UnknownNode)(kernel)

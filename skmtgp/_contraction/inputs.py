@@ -73,10 +73,8 @@ def _(bound: BoundLinear, W, tape, rows, cols, n_features):
 
 @contract_inputs.register
 def _(bound: BoundStationary, W, tape, rows, cols, n_features):
-    _, slope = tape
-    V = W * slope
-    VZ = V @ bound.right[cols, :-1]  # and, last, its row sums
-    return (VZ[:, :-1] - VZ[:, -1:] * bound.left[rows, :-2]) / bound.l
+    _, slope, near = tape
+    return bound.differences.contract_rows(W * slope, near, rows, cols) / bound.l
 
 
 @contract_inputs.register
@@ -90,16 +88,15 @@ def _(bound: BoundColumns, W, tape, rows, cols, n_features):
 
 @contract_inputs.register
 def _(bound: BoundSum, W, tape, rows, cols, n_features):
-    left = contract_inputs(bound.left, W, tape[0], rows, cols, n_features)
-    return left + contract_inputs(bound.right, W, tape[1], rows, cols, n_features)
+    pairs = zip(bound.parts, tape, strict=True)
+    return sum(contract_inputs(part, W, t, rows, cols, n_features) for part, t in pairs)
 
 
 @contract_inputs.register
 def _(bound: BoundProduct, W, tape, rows, cols, n_features):
-    left, right, left_tape, right_tape = tape
-    of_left = contract_inputs(bound.left, W * right, left_tape, rows, cols, n_features)
-    return of_left + contract_inputs(
-        bound.right, W * left, right_tape, rows, cols, n_features
+    return sum(
+        contract_inputs(part, W * others, of_part, rows, cols, n_features)
+        for part, of_part, others in bound.split(tape)
     )
 
 

@@ -11,6 +11,7 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
+from skmtgp._contraction.differences import Differences, append
 from skmtgp.kernels import ARDLinear
 
 
@@ -31,7 +32,11 @@ class Node:
     ----------
     n_dims : int
         Length of theta.
+    n_slices : int
+        Of the largest tensor that a kernel within is asked for.
     """
+
+    n_slices = 0
 
     def __init__(self, kernel):
         self.kernel = kernel
@@ -124,13 +129,13 @@ class BoundLinear(Bound):
     def __init__(self, node, X, weights, bias):
         self.node, self.is_ard = node, np.ndim(weights) > 0
         # the bias is the weight of a further feature, which is one
-        self.w = _append(np.broadcast_to(weights, X.shape[1]), bias)
-        self.right = _append(X, 1.0)
+        self.w = append(np.broadcast_to(weights, X.shape[1]), bias)
+        self.right = append(X, 1.0)
         self.left = self.right * self.w
 
     def against(self, Z):
         other = copy(self)
-        other.left = _append(Z, 1.0) * self.w
+        other.left = append(Z, 1.0) * self.w
         return other
 
     def block(self, rows, cols, new=allocate):
@@ -145,15 +150,6 @@ class BoundLinear(Bound):
         return self.node.stack(
             {"bias": bias, "weights": weights if self.is_ard else weights.sum()}
         )
-
-
-def _append(X, *columns):
-    """X with further columns, each given as an array or a number."""
-    appended = np.empty((*X.shape[:-1], X.shape[-1] + len(columns)))
-    appended[..., : X.shape[-1]] = X
-    for k, column in enumerate(columns, start=X.shape[-1]):
-        appended[..., k] = column
-    return appended
 
 
 class DotProductNode(Node):
@@ -172,84 +168,71 @@ def _rbf(e):
 
 
 def _matern12(e):
-    r = np.sqrt(-2.0 * e)
+    r = _root(e, 2.0)
     K = np.exp(-r)
-    return K, np.divide(K, r, out=np.zeros_like(r), where=r > 0.0)
+    return K, np.divide(K, r, out=r, where=r > 0.0)
 
 
 def _matern32(e):
-    r = np.sqrt(-6.0 * e)
+    r = _root(e, 6.0)
     decay = np.exp(-r)
-    return (1.0 + r) * decay, 3.0 * decay
+    return (1.0 + r) * decay, np.multiply(decay, 3.0, out=e)
 
 
 def _matern52(e):
-    r = np.sqrt(-10.0 * e)
-    decay = np.exp(-r)
-    return (1.0 + r + r * r / 3.0) * decay, 5.0 / 3.0 * (1.0 + r) * decay
+    r = _root(e, 10.0)
+    decay, linear = np.exp(-r), 1.0 + r
+    K = (linear + r * r / 3.0) * decay
+    decay *= 5.0 / 3.0
+    return K, np.multiply(linear, decay, out=e)
+
+
+def _root(e, factor):
+    """sqrt(-factor e), in the place of e."""
+    return np.sqrt(np.multiply(e, -factor, out=e), out=e)
 
 
 def _rational_quadratic(e, alpha):
     base = 1.0 - e / alpha
     K = base**-alpha
-    return K, K / base
-
-
-MATERN = {0.5: _matern12, 1.5: _matern32, 2.5: _matern52, np.inf: _rbf}
+    return K, np.divide(K, base, out=e)
 
 
 class StationaryNode(Node):
     """k = g(e), e = -1/2 sum_d (x_d - x'_d)^2 / l_d^2.
 
     ``profile(e)`` returns g(e) and g'(e), the factor of (x_d - x'_d)^2 / l_d^2 in the
-    derivative with respect to log l_d; it may overwrite e.
+    derivative with respect to log l_d; it may overwrite e. `steep` says whether g' has
+    a pole at 0.
     """
 
-    def __init__(self, kernel, profile):
+    def __init__(self, kernel, profile, *, steep=False):
         super().__init__(kernel)
-        self.profile = profile
+        self.profile, self.steep = profile, steep
 
     def bind(self, theta, X):
-        center = X.mean(axis=0)  # distances between centred rows lose fewer digits
-        return BoundStationary(self, X, center, **self.values(theta))
+        return BoundStationary(self, X, **self.values(theta))
 
 
 class BoundStationary(Bound):
-    def __init__(self, node, X, center, length_scale, **shape):
-        self.node, self.center, self.l, self.shape = node, center, length_scale, shape
-        # e = z . z' - |z|^2 / 2 - |z'|^2 / 2 as one product of matrices
-        self.left = self._factor(X)
-        self.right = self.left.copy()
-        self.right[:, -2:] = self.left[:, :-3:-1]
-        self.zeros = np.zeros(len(X))
-        self.is_symmetric = True
-
-    def _factor(self, X):
-        z = (X - self.center) / self.l
-        return _append(z, -0.5 * np.einsum("id,id->i", z, z), 1.0)
+    def __init__(self, node, X, length_scale, **shape):
+        self.node, self.l, self.shape = node, length_scale, shape
+        self.differences = Differences(X, length_scale, steep=node.steep)
 
     def against(self, Z):
         other = copy(self)
-        other.left, other.is_symmetric = self._factor(Z), False
+        other.differences = self.differences.against(Z)
         return other
 
     def block(self, rows, cols, new=allocate):
-        e = np.matmul(self.left[rows], self.right[cols].T, out=new())
-        np.minimum(e, self.zeros[cols], out=e)  # takes twice as long with a scalar
-        if self.is_symmetric and rows == cols:
-            e.flat[:: len(e) + 1] = 0.0
+        e, near = self.differences.exponents(rows, cols, out=new())
         K, slope = self.node.profile(e, **self.shape)
-        return K, (K, slope)
+        return K, (K if "alpha" in self.shape else None, slope, near)
 
     def contract(self, W, tape, rows, cols):
-        K, slope = tape
-        V = W * slope
-        # sum_ij V_ij (z_i - z_j)^2 = z^2' V 1 + 1' V z^2 - 2 z' V z for each feature
-        zi, zj = self.left[rows, :-2], self.right[cols, :-2]
-        VZ = V @ self.right[cols, :-1]  # and, last, its row sums
-        per_scale = np.square(zi).T @ VZ[:, -1] + np.square(zj).T @ V.sum(axis=0)
-        per_scale -= 2.0 * np.einsum("id,id->d", zi, VZ[:, :-1])
-        gradients = {"length_scale": per_scale if np.ndim(self.l) else per_scale.sum()}
+        K, slope, near = tape
+        sums = self.differences.contract(W * slope, near, rows, cols)
+        gradients = {"length_scale": sums if np.ndim(self.l) else sums.sum()}
         if "alpha" in self.shape:
             gradients["alpha"] = self._contract_alpha(W, K, slope)
         return self.node.stack(gradients)
@@ -261,6 +244,12 @@ class BoundStationary(Bound):
         return alpha * np.vdot(W, K * (1.0 - 1.0 / base - np.log(base)))
 
 
+MATERN = {
+    0.5: lambda kernel: StationaryNode(kernel, _matern12, steep=True),
+    1.5: lambda kernel: StationaryNode(kernel, _matern32),
+    2.5: lambda kernel: StationaryNode(kernel, _matern52),
+    np.inf: lambda kernel: StationaryNode(kernel, _rbf),
+}
 TERMS = {
     ARDLinear: LinearNode,
     ConstantKernel: ConstantNode,

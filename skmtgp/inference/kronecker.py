@@ -83,14 +83,13 @@ class EigenLikelihood(TiledLikelihood):
     def _pull_back_K_x(self, bound, tapes, eigen, left, right):
         """dL/dK^x = 1/2 (sum_v s_v V K^rho V^T - U diag(c) U^T), contracted."""
         n, N = len(self.inputs), len(eigen.L)
-        U = np.zeros((n, N))
-        U[:N] = eigen.U
         left, right = (np.moveaxis(a, 0, 1).reshape(n, -1) for a in (left, right))
-        left = np.hstack([left, -U * eigen.log_det_by_K_x()])
-        right = np.hstack([right, U])
+        scaled = eigen.U * eigen.log_det_by_K_x()
 
         def contract(rows, cols, K_x, tape):
             G = left[rows] @ right[cols].T
+            old = slice(max(0, N - rows.start)), slice(max(0, N - cols.start))
+            G[old] -= scaled[rows] @ eigen.U[cols].T  # of the complete data alone
             self._halve(G, rows, cols)
             return bound.contract(G, tape, rows, cols)
 

@@ -108,17 +108,22 @@ def sum_features(features, n_tasks, blocks):
     """
     m = len(features)
     S, s = np.zeros((n_tasks, m, m)), np.zeros((n_tasks, m))
-    rest, n = np.zeros((2, n_tasks))
-    for X, tasks, y in blocks:
-        X, tasks, y, parts = _by_task(X, tasks, y)
-        tile = features.tile(X)
-        for task, rows in parts:
-            phi = tile.phi[:, rows]
-            S[task] += phi @ phi.T
-            s[task] += phi @ y[rows]
-        rest += np.bincount(tasks, tile.rest, n_tasks)
-        n += np.bincount(tasks, minlength=n_tasks)
-    return FeatureSums(S, s, rest, n)
+    sums = FeatureSums(S, s, *np.zeros((2, n_tasks)))
+    for block in blocks:
+        _add_features(sums, features, *block)
+    return sums
+
+
+def _add_features(sums, features, X, tasks, y):
+    """Add those of a block, whose memory is free then, to the sums."""
+    X, tasks, y, parts = _by_task(X, tasks, y)
+    tile = features.tile(X)
+    for task, rows in parts:
+        phi = tile.phi[:, rows]
+        sums.S[task] += phi @ phi.T
+        sums.s[task] += phi @ y[rows]
+    sums.rest += np.bincount(tasks, tile.rest, len(sums.n))
+    sums.n += np.bincount(tasks, minlength=len(sums.n))
 
 
 def sum_residuals(features, omega, blocks):
@@ -181,19 +186,24 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
         theta=np.zeros(len(features.theta)),
         Z=np.zeros_like(features.Z),
     )
-    for X, tasks, y in blocks:
-        X, tasks, y, parts = _by_task(X, tasks, y)
-        tile = features.tile(X)
-        alpha = _add_residuals(sums, tile.phi, omega, y, parts) / adjoint.noise[tasks]
-        phi_bar = np.empty_like(tile.phi)
-        for task, rows in parts:
-            phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
-            phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
-        gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
-        sums.theta += gradient
-        if inputs:
-            sums.Z += tile.contract_inputs(K_bar)
+    for block in blocks:
+        _add_gradients(sums, features, adjoint, *block, inputs=inputs)
     return sums
+
+
+def _add_gradients(sums, features, adjoint, X, tasks, y, *, inputs):
+    """Add those of a block, whose memory is free then, to the sums."""
+    X, tasks, y, parts = _by_task(X, tasks, y)
+    tile, omega = features.tile(X), adjoint.omega
+    alpha = _add_residuals(sums, tile.phi, omega, y, parts) / adjoint.noise[tasks]
+    phi_bar = np.empty_like(tile.phi)
+    for task, rows in parts:
+        phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
+        phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
+    gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
+    sums.theta += gradient
+    if inputs:
+        sums.Z += tile.contract_inputs(K_bar)
 
 
 def _by_task(X, tasks, y):

@@ -432,7 +432,11 @@ ERRORS = {
     "NaN": (X_NEW * [np.nan, 1, 1], Y_NEW, "Input X contains NaN"),
     "infinite": (X_NEW + np.diag([np.inf] * 4)[:, :3], Y_NEW, "X contains infinity"),
     "NaN target": (X_NEW, np.full(4, np.nan), "Input y contains NaN"),
-    "text target": (X_NEW, ["text"] * 4, "could not convert string to float"),
+    "text target": (
+        X_NEW,
+        ["text"] * 4,
+        "y must be numbers, but holds strings such as 'text'",
+    ),
     "too many outputs": (
         X_NEW,
         np.ones((4, 2)),

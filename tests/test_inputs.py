@@ -177,7 +177,11 @@ BAD_DATA = {
     "one dimension": (X[:, 0], y, "Expected 2D array"),
     "no target": (frame(), None, "requires y to be passed, but the target y is None"),
     "NaN target": (frame(), np.full(18, np.nan), "Input y contains NaN"),
-    "text target": (frame(), ["text"] * 18, "could not convert string to float"),
+    "text target": (
+        frame(),
+        ["text"] * 18,
+        "y must be numbers, but holds strings such as 'text'",
+    ),
     "short target": (frame(), y[:-1], r"inconsistent numbers of samples: \[18, 17\]"),
     "three axes of the target": (frame(), np.ones((18, 1, 1)), "y with dim 3"),
 }

@@ -374,6 +374,7 @@ LABELS = {
     "int8, then too large for it": ([3, 1, 2], 700, "int8"),
     "uint64": ([3, 1, 2], 7, "uint64"),
     "beyond what floats tell apart": ([2**60, 2**60 + 2, 0], 2**60 + 1, None),
+    "of another type beyond that": ([2**62, 2**62 + 2, 0], 2**62 + 1, "uint64"),
     "str": (["b", "c", "a"], "d", None),
     "longer str": (["b", "c", "a"], "a longer one", None),
     "category": (["b", "c", "a"], "aa", "category"),

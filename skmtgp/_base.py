@@ -16,6 +16,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._complete import is_complete
 from skmtgp._dask import is_dask
+from skmtgp._estimator import public
 from skmtgp._fitted import FittedGP
 from skmtgp._guide import INFERENCE
 from skmtgp._kernel_check import check_covariance, check_kernel
@@ -64,6 +65,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _learn(self, pairs, progress):
         """The form of K^rho and the mode of each output, from its data and settings."""
 
+    @public
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:

@@ -1,10 +1,17 @@
 """The base of all estimators."""
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import TypeVar
+
 from sklearn.base import BaseEstimator
 
 from skmtgp._sklearn_compat import CallbackSupportMixin
 
 DOCUMENTATION = "https://skmtgp.readthedocs.io/en/stable"
+
+Method = TypeVar("Method", bound=Callable)
 
 
 class Estimator(CallbackSupportMixin, BaseEstimator):
@@ -12,3 +19,24 @@ class Estimator(CallbackSupportMixin, BaseEstimator):
 
     _doc_link_module = "skmtgp"
     _doc_link_template = DOCUMENTATION + "/api/{estimator_name}.html"
+
+
+def public(method: Method) -> Method:
+    """A method whose calls are refused in the name of the estimator's own class.
+
+    Python names the class that has the method, which may be a private base.
+    """
+    signature = inspect.signature(method)
+
+    @wraps(method)
+    def call(self, *args, **kwargs):
+        try:
+            signature.bind(self, *args, **kwargs)
+        except TypeError as error:
+            known = ", ".join(list(signature.parameters)[1:])
+            raise TypeError(
+                f"{type(self).__name__}.{method.__name__}() {error}. It takes {known}."
+            ) from None
+        return method(self, *args, **kwargs)
+
+    return call

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._estimator import Estimator
+from skmtgp._estimator import Estimator, public
 from skmtgp._guide import PARALLEL
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._training import Training, check_theta
@@ -15,6 +15,7 @@ from skmtgp._training import Training, check_theta
 class FittedGP(PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
+    @public
     def loo_predict(
         self, include_noise: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -103,6 +104,7 @@ class FittedGP(PosteriorMixin, Estimator):
         mean = self.y_train_.reshape(residual.shape) - residual * self._scales
         return self._join(mean), self._join(np.sqrt(variance) * self._scales)
 
+    @public
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:

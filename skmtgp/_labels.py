@@ -1,36 +1,101 @@
-"""Labels of tasks: checked, and encoded as positions."""
+"""Labels of tasks: checked, and encoded as positions.
+
+Labels are compared as what they are, never as floats and never cut to a width.
+"""
 
 import numbers
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-EXACT = np.float64(2.0**53)  # the integers up to here are exact in float64
+from skmtgp._numbers import as_array
+
+EXACT = np.float64(2.0**53)  # float64 tells the integers below it from all others
+CONVERT = (
+    "Does task_feature name the task column? If so, make its labels strings, with "
+    ".astype(str) for example."
+)
+
+
+class Labels(NamedTuple):
+    """The tasks of some rows.
+
+    Attributes
+    ----------
+    tasks : ndarray of shape (n_tasks,)
+        The distinct labels, sorted; int, str or bool.
+    codes : ndarray of shape (n_samples,)
+        Position in `tasks` of each row's task.
+    """
+
+    tasks: np.ndarray
+    codes: np.ndarray
+
+    def of_rows(self):
+        """The label of each row, without a copy of a string for each."""
+        text = self.tasks.dtype.kind == "U"
+        return (self.tasks.astype(object) if text else self.tasks)[self.codes]
 
 
 def check_labels(labels):
-    """Task labels as an array without missing ones.
+    """The tasks of rows that have labels, of which none may be missing.
 
     Parameters
     ----------
-    labels : array-like of shape (n_samples,)
-        Integers, strings or bools; floats that are integers.
+    labels : array-like of shape (n_samples,) or (n_samples, 1)
+        Integers, strings or bools; floats that are integers. Those of a subclass of
+        them, as members of an enumeration may be, are what they are equal to.
 
     Returns
     -------
-    labels : ndarray of shape (n_samples,)
-        Int, str or bool.
+    labels : Labels
+        Distinct labels and positions among them.
 
     Raises
     ------
     TypeError
         If a label is neither a string nor a number.
     ValueError
-        If a label is missing or is a number that is not an integer, or if strings and
-        numbers are mixed.
+        If a label is missing, is a number that is not an integer or cannot be held
+        exactly, or if strings and numbers are mixed.
     """
     index = labels.index if isinstance(labels, pd.Series) else None
     labels = _flatten(labels)
+    _check_missing(labels, index)
+    kind = labels.dtype.kind
+    if kind in "OT":
+        return _encode(_plain(labels.astype(object)))
+    if kind not in "fiubU":
+        raise ValueError(
+            f"Task labels must be integers or strings, not {labels.dtype}, such as "
+            f"{next(map(str, labels), 'none')}. {CONVERT}"
+        )
+    labels = _as_integers(labels) if kind == "f" else labels
+    return Labels(*np.unique(labels, return_inverse=True))
+
+
+def _flatten(labels):
+    """One axis of labels, each of its own type."""
+    if isinstance(getattr(labels, "dtype", None), pd.CategoricalDtype):
+        labels = pd.Categorical(labels)  # as objects: strings may be long
+        names = np.asarray(labels.categories, dtype=object)
+        labels = pd.api.extensions.take(names, labels.codes, allow_fill=True)
+    if hasattr(labels, "dtype"):
+        labels = as_array(labels)
+    else:  # a list ["a", NaN] would become strings
+        labels = np.asarray(labels, dtype=object)
+    if labels.ndim == 2 and labels.shape[1] == 1:
+        labels = labels[:, 0]
+    if labels.ndim != 1:
+        raise ValueError(
+            f"Task labels must be one-dimensional, but have shape {labels.shape}."
+        )
+    return labels
+
+
+def _check_missing(labels, index):
+    """Raise a ValueError where there are missing labels."""
     missing = pd.isna(labels)
     if np.any(missing):
         first = int(np.flatnonzero(missing)[0])
@@ -39,84 +104,133 @@ def check_labels(labels):
             f"The task column has {int(np.sum(missing))} missing labels (NaN, None or "
             f"NA), the first in row {first}{where}. Every row needs its task."
         )
-    if labels.dtype.kind in "OT":
-        labels = _unify(labels)
-    if labels.dtype.kind == "f":
-        return _as_integers(labels)
-    if labels.dtype.kind not in "iubU":
-        raise ValueError(
-            f"Task labels must be integers or strings, not {labels.dtype}. Does "
-            "task_feature name the task column?"
-        )
-    return labels
 
 
-def _flatten(labels):
-    kept = hasattr(labels, "dtype")  # a list ["a", NaN] would become strings
-    labels = np.asarray(labels, dtype=None if kept else object)
-    if labels.ndim != 1:
-        raise ValueError(
-            f"Task labels must be one-dimensional, but have shape {labels.shape}."
-        )
-    return labels
-
-
-def _unify(labels):
-    """An object array of labels of one type, as an array of that type."""
-    if all(isinstance(label, str) for label in labels):
-        return np.array(labels.tolist(), dtype=str)
-    if all(isinstance(label, (bool, np.bool_)) for label in labels):
-        return labels.astype(bool)
-    if all(isinstance(label, numbers.Integral) for label in labels):
-        return _as_int64(labels)
-    if all(isinstance(label, numbers.Real) for label in labels):
-        return labels.astype(np.float64)
-    kinds = sorted({type(label).__name__ for label in labels})
-    if not all(isinstance(label, (str, numbers.Real)) for label in labels):
-        raise TypeError(
-            f"A task label as an argument must be a string or a number, not {kinds}."
-        )
+def _plain(labels):
+    """Labels that are objects, as Python's own str, bool or int."""
+    kinds = set(map(type, labels))
+    if _are(kinds, str):
+        return list(map(str.__str__, labels))  # a member of a str Enum is its text
+    if _are(kinds, (bool, np.bool_)):
+        return list(map(bool, labels))
+    if _are(kinds, (numbers.Integral, np.bool_)):
+        return list(map(int, labels))
+    if _are(kinds, numbers.Real):
+        others = [not isinstance(label, numbers.Integral) for label in labels]
+        _check_whole(labels[others], 53, len(labels))
+        return list(map(int, labels))
+    if not _are(kinds, (str, numbers.Real)):
+        _refuse_objects(labels)
+    names = sorted(kind.__name__ for kind in kinds)
     raise ValueError(
-        f"Task labels must all be integers or all be strings, not a mixture: {kinds}."
+        "Task labels must all be integers or all be strings, not a mixture: "
+        f"{names}. Make all of them strings, with .astype(str) for example."
     )
 
 
-def _as_int64(labels):
+def _are(kinds, wanted):
+    return all(issubclass(kind, wanted) for kind in kinds)
+
+
+def _refuse_objects(labels):
+    row, label = next(
+        (i, label)
+        for i, label in enumerate(labels)
+        if not isinstance(label, (str, numbers.Real))
+    )
+    raise TypeError(  # in the words that scikit-learn's checks ask for
+        "A task label as an argument must be a string or a number, not "
+        f"{type(label).__name__}, such as {label!r} in row {row}. {CONVERT}"
+    )
+
+
+def _as_integers(labels):
+    """Labels that came as floats, as integers."""
+    _check_whole(labels, min(53, np.finfo(labels.dtype).nmant + 1), len(labels))
+    return labels.astype(np.int64)
+
+
+def _check_whole(labels, digits, total):
+    """Raise a ValueError where a number is no integer, or may be rounded."""
+    inexact = ~(np.abs(labels) < 2.0**digits)
+    if inexact.any():
+        raise ValueError(
+            f"Task labels that are floats must lie within 2**{digits}, below which "
+            f"they tell integers apart, but {inexact.sum()} of {total} do not, "
+            f"such as {labels[inexact][0]!s}. Pass them as integers or as strings."
+        )
+    fractional = np.mod(labels, 1) != 0
+    if fractional.any():
+        raise ValueError(
+            f"Task labels must be integers or strings, but {fractional.sum()} of "
+            f"{total} are fractional numbers such as {labels[fractional][0]!s}. "
+            "Does task_feature name the task column? A ColumnTransformer moves it: set "
+            "remainder='passthrough', and task_feature to where it ends up."
+        )
+
+
+def _encode(labels):
+    """Tasks and codes of a list of Python's own str, bool or int."""
+    tasks = sorted_tasks(labels)
+    return Labels(tasks, _positions(labels, tasks))
+
+
+def _positions(labels, tasks):
+    """The position among `tasks` of each of a list of labels; -1 if there is none."""
+    positions = {task: i for i, task in enumerate(tasks.tolist())}
+    found = (positions.get(label, -1) for label in labels)
+    return np.fromiter(found, dtype=np.intp, count=len(labels))
+
+
+def sorted_tasks(labels):
+    """Distinct labels in an array, which holds each of them exactly.
+
+    Parameters
+    ----------
+    labels : iterable of str, bool or int
+        Of one type, Python's own.
+
+    Returns
+    -------
+    tasks : ndarray of shape (n_tasks,)
+        Each label once, sorted.
+
+    Raises
+    ------
+    ValueError
+        If NumPy has no type that can hold one of them.
+    """
+    labels = sorted(set(labels))
     try:
-        return labels.astype(np.int64)
+        tasks = np.array(labels, dtype=_dtype(labels))
     except OverflowError as error:
         raise ValueError(
             "Task labels that are integers must lie within 2**63, but "
             f"{max(labels, key=abs)} does not. Pass them as strings."
         ) from error
+    if tasks.tolist() != labels:
+        label = next(label for label in labels if label.endswith("\0"))
+        raise ValueError(
+            f"The task label {label!r} ends with a NUL character, which NumPy's "
+            "strings cannot hold. Write it without that character."
+        )
+    return tasks
 
 
-def _as_integers(labels):
-    """Labels that came as floats, as integers."""
-    inexact = ~(np.abs(labels) <= EXACT)
-    if inexact.any():
-        raise ValueError(
-            "Task labels that are floats must lie within 2**53, where integers are "
-            f"exact, but {inexact.sum()} of {len(labels)} do not, such as "
-            f"{labels[inexact][0]!s}. Pass them as integers or as strings."
-        )
-    fractional = np.mod(labels, 1.0) != 0.0
-    if fractional.any():
-        raise ValueError(
-            f"Task labels must be integers or strings, but {fractional.sum()} of "
-            f"{len(labels)} are fractional numbers such as {labels[fractional][0]!s}. "
-            "Does task_feature name the task column? A ColumnTransformer moves it: set "
-            "remainder='passthrough', and task_feature to where it ends up."
-        )
-    return labels.astype(np.int64)
+def _dtype(labels):
+    """Of an array of sorted labels; by itself NumPy may choose floats."""
+    for kind in (str, bool):
+        if all(isinstance(label, kind) for label in labels):
+            return kind
+    return np.uint64 if labels[0] >= 0 and labels[-1] >= 2**63 else np.int64
 
 
 def encode_tasks(labels, tasks, *, can_join=False):
-    """Index in `tasks` of each label.
+    """Index in `tasks` of each row's label.
 
     Parameters
     ----------
-    labels : ndarray of shape (n_samples,)
+    labels : Labels
         Task of each row.
     tasks : ndarray of shape (n_tasks,)
         Known tasks, sorted.
@@ -133,11 +247,14 @@ def encode_tasks(labels, tasks, *, can_join=False):
     ValueError
         Naming up to five labels that are not known, and those that are.
     """
-    kinds = ["strings" if of.dtype.kind == "U" else "numbers" for of in (labels, tasks)]
+    found = _positions(labels.tasks.tolist(), tasks)
+    if (found >= 0).all():
+        return found[labels.codes]
+    unknown = labels.tasks[found < 0]
+    kinds = [
+        "strings" if of.dtype.kind == "U" else "numbers" for of in (unknown, tasks)
+    ]
     differ = kinds[0] != kinds[1]
-    unknown = np.unique(labels) if differ else np.setdiff1d(labels, tasks)
-    if not unknown.size:
-        return np.searchsorted(tasks, labels)
     what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
     why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
     join = ", or let it join with add_task" * can_join
@@ -151,3 +268,23 @@ def encode_tasks(labels, tasks, *, can_join=False):
 def _enumerate(labels, most=5):
     listed = ", ".join(repr(label) for label in labels[:most].tolist())
     return listed + (f", ... ({len(labels)} in all)" if len(labels) > most else "")
+
+
+def rows_by_code(codes):
+    """The rows that have each of the codes that there are, in ascending order.
+
+    Parameters
+    ----------
+    codes : ndarray of shape (n_samples,)
+        Integers from 0.
+
+    Returns
+    -------
+    present : ndarray of shape (n_present,)
+        The codes that there are, ascending.
+    rows : list of n_present ndarrays of int
+        Positions of the rows that have each of them.
+    """
+    order = np.argsort(codes, kind="stable")
+    present, starts = np.unique(codes[order], return_index=True)
+    return present, np.split(order, starts[1:])

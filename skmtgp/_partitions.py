@@ -1,6 +1,7 @@
 """Training data in a Dask collection: checked and encoded where its partitions are."""
 
 from functools import partial
+from itertools import chain
 
 import numpy as np
 import pandas as pd
@@ -8,6 +9,7 @@ from sklearn.utils.validation import validate_data
 
 from skmtgp._dask import is_dask, partitions
 from skmtgp._guide import PARALLEL
+from skmtgp._labels import encode_tasks, sorted_tasks
 from skmtgp._training import (
     check_given,
     check_target,
@@ -59,7 +61,7 @@ def check_partitions(estimator, X, y):
     kept = [(part, n) for part, (n, _) in zip(parts, described, strict=True) if n]
     if not kept:
         raise ValueError("X has no rows: give at least 1.")
-    tasks = _union({i: labels for i, (n, labels) in enumerate(described) if n})
+    tasks = _union({i: of_part for i, (n, of_part) in enumerate(described) if n})
     arrays = _assemble(kept, tasks, header.shape[1] - 1, y.shape[1:])
     features, codes, Y = dask.persist(*arrays)
     warn_of_training(features, tasks, Y)
@@ -95,13 +97,14 @@ def _pair(X, y):
 def _check_partition(name, position, columns, number, table, y):
     """Features, labels and targets of a partition; none of one without rows."""
     if not len(table):
-        return np.empty((0, len(columns))), np.empty(0), np.empty(0)
+        return np.empty((0, len(columns))), None, None
     try:
         _check_index(table, y)
         y = check_target(table, y)
         return *cut_table(table, position, columns, name), y
-    except ValueError as error:
-        raise ValueError(f"In partition {number}: {error}") from error
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"In partition {number}: {error}") from error
 
 
 def _check_index(table, y):
@@ -120,13 +123,13 @@ def _check_index(table, y):
 
 def _describe(part):
     features, labels, _ = part
-    return len(features), np.unique(labels)
+    return len(features), labels and labels.tasks
 
 
-def _union(labels):
-    """The labels of all partitions, sorted; `labels` has each partition's."""
+def _union(tasks):
+    """The tasks of all partitions, sorted; `tasks` has each partition's."""
     first = {}
-    for i, of_part in labels.items():
+    for i, of_part in tasks.items():
         kind = {"U": "strings", "b": "booleans"}.get(of_part.dtype.kind, "integers")
         first.setdefault(kind, (i, of_part[0].item()))
     if len(first) > 1:
@@ -138,7 +141,7 @@ def _union(labels):
             f"Task labels must all be integers or all be strings, but are {where}. "
             "Convert the column of the task."
         )
-    return np.unique(np.concatenate(list(labels.values())))
+    return sorted_tasks(chain.from_iterable(of.tolist() for of in tasks.values()))
 
 
 def _assemble(parts, tasks, n_features, shape):
@@ -158,4 +161,4 @@ def _assemble(parts, tasks, n_features, shape):
 
 def _encode(part, tasks):
     features, labels, y = part
-    return features, np.searchsorted(tasks, labels), y
+    return features, encode_tasks(labels, tasks), y

@@ -11,6 +11,7 @@ from sklearn.base import RegressorMixin
 from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._estimator import public
 from skmtgp._training import check_test
 
 
@@ -52,6 +53,7 @@ class PosteriorMixin(RegressorMixin):
         include_noise: bool = False,
     ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
+    @public
     def predict(
         self,
         X: ArrayLike,
@@ -104,6 +106,7 @@ class PosteriorMixin(RegressorMixin):
             return mean, model._join(covariances)
         return mean
 
+    @public
     def sample_y(
         self,
         X: ArrayLike,

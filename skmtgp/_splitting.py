@@ -132,11 +132,8 @@ class TaskStratifiedKFold(StratifiedKFold):
                 "column of dense data only. Use X.toarray() to convert it."
             )
         check_consistent_length(X, y)
-        labels = task_labels(X, self.task_feature, self)
-        tasks, codes, counts = np.unique(
-            labels, return_inverse=True, return_counts=True
-        )
-        self._check_counts(tasks, counts)
+        tasks, codes = task_labels(X, self.task_feature, self)
+        self._check_counts(tasks, np.bincount(codes))
         return codes
 
     def _check_counts(self, tasks, counts):

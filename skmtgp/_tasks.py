@@ -2,14 +2,13 @@
 
 import difflib
 import numbers
-from datetime import date, timedelta
 
 import numpy as np
 import pandas as pd
-from sklearn.utils import check_array
 from sklearn.utils.validation import validate_data
 
-from skmtgp._labels import check_labels
+from skmtgp._labels import EXACT, check_labels
+from skmtgp._numbers import as_frame, check_numbers, column_names
 
 
 def locate_task_column(task_feature, n_features, feature_names=None):
@@ -96,13 +95,14 @@ def read_table(estimator, X, *, reset):
     Returns
     -------
     table : ndarray or DataFrame of shape (n_samples, n_features)
-        A frame of pandas stays one: as an array it might lose the labels' type.
+        Frames are pandas' own: as an array they might lose the labels' type.
 
     Raises
     ------
     ValueError
         If X has one column, in fit, or not those of fit.
     """
+    X = as_frame(X)
     if isinstance(X, pd.DataFrame):
         table = validate_data(estimator, X, reset=reset, skip_check_array=True)
     else:
@@ -119,13 +119,21 @@ def read_table(estimator, X, *, reset):
 
 
 def _keep_types(X):
-    """Lists whose numbers would become text, as an array of objects.
+    """Lists whose values would not keep their type or digits, as an array of objects.
 
-    NaN and 1 would be the names of tasks otherwise.
+    Beside text, NaN and 1 would be the names of tasks; beside 0.5, 2**53 + 1 a float.
     """
-    if isinstance(X, (list, tuple)) and np.asarray(X).dtype.kind in "SU":
-        return np.asarray(X, dtype=object)
-    return X
+    if not isinstance(X, (list, tuple)):
+        return X
+    objects = np.asarray(X, dtype=object)
+    kinds = set(map(type, objects.flat))
+    if objects.ndim != 2:
+        return X
+    if not all(issubclass(kind, (numbers.Real, np.bool_)) for kind in kinds):
+        return objects
+    array = np.asarray(X)
+    rounded = array.dtype.kind == "f" and (np.abs(array) >= EXACT).any()
+    return objects if rounded else array
 
 
 def split_table(table, position, estimator=None):
@@ -144,88 +152,37 @@ def split_table(table, position, estimator=None):
     -------
     features : ndarray of shape (n_samples, n_features - 1)
         The other columns, as float64.
-    labels : ndarray of shape (n_samples,)
-        The task of each row; int, str or bool, as in a frame.
+    labels : Labels
+        The task of each row.
 
     Raises
     ------
+    TypeError
+        If a value is neither text nor a number.
     ValueError
         If a feature is missing, infinite or not a number, or if a label is missing or
-        is a number that is not an integer. Text and dates are named with their column.
+        is a number that is not an integer. The column is named.
     """
     if table.shape[1] < 2:
         raise ValueError("X has 0 feature(s) beside the task column; give at least 1.")
-    columns = table.iloc if isinstance(table, pd.DataFrame) else table
-    features = _without(table, position)
     names = _names(table, estimator)
-    if _has_dates(features):  # alone, they would become numbers of some unit
-        _check_values(features, names, position)
-    try:
-        features = check_array(
-            features, dtype=np.float64, input_name="X", estimator=estimator
-        )
-    except (TypeError, ValueError):
-        _check_values(features, names, position)
-        raise
-    features, labels = by_rows(features), columns[:, position]
-    if not hasattr(estimator, "task_feature"):
-        return features, check_labels(labels)
-    return features, _labels_of(
-        labels, names[position], estimator.task_feature, estimator
+    features = check_numbers(
+        _without(table, position),
+        "X",
+        names[:position] + names[position + 1 :],
+        task=names[position],
+        estimator=estimator,
     )
-
-
-def by_rows(values):
-    """The values, row after row in memory, as those of a frame are not.
-
-    Sums over them are then rounded alike, and what is learned from a frame is what is
-    learned from an array.
-    """
-    by_columns = values.ndim == 2 and values.strides[0] < values.strides[1]
-    return np.ascontiguousarray(values) if by_columns else values
+    name = repr(names[position])
+    if hasattr(estimator, "task_feature"):
+        owner = type(estimator).__name__
+        name += f" (task_feature={estimator.task_feature!r} of {owner})"
+    return features, _labels_of(table, position, name)
 
 
 def _names(table, estimator):
     """Names of the columns, or their positions."""
-    if isinstance(table, pd.DataFrame):
-        return table.columns.tolist()
-    return list(getattr(estimator, "feature_names_in_", range(table.shape[1])))
-
-
-def _has_dates(features):
-    frame = isinstance(features, pd.DataFrame)
-    return frame and any(dtype.kind in "mM" for dtype in features.dtypes)
-
-
-def _check_values(features, names, position):
-    """Raise a ValueError that names the first feature with text or dates, if any."""
-    task, others = names[position], names[:position] + names[position + 1 :]
-    for name, values in zip(others, np.asarray(features, object).T, strict=True):
-        for value in values:
-            _check_value(value, name, task)
-
-
-def _check_value(value, name, task):
-    if isinstance(value, (date, timedelta)):
-        raise ValueError(
-            f"Features must be numbers, but column {name!r} holds dates or times such "
-            f"as {value}. Convert it, to days since the first for example."
-        )
-    if isinstance(value, str) and not _is_number(value):
-        raise ValueError(
-            f"Features must be numbers, but column {name!r} holds strings such as "
-            f"{value!r}. If it is the task column, set task_feature={name!r} (it is "
-            f"column {task!r} now); else encode it, with a OneHotEncoder in a "
-            "ColumnTransformer with remainder='passthrough' for example."
-        )
-
-
-def _is_number(text):
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+    return list(getattr(estimator, "feature_names_in_", column_names(table)))
 
 
 def _is_mapped(array):
@@ -260,33 +217,34 @@ def task_labels(X, task_feature=-1, owner=None):
 
     Returns
     -------
-    labels : ndarray of shape (n_samples,)
-        Int, str or bool.
+    labels : Labels
+        Distinct labels and the position of each row's.
 
     Raises
     ------
+    TypeError
+        If a label is neither a string nor a number.
     ValueError
         If X is not two-dimensional, has no such column, or a label is missing or is a
         number that is not an integer.
     """
-    names = getattr(X, "columns", None)  # of pandas or polars, say
+    X = as_frame(X)
     if not isinstance(X, pd.DataFrame) and not hasattr(X, "dtype"):
         X = np.asarray(X, dtype=object)
     if X.ndim != 2:
         raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")
+    names = getattr(X, "columns", None)
     position = locate_task_column(task_feature, X.shape[1], names)
-    name = position if names is None else list(names)[position]
-    columns = X.iloc if isinstance(X, pd.DataFrame) else X
-    return _labels_of(columns[:, position], name, task_feature, owner)
+    of = "" if owner is None else f" of {type(owner).__name__}"
+    name = column_names(X)[position]
+    return _labels_of(X, position, f"{name!r} (task_feature={task_feature!r}{of})")
 
 
-def _labels_of(column, name, task_feature, owner):
-    """Labels of a column; an error names it and whose parameter chose it."""
+def _labels_of(table, position, name):
+    """Labels of a column, which errors name."""
+    columns = table.iloc if isinstance(table, pd.DataFrame) else table
     try:
-        return check_labels(column)
-    except ValueError as error:
-        of = "" if owner is None else f" of {type(owner).__name__}"
-        raise ValueError(
-            f"Column {name!r} (task_feature={task_feature!r}{of}) cannot hold the "
-            f"tasks: {error}"
-        ) from error
+        return check_labels(columns[:, position])
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"Column {name} cannot hold the tasks: {error}") from error

@@ -4,21 +4,22 @@ import warnings
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from sklearn.gaussian_process.kernels import RBF
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
 from skmtgp._dask import held, is_dask, refuse_dask
 from skmtgp._guide import PARALLEL
-from skmtgp._labels import encode_tasks
+from skmtgp._labels import encode_tasks, sorted_tasks
 from skmtgp._linalg import RESOLVED
-from skmtgp._tasks import (
-    by_rows,
-    locate_task_column,
-    read_table,
-    split_table,
+from skmtgp._numbers import check_numbers, column_names
+from skmtgp._tasks import locate_task_column, read_table, split_table
+from skmtgp.exceptions import (
+    ConstantTargetWarning,
+    TaskColumnWarning,
+    UnderflowWarning,
 )
-from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
 from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
@@ -66,9 +67,9 @@ def check_training(estimator, X, y):
     table = read_table(estimator, X, reset=True)
     check_given(estimator, y)
     y = check_target(table, y)
-    features, labels = _split(estimator, table)
-    tasks, codes = np.unique(labels, return_inverse=True)
+    features, (tasks, codes) = _split(estimator, table)
     warn_of_training(features, tasks, y)
+    _warn_of_last(estimator, table, features, tasks, codes)
     return features, codes, tasks, y
 
 
@@ -97,7 +98,7 @@ def check_new_task(estimator, X, y):
     -------
     features : ndarray of shape (n_samples, n_features - 1)
         Numbers.
-    label : ndarray of shape ()
+    label : str, int or bool
         The new task.
     Y : ndarray of shape (n_samples, n_outputs)
         Numbers.
@@ -105,22 +106,23 @@ def check_new_task(estimator, X, y):
     for name, data in [("X", X), ("y", y)]:
         refuse_dask(name, data, f"Pass {name}.compute(): a task that joins is small.")
     table = read_table(estimator, X, reset=False)
-    features, labels = _split(estimator, table)
-    tasks, known = np.unique(labels), estimator.tasks_
+    features, (tasks, _) = _split(estimator, table)
+    known = estimator.tasks_
     if len(tasks) != 1:
         raise ValueError(
             f"The task column holds {len(tasks)} labels, {tasks[:5].tolist()}; add one "
             "task after another."
         )
+    label = tasks[0].item()
     if (tasks.dtype.kind == "U") != (known.dtype.kind == "U"):
         raise ValueError(
-            f"The new task {tasks[0].item()!r} is not of the type of the known ones, "
-            f"such as {known[0].item()!r}."
+            f"The new task {label!r} is not of the type of the known ones, such as "
+            f"{known[0].item()!r}."
         )
-    if tasks[0] in known:
+    if label in known.tolist():  # not as floats
         raise ValueError(
-            f"Task {tasks[0].item()!r} is known already; fit learns from more samples "
-            "of it, add_task takes new ones."
+            f"Task {label!r} is known already; fit learns from more samples of it, "
+            "add_task takes new ones."
         )
     y = check_target(table, y)
     if y.shape[1:] != estimator.y_train_.shape[1:]:
@@ -128,7 +130,7 @@ def check_new_task(estimator, X, y):
             f"y has shape {y.shape}; the model was fitted to targets of shape "
             f"{('n_samples', *estimator.y_train_.shape[1:])}.".replace("'", "")
         )
-    return features, tasks[0], y.reshape(len(y), -1)
+    return features, label, y.reshape(len(y), -1)
 
 
 def check_test(estimator, X):
@@ -160,10 +162,12 @@ def cut_table(table, position, columns, estimator):
 
 def check_target(table, y):
     """Targets of the rows of a table, as numbers whose squares do not overflow."""
-    y = by_rows(check_array(y, ensure_2d=False, dtype=np.float64, input_name="y"))
-    check_consistent_length(table, y)
-    _check_magnitude(y.reshape(len(y), -1), "y", range(y.size // len(y)))
-    return y
+    numbers = check_numbers(y, "y")
+    check_consistent_length(table, numbers)
+    columns = numbers.reshape(len(numbers), -1)
+    names = column_names(y if hasattr(y, "columns") else columns)
+    _check_magnitude(columns, "y", names)
+    return numbers
 
 
 def _check_magnitude(values, name, columns):
@@ -223,8 +227,41 @@ def warn_of_training(features, tasks, y):
         warnings.warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? The first tasks are {tasks[:5].tolist()}.",
-            UserWarning,
+            TaskColumnWarning,
         )
+
+
+def _warn_of_last(estimator, table, features, tasks, codes):
+    """Say where the last column is taken, and the one before looks like the tasks'.
+
+    So it does where an output was appended to X, as a RegressorChain appends them.
+    Values of an output are rarest at their ends; labels are not negative.
+    """
+    last = table.iloc[:, -1] if isinstance(table, pd.DataFrame) else table[:, -1]
+    is_default = estimator.task_feature == -1 and last.dtype.kind == "f"
+    if not is_default or len(codes) <= FEW_ROWS:
+        return
+    counts = np.bincount(codes)
+    odd = [tasks[end].item() for end in (0, -1) if counts[end] == 1 or tasks[end] < 0]
+    if odd and _look_like_labels(features[:, -1]):
+        n = table.shape[1]
+        why = "a negative number" if odd[0] < 0 else "of one row alone"
+        warnings.warn(
+            "task_feature=-1 takes the last column for the tasks, whose label "
+            f"{odd[0]} is {why}, and the column before it looks more like labels. Was "
+            "something appended to X, as a RegressorChain appends outputs? Then name "
+            f"the task column, or count from the left: task_feature={n - 2}. If the "
+            f"last column is meant, set task_feature={n - 1}.",
+            TaskColumnWarning,
+        )
+
+
+def _look_like_labels(values):
+    """Whether they are integers, none negative, each of several rows."""
+    if (values < 0.0).any() or (np.mod(values, 1.0) != 0.0).any():
+        return False
+    counts = np.unique(values, return_counts=True)[1]
+    return len(counts) > 1 and counts.min() > 1
 
 
 def _warn_of_underflow(values, kind, more=""):
@@ -354,8 +391,8 @@ class Training(NamedTuple):
         position : int
             Where the task is among the tasks.
         """
-        tasks = np.sort([*self.tasks.tolist(), label.item()])  # no floats of integers
-        position = int(np.searchsorted(tasks, label))
+        tasks = sorted_tasks([*self.tasks.tolist(), label])
+        position = tasks.tolist().index(label)
         codes = self.codes + (self.codes >= position)
         training = self._replace(
             features=np.vstack([self.features, features]),

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._base import BaseMultiTaskGP
+from skmtgp._estimator import public
 from skmtgp._parallel import run
 from skmtgp._training import default_kernel
 from skmtgp.learning.stages import learn_fixed
@@ -23,6 +24,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         "diagonal": ["boolean"],
     }
 
+    @public
     def __init__(
         self,
         kernel: Kernel | None = None,

@@ -10,6 +10,7 @@ __all__ = [
     "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
     "PrecisionWarning",
+    "TaskColumnWarning",
     "UnderflowWarning",
 ]
 
@@ -106,6 +107,21 @@ class PrecisionWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import PrecisionWarning
     >>> warnings.simplefilter("ignore", PrecisionWarning)
+    """
+
+
+class TaskColumnWarning(UserWarning):
+    """The column that is taken for the tasks may be another one.
+
+    It has more tasks than half of the rows, or it is the last one by default and the
+    one before it looks more like labels, as where something was appended to X. The
+    message says how to tell which column is meant.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import TaskColumnWarning
+    >>> warnings.simplefilter("error", TaskColumnWarning)
     """
 
 

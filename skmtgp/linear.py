@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skmtgp._estimator import Estimator
+from skmtgp._labels import rows_by_code
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, fit_context, with_callbacks
@@ -192,78 +193,66 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         self._regressions = np.arange(n_tasks)  # which of them a task has
         if self.pooled:
             self._regressions = np.zeros(n_tasks, dtype=int)
-        which = self._regressions[codes]
-        prior = {
-            "has_intercept": self.fit_intercept,
-            "weight_variance": self.weight_variance,
-            "noise_shape": self.noise_shape,
-            "noise_rate": self.noise_rate,
-        }
-        self._posteriors = [
-            LinearPosterior(features[which == r], Y[which == r], **prior)
-            for r in range(which.max() + 1)
-        ]
-        self._store()
+        self._posterior = LinearPosterior(
+            features,
+            Y,
+            self._regressions[codes],
+            has_intercept=self.fit_intercept,
+            weight_variance=self.weight_variance,
+            noise_shape=self.noise_shape,
+            noise_rate=self.noise_rate,
+        )
+        self._store(self._posterior)
 
-    def _store(self):
+    def _store(self, posterior):
         """Set the fitted attributes."""
-        of_tasks = [self._posteriors[r] for r in self._regressions]
-        self.coef_ = self._outputs_first([p.coef for p in of_tasks])
-        self.intercept_ = self._outputs_first([p.intercept for p in of_tasks])
-        self.noise_variance_ = self._outputs_first([p.noise_variance for p in of_tasks])
-        self.degrees_of_freedom_ = np.array([2.0 * p.shape for p in of_tasks])
-        self.log_marginal_likelihoods_ = sum(p.log_evidence for p in self._posteriors)
+        self.coef_ = self._outputs_first(posterior.coef)
+        self.intercept_ = self._outputs_first(posterior.intercept)
+        self.noise_variance_ = self._outputs_first(posterior.noise_variance)
+        self.degrees_of_freedom_ = 2.0 * posterior.shape[self._regressions]
+        self.log_marginal_likelihoods_ = posterior.log_evidence.sum(axis=0)
         self.log_marginal_likelihood_value_ = float(
             self.log_marginal_likelihoods_.sum()
         )
 
     def _outputs_first(self, values):
-        """An array of what each task has, without an axis for a single output."""
-        values = np.ascontiguousarray(np.moveaxis(np.array(values), -1, 0))
-        return values[0] if self._single_output else values
+        """What each task has of its regression, without an axis for a single output."""
+        values = np.moveaxis(values[self._regressions], -1, 0)
+        return np.ascontiguousarray(values)[0 if self._single_output else ...]
 
     @property
     def _n_outputs(self):
         return len(self.log_marginal_likelihoods_)
 
-    def _parts(self, codes):
-        """The rows of each regression and its posterior."""
-        which = self._regressions[codes]
-        for r in np.unique(which):
-            yield np.flatnonzero(which == r), self._posteriors[r]
-
     def _means(self, features, codes):
-        means = np.empty((len(features), self._n_outputs))
-        for rows, posterior in self._parts(codes):
-            means[rows] = posterior.mean(features[rows])
-        return means
+        return self._posterior.mean(features, self._regressions[codes])
 
     def _variances(self, features, codes, include_noise):
-        variances = np.empty((len(features), self._n_outputs))
-        for rows, posterior in self._parts(codes):
-            relative = posterior.variances(features[rows]) + float(include_noise)
-            variances[rows] = _times(relative, posterior.noise_variance)
-        return variances
+        which, posterior = self._regressions[codes], self._posterior
+        relative = posterior.variances(features, which) + float(include_noise)
+        return _times(relative, posterior.noise_variance[which])
 
     def _covariances(self, features, codes, include_noise):
-        n = len(features)
+        n, which, posterior = len(features), self._regressions[codes], self._posterior
         covariances = np.zeros((n, n, self._n_outputs))
-        for rows, posterior in self._parts(codes):
-            relative = posterior.covariances(features[rows])
-            relative[np.diag_indices_from(relative)] += float(include_noise)
-            block = _times(relative, posterior.noise_variance)
-            covariances[np.ix_(rows, rows)] = block
+        noise_variance = posterior.noise_variance
+        for some, rows, relative in posterior.covariances(features, which):
+            relative += float(include_noise) * np.eye(rows.shape[1])
+            blocks = _times(relative, noise_variance[some, None, None])
+            covariances[rows[:, :, None], rows[:, None, :]] = blocks
         return covariances
 
     def _draws(self, features, codes, n_draws, rng):
         draws, noise_std = np.empty((2, len(features), self._n_outputs, n_draws))
-        for rows, posterior in self._parts(codes):
-            draws[rows], noise_std[rows] = posterior.draw(features[rows], n_draws, rng)
+        for r, rows in zip(*rows_by_code(self._regressions[codes]), strict=True):
+            of_rows = self._posterior.draw(r, features[rows], n_draws, rng)
+            draws[rows], noise_std[rows] = of_rows
         return draws, noise_std
 
 
 def _times(relative, noise_variance):
     """Products of both, one more axis; zero stays so where the other is infinite."""
     relative = relative[..., None]
-    products = np.zeros((*relative.shape[:-1], len(noise_variance)))
+    shape = np.broadcast_shapes(relative.shape, noise_variance.shape)
+    products = np.zeros(shape)
     return np.multiply(relative, noise_variance, out=products, where=relative != 0.0)

@@ -12,9 +12,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
-from sklearn.utils import check_array, check_consistent_length, column_or_1d
+from sklearn.utils import check_consistent_length
 
-from skmtgp._labels import check_labels
+from skmtgp._labels import Labels, check_labels
+from skmtgp._numbers import check_numbers
 from skmtgp._tasks import task_labels
 
 __all__ = [
@@ -83,16 +84,13 @@ def normalized_mean_squared_error(
     """
     if y_var is not None and tasks is None:
         raise ValueError("y_var is of each task, but tasks is None: give both.")
-    y_true, y_pred, masks = _check(y_true, y_pred, tasks)
-    variances = None if y_var is None else _by_task(y_var)
-    per_task = []
-    for task, mask in masks.items():
-        if variances is None:
-            variance = _variance(task, y_true[mask])
-        else:
-            variance = _given_variance(task, variances, y_true.shape[1])
-        per_task.append(np.square(y_true - y_pred)[mask].mean(axis=0) / variance)
-    return _average(np.mean(per_task, axis=0), multioutput)
+    y_true, y_pred, by_task = _check(y_true, y_pred, tasks)
+    if y_var is None:
+        variances = _variances(y_true, by_task)
+    else:
+        variances = _given_variances(y_var, by_task, y_true.shape[1])
+    errors = by_task.mean(np.square(y_true - y_pred))
+    return _average((errors / variances).mean(axis=0), multioutput)
 
 
 def mean_standardized_log_loss(
@@ -148,7 +146,7 @@ def mean_standardized_log_loss(
     >>> mean_standardized_log_loss(y, [0.0, 0.0], [1.0, 1.0], y_train=y)
     0.0
     """
-    y_true, y_pred, masks = _check(y_true, y_pred, tasks)
+    y_true, y_pred, by_task = _check(y_true, y_pred, tasks)
     y_std = _check_std(y_std, y_true)
     y_train = _columns(y_train, "y_train")
     _check_outputs(y_true, y_train, "y_train")
@@ -156,8 +154,7 @@ def mean_standardized_log_loss(
         raise ValueError("y_train is constant, so there is no trivial model.")
     trivial = _log_loss(y_true, y_train.mean(axis=0), y_train.std(axis=0))
     loss = _log_loss(y_true, y_pred, y_std) - trivial
-    per_task = [loss[mask].mean(axis=0) for mask in masks.values()]
-    return _average(np.mean(per_task, axis=0), multioutput)
+    return _average(by_task.mean(loss).mean(axis=0), multioutput)
 
 
 def coverage(
@@ -209,11 +206,11 @@ def coverage(
     0.75
     """
     _check_level(level)
-    y_true, y_pred, masks = _check(y_true, y_pred, tasks)
+    y_true, y_pred, by_task = _check(y_true, y_pred, tasks)
     y_std = _check_std(y_std, y_true)
     inside = np.abs(y_true - y_pred) <= y_std * ndtri(0.5 + 0.5 * level)
-    per_task = [inside[mask].mean(axis=0) for mask in masks.values()]
-    return _average(np.mean(per_task, axis=0), multioutput)
+    shares = by_task.mean(inside.astype(np.float64))
+    return _average(shares.mean(axis=0), multioutput)
 
 
 def make_normalized_mse_scorer(
@@ -344,44 +341,53 @@ def make_coverage_scorer(
 
 
 def _minus_msll(estimator, X, y, *, y_train, task_feature):
-    tasks = task_labels(X, task_feature)
+    tasks = task_labels(X, task_feature).of_rows()
     mean, std = estimator.predict(X, return_std=True, include_noise=True)
     return -mean_standardized_log_loss(y, mean, std, y_train=y_train, tasks=tasks)
 
 
 def _minus_miscoverage(estimator, X, y, *, level, task_feature):
-    tasks = task_labels(X, task_feature)
+    tasks = task_labels(X, task_feature).of_rows()
     mean, std = estimator.predict(X, return_std=True, include_noise=True)
     return -abs(coverage(y, mean, std, level=level, tasks=tasks) - level)
 
 
 def _minus_nmse(estimator, X, y, *, task_feature, y_var):
-    tasks = task_labels(X, task_feature)
+    tasks = task_labels(X, task_feature).of_rows()
     prediction = estimator.predict(X)
     return -normalized_mean_squared_error(y, prediction, tasks=tasks, y_var=y_var)
 
 
-def _variance(task, targets):
-    """Of the targets of a task, for each output."""
-    if not _constant(targets).any():
-        return targets.var(axis=0)
+def _variances(targets, by_task):
+    """Of the targets of each task, for each output."""
+    lowest, highest = (by_task.reduce(of, targets) for of in (np.minimum, np.maximum))
+    constant = (lowest == highest).any(axis=1)  # a variance would hold rounding errors
+    if constant.any():
+        _refuse_constant(by_task, int(constant.argmax()))
+    centred = targets - by_task.mean(targets)[by_task.codes]
+    return by_task.mean(np.square(centred))
+
+
+def _refuse_constant(by_task, position):
     why, advice = "", ""
-    if len(targets) == 1:
+    if by_task.counts[position] == 1:
         why = ", as there is one sample"
         advice = (
             " In cross-validation take fewer folds, give y_var, or score "
             "cross_val_predict's predictions at once."
         )
     raise ValueError(
-        f"The targets of task {task!r} are constant{why}, so their errors cannot be "
-        f"normalised by their variance. Leave that task out.{advice}"
+        f"The targets of task {by_task.tasks[position]!r} are constant{why}, so their "
+        "errors cannot be normalised by their variance. Leave that task out."
+        f"{advice}"
     )
 
 
-def _by_task(y_var):
-    """The variances of each task, as a dict."""
+def _given_variances(y_var, by_task, n_outputs):
+    """Those of the user's for each task and output."""
     # The columns of a frame are outputs.
-    return dict((y_var.T if isinstance(y_var, pd.DataFrame) else y_var).items())
+    given = dict((y_var.T if isinstance(y_var, pd.DataFrame) else y_var).items())
+    return [_given_variance(task, given, n_outputs) for task in by_task.tasks]
 
 
 def _given_variance(task, variances, n_outputs):
@@ -406,7 +412,7 @@ def _log_loss(y, mean, std):
 
 
 def _columns(y, name) -> NDArray[np.float64]:
-    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name=name)
+    y = check_numbers(y, name)
     return y[:, None] if y.ndim == 1 else y
 
 
@@ -452,18 +458,42 @@ def _check_std(y_std, y_true) -> NDArray[np.float64]:
     return y_std
 
 
-def _check(
-    y_true, y_pred, tasks
-) -> tuple[NDArray[np.float64], NDArray[np.float64], dict[Any, Any]]:
-    """Targets and predictions as columns, and the rows of each task."""
+class _ByTask:
+    """Sums over the rows of each task.
+
+    Parameters
+    ----------
+    labels : Labels
+        The task of each row.
+    """
+
+    def __init__(self, labels):
+        self.tasks, self.codes = labels.tasks.tolist(), labels.codes
+        self.counts = np.bincount(labels.codes)
+        self._order = np.argsort(labels.codes, kind="stable")
+        self._starts = np.cumsum(self.counts) - self.counts
+
+    def reduce(self, function, values):
+        """A ufunc over the rows of each task, of shape (n_tasks, n_outputs)."""
+        rows = np.ascontiguousarray(values[self._order].T)  # sums in pairs, exacter
+        return function.reduceat(rows, self._starts, axis=1).T
+
+    def mean(self, values):
+        """Of shape (n_tasks, n_outputs)."""
+        return self.reduce(np.add, values) / self.counts[:, None]
+
+
+def _check(y_true, y_pred, tasks):
+    """Targets and predictions as columns, and what sums them by task."""
     y_true, y_pred = _columns(y_true, "y_true"), _columns(y_pred, "y_pred")
     check_consistent_length(y_true, y_pred)
     _check_outputs(y_true, y_pred, "y_pred")
     if tasks is None:
-        return y_true, y_pred, {"all": slice(None)}
-    tasks = check_labels(column_or_1d(tasks))
-    check_consistent_length(y_true, tasks)
-    return y_true, y_pred, {task: tasks == task for task in np.unique(tasks).tolist()}
+        labels = Labels(np.array(["all"]), np.zeros(len(y_true), dtype=int))
+    else:
+        labels = check_labels(tasks)
+    check_consistent_length(y_true, labels.codes)
+    return y_true, y_pred, _ByTask(labels)
 
 
 def _average(per_output, multioutput):

@@ -213,13 +213,15 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         return self.n_joints
 
     def _split(self, table):
-        """The states, as float64, and the labels, of the type they have in X."""
+        """The states, as float64, and the labels."""
         return split_table(table, self._task_position, self)
 
     def _to_frame(self, features, labels, X):
         index = None
         if isinstance(X, pd.DataFrame):
             index, labels = X.index, X.iloc[:, self._task_position].array
+        else:
+            labels = labels.of_rows()
         *names, task = self.get_feature_names_out()
         frame = pd.DataFrame(features, columns=names, index=index)
         return frame.assign(**{task: labels})
@@ -232,9 +234,10 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
 
 def _as_column(labels):
-    """Labels as float64 where that is exact, else as objects."""
-    if labels.dtype.kind != "U":
-        numbers = labels.astype(np.float64)
-        if (np.abs(numbers) <= EXACT).all():
-            return numbers
-    return labels.astype(object)
+    """The label of each row, as float64 where that is exact, else as an object."""
+    tasks = labels.tasks
+    if tasks.dtype.kind != "U":
+        numbers = tasks.astype(np.float64)
+        if (np.abs(numbers) < EXACT).all():
+            return numbers[labels.codes]
+    return tasks.astype(object)[labels.codes]

@@ -14,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp._complete import check_complete
 from skmtgp._estimator import Estimator
+from skmtgp._labels import rows_by_code
 from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._parallel import at_a_time, run
 from skmtgp._posterior import PosteriorMixin
@@ -191,15 +192,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         alone = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
-        rows = [self.tasks_train_ == m for m in range(len(self.tasks_))]
+        _, rows = rows_by_code(codes)
         if self.inference == "kronecker":  # while the tasks have their labels
             for m, r in enumerate(rows):
-                one = np.zeros(np.count_nonzero(r), dtype=int)
-                check_complete(features[r], one, self.tasks_[[m]])
+                check_complete(features[r], np.zeros_like(r), self.tasks_[[m]])
         kernel = alone._default_kernel(features) if self.kernel is None else self.kernel
         check_kernel(kernel, features)
         tiles = TileMemory(kernel, features[:1])
-        self._check_room(max(map(np.count_nonzero, rows)), Y[:1].size, tiles)
+        self._check_room(max(map(len, rows)), Y[:1].size, tiles)
         results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
@@ -282,8 +282,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def _parts(self, codes):
         """The rows of each task and its model."""
-        for m in np.unique(codes):
-            yield np.flatnonzero(codes == m), self.estimators_[m]
+        for m, rows in zip(*rows_by_code(codes), strict=True):
+            yield rows, self.estimators_[m]
 
     def loo_predict(
         self, include_noise: bool = False

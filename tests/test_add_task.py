@@ -374,6 +374,7 @@ LABELS = {
     "int8, then too large for it": ([3, 1, 2], 700, "int8"),
     "uint64": ([3, 1, 2], 7, "uint64"),
     "beyond what floats tell apart": ([2**60, 2**60 + 2, 0], 2**60 + 1, None),
+    "of another type beyond that": ([2**62, 2**62 + 2, 0], 2**62 + 1, "uint64"),
     "str": (["b", "c", "a"], "d", None),
     "longer str": (["b", "c", "a"], "a longer one", None),
     "category": (["b", "c", "a"], "aa", "category"),
@@ -432,7 +433,11 @@ ERRORS = {
     "NaN": (X_NEW * [np.nan, 1, 1], Y_NEW, "Input X contains NaN"),
     "infinite": (X_NEW + np.diag([np.inf] * 4)[:, :3], Y_NEW, "X contains infinity"),
     "NaN target": (X_NEW, np.full(4, np.nan), "Input y contains NaN"),
-    "text target": (X_NEW, ["text"] * 4, "could not convert string to float"),
+    "text target": (
+        X_NEW,
+        ["text"] * 4,
+        "y must be numbers, but holds strings such as 'text'",
+    ),
     "too many outputs": (
         X_NEW,
         np.ones((4, 2)),

@@ -440,7 +440,9 @@ class TestErrors:
             with pytest.raises(ValueError, match=match):
                 clone(QUICK).fit(*on_dask(X, y))
         X[60] = 0.5
-        with pytest.raises(ValueError, match="In partition 2: Task labels must be"):
+        with pytest.raises(
+            ValueError, match="In partition 2: Column 2 cannot hold the tasks: T"
+        ):
             clone(QUICK).fit(*on_dask(X, y))
 
     def test_labels_of_two_kinds(self):
@@ -449,6 +451,31 @@ class TestErrors:
         X[:150, 2] = "a"
         match = r"strings in partition 0, such as 'a' and integers in partition 3, such"
         with pytest.raises(ValueError, match=match):
+            clone(QUICK).fit(*on_dask(X, y))
+
+    def test_labels_that_differ_by_less_than_floats_tell(self):
+        """Of a type in each partition that NumPy would join as floats."""
+        X, y = draw(N)
+        tasks, far = X[:, 2].astype(int), X.astype(object)
+        far[:, 2] = [2**62 + task for task in tasks]
+        far[150, 2], tasks[150] = 2**63 + 1, M
+        expected = BayesianLinearRegression().fit(far, y).tasks_
+        model = clone(QUICK).set_params(max_iter=0, kernel=RBF([1.0, 1.0], "fixed"))
+        found = clone(model).fit(*on_dask(far, y))
+        assert found.tasks_.tolist() == expected.tolist()
+        assert len(found.tasks_) == M + 1
+        X[:, 2] = tasks
+        expected = model.fit(X, y).predict(X)
+        assert_allclose(found.predict(far), expected, rtol=1e-6, atol=1e-8)
+
+    def test_labels_that_cannot_be_used(self):
+        X, y = draw(N)
+        X = X.astype(object)
+        X[60, 2] = (1, 2)
+        match = (
+            r"In partition 2: Column 2 cannot hold the tasks: .* not tuple, .* row 9"
+        )
+        with pytest.raises(TypeError, match=match):
             clone(QUICK).fit(*on_dask(X, y))
 
     def test_no_rows(self):

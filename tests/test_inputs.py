@@ -1,6 +1,8 @@
 """What the estimators take, and what they say to what they do not."""
 
 import re
+import warnings
+from enum import Enum
 
 import numpy as np
 import pandas as pd
@@ -9,14 +11,17 @@ from samples import draw
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from sklearn.gaussian_process.kernels import RBF
+from sklearn.multioutput import RegressorChain
 
 from skmtgp import (
+    BayesianLinearRegression,
     IndependentGP,
     MultiTaskGPRegressor,
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp.exceptions import TaskColumnWarning
 from skmtgp.kernels import ARDLinear, Columns
 
 QUICK = {"task_feature": "load", "max_iter": 0}
@@ -113,6 +118,29 @@ def test_targets(estimator, target):
     np.testing.assert_array_equal(found, expected)
 
 
+class Site(str, Enum):  # noqa: UP042 - as before Python 3.11
+    A = "site one"
+    B = "site two"
+    C = "site three"
+
+
+@pytest.mark.parametrize("container", ["frame", "objects", "list"])
+def test_members_of_an_enumeration(estimator, container):
+    """NumPy would make all of them 'Site.' or the like."""
+    table = frame().assign(load=pd.Series([list(Site)[m] for m in TASKS], dtype=object))
+    named = table.assign(load=[member.value for member in table["load"]])
+    if container != "frame":
+        by_position(estimator)
+        table, named = (of.to_numpy(dtype=object) for of in (table, named))
+    if container == "list":
+        table, named = table.tolist(), named.tolist()
+    found = estimator.fit(table, y).predict(table)
+    model = getattr(estimator, "best_estimator_", estimator)
+    assert model.tasks_.tolist() == ["site one", "site three", "site two"]
+    np.testing.assert_array_equal(estimator.predict(named), found)
+    np.testing.assert_array_equal(estimator.fit(named, y).predict(table), found)
+
+
 def test_negative_position_and_name_are_the_same_column():
     table = frame()[["a", "b", "load"]]
     named = MultiTaskGPRegressor(**QUICK).fit(table, y).predict(table)
@@ -143,10 +171,68 @@ def test_more_tasks_than_half_of_the_rows(estimator):
     table = pd.concat([frame(), frame()[:6]], ignore_index=True)
     table["load"] = np.minimum(np.arange(24), 12)
     match = r"13 tasks of 24 rows: does task_feature name the .* \[0, 1, 2, 3, 4\]"
-    with pytest.warns(UserWarning, match=match):
+    with pytest.warns(TaskColumnWarning, match=match):
         estimator.fit(table, np.arange(24.0))
     table["load"] = np.minimum(np.arange(24), 11)
     estimator.fit(table, np.arange(24.0))
+
+
+RNG = np.random.default_rng(0)
+ROWS = np.column_stack([RNG.normal(size=(80, 2)), RNG.integers(0, 3, 80)])
+COUNTS = np.append(RNG.poisson(4.0, 79), 20)  # one value is of one row alone
+OUTPUTS = {"counts": COUNTS, "differences": COUNTS % 5 - 2}
+
+
+class TestChain:
+    """Whose outputs become the last columns of X."""
+
+    @pytest.mark.parametrize("output", OUTPUTS.values(), ids=OUTPUTS)
+    def test_warns(self, output):
+        chain = RegressorChain(BayesianLinearRegression())
+        match = (
+            r"label (\d+ is of one row alone|-2 is a negative number), and the column "
+            r"before it .* RegressorChain .* from the left: task_feature=2\. If .*=3\.$"
+        )
+        with pytest.warns(TaskColumnWarning, match=match):
+            chain.fit(ROWS, np.column_stack([output, np.sin(ROWS[:, 0])]))
+
+    @pytest.mark.parametrize("output", OUTPUTS.values(), ids=OUTPUTS)
+    def test_with_a_position_from_the_left(self, output):
+        Y = np.column_stack([output, np.sin(ROWS[:, 0])])
+        chain = RegressorChain(BayesianLinearRegression(task_feature=2)).fit(ROWS, Y)
+        for model in chain.estimators_:
+            assert model.tasks_.tolist() == [0, 1, 2]
+
+    SILENT = {
+        "labels": RNG.integers(0, 4, 80),
+        "labels with gaps": RNG.choice([1, 7, 1001], 80),
+        "rare labels, not at the ends": np.append(RNG.choice([1, 9], 79), 5),
+    }
+
+    @pytest.mark.parametrize("labels", SILENT.values(), ids=SILENT)
+    def test_ordinary_labels_after_a_flag(self, labels):
+        flag = ROWS[:, 2] > 0
+        table = np.column_stack([ROWS[:, :2], flag, labels])
+        BayesianLinearRegression().fit(table, ROWS[:, 0])
+
+    @pytest.mark.parametrize("before", [ROWS[:, 0], -ROWS[:, 2], np.zeros(80)])
+    def test_ordinary_features(self, before):
+        table = np.column_stack([ROWS[:, :2], before, COUNTS])
+        BayesianLinearRegression().fit(table, ROWS[:, 0])
+
+    @pytest.mark.parametrize("how", ["name", "position", "integers", "few rows"])
+    def test_what_says_that_the_column_is_meant(self, how):
+        names = ["a", "b", "c", "d"]
+        table = pd.DataFrame(np.column_stack([ROWS, COUNTS]), columns=names)
+        place = {"name": "d", "position": 3}.get(how, -1)
+        if how == "integers":
+            table = table.astype({"d": int})
+        if how == "few rows":
+            table = table[-20:]
+        model = BayesianLinearRegression(task_feature=place)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            model.fit(table, ROWS[: len(table), 0])
 
 
 BAD_DATA = {
@@ -179,7 +265,11 @@ BAD_DATA = {
     "one dimension": (X[:, 0], y, "Expected 2D array"),
     "no target": (frame(), None, "requires y to be passed, but the target y is None"),
     "NaN target": (frame(), np.full(18, np.nan), "Input y contains NaN"),
-    "text target": (frame(), ["text"] * 18, "could not convert string to float"),
+    "text target": (
+        frame(),
+        ["text"] * 18,
+        "y must be numbers, but holds strings such as 'text'",
+    ),
     "short target": (frame(), y[:-1], r"inconsistent numbers of samples: \[18, 17\]"),
     "three axes of the target": (frame(), np.ones((18, 1, 1)), "y with dim 3"),
 }
@@ -289,6 +379,31 @@ def test_bad_parameters_of_the_multi_task_model(params, match):
 def test_name_of_the_task_column_of_an_array(estimator):
     with pytest.raises(ValueError, match="'load' names a column, but X has no column"):
         estimator.fit(X, y)
+
+
+CALLS = {
+    "fit": lambda model: model.fit(frame(), y, sample_weight=1),
+    "predict": lambda model: model.predict(frame(), sample_weight=1),
+    "sample_y": lambda model: model.sample_y(frame(), sample_weight=1),
+    "loo_predict": lambda model: model.loo_predict(sample_weight=1),
+    "log_marginal_likelihood": (
+        lambda model: model.log_marginal_likelihood(sample_weight=1)
+    ),
+    "__init__": lambda model: type(model)(sample_weight=1),
+}
+
+
+@pytest.mark.parametrize("name", CALLS)
+def test_unknown_arguments_name_the_public_class(estimator, name):
+    match = rf"^{type(estimator).__name__}\.{name}\(\) got an unexpected .* 'sample_w"
+    with pytest.raises(TypeError, match=match):
+        CALLS[name](estimator)
+
+
+def test_missing_arguments_name_the_public_class():
+    match = r"^PooledGP\.fit\(\) missing a required argument: 'y'\. It takes X, y\.$"
+    with pytest.raises(TypeError, match=match):
+        PooledGP().fit(frame())
 
 
 NEW = {

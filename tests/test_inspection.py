@@ -1,4 +1,5 @@
 import sys
+from enum import Enum
 
 import matplotlib
 import numpy as np
@@ -41,6 +42,12 @@ from skmtgp.model_selection import TaskStratifiedKFold
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # the backend comes first
+
+
+class Site(str, Enum):  # noqa: UP042 - as before Python 3.11
+    A = "site one"
+    B = "site two"
+
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -558,6 +565,14 @@ class TestCoverage:
         tasks = pd.Series(["b", "a", "b"], dtype="category")
         display = CoverageDisplay.from_predictions(y, y, std, tasks=tasks)
         assert [line.get_label() for line in display.task_lines_] == ["_a", "_b"]
+
+    @pytest.mark.parametrize("labels", [[*Site], [2**53, 2**53 + 1]])
+    def test_labels_are_never_merged(self, labels):
+        y, tasks = np.arange(4.0), labels * 2
+        display = CoverageDisplay.from_predictions(y, y, y + 1.0, tasks=tasks)
+        assert list(display.tasks) == labels
+        display = TaskResidualsDisplay.from_predictions(y, y, tasks=tasks)
+        assert list(display.tasks_) == labels
 
     @pytest.mark.parametrize(
         ("change", "message"),

@@ -15,6 +15,7 @@ LAYERS = [
         "exceptions",
         "_linalg",
         "_bfgs",
+        "_numbers",
         "_labels",
         "_tasks",
         "_complete",

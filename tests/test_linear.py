@@ -15,7 +15,7 @@ from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
 
-from skmtgp import BayesianLinearRegression
+from skmtgp import BayesianLinearRegression, inference
 
 examples = settings(max_examples=20, deadline=None, derandomize=True)
 X, y = draw()
@@ -181,6 +181,44 @@ def test_coefficients_predict():
     expected = np.einsum("jnd,nd->nj", model.coef_[:, tasks], z)
     expected += model.intercept_[:, tasks].T
     np.testing.assert_allclose(model.predict(Z), expected, rtol=1e-12, atol=1e-12)
+
+
+@INTERCEPT
+@pytest.mark.parametrize("block", [1, 2**20])
+def test_many_tasks_are_those_of_each_alone(monkeypatch, fit_intercept, block):
+    """Decomposed together where they have equally many rows."""
+    rng, counts = np.random.default_rng(0), np.arange(300) % 7 + 1
+    tasks = rng.permutation(np.arange(300).repeat(counts))
+    x = 3.0 + rng.normal(size=(len(tasks), 2))
+    table, u = np.column_stack([x, tasks]), rng.normal(size=(len(tasks), 2))
+    made, qr = [], np.linalg.qr
+    monkeypatch.setattr(np.linalg, "qr", lambda *a, **k: made.append(1) or qr(*a, **k))
+    monkeypatch.setattr(inference.linear, "BLOCK_SIZE", block)
+    model = BayesianLinearRegression(fit_intercept=fit_intercept, **PRIOR)
+    model.fit(table, u)
+    assert len(made) == (7 if block > 1 else 300)
+    new = np.column_stack([rng.normal(size=(40, 2)), rng.integers(0, 20, 40)])
+    mean, std = model.predict(new, return_std=True)
+    cov, draws = model.predict(new, return_cov=True)[1], model.sample_y(new, 3)
+    evidence, close = 0.0, {"rtol": 1e-11, "atol": 1e-11}
+    for task in range(20):
+        own, rows = tasks == task, new[:, -1] == task
+        alone = clone(model).fit(table[own], u[own])
+        for name in ("coef_", "intercept_", "noise_variance_"):
+            values = getattr(model, name)[:, task], getattr(alone, name)[:, 0]
+            np.testing.assert_allclose(*values, **close)
+        if rows.any():
+            found = alone.predict(new[rows], return_std=True)
+            np.testing.assert_allclose(found, (mean[rows], std[rows]), **close)
+            block = cov[np.ix_(rows, rows)]
+            expected = alone.predict(new[rows], return_cov=True)[1]
+            np.testing.assert_allclose(block, expected, **close)
+            np.testing.assert_array_equal(cov[np.ix_(rows, ~rows)], 0.0)
+    for task in range(300):
+        own = tasks == task
+        evidence += clone(model).fit(table[own], u[own]).log_marginal_likelihoods_
+    np.testing.assert_allclose(model.log_marginal_likelihoods_, evidence, rtol=1e-11)
+    assert draws.shape == (40, 2, 3)
 
 
 def test_outputs_are_independent():

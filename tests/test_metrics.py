@@ -1,4 +1,7 @@
 import pickle
+import tracemalloc
+from enum import Enum
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -177,6 +180,61 @@ def test_frames_and_labels_of_any_type(metric, data):
     ):
         frames = pd.DataFrame(y), pd.DataFrame(prediction)
         assert metric(*frames, tasks=tasks) == pytest.approx(expected, rel=1e-12)
+
+
+class Site(str, Enum):  # noqa: UP042 - as before Python 3.11
+    A = "site one"
+    B = "site two"
+    C = "site three"
+
+
+LABELS = {
+    "enumeration": [*Site],
+    "beyond 2**53": [2**53, 2**53 + 1, 2**53 + 2],
+    "column": [["a"], ["b"], ["c"]],
+}
+
+
+@pytest.mark.parametrize("labels", LABELS.values(), ids=LABELS)
+def test_labels_are_never_merged(metric, data, labels):
+    y, prediction, _ = data
+    tasks = [labels["abc".index(task)] for task in TASKS]
+    expected = metric(y, prediction, tasks=TASKS)
+    assert metric(y, prediction, tasks=tasks) == pytest.approx(expected, rel=1e-12)
+
+
+def test_variances_given_for_members_of_an_enumeration():
+    y = np.array([0.0, 1.0, 0.0, 2.0])
+    y_var = {Site.A: 0.5, "site two": 2.0}
+    found = normalized_mean_squared_error(
+        y, np.zeros(4), tasks=[Site.A, Site.A, Site.B, Site.B], y_var=y_var
+    )
+    assert found == pytest.approx(1.0)
+
+
+OF_UNITS = {
+    "nmse": normalized_mean_squared_error,
+    "msll": partial(mean_standardized_log_loss, y_train=[0.0, 1.0, 5.0]),
+    "coverage": coverage,
+}
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e6])
+@pytest.mark.parametrize("name", OF_UNITS)
+def test_many_tasks(name, offset):
+    """Those of each task alone, in memory of a few columns."""
+    rng, n, n_tasks = np.random.default_rng(0), 20_000, 1000
+    tasks = rng.permutation(np.arange(n_tasks).repeat(2))
+    tasks = np.append(tasks, rng.integers(0, 50, n - len(tasks)))  # of many sizes
+    y = offset + rng.normal(size=n)
+    columns = [y, y + 0.5 * rng.normal(size=n), np.ones(n)][: 2 + (name != "nmse")]
+    tracemalloc.start()
+    found = OF_UNITS[name](*columns, tasks=tasks)
+    assert tracemalloc.get_traced_memory()[1] < 100 * n
+    tracemalloc.stop()
+    rows = (np.flatnonzero(tasks == task) for task in range(n_tasks))
+    alone = [OF_UNITS[name](*(values[r] for values in columns)) for r in rows]
+    assert found == pytest.approx(np.mean(alone), rel=1e-12)
 
 
 def test_one_task_is_no_task(metric, data):

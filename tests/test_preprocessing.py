@@ -142,6 +142,14 @@ def test_integers_that_floats_cannot_hold_are_not_rounded(states):
     assert found[:, -1].tolist() == X["load"].tolist()
 
 
+def test_the_smallest_integer_that_floats_may_have_rounded(states):
+    """2**53 + 1 is 2**53 as a float, which no model takes for a label."""
+    X = pd.DataFrame(states, columns=NAMES).assign(load=2**53)
+    found = InverseDynamicsFeatures().fit_transform(X)
+    assert found.dtype == object
+    assert found[:, -1].tolist() == [2**53] * 5
+
+
 @pytest.mark.parametrize("dtype", ["Float64", "float32", "Int64", object])
 def test_numbers_of_other_types(states, dtype):
     whole = np.round(100.0 * states)

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length
 
+from skmtgp._labels import rows_by_code
 from skmtgp.inspection._drawing import COLORS, Display
 from skmtgp.inspection._models import (
     check_tasks,
@@ -220,10 +221,10 @@ class CoverageDisplay(Display):
         given = {"y_true": y_true, "y_mean": y_mean, "y_std": y_std}
         columns = [check_vector(values, name) for name, values in given.items()]
         labels = check_tasks(tasks, len(columns[0]))
-        check_consistent_length(*columns, labels)
-        known, levels = np.unique(labels), np.atleast_1d(levels)
-        found = []
-        for task in known:
-            alone = [values[labels == task] for values in columns]
+        check_consistent_length(*columns, labels.codes)
+        levels, found = np.atleast_1d(levels), []
+        for rows in rows_by_code(labels.codes)[1]:
+            alone = [values[rows] for values in columns]
             found.append([coverage(*alone, level=p) for p in levels.tolist()])
-        return cls(levels=levels, coverages=np.array(found), tasks=known).plot(ax=ax)
+        display = cls(levels=levels, coverages=np.array(found), tasks=labels.tasks)
+        return display.plot(ax=ax)

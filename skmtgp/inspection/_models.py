@@ -5,10 +5,10 @@ from numbers import Integral
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
-from sklearn.utils import check_array
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._labels import check_labels
+from skmtgp._labels import Labels, check_labels
+from skmtgp._numbers import check_numbers
 from skmtgp._tasks import task_labels
 from skmtgp.multitask import MultiTaskGPRegressor
 
@@ -114,7 +114,7 @@ def predictions(estimator, X, y, output):
     # A search's own predict may not pass return_std on.
     model = getattr(estimator, "best_estimator_", estimator)
     mean, std = model.predict(X, return_std=True, include_noise=True)
-    y = check_array(y, ensure_2d=False, dtype=np.float64, input_name="y")
+    y = check_numbers(y, "y")
     if y.shape != mean.shape:
         raise ValueError(
             f"y has shape {y.shape}, but the predictions have shape {mean.shape}."
@@ -173,12 +173,12 @@ def _step(estimator, position):
 
 def tasks_of(estimator, X, task_feature=None):
     """The task of each row of the X that an estimator takes."""
-    return task_labels(X, task_column(estimator, X, task_feature))
+    return task_labels(X, task_column(estimator, X, task_feature)).of_rows()
 
 
 def check_vector(values, name) -> NDArray[np.float64]:
     """Numbers, one for each sample."""
-    values = check_array(values, ensure_2d=False, dtype=np.float64, input_name=name)
+    values = check_numbers(values, name)
     if values.ndim != 1:
         raise ValueError(
             f"{name} has shape {values.shape}, but must have shape (n_samples,): pass "
@@ -188,7 +188,7 @@ def check_vector(values, name) -> NDArray[np.float64]:
 
 
 def check_tasks(tasks, n_samples):
-    """Labels of the tasks of samples; a single one where there are none."""
+    """The tasks of samples; a single one where there are none."""
     if tasks is None:
-        return np.full(n_samples, "all")
+        return Labels(np.array(["all"]), np.zeros(n_samples, dtype=int))
     return check_labels(tasks)

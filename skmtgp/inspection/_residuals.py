@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal, Self
 
-import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length
 
+from skmtgp._labels import rows_by_code
 from skmtgp.inspection._drawing import COLORS, Display, check_option, label_positions
 from skmtgp.inspection._models import (
     check_tasks,
@@ -117,9 +117,9 @@ class TaskResidualsDisplay(Display):
         check_option("kind", kind, ("residual", "standardized"))
         residuals = self._standardized() if kind == "standardized" else self._raw()
         labels = check_tasks(self.tasks, len(residuals))
-        check_consistent_length(residuals, labels)
-        self.tasks_ = np.unique(labels)
-        groups = [residuals[labels == task] for task in self.tasks_]
+        check_consistent_length(residuals, labels.codes)
+        self.tasks_ = labels.tasks
+        groups = [residuals[rows] for rows in rows_by_code(labels.codes)[1]]
         ax = self._set_axes(ax)
         edge = ndtri(0.975)
         for level in (-edge, 0.0, edge) if kind == "standardized" else (0.0,):

@@ -1,0 +1,158 @@
+"""Numbers of features and targets: checked, and named where they cannot be used."""
+
+from datetime import date, timedelta
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from scipy.sparse import issparse
+from sklearn.utils import check_array
+
+DATES = date, timedelta, np.datetime64, np.timedelta64
+
+
+def as_frame(values):
+    """A frame of another library as one of pandas; anything else as it is.
+
+    As one array its columns would get a common type: dates become integers, and
+    integers floats.
+    """
+    if isinstance(values, pd.DataFrame) or not hasattr(values, "columns"):
+        return values
+    return pd.DataFrame({name: as_array(values[name]) for name in values.columns})
+
+
+def as_array(column):
+    """A column as an array; NumPy alone gives the strings of polars a fixed width."""
+    return column.to_numpy() if hasattr(column, "to_numpy") else np.asarray(column)
+
+
+def check_numbers(values, name, columns=None, *, task=None, estimator=None):
+    """Numbers as float64, row after row in memory.
+
+    Parameters
+    ----------
+    values : array-like of shape (n_samples,) or (n_samples, n_columns)
+        What the user passed, or some columns of it.
+    name : str
+        What it is called in errors: "X" or "y", say.
+    columns : sequence, default=None
+        What its columns are called. None is the names of a frame, or positions.
+    task : object, default=None
+        Name of the task column beside them, which a column of text might be instead.
+    estimator : estimator or str, default=None
+        Is named in errors.
+
+    Returns
+    -------
+    numbers : ndarray of the shape of values
+        All finite.
+
+    Raises
+    ------
+    ValueError
+        If a value is missing, infinite, a date, a time or text that is no number. The
+        column is named.
+    """
+    values = as_frame(values)
+    if not (isinstance(values, (pd.DataFrame, pd.Series)) or issparse(values)):
+        values = np.asarray(values)
+    explain = partial(_explain, values, name, columns, task)
+    if _has_dates(values):  # alone, they would become numbers of some unit
+        explain()
+    try:
+        numbers = check_array(
+            values,
+            ensure_2d=False,
+            dtype=np.float64,
+            input_name=name,
+            estimator=estimator,
+        )
+    except (TypeError, ValueError):
+        explain()
+        raise
+    return by_rows(numbers)
+
+
+def by_rows(values):
+    """The values, row after row in memory, as those of a frame are not.
+
+    Sums over them are then rounded alike, and what is learned from a frame is what is
+    learned from an array.
+    """
+    by_columns = values.ndim == 2 and values.strides[0] < values.strides[1]
+    return np.ascontiguousarray(values) if by_columns else values
+
+
+def column_names(values):
+    """Names of the columns of a frame, or their positions."""
+    if hasattr(values, "columns"):
+        return list(values.columns)
+    return list(range(values.shape[1])) if np.ndim(values) == 2 else [None]
+
+
+def _has_dates(values):
+    if isinstance(values, pd.DataFrame):
+        return any(_has_dates(values.iloc[:, j]) for j in range(values.shape[1]))
+    if values.dtype.kind != "O":
+        return values.dtype.kind in "mM"
+    kinds = set(map(type, np.asarray(values, dtype=object).ravel()))
+    return any(issubclass(kind, DATES) for kind in kinds)
+
+
+def _explain(values, name, columns, task):
+    """Raise an error that names the first column that cannot be used, if one can."""
+    if issparse(values) or values.ndim not in (1, 2) or not len(values):
+        return
+    if isinstance(values, pd.DataFrame):
+        parts = [values.iloc[:, j] for j in range(values.shape[1])]
+    else:
+        parts = np.asarray(values).reshape(len(values), -1).T
+    if columns is None:
+        columns = column_names(values)
+    for column, part in zip(columns, parts, strict=True):
+        _check_column(np.asarray(part), name, column, task)
+
+
+def _check_column(values, name, column, task):
+    kind = values.dtype.kind
+    if kind in "OSUTmM":
+        for value in values.tolist() if kind in "SUT" else values:
+            _check_value(value, name, column, task)
+        values = np.where(pd.isna(values), np.nan, values).astype(np.float64)
+    elif kind != "f":
+        return
+    bad = ~np.isfinite(values)
+    if bad.any():
+        what = "NaN" if np.isnan(values).any() else "infinity"
+        where = "" if column is None else f" in column {column!r}"
+        raise ValueError(
+            f"Input {name} contains {what}{where}: {bad.sum()} of {len(values)} "
+            f"values, the first in row {bad.argmax()}. Every value must be a finite "
+            "number: impute those that are not, or leave their rows out."
+        )
+
+
+def _check_value(value, name, column, task):
+    """Raise an error where a value is neither a number nor missing."""
+    subject = "Features" if name == "X" else name
+    where = "" if column is None else f" column {column!r}"
+    what = f"{subject} must be numbers, but{where} holds"
+    if isinstance(value, DATES):
+        raise ValueError(
+            f"{what} dates or times such as {value}. Convert it, to days since the "
+            "first for example."
+        )
+    try:
+        float(0 if value is None or value is pd.NA else value)
+    except TypeError as error:
+        raise TypeError(f"{what} {value!r}: {error}.") from error
+    except ValueError as error:
+        advice = ""
+        if task is not None:
+            advice = (
+                f" If it is the task column, set task_feature={column!r} (it is column "
+                f"{task!r} now); else encode it, with a OneHotEncoder in a "
+                "ColumnTransformer with remainder='passthrough' for example."
+            )
+        raise ValueError(f"{what} strings such as {value!r}.{advice}") from error

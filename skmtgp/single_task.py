@@ -14,13 +14,14 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp._complete import check_complete
 from skmtgp._estimator import Estimator
+from skmtgp._kernel_check import check_kernel
 from skmtgp._labels import rows_by_code
 from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._parallel import at_a_time, run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
-from skmtgp._training import check_kernel, check_theta, check_training
+from skmtgp._training import check_theta, check_training
 from skmtgp.baselines import PooledGP
 from skmtgp.inference.memory import TileMemory
 

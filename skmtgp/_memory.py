@@ -9,7 +9,7 @@ from skmtgp._guide import INFERENCE
 from skmtgp.exceptions import InsufficientMemoryError
 
 # Between what the covariances are, and how many matrices of them learning takes beside
-# the tiles: K, the space that its eigen-decomposition takes
+# the tiles: K, and two for its eigen-decomposition
 ROWS = {"dense": "samples", "kronecker": "inputs of each task"}
 MATRICES = {"dense": 1, "kronecker": 3}
 GIB = 2.0**30

@@ -113,11 +113,11 @@ class Differences:
 
     def _of_pairs(self, near, rows, cols):
         """Some of the pairs at a time, and their z - z', (n_pairs, n_features)."""
-        Z, X = (of_set[of] for of_set, of in zip(self.sets, (rows, cols), strict=True))
+        Z, X = self.sets
         for a in range(0, len(near), MANY):
             pairs = near[a : a + MANY]
-            i, j = np.divmod(pairs, len(X))
-            yield pairs, (Z[i] - X[j]) / self.l
+            i, j = np.divmod(pairs, cols.stop - cols.start)
+            yield pairs, (Z[rows][i] - X[cols][j]) / self.l
 
     def contract(self, V, near, rows, cols):
         """Sum over a tile of V (z - z')^2.

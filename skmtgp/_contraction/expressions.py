@@ -57,9 +57,11 @@ class JoinedNode(Node):
         self.n_slices = max(part.n_slices for part in self.parts)
 
     def bind(self, theta, X):
-        ends = np.cumsum([part.n_dims for part in self.parts])[:-1]
-        pairs = zip(self.parts, np.split(theta, ends), strict=True)
-        return self.bound([part.bind(of_part, X) for part, of_part in pairs])
+        parts, start = [], 0
+        for part in self.parts:
+            parts.append(part.bind(theta[start : start + part.n_dims], X))
+            start += part.n_dims
+        return self.bound(parts)
 
 
 class BoundJoined(Bound):

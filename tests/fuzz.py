@@ -15,9 +15,13 @@ import sys
 import time
 import traceback
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import NamedTuple
+from unittest.mock import patch
 
 import numpy as np
+import textbook
 from fuzz_inputs import make_estimator, make_problem
 from sklearn.base import clone
 from sklearn.exceptions import (
@@ -27,7 +31,10 @@ from sklearn.exceptions import (
 )
 from sklearn.pipeline import Pipeline
 
-from skmtgp import add_task, exceptions, metrics
+from skmtgp import _memory, add_task, exceptions, metrics
+from skmtgp._base import BaseMultiTaskGP
+from skmtgp._parallel import BLAS
+from skmtgp._training import check_test
 from skmtgp.model_selection import TaskStratifiedKFold
 
 ERRORS = ValueError, TypeError, NotFittedError, exceptions.InsufficientMemoryError
@@ -37,6 +44,7 @@ WARNINGS = (
     exceptions.ConstantTargetWarning,
     exceptions.JitterWarning,
     exceptions.PrecisionWarning,
+    exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,
 )
 LONGEST = 30  # seconds of a case
@@ -87,6 +95,51 @@ def attempt(what, call, *args, legal=True, **options):
         return None
 
 
+class Expected(NamedTuple):
+    """Predictions by the book, and sizes to compare errors with."""
+
+    mean: np.ndarray
+    variance: np.ndarray
+    size: float
+    prior: float
+
+
+def by_the_book(model, j, X, tasks):
+    """Means and variances of output j; None where rounding would count."""
+    several = isinstance(model.kernel_, list)
+    kernel, K_rho, noise, centre = (
+        of[j] if several else of
+        for of in (
+            model.kernel_,
+            model.task_covariance_,
+            model.noise_variance_,
+            model.y_mean_,
+        )
+    )
+    known, y = model.X_train_, model.y_train_.reshape(len(model.X_train_), -1)[:, j]
+    if kernel.is_stationary():  # scikit-learn divides before it takes differences
+        X, known = X - known[0], known - known[0]
+    rows = known, model.tasks_train_
+    K = textbook.covariance(kernel, K_rho, noise, *rows)
+    if not np.isfinite(K).all() or not np.linalg.cond(K) < 1e8:
+        return None
+    y = y - centre
+    mean, covariance = textbook.posterior(kernel, K_rho, noise, *rows, y, X, tasks)
+    prior = max(np.diagonal(K).max(), (K_rho[tasks, tasks] * kernel.diag(X)).max())
+    size = np.abs(y).max() + abs(centre) + np.finfo(float).tiny
+    return Expected(mean + centre, np.diagonal(covariance), size, prior)
+
+
+def blas_threads():
+    return [library.num_threads for library in BLAS.lib_controllers]
+
+
+def quietly(call, *args):
+    """Call, whatever it warns of."""
+    with contextlib.suppress(ERRORS):
+        call(*args)
+
+
 @dataclass
 class Case:
     """One estimator and its data.
@@ -115,16 +168,23 @@ class Case:
 
     def __str__(self):
         shape = np.shape(self.problem.X), np.shape(self.problem.y)
-        kind = "legal" if self.legal else self.problem.fault or "illegal parameter"
+        faults = self.problem.fault, self.problem.wrong, "illegal parameter"
+        kind = "legal" if self.legal else next(filter(None, faults))
         return f"{self.estimator!r} on {shape[0]} and {shape[1]}, {kind}"
 
     def run(self):
         """Make the calls; raises Wrong."""
         self.check_unfitted()
         model = self.fit()
+        wrong = self.problem.wrong
+        require(not wrong or model is None, f"{wrong} was taken")
         if model is None or not self.legal:  # the tasks may be another column
             return
         calls = [
+            self.check_tasks,
+            self.check_by_the_book,
+            self.check_threads,
+            self.check_memory,
             self.check_predictions,
             self.check_samples,
             self.check_likelihood,
@@ -183,6 +243,56 @@ class Case:
             require((std >= 0.0).all(), "a standard deviation is negative")
             n = len(mean)
             require((cov[range(n), range(n)] >= 0.0).all(), "a variance is negative")
+
+    def check_tasks(self, model):
+        tasks = (model[-1] if isinstance(model, Pipeline) else model).tasks_
+        known = set(self.problem.labels.tolist())
+        require(set(tasks.tolist()) == known, f"the tasks are {tasks}, not {known}")
+
+    def check_by_the_book(self, model):
+        """Exact inference is the textbook's, where that has digits."""
+        if not isinstance(model, BaseMultiTaskGP) or model.inference_ == "sparse":
+            return
+        X, tasks = check_test(model, self.problem.new)
+        found = model.predict(self.problem.new, return_std=True)
+        mean, std = (of.reshape(len(X), -1).T for of in found)
+        for j in range(len(mean)):
+            expected = by_the_book(model, j, X, tasks)
+            if expected is None:
+                return
+            for what, one, other, scale in [
+                ("mean", mean[j], expected.mean, expected.size),
+                ("variance", std[j] ** 2, expected.variance, expected.prior),
+            ]:
+                worst = np.abs(one - other).max() / scale
+                require(worst < 1e-6, f"the {what} is {worst:.1e} from the textbook's")
+
+    def check_threads(self, model):
+        """Calls at the same time give the same bits, and leave BLAS as it was."""
+        if self.rng.integers(4):
+            return
+        X, y, new = self.problem.X, self.problem.y, self.problem.new
+        before, expected = blas_threads(), model.predict(new)
+        with watched("threads"), ThreadPoolExecutor(3) as pool:
+            fit = pool.submit(quietly, clone(model).fit, X, y)
+            calls = [pool.submit(model.predict, new) for _ in range(6)]
+            found = [call.result() for call in (*calls, fit)][:-1]
+        after = blas_threads()
+        require(after == before, f"BLAS had {before} threads and has {after}")
+        same = all(np.array_equal(expected, mean) for mean in found)
+        require(same, "predictions at the same time differ")
+
+    def check_memory(self, model):
+        """Where memory does not suffice, an error says so; else nothing changes."""
+        if self.rng.integers(4):
+            return
+        X, y, new = self.problem.X, self.problem.y, self.problem.new
+        left = 10.0 ** self.rng.uniform(1, 6)
+        with patch.object(_memory, "available_memory", lambda: left):
+            again = attempt("fit", clone(model).fit, X, y, legal=False)
+        if again is not None and not self.problem.random:
+            same = np.allclose(again.predict(new), model.predict(new), rtol=1e-6)
+            require(same, "what memory is left changes results")
 
     def check_samples(self, model):
         model = model[-1] if isinstance(model, Pipeline) else model

@@ -1,6 +1,7 @@
 """What the fuzz draws: tables, their faults, and estimators."""
 
 from dataclasses import dataclass, field
+from enum import Enum
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from sklearn.gaussian_process.kernels import (
     RBF,
     ConstantKernel,
     DotProduct,
+    ExpSineSquared,
     Matern,
     RationalQuadratic,
     WhiteKernel,
@@ -28,10 +30,20 @@ from skmtgp import (
 )
 from skmtgp.kernels import ARDLinear, Columns
 
+
+class Site(str, Enum):  # noqa: UP042 - numpy would keep "Site."
+    """Labels whose text is the value, not what print shows."""
+
+    NORTH, SOUTH, EAST, WEST, HILL, LAKE, ROAD, WOOD, PLAIN = "NSEWHLRD-"
+
+
 LABELS = {
     "int": np.arange(9) * 7 - 3,
     "numbers as text": np.array(["10", "9", "-1", "1e3", "0", "007", "7", "2.5", "x"]),
     "text": np.array(["b", "", "é", "a b", "B", "None", "nan", "z" * 40, "task"]),
+    "enum": np.array(list(Site), dtype=object),
+    "large": np.array([2**53 + k for k in range(-2, 7)], dtype=object),
+    "larger": np.array([2**63 - k for k in range(1, 10)], dtype=object),
 }
 
 
@@ -57,6 +69,8 @@ class Problem:
         What fit gets.
     fault : str or None
         What is wrong with X or y.
+    wrong : str or None
+        What every fit must refuse, by name.
     random : bool
         Whether fit may differ from time to time.
     """
@@ -70,6 +84,7 @@ class Problem:
     X: object = None
     new: object = None
     fault: str = None
+    wrong: str = None
     random: bool = field(default=False)
 
     def __post_init__(self):
@@ -146,6 +161,8 @@ def make_features(rng, n, p):
             F[:, j] = F[:, j].round()
         if way in (3, 4):
             F[:, j] = F[:, j] * 10.0 ** rng.uniform(-9, 9) + rng.choice([0.0, 1e3])
+        elif way == 5 and rng.integers(2):  # seconds since 1970, far apart or close
+            F[:, j] = 1.7e9 + np.round(F[:, j] * 10.0 ** rng.uniform(0, 8))
     return F
 
 
@@ -214,6 +231,44 @@ FAULTS = dict.fromkeys(VALUES) | {
 }
 
 
+class WrongDiagonal(RBF):
+    """A kernel of a user's whose diagonal is not that of its values."""
+
+    def diag(self, X):
+        return np.full(len(X), 0.25)
+
+
+class Parabola(RBF):
+    """A function of a user's that is no covariance: 1 - d^2."""
+
+    def __call__(self, X, Y=None, eval_gradient=False):
+        X, Z = np.asarray(X), np.asarray(X if Y is None else Y)
+        K = 1.0 - np.square((X[:, None] - Z) / self.length_scale).sum(axis=2)
+        return (K, 2.0 * (1.0 - K)[:, :, None]) if eval_gradient else K
+
+
+class NoGradient(RBF):
+    """A kernel of a user's whose gradient is not a number."""
+
+    def __call__(self, X, Y=None, eval_gradient=False):
+        K = super().__call__(X, Y, eval_gradient)
+        return (K[0], K[1] * np.nan) if eval_gradient else K
+
+
+def wrong_kernels(p):
+    """Kernels that every fit must refuse, by the number of features."""
+    wrong = [
+        WrongDiagonal(),
+        ConstantKernel() * WrongDiagonal() + RBF(),
+        NoGradient(),
+        Matern(nu=50),
+        Columns(None, [0]),
+        Columns(RBF(), ["x"]),
+        RBF(np.nan, "fixed"),
+    ]
+    return wrong if p == 1 else [*wrong, ExpSineSquared(), ExpSineSquared() + RBF()]
+
+
 def make_kernel(rng, p):
     kernels = [
         None,
@@ -224,6 +279,8 @@ def make_kernel(rng, p):
         Matern(nu=1.5) + WhiteKernel(),
         RationalQuadratic() * ConstantKernel(2.0, "fixed"),
         DotProduct() + RBF(length_scale_bounds="fixed"),
+        Columns(ExpSineSquared(), [0]) * RBF() + RationalQuadratic() ** 2,
+        RBF(0.1) + Matern(nu=0.5) + Matern(nu=2.5) * ConstantKernel() + DotProduct(),
     ]
     return kernels[rng.integers(len(kernels))]
 
@@ -320,7 +377,14 @@ def make_estimator(rng, problem):
         MODELS if problem.fault is None else MODELS[:-1]
     )  # others' errors are theirs
     model = pick(rng, known)(rng, problem)
-    if rng.integers(6):
+    chance = rng.integers(12)
+    if chance == 0 and "kernel" in model.get_params(deep=False):
+        kernel = pick(rng, [*wrong_kernels(problem.features.shape[1]), Parabola()])
+        apart = np.ptp(problem.features, axis=0).max() > 2.0  # two rows are enough
+        if type(kernel) is not Parabola or apart:
+            problem.wrong = f"kernel={type(kernel).__name__}"
+        return model.set_params(kernel=kernel), False
+    if chance > 2:
         return model, True
     names = [n for n in model.get_params(deep=False) if n not in ("steps", "n_jobs")]
     names = [n for n in names if n not in ("verbose", "memory", "transform_input")]

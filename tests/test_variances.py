@@ -11,7 +11,11 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, SingleTaskGP, _base
-from skmtgp.exceptions import JitterWarning, NegativeVarianceWarning
+from skmtgp.exceptions import (
+    ConstantTargetWarning,
+    JitterWarning,
+    NegativeVarianceWarning,
+)
 from skmtgp.inference import posterior
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
@@ -199,3 +203,13 @@ class TestPredictions:
 
     def test_means_alone_need_no_variance(self, model):
         model.predict([[1.0, 0.1, 0]])
+
+
+def test_a_prior_of_zero_is_no_fault():
+    """What is left of two equal numbers is rounding, however small the prior is."""
+    assert rounding_of(30, 0.0, 1e-3) >= np.finfo(float).eps
+    X = np.column_stack([np.linspace(0.0, 1.0, 31), np.arange(31) % 3])
+    y = np.zeros(31)
+    with pytest.warns(ConstantTargetWarning):
+        model = MultiTaskGPRegressor(max_iter=0, noise_variance=0.038).fit(X, y)
+    assert (model.loo_predict()[1] >= 0.0).all()

@@ -37,7 +37,7 @@ def rounding_of(n, prior, noise):
     rounding : float
         1 where no digits are left.
     """
-    return min(1.0, float(RESOLVED * n * prior / max(noise, TINY)))
+    return min(1.0, float(RESOLVED * (1.0 + n * prior / max(noise, TINY))))
 
 
 def without_negatives(variance, prior, rounding):

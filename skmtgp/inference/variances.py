@@ -37,7 +37,8 @@ def rounding_of(n, prior, noise):
     rounding : float
         1 where no digits are left.
     """
-    return min(1.0, float(RESOLVED * (1.0 + n * prior / max(noise, TINY))))
+    least = max(RESOLVED * n * prior, noise, TINY)  # no overflow
+    return min(1.0, float(RESOLVED * (1.0 + n * prior / least)))
 
 
 def without_negatives(variance, prior, rounding):

@@ -213,6 +213,16 @@ def test_inputs_at_the_end_of_floating_point(name, length_scale):
 
 
 @pytest.mark.parametrize("name", KERNELS)
+def test_length_scales_that_underflow_are_no_length_scales(name):
+    X, theta = np.arange(3.0)[:, None], np.array([-1e4])
+    theta = np.append([0.0], theta) if name == "rational quadratic" else theta
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = compile_kernel(KERNELS[name](1.0)).bind(theta, X)
+        values, _ = bound.block(slice(0, 3), slice(0, 3))
+    assert np.isnan(values[0, 1:]).all()
+
+
+@pytest.mark.parametrize("name", KERNELS)
 def test_rows_far_from_all_others(name):
     X = np.random.default_rng(0).standard_normal((5, 3))
     bound, _ = bound_kernel(name, 1.0, X)

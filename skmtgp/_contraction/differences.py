@@ -44,7 +44,7 @@ class Differences:
 
     def __init__(self, X, length_scale, *, steep=False):
         self.sets, self.l, self.zeros = (X, X), length_scale, np.zeros(len(X))
-        self.center = (X / len(X)).sum(axis=0)  # the sum of X might overflow
+        self.center = X.mean(axis=0)  # there is less to cancel in centred rows
         self.narrow, self.wide, self.groups = slice(None), NONE, ()
         self.left = self._factor(X)
         if not self._largest_square() <= NARROW:  # it may be nan
@@ -63,9 +63,7 @@ class Differences:
         self.left = self._factor(X)
 
     def _centred(self, X):
-        """z; there is less to cancel in centred rows."""
-        with np.errstate(over="ignore"):
-            return (X - self.center) / self.l
+        return (X - self.center) / self.l
 
     def _factor(self, X):
         z = self._centred(X)[:, self.narrow]

@@ -197,12 +197,12 @@ def test_wide_features_are_differenced_and_no_others():
 
 
 @each_case
-def test_inputs_at_the_end_of_floating_point(name, length_scale):
-    X = np.repeat([[-1.6e308], [-1.5e308], [0.0], [1.5e308], [1.7e308]], 3, axis=1)
+def test_squares_that_overflow(name, length_scale):
+    X = np.repeat([[-1.0e75], [-0.9e75], [0.0], [0.8e75], [0.9e75]], 3, axis=1)
     X[:, 1] *= 0.1
-    ones = np.ones_like(length_scale)[()]
+    small = 1e-100 * np.ones_like(length_scale)[()]
     tile = (slice(0, 5),) * 2
-    bound, _ = bound_kernel(name, ones, X)  # without warnings, which are errors here
+    bound, _ = bound_kernel(name, small, X)  # without warnings, which are errors here
     values, tape = bound.block(*tile)
     cross = bound.against(X[1:]).block(slice(0, 4), slice(0, 5))[0]
     gradient = bound.contract(np.ones((5, 5)), tape, *tile)
@@ -210,6 +210,16 @@ def test_inputs_at_the_end_of_floating_point(name, length_scale):
     np.testing.assert_allclose(values, np.eye(5), rtol=0.0, atol=far)
     np.testing.assert_allclose(cross, np.eye(5)[1:], rtol=0.0, atol=far)
     assert np.isfinite(gradient).all()
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_length_scales_that_underflow_are_no_length_scales(name):
+    X, theta = np.arange(3.0)[:, None], np.array([-1e4])
+    theta = np.append([0.0], theta) if name == "rational quadratic" else theta
+    with np.errstate(divide="ignore", invalid="ignore"):
+        bound = compile_kernel(KERNELS[name](1.0)).bind(theta, X)
+        values, _ = bound.block(slice(0, 3), slice(0, 3))
+    assert np.isnan(values[0, 1:]).all()
 
 
 @pytest.mark.parametrize("name", KERNELS)

@@ -34,6 +34,8 @@ class Differences:
     ----------
     narrow, wide : slice or ndarray of shape (n_narrow,), ndarray of shape (n_wide,)
         Features whose squares are products, and the others.
+    groups : sequence of ndarray
+        Wide features that share a length-scale.
     left, right : ndarray of shape (n_samples, n_narrow + 2)
         -1/2 |z - z'|^2 = z . z' - |z|^2 / 2 - |z'|^2 / 2 as one product of rows.
     near : float
@@ -41,26 +43,27 @@ class Differences:
     """
 
     def __init__(self, X, length_scale, *, steep=False):
-        self.sets, self.zeros = (X, X), np.zeros(len(X))
-        valid = np.where(np.greater(length_scale, 0.0), length_scale, np.nan)
-        self.l = np.broadcast_to(valid, X.shape[1])  # nan where exp(theta) is zero
-        self.center = (X / len(X)).sum(axis=0)  # the sum of X might overflow
-        self.narrow, self.wide = slice(None), np.arange(0)
+        self.sets, self.l, self.zeros = (X, X), length_scale, np.zeros(len(X))
+        self.center = X.mean(axis=0)  # there is less to cancel in centred rows
+        self.narrow, self.wide, self.groups = slice(None), NONE, ()
         self.left = self._factor(X)
         if not self._largest_square() <= NARROW:  # it may be nan
-            self.narrow, self.wide = _split(self._centred(X))
-            self.left = self._factor(X)
-        self.groups = self.wide[:, None]  # one for each length-scale
-        if np.ndim(length_scale) == 0 and len(self.wide):
-            self.groups = self.wide[None]
+            self._set_wide()
         self.near = NEAR * np.sqrt(self._largest_square()) if steep else 0.0
         self.right = self.left.copy()
         self.right[:, -2:] = self.left[:, :-3:-1]
 
+    def _set_wide(self):
+        """Leave no more features to products than are narrow together."""
+        X = self.sets[1]
+        self.narrow, self.wide = _split(self._centred(X))
+        if len(self.wide):  # a group of them for each length-scale
+            self.groups = self.wide[:, None] if np.ndim(self.l) else self.wide[None]
+        self.l = np.where(np.greater(self.l, 0.0), self.l, np.nan)  # exp(theta) was 0
+        self.left = self._factor(X)
+
     def _centred(self, X):
-        """z; there is less to cancel in centred rows."""
-        with np.errstate(over="ignore"):
-            return (X - self.center) / self.l
+        return (X - self.center) / self.l
 
     def _factor(self, X):
         z = self._centred(X)[:, self.narrow]
@@ -105,7 +108,8 @@ class Differences:
     def _half_squares(self, rows, cols, features):
         """Half the sum over some features of (z - z')^2, for all pairs."""
         # in units of a power of two, to divide by which is exact: no square overflows
-        mantissa, exponent = np.frexp(self.l[features])
+        scales = np.broadcast_to(self.l, self.sets[1].shape[1])[features]
+        mantissa, exponent = np.frexp(scales)
         of_tile = zip(self.sets, (rows, cols), strict=True)
         pair = (np.ldexp(X[of][:, features], -exponent) for X, of in of_tile)
         squares = cdist(*pair, "sqeuclidean", w=0.5 / mantissa**2)
@@ -136,7 +140,7 @@ class Differences:
         sums : ndarray of shape (n_features,)
             By feature; of features that share a length-scale only the total counts.
         """
-        sums, of_near = np.zeros(len(self.l)), 0.0
+        sums, of_near = np.zeros(self.sets[1].shape[1]), 0.0
         for features in self.groups:
             halves = self._half_squares(rows, cols, features)
             sums[features[0]] = 2.0 * np.vdot(V, halves)
@@ -156,9 +160,10 @@ class Differences:
 
         The parameters are those of `contract`.
         """
-        (Z, X), sums = self.sets, np.empty((len(V), len(self.l)))
+        (Z, X), sums = self.sets, np.empty((len(V), self.sets[1].shape[1]))
+        scales = np.broadcast_to(self.l, X.shape[1])
         for d in self.wide:
-            apart = np.subtract.outer(Z[rows, d], X[cols, d]) / -self.l[d]
+            apart = np.subtract.outer(Z[rows, d], X[cols, d]) / -scales[d]
             sums[:, d] = np.einsum("ij,ij->i", V, apart)
         of_near = np.zeros_like(sums)
         for pairs, apart in self._of_pairs(near, rows, cols):

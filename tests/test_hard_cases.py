@@ -31,7 +31,6 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
     _memory,
-    linear,
 )
 from skmtgp.exceptions import (
     ConstantTargetWarning,
@@ -521,7 +520,7 @@ class TestInterrupted:
 
     PLACES = {
         name: (DenseLikelihood, "posterior", 1 if name in SHARED else 2) for name in GPS
-    } | {"BayesianLinearRegression": (linear, "LinearPosterior", 1)}
+    } | {"BayesianLinearRegression": (BayesianLinearRegression, "_outputs_first", 1)}
 
     @pytest.mark.parametrize("before", ["unfitted", "fitted"])
     @pytest.mark.parametrize("name", ALL)

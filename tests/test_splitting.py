@@ -171,13 +171,6 @@ def test_column_that_cannot_hold_the_tasks():
         next(TaskStratifiedKFold(2).split(table))
 
 
-def test_labels_are_never_merged():
-    """As floats, these are one."""
-    table = [[x, 2**53 + int(task)] for x, task in zip(X[:, 0], X[:, -1], strict=True)]
-    found = folds(TaskStratifiedKFold(3), table)
-    assert found == folds(TaskStratifiedKFold(3), X[:, [0, 2]])
-
-
 def test_groups_are_not_used():
     with pytest.warns(UserWarning, match="ignored by TaskStratifiedKFold"):
         found = folds(TaskStratifiedKFold(2), X, y, X[:, -1])

@@ -19,7 +19,7 @@ from skmtgp._dask import is_dask
 from skmtgp._estimator import public
 from skmtgp._fitted import FittedGP
 from skmtgp._guide import INFERENCE
-from skmtgp._kernel_check import check_covariance, check_kernel
+from skmtgp._kernel_check import check_covariance, check_kernel, sample_rows
 from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
 from skmtgp._parallel import at_a_time
@@ -225,10 +225,10 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
 
     def _store(self, training, likelihoods, modes):
         """Set the fitted attributes, in the target's own units."""
+        X = sample_rows(training.features)
         for likelihood, mode in zip(likelihoods, modes, strict=True):
             learned = likelihood.split(mode.theta)[0]
-            kernel = likelihood.kernel.clone_with_theta(learned)
-            check_covariance(kernel, training.features)
+            check_covariance(likelihood.kernel.clone_with_theta(learned), X)
         self._likelihoods, self.inference_ = likelihoods, likelihoods[0].inference
         self._posteriors = [
             likelihood.posterior(mode.theta)

@@ -8,8 +8,9 @@ from sklearn.gaussian_process.kernels import (
     Exponentiation,
     ExpSineSquared,
     Kernel,
-    KernelOperator,
     Matern,
+    Product,
+    Sum,
 )
 from sklearn.utils.random import sample_without_replacement
 
@@ -39,7 +40,7 @@ def check_kernel(kernel, features):
     features : ndarray or dask.array.Array of shape (n_samples, n_features)
         Training inputs. Some of the rows are looked at.
     """
-    X = _sampled(features)
+    X = sample_rows(features)
     with _naming(kernel, X):
         parts = list(_parts(kernel, X[:: -(-len(X) // DIFFERENTIATED)]))
     _check_hyperparameters(kernel)
@@ -59,7 +60,7 @@ def check_covariance(kernel, features):
     features : ndarray or dask.array.Array of shape (n_samples, n_features)
         Inputs. Some of the rows are looked at.
     """
-    X = _sampled(features)
+    X = sample_rows(features)
     K = _values(kernel, X)
     scale = np.abs(K).max()
     _check_diagonal(kernel, X, np.diagonal(K))
@@ -81,8 +82,19 @@ def check_covariance(kernel, features):
         _check_definite(kernel, K / scale)
 
 
-def _sampled(features):
-    """Some of the rows, at random, in memory."""
+def sample_rows(features):
+    """Some of the rows, drawn at random, in memory.
+
+    Parameters
+    ----------
+    features : ndarray or dask.array.Array of shape (n_samples, n_features)
+        Inputs.
+
+    Returns
+    -------
+    X : ndarray of shape (n_sampled, n_features)
+        All of them if they are few.
+    """
     n = len(features)
     if n <= SAMPLED:
         return np.asarray(features)
@@ -112,7 +124,7 @@ def _parts(kernel, X):
         X = kernel.select(X)
         if not isinstance(kernel.kernel, Kernel):
             raise TypeError(f"Columns needs a kernel, but got {kernel.kernel!r}.")
-    if isinstance(kernel, Columns | Exponentiation | KernelOperator):
+    if type(kernel) in (Columns, Exponentiation, Product, Sum):
         inner = kernel.get_params(deep=False).values()
         for part in (part for part in inner if isinstance(part, Kernel)):
             yield from _parts(part, X)

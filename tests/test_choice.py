@@ -64,6 +64,9 @@ class OtherWhite(RBF):
         K = K + 0.1 * np.eye(len(X))
         return (K, gradient.reshape(*K.shape, -1)) if eval_gradient else K
 
+    def diag(self, X):
+        return super().diag(X) + 0.1
+
 
 WHITE = {
     "sum": RBF(1.0) + WhiteKernel(1e-20, (1e-30, 1.0)),

@@ -13,6 +13,7 @@ from sklearn.gaussian_process.kernels import (
     Matern,
     PairwiseKernel,
     RationalQuadratic,
+    Sum,
     WhiteKernel,
 )
 
@@ -269,6 +270,16 @@ def test_gradient_that_the_kernel_cannot_give():
 
     with pytest.raises(ValueError, match=r"cannot take X, .*argument 'eval_gradient'"):
         check_kernel(NoGradient(), rows())
+
+
+def test_gradient_of_a_sum_of_ones_own():
+    class Half(Sum):
+        def __call__(self, X, Y=None, eval_gradient=False):
+            found = super().__call__(X, Y, eval_gradient)
+            return (found[0], 0.5 * found[1]) if eval_gradient else found
+
+    with pytest.raises(ValueError, match="is not the derivative of its values"):
+        check_kernel(Half(RBF(), RBF(2.0)), rows())
 
 
 class TestOneFeature:

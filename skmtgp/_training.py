@@ -232,14 +232,14 @@ def warn_of_training(features, tasks, y):
 
 
 def _warn_of_last(estimator, table, features, tasks, codes):
-    """Say where the last column is taken, and the one before looks like the tasks'.
+    """Say where the column before the last one looks more like the tasks'.
 
-    So it does where an output was appended to X, as a RegressorChain appends them.
-    Values of an output are rarest at their ends; labels are not negative.
+    A RegressorChain appends outputs to X. Integers that were measured or counted may be
+    negative, and the lowest and the highest are rare; labels seldom are either.
     """
     last = table.iloc[:, -1] if isinstance(table, pd.DataFrame) else table[:, -1]
-    is_default = estimator.task_feature == -1 and last.dtype.kind == "f"
-    if not is_default or len(codes) <= FEW_ROWS:
+    by_default = estimator.task_feature == -1 and last.dtype.kind == "f"
+    if not by_default or len(codes) <= FEW_ROWS:
         return
     counts = np.bincount(codes)
     odd = [tasks[end].item() for end in (0, -1) if counts[end] == 1 or tasks[end] < 0]

@@ -32,11 +32,13 @@ from skmtgp._training import (
     check_training,
     default_kernel,
     warn_of_constants,
+    warn_of_noise,
 )
 from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
-from skmtgp.inference.choice import choose, why_dense
+from skmtgp.inference.choice import choose, depends_on_inputs_only, why_dense
 from skmtgp.inference.inducing import check_differentiable
 from skmtgp.inference.memory import TileMemory
+from skmtgp.inference.posterior import noise_is_told
 
 MANY = 5000  # rows, whose dense inference takes long
 
@@ -97,6 +99,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             pairs = self._pairs(training)
             form, modes = self._learn(pairs, progress)
             self._store(training, likelihoods(pairs, form, modes), modes)
+            self._warn_of_noise(modes)
         return self
 
     def _default_kernel(self, features):
@@ -289,6 +292,23 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         self.n_iter_ = max(mode.n_iter for mode in modes)
         self.n_evaluations_ = sum(mode.n_evaluations for mode in modes)
         _warn_of_unfinished(modes, self.max_iter)
+
+    def _warn_of_noise(self, modes):
+        """Say which noise variances the rows do not tell, where they were learned."""
+        is_fixed = isinstance(self.noise_variance_bounds, str)
+        if is_fixed or self.inference_ == "sparse":
+            return
+        kernel = self._likelihoods[0].kernel
+        if not depends_on_inputs_only(kernel, self.X_train_):  # it may have the noise
+            return
+        told = [
+            noise_is_told(*output) | (not mode.converged)
+            for *output, mode in zip(
+                self._likelihoods, self._posteriors, modes, strict=True
+            )
+        ]
+        tasks = self.tasks_ if self.noise == "per_task" else None
+        warn_of_noise(np.array(told), tasks)
 
     def _count(self, likelihood):
         """Number of hyperparameters of an output as eq. 8 counts them."""

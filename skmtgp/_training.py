@@ -10,7 +10,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
 from skmtgp._dask import held, is_dask, refuse_dask
-from skmtgp._guide import PARALLEL
+from skmtgp._guide import NOISE, PARALLEL
 from skmtgp._labels import encode_tasks, sorted_tasks
 from skmtgp._linalg import RESOLVED
 from skmtgp._numbers import check_numbers, column_names
@@ -19,6 +19,7 @@ from skmtgp.exceptions import (
     ConstantTargetWarning,
     TaskColumnWarning,
     UnderflowWarning,
+    UnidentifiedNoiseWarning,
 )
 from skmtgp.learning.problem import Data, Settings
 
@@ -287,6 +288,39 @@ def warn_of_constants(constant):
             "predictions mean nothing. Check y, or leave the output out.",
             ConstantTargetWarning,
         )
+
+
+def warn_of_noise(told, tasks=None):
+    """Say which noise variances were learned from next to nothing.
+
+    Parameters
+    ----------
+    told : ndarray of bool of shape (n_outputs, n_noise)
+        Whether the rows tell each.
+    tasks : ndarray of shape (n_noise,), default=None
+        Labels of the tasks, if they have one each.
+    """
+    if told.all():
+        return
+    outputs, unknown = np.flatnonzero(~told.all(axis=1)) + 1, ~told.all(axis=0)
+    which = f" of output {outputs.tolist()}" * (len(told) > 1)
+    if tasks is not None:
+        which += f" of {name_tasks(tasks[unknown])}"
+    warnings.warn(
+        f"The rows do not tell the noise variance{which}: the model follows them so "
+        "closely that one many times as large would be as likely. It may be far too "
+        "small, and the standard deviations of predictions with it. Give more rows, "
+        "learn fewer hyperparameters, such as those of a lower rank, raise the lower "
+        f"of noise_variance_bounds, or fix what is known of it. {NOISE}",
+        UnidentifiedNoiseWarning,
+    )
+
+
+def name_tasks(labels):
+    """The tasks by their labels, or by some of them."""
+    named = ", ".join(map(repr, labels[:3].tolist()))
+    more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
+    return f"task{'s' * (len(labels) > 1)} {named}{more}"
 
 
 def default_kernel(features):

@@ -12,6 +12,7 @@ __all__ = [
     "PrecisionWarning",
     "TaskColumnWarning",
     "UnderflowWarning",
+    "UnidentifiedNoiseWarning",
 ]
 
 
@@ -137,4 +138,20 @@ class UnderflowWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import UnderflowWarning
     >>> warnings.simplefilter("error", UnderflowWarning)
+    """
+
+
+class UnidentifiedNoiseWarning(RuntimeWarning):
+    """The rows do not tell a noise variance that was learned from them.
+
+    The model follows them so closely that they leave less than one degree of freedom
+    to it. This is common with a few rows of each task. The noise variance may be too
+    small by many orders of magnitude, and the standard deviations of predictions with
+    it.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import UnidentifiedNoiseWarning
+    >>> warnings.simplefilter("error", UnidentifiedNoiseWarning)
     """

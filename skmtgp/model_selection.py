@@ -170,6 +170,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             for k in (range(len(forms)) if self.keep_estimators else [best])
         }
         self.best_estimator_ = fitted[best]
+        self.best_estimator_._warn_of_noise(modes[best])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections import defaultdict
 from typing import Literal, Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from skmtgp._parallel import at_a_time, run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
-from skmtgp._training import check_theta, check_training
+from skmtgp._training import check_theta, check_training, name_tasks
 from skmtgp.baselines import PooledGP
 from skmtgp.inference.memory import TileMemory
 
@@ -207,10 +208,21 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             n_jobs=self.n_jobs,
             report=progress("learning", len(rows), self._describe),
         )
-        for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):
-            for category, message in caught:
-                warnings.warn(f"Task {label!r}: {message}", category)
+        self._warn([caught for _, caught in results])
         self._store([estimator for estimator, _ in results])
+
+    def _warn(self, caught):
+        """Say what the fits of the tasks warned of, once for all tasks of which it is.
+
+        `caught` has the categories and messages of each task.
+        """
+        tasks = defaultdict(list)
+        for m, warned in enumerate(caught):
+            for warning in dict.fromkeys(warned):
+                tasks[warning].append(m)
+        for (category, message), of in tasks.items():
+            names = name_tasks(self.tasks_[of])
+            warnings.warn(f"T{names[1:]}: {message}", category)
 
     def _check_room(self, n, n_outputs, tiles):
         """Whether memory suffices for tasks side by side, of at most n samples each."""

@@ -290,3 +290,23 @@ def _labels_of(column, name, task_feature, owner):
             f"Column {name!r} (task_feature={task_feature!r}{of}) cannot hold the "
             f"tasks: {error}"
         ) from error
+
+
+def rows_of_tasks(codes):
+    """The rows of each task that has any, in one pass over all.
+
+    Parameters
+    ----------
+    codes : ndarray of shape (n_samples,)
+        Task of each row.
+
+    Yields
+    ------
+    task : int
+        Ascending.
+    rows : ndarray of shape (n_rows,)
+        Positions of its rows, ascending.
+    """
+    order = np.argsort(codes, kind="stable")
+    tasks, starts = np.unique(codes[order], return_index=True)
+    yield from zip(tasks.tolist(), np.split(order, starts)[1:], strict=True)

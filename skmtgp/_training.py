@@ -1,6 +1,5 @@
 """Training and test data as the estimators get them: checked, encoded, scaled."""
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from skmtgp._tasks import (
     read_table,
     split_table,
 )
+from skmtgp._warnings import warn
 from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
 from skmtgp.learning.problem import Data, Settings
 
@@ -219,7 +219,7 @@ def warn_of_training(features, tasks, y):
     _warn_of_underflow(features, "feature")
     _warn_of_underflow(y.reshape(len(y), -1), "output")
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
-        warnings.warn(
+        warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? The first tasks are {tasks[:5].tolist()}.",
             UserWarning,
@@ -232,7 +232,7 @@ def _warn_of_underflow(values, kind):
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
         which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
-        warnings.warn(
+        warn(
             f"The values of {which} are below {SMALLEST:.0e}: "
             "their squares vanish, and they count as constant. Choose another unit.",
             UnderflowWarning,
@@ -243,7 +243,7 @@ def warn_of_constants(constant):
     """Say which outputs are constant, from whether each is."""
     if constant.any():
         which = f" {(np.flatnonzero(constant) + 1).tolist()}" * (len(constant) > 1)
-        warnings.warn(
+        warn(
             f"Output{which} is constant in training: the standard deviations of its "
             "predictions mean nothing. Check y, or leave the output out.",
             ConstantTargetWarning,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skmtgp._estimator import Estimator
+from skmtgp._parallel import limit_threads
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, fit_context, with_callbacks
@@ -183,7 +184,9 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
             is then as it was before.
         """
         with fitting(self, X, y):
-            self._fit(*check_training(self, X, y))
+            training = check_training(self, X, y)
+            with limit_threads(self._side):
+                self._fit(*training)
         return self
 
     def _fit(self, features, codes, tasks, y):
@@ -223,6 +226,10 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         return values[0] if self._single_output else values
 
     @property
+    def _side(self):
+        return self.n_features_in_
+
+    @property
     def _n_outputs(self):
         return len(self.log_marginal_likelihoods_)
 
@@ -234,8 +241,9 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
 
     def _means(self, features, codes):
         means = np.empty((len(features), self._n_outputs))
-        for rows, posterior in self._parts(codes):
-            means[rows] = posterior.mean(features[rows])
+        with limit_threads(self._side):
+            for rows, posterior in self._parts(codes):
+                means[rows] = posterior.mean(features[rows])
         return means
 
     def _variances(self, features, codes, include_noise):

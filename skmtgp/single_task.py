@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Literal, Self
 
 import numpy as np
@@ -19,7 +18,9 @@ from skmtgp._parallel import at_a_time, run
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
+from skmtgp._tasks import rows_of_tasks
 from skmtgp._training import check_theta, check_training
+from skmtgp._warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
 
 
@@ -190,21 +191,21 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         alone = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
-        rows = [self.tasks_train_ == m for m in range(len(self.tasks_))]
+        rows = [rows for _, rows in rows_of_tasks(codes)]
         if self.inference == "kronecker":  # while the tasks have their labels
             for m, r in enumerate(rows):
-                one = np.zeros(np.count_nonzero(r), dtype=int)
+                one = np.zeros(len(r), dtype=int)
                 check_complete(features[r], one, self.tasks_[[m]])
-        self._check_room(max(map(np.count_nonzero, rows)), Y[:1].size)
+        self._check_room(max(map(len, rows)), Y[:1].size)
         results = run(
             _fit_alone,
             [(alone, X[r], Y[r]) for r in rows],
             n_jobs=self.n_jobs,
             report=progress("learning", len(rows), self._describe),
         )
-        for label, (_, caught) in zip(self.tasks_.tolist(), results, strict=True):
-            for category, message in caught:
-                warnings.warn(f"Task {label!r}: {message}", category)
+        for label, (_, collected) in zip(self.tasks_.tolist(), results, strict=True):
+            for category, message in collected:
+                warn(f"Task {label!r}: {message}", category)
         self._store([estimator for estimator, _ in results])
 
     def _check_room(self, n, n_outputs):
@@ -274,8 +275,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def _parts(self, codes):
         """The rows of each task and its model."""
-        for m in np.unique(codes):
-            yield np.flatnonzero(codes == m), self.estimators_[m]
+        for m, rows in rows_of_tasks(codes):
+            yield rows, self.estimators_[m]
 
     def loo_predict(
         self, include_noise: bool = False
@@ -366,6 +367,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return float(np.sum(values)), np.concatenate(gradients)
 
     @property
+    def _side(self):
+        return max(estimator._side for estimator in self.estimators_)
+
+    @property
     def _n_outputs(self):
         return len(self.log_marginal_likelihoods_)
 
@@ -376,7 +381,6 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
 def _fit_alone(estimator, X, y):
     """A fitted clone, and what it warned of: the caller names the task."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collect_warnings() as collected:
         fitted = clone(estimator).fit(X, y)
-    return fitted, [(w.category, str(w.message)) for w in caught]
+    return fitted, collected

@@ -40,19 +40,19 @@ class SparsePosterior:
     """
 
     def __init__(self, bound, theta):
-        with limit_threads(len(bound.Z)):
+        with limit_threads(bound.side):
             self.features, weights = bound.forward(theta)
             sums = bound.over_rows(sum_residuals, self.features, weights.omega)
             self.log_likelihood = weights.log_density(sums.squares)
             self.V, self.omega = weights.refined(sums.errors)
             self.covariances = Covariances(weights)
+            # f^m(x) = omega_m . L^{-1} k^x(Z, x)
+            solve = self.features.cholesky.half_solve
+            self.weights = solve(self.omega.T, transposed=True).T
         self.features.warn_of_jitter()
         self.bound, self.noise = bound, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho = bound.task_covariance.matrix(bound.split(theta)[1])
-        # f^m(x) = omega_m . L^{-1} k^x(Z, x)
-        solve = self.features.cholesky.half_solve
-        self.weights = solve(self.omega.T, transposed=True).T
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -179,9 +179,9 @@ class SparsePosterior:
         """``function(X, *parts)`` for blocks of rows, put together again."""
         starts = range(0, len(X), self.block_size)
         blocks = [slice(a, a + self.block_size) for a in starts]
-        return np.concatenate(
-            [function(*(part[rows] for part in (X, *parts))) for rows in blocks]
-        )
+        with limit_threads(self.bound.side):
+            found = [function(*(part[rows] for part in (X, *parts))) for rows in blocks]
+        return np.concatenate(found)
 
 
 def _root(A, rank, n):

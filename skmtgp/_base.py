@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace
 from numbers import Integral, Real
@@ -22,7 +21,7 @@ from skmtgp._guide import INFERENCE
 from skmtgp._kernel_check import check_covariance, check_kernel, sample_rows
 from skmtgp._linalg import RESOLVED
 from skmtgp._memory import check_memory, check_sparse_memory
-from skmtgp._parallel import at_a_time
+from skmtgp._parallel import at_a_time, limit_threads
 from skmtgp._partitions import check_partitions
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
@@ -34,6 +33,7 @@ from skmtgp._training import (
     warn_of_constants,
     warn_of_noise,
 )
+from skmtgp._warnings import warn
 from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
 from skmtgp.inference.choice import choose, depends_on_inputs_only, why_dense
 from skmtgp.inference.inducing import check_differentiable
@@ -97,9 +97,10 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y)
             pairs = self._pairs(training)
-            form, modes = self._learn(pairs, progress)
-            self._store(training, likelihoods(pairs, form, modes), modes)
-            self._warn_of_noise(modes)
+            with limit_threads(side(pairs)):
+                form, modes = self._learn(pairs, progress)
+                self._store(training, likelihoods(pairs, form, modes), modes)
+                self._warn_of_noise(modes)
         return self
 
     def _default_kernel(self, features):
@@ -185,7 +186,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             why=why,
         )
         if why and n > MANY:
-            warnings.warn(
+            warn(
                 f"{why} As it is, inference is dense, of {n} samples. {INFERENCE}",
                 IncompleteDataWarning,
             )
@@ -335,12 +336,24 @@ def likelihoods(pairs, form, modes):
     ]
 
 
+def side(pairs):
+    """Rows of the largest matrices that learning decomposes."""
+    data, settings = pairs[0]
+    n = len(data.y)
+    rows = {
+        "dense": n,
+        "kronecker": n // data.n_tasks,
+        "sparse": min(n, max(settings.n_exact, settings.n_inducing)),
+    }
+    return max(rows[settings.inference], data.n_tasks)
+
+
 def _warn_of_unfinished(modes, max_iter):
     """Say where learning ended before the likelihood stopped growing."""
     stalled = [j + 1 for j, mode in enumerate(modes) if mode.stalled]
     if stalled:
         which = f" of output {stalled}" * (len(modes) > 1)
-        warnings.warn(
+        warn(
             f"Learning{which} ended for lack of digits: the prior "
             "variance is so much larger than the noise variance that the likelihood "
             "cannot be resolved further. The model is the best one found; a larger "
@@ -350,7 +363,7 @@ def _warn_of_unfinished(modes, max_iter):
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
     if unfinished and max_iter > 0:
         which = f" of output {unfinished}" * (len(modes) > 1)
-        warnings.warn(
+        warn(
             f"The likelihood{which} was still growing after "
             f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
             ConvergenceWarning,

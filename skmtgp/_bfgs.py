@@ -12,6 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from skmtgp._parallel import limit_threads
+
 ARMIJO, CURVATURE = 1e-4, 0.9
 LONGEST_STEP = 3.0
 GROWTH = 1.5  # of the trial step over the last accepted one, up to 1
@@ -209,7 +211,8 @@ class _BFGS:
         free = np.flatnonzero(~held)
         step = np.zeros_like(self.x)
         if free.size:
-            step[free] = self.hessian.newton_step(self.g, free)
+            with limit_threads(free.size):
+                step[free] = self.hessian.newton_step(self.g, free)
         return step
 
     def _line_search(self, direction):
@@ -249,7 +252,8 @@ class _BFGS:
         s, y = x - self.x, g - self.g
         self.x, self.f, self.g = x, f, g
         if s @ y > 1e-300:  # a smaller one loses its digits to underflow
-            self.hessian.update(s, y)
+            with limit_threads(len(x)):
+                self.hessian.update(s, y)
 
 
 def _solve(B, g):

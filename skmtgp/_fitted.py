@@ -8,6 +8,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import Estimator, public
 from skmtgp._guide import PARALLEL
+from skmtgp._parallel import limit_threads
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._training import Training, check_theta
 
@@ -99,7 +100,8 @@ class FittedGP(PosteriorMixin, Estimator):
         shape = len(self.tasks_train_), len(self._posteriors)
         residual, variance = np.empty((2, *shape))
         for j, posterior in enumerate(self._posteriors):
-            found = posterior.leave_one_out(include_noise)
+            with limit_threads(self._side):
+                found = posterior.leave_one_out(include_noise)
             residual[order, j], variance[order, j] = found
         mean = self.y_train_.reshape(residual.shape) - residual * self._scales
         return self._join(mean), self._join(np.sqrt(variance) * self._scales)
@@ -134,13 +136,19 @@ class FittedGP(PosteriorMixin, Estimator):
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
             evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
-            with np.errstate(all="ignore"):  # far from any data
+            # far from any data there are none
+            with np.errstate(all="ignore"), limit_threads(self._side):
                 results.append(evaluate(part))
             likelihood.release()
         if not eval_gradient:
             return float(np.sum(results) + change_of_units)
         values, gradients = zip(*results, strict=True)
         return float(np.sum(values) + change_of_units), np.concatenate(gradients)
+
+    @property
+    def _side(self):
+        """Rows of the largest matrices that predictions are made with."""
+        return max(likelihood.side for likelihood in self._likelihoods)
 
     def _training(self):
         """The data that the model was fitted to."""

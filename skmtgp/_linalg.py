@@ -1,13 +1,12 @@
 """Cholesky factorisations and eigen-decompositions, and what happens when they fail."""
 
-import warnings
-
 import numpy as np
 from scipy.linalg import LinAlgError, eigh, solve_triangular
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
 from skmtgp._guide import INFERENCE
+from skmtgp._warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 ROUNDING = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
@@ -118,7 +117,7 @@ def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
             relative *= 10.0
             continue
         cholesky.jitter = jitter
-        warnings.warn(
+        warn(
             "The covariance matrix of the training data is not positive definite in "
             f"floating point; {jitter:.1e} ({relative:.0e} of its mean diagonal) was "
             f"added to its diagonal. A larger noise_variance avoids this. {INFERENCE}",

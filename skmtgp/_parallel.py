@@ -1,16 +1,32 @@
-"""Independent pieces of work, one after another or side by side."""
+"""Independent pieces of work, one after another or side by side; threads of BLAS."""
 
 import contextlib
 from concurrent.futures import ThreadPoolExecutor
 
+import joblib
 import scipy.linalg.lapack  # noqa: F401  its BLAS is to be found below
 from joblib import effective_n_jobs, parallel_config
 from joblib.parallel import get_active_backend
-from sklearn.utils.parallel import Parallel, delayed
+from sklearn.utils import parallel as sklearn_parallel
 from threadpoolctl import ThreadpoolController
 
-SMALL = 600  # samples
-BLAS = ThreadpoolController().select(user_api="blas")
+from skmtgp._one_thread import OneThread
+
+SMALL = 600  # rows of a matrix
+
+
+ONE_THREAD = OneThread(ThreadpoolController().select(user_api="blas").lib_controllers)
+
+
+def limit_threads(size):
+    """Context in which small matrices are not spread over threads, which slows them.
+
+    Parameters
+    ----------
+    size : int
+        Rows of the largest of them.
+    """
+    return ONE_THREAD if size < SMALL else contextlib.nullcontext()
 
 
 def run(function, jobs, *, n_jobs=None, report=None):
@@ -24,6 +40,7 @@ def run(function, jobs, *, n_jobs=None, report=None):
         Its arguments.
     n_jobs : int, default=None
         As in scikit-learn: None is 1 unless in a ``joblib.parallel_config`` context.
+        Where the caller is limited to one thread of BLAS, each of them is.
     report : callable, default=None
         Called with a job's position and its result, in the order of the jobs, as soon
         as they are there.
@@ -33,14 +50,28 @@ def run(function, jobs, *, n_jobs=None, report=None):
     results : list
         In the order of the jobs.
     """
-    tasks = (delayed(_alone)(function, job) for job in jobs)
+    tools, small = _tools(n_jobs), ONE_THREAD.depth > 0
+    tasks = (tools.delayed(_alone)(function, job, small) for job in jobs)
     if report is None:
-        return Parallel(n_jobs=n_jobs)(tasks)
+        return tools.Parallel(n_jobs=n_jobs)(tasks)
     results = []
-    for result in Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
+    for result in tools.Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
         report(len(results), result)
         results.append(result)
     return results
+
+
+def _tools(n_jobs):
+    """The module whose Parallel and delayed are to be used.
+
+    scikit-learn's take its configuration and the filters of warnings to other
+    processes. In this one both are there already, and threads that set such filters at
+    the same time may lose them.
+    """
+    backend, _ = get_active_backend()
+    if effective_n_jobs(n_jobs) == 1 or getattr(backend, "supports_sharedmem", False):
+        return joblib
+    return sklearn_parallel
 
 
 def at_a_time(n_jobs, n_pieces):
@@ -54,33 +85,32 @@ def at_a_time(n_jobs, n_pieces):
     return max(1, min(effective_n_jobs(n_jobs), n_pieces))
 
 
-def _alone(function, job):
+def _alone(function, job, small):
     """``function(*job)`` in one process, which shares out nothing of it.
 
     The arguments travel together, in a tuple: of large arrays that travel alone Dask
     has one copy, on one worker, and the fit fails or hangs once that worker is dead.
     """
-    with parallel_config(backend="sequential"):
+    limit = ONE_THREAD if small else contextlib.nullcontext()
+    with parallel_config(backend="sequential"), limit:
         return function(*job)
 
 
-def limit_threads(size):
-    """Context in which small matrices are not spread over threads, which slows them."""
-    return BLAS.limit(limits=1) if size < SMALL else contextlib.nullcontext()
-
-
 def count_threads():
-    """As many as BLAS may use."""
-    return max((library.num_threads for library in BLAS.lib_controllers), default=1)
+    """How many threads pieces of work are spread over at most."""
+    return ONE_THREAD.n_threads()
 
 
 def map_threads(function, jobs):
     """``[function(*job) for job in jobs]``, on as many threads as BLAS may use.
 
+    BLAS itself has one meanwhile. The number is that outside of any limit of another
+    thread of Python; a caller that is limited itself has one.
+
     Parameters
     ----------
     function : callable
-        Spends its time in numpy, which lets other threads run.
+        Spends its time in numpy, which lets other threads run, on small matrices.
     jobs : sequence of tuple
         Its arguments.
 
@@ -89,8 +119,15 @@ def map_threads(function, jobs):
     results : list
         In the order of the jobs.
     """
-    n_threads = count_threads()
-    if n_threads == 1 or len(jobs) == 1:
-        return [function(*job) for job in jobs]
-    with BLAS.limit(limits=1), ThreadPoolExecutor(n_threads) as pool:
-        return list(pool.map(lambda job: function(*job), jobs))
+    n_threads = min(count_threads(), len(jobs))
+    with ONE_THREAD:
+        if n_threads < 2:
+            return [function(*job) for job in jobs]
+        with ThreadPoolExecutor(n_threads) as pool:
+            return list(pool.map(lambda job: _inside(function, job), jobs))
+
+
+def _inside(function, job):
+    """``function(*job)`` in a thread of a pool, which shares out nothing of it."""
+    with ONE_THREAD:
+        return function(*job)

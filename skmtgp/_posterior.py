@@ -12,14 +12,15 @@ from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._estimator import public
+from skmtgp._parallel import limit_threads
 from skmtgp._training import check_test
 
 
 class PosteriorMixin(RegressorMixin):
     """Regressor with a task column whose predictions have a covariance.
 
-    What `_model` returns has `task_feature`, `tasks_`, `_single_output` and, in units
-    of y,
+    What `_model` returns has `task_feature`, `tasks_`, `_single_output`, `_side`, rows
+    of the largest matrices that predictions are made with, and, in units of y,
 
     - ``_means(features, codes)``, of shape (n_samples, n_outputs);
     - ``_variances(features, codes, include_noise)``, of the same shape;
@@ -99,10 +100,12 @@ class PosteriorMixin(RegressorMixin):
         features, codes = check_test(model, X)
         mean = model._join(model._means(features, codes))
         if return_std:
-            variances = model._variances(features, codes, include_noise)
+            with limit_threads(model._side):
+                variances = model._variances(features, codes, include_noise)
             return mean, model._join(np.sqrt(variances))
         if return_cov:
-            covariances = model._covariances(features, codes, include_noise)
+            with limit_threads(max(model._side, len(features))):
+                covariances = model._covariances(features, codes, include_noise)
             return mean, model._join(covariances)
         return mean
 
@@ -144,7 +147,8 @@ class PosteriorMixin(RegressorMixin):
         check_is_fitted(self)
         model = self._model()
         features, codes = check_test(model, X)
-        draws, noise_std = model._draws(features, codes, n_samples, rng)
+        with limit_threads(max(model._side, len(features))):
+            draws, noise_std = model._draws(features, codes, n_samples, rng)
         if include_noise:
             draws += noise_std * rng.standard_normal(draws.shape)
         return draws[:, 0] if model._single_output else draws
@@ -153,12 +157,12 @@ class PosteriorMixin(RegressorMixin):
         """Draws of f and the standard deviations of the noise around them."""
         means = self._means(features, codes)
         covariances = self._covariances(features, codes, include_noise=False)
-        draws = [
-            rng.multivariate_normal(mean, covariance, n_draws, check_valid="ignore").T
-            for mean, covariance in zip(
-                means.T, np.moveaxis(covariances, 2, 0), strict=True
-            )
-        ]
+        outputs = zip(means.T, np.moveaxis(covariances, 2, 0), strict=True)
+        with limit_threads(len(features)):
+            draws = [
+                rng.multivariate_normal(mean, cov, n_draws, check_valid="ignore").T
+                for mean, cov in outputs
+            ]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
 
     def _join(self, values):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,9 +10,10 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import issparse
 from sklearn.model_selection import StratifiedKFold
-from sklearn.utils import check_consistent_length
+from sklearn.utils import check_consistent_length, check_random_state
 
 from skmtgp._tasks import task_labels
+from skmtgp._warnings import warn
 
 __all__ = ["TaskStratifiedKFold"]
 
@@ -118,12 +118,30 @@ class TaskStratifiedKFold(StratifiedKFold):
             each has fewer than `n_splits`.
         """
         codes = self._codes(X, y)
-        with warnings.catch_warnings():
-            # A small task is not in every test set, but in every training set.
-            warnings.filterwarnings("ignore", "The least populated class", UserWarning)
-            folds = list(super().split(np.zeros(len(codes)), codes, groups))
-        for train, test in folds:
-            yield _in_turns(train, codes), test
+        if groups is not None:
+            warn("groups is ignored by TaskStratifiedKFold.", UserWarning)
+        fold_of_row = self._deal(codes)
+        for fold in range(self.n_splits):
+            test = fold_of_row == fold
+            yield _in_turns(np.flatnonzero(~test), codes), np.flatnonzero(test)
+
+    def _deal(self, codes):
+        """The fold in whose test set each row is.
+
+        That of StratifiedKFold, which would warn of tasks with fewer rows than folds:
+        they are not in every test set, but in every training set.
+        """
+        first = np.unique(codes, return_index=True)[1]
+        by_appearance = np.argsort(np.argsort(first))[codes]
+        dealt = np.arange(len(codes)) % self.n_splits
+        rng = check_random_state(self.random_state)
+        fold, done = np.empty(len(codes), dtype=int), 0
+        for rows in rows_by_code(by_appearance)[1]:
+            of_task = np.sort(dealt[done : done + len(rows)])
+            if self.shuffle:
+                rng.shuffle(of_task)
+            fold[rows], done = of_task, done + len(rows)
+        return fold
 
     def _codes(self, X, y):
         if issparse(X):
@@ -145,7 +163,9 @@ class TaskStratifiedKFold(StratifiedKFold):
                 "fold can have the task in both its training and its test set. Give 2 "
                 "rows or more of every task."
             )
-        if counts.size and counts.max() < self.n_splits:
+        if not counts.size:
+            raise ValueError("X has 0 rows; a minimum of 1 is required.")
+        if counts.max() < self.n_splits:
             raise ValueError(
                 f"n_splits={self.n_splits} is above the number of rows of every task, "
                 f"which is {counts.max()} at most. Set n_splits to that or less."

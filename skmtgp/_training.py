@@ -1,6 +1,5 @@
 """Training and test data as the estimators get them: checked, encoded, scaled."""
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +14,7 @@ from skmtgp._labels import encode_tasks, sorted_tasks
 from skmtgp._linalg import RESOLVED
 from skmtgp._numbers import check_numbers, column_names
 from skmtgp._tasks import locate_task_column, read_table, split_table
+from skmtgp._warnings import warn
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     TaskColumnWarning,
@@ -225,7 +225,7 @@ def warn_of_training(features, tasks, y):
         y.reshape(len(y), -1), "output", ", and standard deviations mean nothing"
     )
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
-        warnings.warn(
+        warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? The first tasks are {tasks[:5].tolist()}.",
             TaskColumnWarning,
@@ -247,7 +247,7 @@ def _warn_of_last(estimator, table, features, tasks, codes):
     if odd and _look_like_labels(features[:, -1]):
         n = table.shape[1]
         why = "a negative number" if odd[0] < 0 else "of one row alone"
-        warnings.warn(
+        warn(
             "task_feature=-1 takes the last column for the tasks, whose label "
             f"{odd[0]} is {why}, and the column before it looks more like labels. Was "
             "something appended to X, as a RegressorChain appends outputs? Then name "
@@ -271,7 +271,7 @@ def _warn_of_underflow(values, kind, more=""):
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
         which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
-        warnings.warn(
+        warn(
             f"The values of {which} are below {SMALLEST:.0e}: their squares lose "
             f"digits or vanish, so that they may count as constant{more}. Choose "
             "another unit.",
@@ -283,7 +283,7 @@ def warn_of_constants(constant):
     """Say which outputs are constant, from whether each is."""
     if constant.any():
         which = f" {(np.flatnonzero(constant) + 1).tolist()}" * (len(constant) > 1)
-        warnings.warn(
+        warn(
             f"Output{which} is constant in training: the standard deviations of its "
             "predictions mean nothing. Check y, or leave the output out.",
             ConstantTargetWarning,
@@ -306,7 +306,7 @@ def warn_of_noise(told, tasks=None):
     which = f" of output {outputs.tolist()}" * (len(told) > 1)
     if tasks is not None:
         which += f" of {name_tasks(tasks[unknown])}"
-    warnings.warn(
+    warn(
         f"The rows do not tell the noise variance{which}: the model follows them so "
         "closely that one many times as large would be as likely. It may be far too "
         "small, and the standard deviations of predictions with it. Give more rows, "

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from skmtgp._estimator import Estimator
 from skmtgp._labels import rows_by_code
+from skmtgp._parallel import limit_threads
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import Interval, fit_context, with_callbacks
@@ -184,7 +185,9 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
             is then as it was before.
         """
         with fitting(self, X, y):
-            self._fit(*check_training(self, X, y))
+            training = check_training(self, X, y)
+            with limit_threads(self._side):
+                self._fit(*training)
         return self
 
     def _fit(self, features, codes, tasks, y):
@@ -221,11 +224,16 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         return np.ascontiguousarray(values)[0 if self._single_output else ...]
 
     @property
+    def _side(self):
+        return self.n_features_in_
+
+    @property
     def _n_outputs(self):
         return len(self.log_marginal_likelihoods_)
 
     def _means(self, features, codes):
-        return self._posterior.mean(features, self._regressions[codes])
+        with limit_threads(self._side):
+            return self._posterior.mean(features, self._regressions[codes])
 
     def _variances(self, features, codes, include_noise):
         which, posterior = self._regressions[codes], self._posterior

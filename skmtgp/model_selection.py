@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import likelihoods
+from skmtgp._base import likelihoods, side
 from skmtgp._estimator import Estimator
+from skmtgp._parallel import limit_threads
 from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import StrOptions, fit_context, with_callbacks
@@ -157,7 +158,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         n_kept = len(ranks) if self.keep_estimators else 1
         pairs = model._pairs(training, len(ranks), n_kept)
         forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
-        modes = model._learn_ranks(pairs, forms, progress)
+        with limit_threads(side(pairs)):
+            modes = model._learn_ranks(pairs, forms, progress)
+            self._keep(model, training, pairs, forms, modes)
+
+    def _keep(self, model, training, pairs, forms, modes):
+        """Set the fitted attributes."""
         objectives = [
             likelihoods(pairs, form, of_form)
             for form, of_form in zip(forms, modes, strict=True)

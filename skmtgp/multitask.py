@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._base import BaseMultiTaskGP
 from skmtgp._memory import check_border_memory, check_memory, check_sparse_memory
+from skmtgp._parallel import limit_threads
 from skmtgp._sklearn_compat import Interval, StrOptions
 from skmtgp._training import check_new_task
 from skmtgp.inference.choice import extended
@@ -365,9 +366,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         check_is_fitted(self)
         training, position = self._training().with_task(*check_new_task(self, X, y))
         self._check_room(training)
-        outputs = self._extend(training, position, informed=prior is not None)
-        model = copy(self)
-        model._store(training, *zip(*outputs, strict=True))
+        n_new, model = len(training.features) - len(self.X_train_), copy(self)
+        with limit_threads(self._side + n_new):
+            outputs = self._extend(training, position, informed=prior is not None)
+            model._store(training, *zip(*outputs, strict=True))
         return model
 
     def _check_room(self, training):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import defaultdict
 from typing import Literal, Self
 
@@ -23,6 +22,7 @@ from skmtgp._posterior import PosteriorMixin
 from skmtgp._progress import fitting
 from skmtgp._sklearn_compat import fit_context, with_callbacks
 from skmtgp._training import check_theta, check_training, name_tasks
+from skmtgp._warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
 from skmtgp.inference.memory import TileMemory
 
@@ -222,7 +222,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
                 tasks[warning].append(m)
         for (category, message), of in tasks.items():
             names = name_tasks(self.tasks_[of])
-            warnings.warn(f"T{names[1:]}: {message}", category)
+            warn(f"T{names[1:]}: {message}", category)
 
     def _check_room(self, n, n_outputs, tiles):
         """Whether memory suffices for tasks side by side, of at most n samples each."""
@@ -387,6 +387,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return float(np.sum(values)), np.concatenate(gradients)
 
     @property
+    def _side(self):
+        return max(estimator._side for estimator in self.estimators_)
+
+    @property
     def _n_outputs(self):
         return len(self.log_marginal_likelihoods_)
 
@@ -397,7 +401,6 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
 def _fit_alone(estimator, X, y):
     """A fitted clone, and what it warned of: the caller names the task."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collect_warnings() as collected:
         fitted = clone(estimator).fit(X, y)
-    return fitted, [(w.category, str(w.message)) for w in caught]
+    return fitted, collected

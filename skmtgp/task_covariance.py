@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpstrf
 
+from skmtgp._parallel import limit_threads
+
 FACTOR_BOUND = 10.0
 KAPPA_BOUNDS = (1e-16, 1e4)
 
@@ -295,7 +297,8 @@ def low_rank(n_tasks, rank, diagonal=False):
 
 def leading_eigenvectors(K, rank):
     """F of shape (n_tasks, rank) with the F F^T nearest to K."""
-    values, vectors = np.linalg.eigh(K)
+    with limit_threads(len(K)):
+        values, vectors = np.linalg.eigh(K)
     F = vectors * np.sqrt(np.maximum(values, 0.0))
     return F[:, : -rank - 1 : -1]
 

@@ -1,13 +1,14 @@
-"""Pieces of work side by side, and what they tell."""
+"""Pieces of work side by side, what they tell, and threads of BLAS."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import joblib
 import pytest
 from threadpoolctl import threadpool_limits
 
 from skmtgp import PooledGP, _parallel
-from skmtgp._parallel import at_a_time, map_threads, run
+from skmtgp._parallel import ONE_THREAD, at_a_time, map_threads, run
 from skmtgp._progress import fitting, silent
 
 
@@ -64,3 +65,53 @@ class TestAtATime:
         backend = type("DaskDistributedBackend", (), {})()
         monkeypatch.setattr(_parallel, "get_active_backend", lambda: (backend, 8))
         assert at_a_time(8, 5) == 1
+
+
+@pytest.fixture
+def two_threads():
+    """BLAS has two threads, which must be so again at the end."""
+    with threadpool_limits(2, user_api="blas"):
+        yield
+        assert {library.num_threads for library in ONE_THREAD.libraries} == {2}
+
+
+def blas_threads():
+    return max(library.num_threads for library in ONE_THREAD.libraries)
+
+
+@pytest.mark.usefixtures("two_threads")
+class TestPools:
+    def test_beside_another_thread_s_limit(self):
+        """A large fit has all threads for its tiles while a small one goes on."""
+        with ONE_THREAD, ThreadPoolExecutor(1) as another:
+            names = another.submit(self.names).result()
+        assert len(names) == 2
+        with ONE_THREAD:
+            assert len(self.names()) == 1
+
+    def names(self):
+        met = threading.Barrier(ONE_THREAD.n_threads(), timeout=10.0)
+
+        def work(i):
+            met.wait()
+            assert blas_threads() == 1
+            return threading.current_thread().name
+
+        return set(map_threads(work, [(i,) for i in range(4)]))
+
+    def test_pools_have_no_pools(self):
+        nested = lambda i: map_threads(lambda j: threading.get_ident(), [(1,), (2,)])  # noqa: E731
+        for idents in map_threads(nested, [(i,) for i in range(4)]):
+            assert len(set(idents)) == 1
+
+    def test_one_piece_of_work_is_limited_too(self):
+        assert map_threads(blas_threads, [()]) == [1]
+        assert map_threads(blas_threads, []) == []
+
+    @pytest.mark.parametrize("backend", ["threading", "loky"])
+    def test_a_limit_goes_with_the_jobs(self, backend):
+        depth, jobs = lambda i: _parallel.ONE_THREAD.depth, [(1,), (2,)]
+        with joblib.parallel_config(backend):
+            with ONE_THREAD:
+                assert run(depth, jobs, n_jobs=2) == [1, 1]
+            assert run(depth, jobs, n_jobs=2) == [0, 0]

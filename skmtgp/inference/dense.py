@@ -48,13 +48,13 @@ class DenseLikelihood(TiledLikelihood):
 
     def _evaluate(self, theta):
         """The value; NotPositiveDefiniteError where K cannot be factorised."""
-        with limit_threads(len(self.X)), self._workspace() as workspace:
+        with limit_threads(self.side), self._workspace() as workspace:
             cholesky = Cholesky(self._fill(*self._bind(theta), workspace.K)[0])
             return self.log_density(cholesky, cholesky.half_solve(self.y))
 
     def _differentiate(self, theta):
         """The value and its gradients by kernel theta, K^rho and log noise."""
-        with limit_threads(len(self.X)), self._workspace() as workspace:
+        with limit_threads(self.side), self._workspace() as workspace:
             return self._differentiate_in(workspace, *self._bind(theta))
 
     def _differentiate_in(self, workspace, bound, K_rho, noise):

@@ -4,13 +4,12 @@ With K_ZZ = L L^T for the m inducing inputs Z, the features of x are
 phi(x) = L^{-1} k^x(Z, x): k^x(x, x') is phi(x) . phi(x') and what they leave.
 """
 
-import warnings
-
 import numpy as np
 
 from skmtgp._contraction import contract_inputs
 from skmtgp._guide import INFERENCE
 from skmtgp._linalg import Cholesky
+from skmtgp._warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 DIAGONAL = 64  # rows of a tile of which only the diagonal counts
@@ -66,7 +65,7 @@ class Features:
     def warn_of_jitter(self):
         """Say what was added to K_ZZ, if that was more than always."""
         if self.jitter > ROUNDING * len(self):
-            warnings.warn(
+            warn(
                 f"The covariance of the {len(self)} inducing inputs is not positive "
                 f"definite in floating point; {self.jitter:.0e} of its mean diagonal "
                 "was added to its diagonal. Fewer inducing inputs avoid this. "

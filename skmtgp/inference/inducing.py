@@ -1,10 +1,7 @@
 """Choosing the inducing inputs of sparse inference."""
 
-import warnings
-
 import numpy as np
 from sklearn.cluster import KMeans
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
@@ -12,6 +9,7 @@ from threadpoolctl import threadpool_limits
 
 from skmtgp._bfgs import minimize
 from skmtgp._contraction import compile_kernel, contract_inputs
+from skmtgp._parallel import ONE_THREAD
 
 CANDIDATES = 20_000  # rows
 RESOLVED = 1e-14  # of the largest variance: less is rounding
@@ -85,7 +83,7 @@ def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
         Inputs, which may be memory-mapped or a Dask array. The distances are between
         features divided by their standard deviations.
     n_inducing : int
-        Number of clusters; at most n_samples are made.
+        Number of clusters.
     n_candidates : int, default=20000
         If X has more rows, as many of them are drawn, and the others are not looked
         at.
@@ -95,15 +93,18 @@ def k_means(X, n_inducing, *, n_candidates=CANDIDATES, random_state=None):
     Returns
     -------
     Z : ndarray of shape (n_chosen, n_features)
-        The means; some more than once where fewer rows differ.
+        The means; the rows themselves where no more than that many differ.
     """
     rng = check_random_state(random_state)
     X = np.ascontiguousarray(X[_candidates(len(X), n_candidates, rng)], dtype=float)
     scaler = StandardScaler()
-    clusters = KMeans(min(n_inducing, len(X)), random_state=rng)
-    with threadpool_limits(1), warnings.catch_warnings():  # sums in one order
-        warnings.simplefilter("ignore", ConvergenceWarning)  # of rows that are equal
-        clusters.fit(scaler.fit_transform(X))
+    scaled = scaler.fit_transform(X)
+    _, different = np.unique(scaled, axis=0, return_index=True)
+    if len(different) <= n_inducing:
+        return X[np.sort(different)]
+    clusters = KMeans(n_inducing, random_state=rng)
+    with ONE_THREAD, threadpool_limits(1, user_api="openmp"):  # sums in one order
+        clusters.fit(scaled)
     return scaler.inverse_transform(clusters.cluster_centers_)
 
 

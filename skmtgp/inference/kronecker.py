@@ -25,16 +25,21 @@ class EigenLikelihood(TiledLikelihood):
 
     inference = "kronecker"
 
+    @property
+    def side(self):
+        """Rows of the matrices on which an evaluation spends its time."""
+        return max(len(self.inputs), self.task_covariance.n_tasks)
+
     def _evaluate(self, theta):
         """The value; NotPositiveDefiniteError where K cannot be decomposed."""
-        with limit_threads(len(self.inputs)), self._workspace() as workspace:
+        with limit_threads(self.side), self._workspace() as workspace:
             bound, K_rho, noise = self._bind(theta)
             self._fill(bound, workspace.K)
             return self._decompose(workspace.K, K_rho, noise)[0]
 
     def _differentiate(self, theta):
         """The value and its gradients by kernel theta, K^rho and log noise."""
-        with limit_threads(len(self.inputs)), self._workspace() as workspace:
+        with limit_threads(self.side), self._workspace() as workspace:
             bound, K_rho, noise = self._bind(theta)
             tapes = self._fill(bound, workspace.K, workspace.tiles)
             value, *rest = self._decompose(workspace.K, K_rho, noise)

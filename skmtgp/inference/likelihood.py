@@ -7,6 +7,7 @@ from math import isqrt
 import numpy as np
 
 from skmtgp._contraction import compile_kernel
+from skmtgp._parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
 from skmtgp.task_covariance import OfTasks
@@ -53,6 +54,11 @@ class Likelihood(ABC):
     def noise_of_row(self):
         """Which noise variance each row has."""
         return self.tasks if self.n_noise > 1 else np.broadcast_to(0, len(self.tasks))
+
+    @property
+    def side(self):
+        """Rows of the matrices on which an evaluation spends its time."""
+        return len(self.inputs)
 
     @abstractmethod
     def _evaluate(self, theta):
@@ -139,7 +145,8 @@ class Likelihood(ABC):
         n, n_matrices = len(self.X), self.node.n_dims + len(of_rho) + 1
         most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
-        of_some = information(*self._derivatives(theta, rows, of_rho))
+        with limit_threads(most):
+            of_some = information(*self._derivatives(theta, rows, of_rho))
         return of_some * (n / most)
 
     def _derivatives(self, theta, rows, of_rho):

@@ -222,8 +222,8 @@ def noise_is_told(likelihood, posterior):
 
     At the mode sigma_m^2 is the sum of the squared residuals divided by nu_m, those of
     :func:`freedom_of_noise`. One that is k times as large costs
-    :math:`\tfrac12 \nu_m (\log k - 1 + 1/k)` nats as long as nu_m does not grow with it:
-    below 1, which is the limit here, 1.8 nats for a hundred times.
+    :math:`\tfrac12 \nu_m (\log k - 1 + 1/k)` nats as long as nu_m does not grow with
+    it: below 1, which is the limit here, 1.8 nats for a hundred times.
 
     Parameters
     ----------

@@ -124,14 +124,14 @@ class SparseBound(Likelihood):
 
     def _evaluate(self, theta):
         """The bound; NotPositiveDefiniteError where a factorisation fails."""
-        with limit_threads(len(self.Z)):
+        with limit_threads(self.side):
             features, weights = self.forward(theta)
             sums = self.over_rows(sum_residuals, features, weights.omega)
         return weights.log_density(sums.squares)
 
     def _evaluate_with_grad(self, theta):
         """The same with the gradient by theta."""
-        with limit_threads(len(self.Z)):
+        with limit_threads(self.side):
             return self._pull_back(theta, inputs=False)[:2]
 
     def value_and_grads(self, theta):
@@ -152,7 +152,7 @@ class SparseBound(Likelihood):
             Its gradient by Z.
         """
         try:
-            with limit_threads(len(self.Z)):
+            with limit_threads(self.side):
                 return self._pull_back(theta, inputs=True)
         except NotPositiveDefiniteError:
             failed = np.full(len(theta), np.nan), np.full_like(self.Z, np.nan)
@@ -184,7 +184,7 @@ class SparseBound(Likelihood):
         D : ndarray of shape (n_tasks, n_tasks)
             Symmetric.
         """
-        with limit_threads(len(self.Z)):
+        with limit_threads(self.side):
             _, gradients, back = self._backward(theta)
             return gradients.task_gradient(back)
 

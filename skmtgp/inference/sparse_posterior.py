@@ -50,12 +50,15 @@ class SparsePosterior:
     """
 
     def __init__(self, bound, theta):
-        with limit_threads(len(bound.Z)):
+        with limit_threads(bound.side):
             self.features, weights = bound.forward(theta)
             sums = bound.over_rows(sum_residuals, self.features, weights.omega)
             self.log_likelihood = weights.log_density(sums.squares)
             self.V, self.omega = weights.refined(sums.errors)
             self.covariances = Covariances(weights)  # spends the factor of `weights`
+            # f^m(x) = omega_m . L^{-1} k^x(Z, x)
+            solve = self.features.cholesky.half_solve
+            self.weights = solve(self.omega.T, transposed=True).T
         self.features.warn_of_jitter()
         self.bound, self.noise = bound, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size
@@ -63,9 +66,6 @@ class SparsePosterior:
         prior = largest_prior(self.K_rho, self.kernel, bound.Z)
         rounding = rounding_of(len(bound.tasks), prior, self.noise.min())
         self.rounding = SINGULAR + rounding
-        # f^m(x) = omega_m . L^{-1} k^x(Z, x)
-        solve = self.features.cholesky.half_solve
-        self.weights = solve(self.omega.T, transposed=True).T
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -74,7 +74,8 @@ class SparsePosterior:
             present, column = np.unique(tasks, return_inverse=True)
             return self.mean_of_tasks(X, present)[np.arange(len(X)), column]
 
-        return in_blocks(of_rows, self.block_size, X, tasks)
+        with limit_threads(self.bound.side):
+            return in_blocks(of_rows, self.block_size, X, tasks)
 
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
@@ -97,7 +98,8 @@ class SparsePosterior:
             cross = self.features.against(X)
             return cross.times(slice(0, len(X)), slice(0, m), weights)
 
-        return in_blocks(of_rows, self.block_size, X)
+        with limit_threads(self.bound.side):
+            return in_blocks(of_rows, self.block_size, X)
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""

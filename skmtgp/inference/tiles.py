@@ -64,7 +64,10 @@ class TiledLikelihood(Likelihood):
     @contextlib.contextmanager
     def _workspace(self):
         """The memory of an evaluation before, or new memory where there is none."""
-        workspace = self._spare.pop() if self._spare else Workspace(self.pairs)
+        try:
+            workspace = self._spare.pop()
+        except IndexError:  # none, or another thread has taken the last
+            workspace = Workspace(self.pairs)
         try:
             yield workspace
         finally:

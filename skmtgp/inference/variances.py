@@ -1,11 +1,10 @@
 """Variances, which are differences: what rounding may do to them, and what not."""
 
-import warnings
-
 import numpy as np
 
 from skmtgp._guide import INFERENCE
 from skmtgp._linalg import RESOLVED
+from skmtgp._warnings import warn
 from skmtgp.exceptions import NegativeVarianceWarning
 
 TINY = np.finfo(np.float64).tiny
@@ -67,7 +66,7 @@ def without_negatives(variance, prior, rounding):
         relative = variance / np.maximum(np.abs(prior), TINY)
     wrong = relative < -rounding
     if wrong.any():
-        warnings.warn(
+        warn(
             f"{np.count_nonzero(wrong)} of {len(variance)} variances of f are "
             f"negative, down to {relative.min():.1e} of the prior's, where rounding "
             f"explains {-rounding:.0e}. They are taken for 0, but mean nothing, and "

@@ -7,6 +7,7 @@ on.
 
 import numpy as np
 
+from skmtgp._parallel import limit_threads
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import best_of
 
@@ -69,7 +70,8 @@ def _embed(data, settings, forms, mode):
     kernel, rho, noise = settings.split(mode.theta)
     D = settings.likelihood(data, lower).task_gradient(mode.theta)
     added = higher.rank - lower.rank
-    columns = np.linalg.eigh(D)[1][:, -added:]
+    with limit_threads(len(D)):
+        columns = np.linalg.eigh(D)[1][:, -added:]
     size = np.sqrt(np.trace(lower.matrix(rho)))
 
     def with_columns(length):

@@ -11,6 +11,7 @@ from time import perf_counter
 import numpy as np
 
 from skmtgp._bfgs import minimize
+from skmtgp._parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
 from skmtgp.task_covariance import WithDiagonal
@@ -78,7 +79,9 @@ def add_task(
     factor = likelihood.task_covariance.columns(rho)
     noise = np.exp(log_noise.mean())  # of the novel task, if they have one each
     border = BorderLikelihood(posterior, factor, X, y, noise, own)
-    best = learn_border(border, factor, max_iter, tol, informed=informed)
+    with limit_threads(len(y)):
+        best = learn_border(border, factor, max_iter, tol, informed=informed)
+        value = border.value(best.x)
     row, rest = best.x[: border.rank], best.x[border.rank :]
     form, rho = likelihood.task_covariance.bordered(
         rho, row, rest[0] if own else None, position
@@ -87,7 +90,6 @@ def add_task(
         log_noise = np.insert(log_noise, position, np.log(noise))
     theta = np.concatenate([kernel, rho, log_noise])
     seconds = perf_counter() - begin
-    value = border.value(best.x)
     return form, Mode(theta, value, *best[2:], seconds, len(y))
 
 

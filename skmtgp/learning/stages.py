@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._parallel import run
+from skmtgp._parallel import limit_threads, run
 from skmtgp.learning.climbing import DOUBT, annealed, climb, refine, shake
 from skmtgp.learning.problem import Mode, best_of
 from skmtgp.task_covariance import low_rank
@@ -68,9 +68,9 @@ def first_stage(data, settings, form, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
     theta = np.concatenate([settings.kernel.theta, settings.log_noise])
     mode = climb(data, settings, form, theta, relaxed=relaxed)
-    K_rho = augmented_task_covariance(
-        data, settings.likelihood(data, form).posterior(mode.theta)
-    )
+    likelihood = settings.likelihood(data, form)
+    with limit_threads(likelihood.side):
+        K_rho = augmented_task_covariance(data, likelihood.posterior(mode.theta))
     return Start(settings.split(mode.theta)[0], K_rho, mode)
 
 

@@ -1,0 +1,68 @@
+"""Warnings that are given or collected, in any number of threads."""
+
+import ast
+import threading
+import warnings
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from test_layers import MODULES
+
+from skmtgp._warnings import collect_warnings, warn
+from skmtgp.exceptions import JitterWarning
+
+
+def test_given():
+    with pytest.warns(JitterWarning, match="some jitter") as caught:
+        warn("some jitter", JitterWarning)
+    assert caught[0].filename == __file__
+
+
+def test_collected():
+    with collect_warnings() as outer:
+        warn("a", UserWarning)
+        with collect_warnings() as inner:
+            warn("b", JitterWarning)
+        warn("c", UserWarning)
+    assert inner == [(JitterWarning, "b")]
+    assert outer == [(UserWarning, "a"), (UserWarning, "c")]
+    with pytest.warns(UserWarning, match="d"):
+        warn("d", UserWarning)
+
+
+def test_errors_end_the_collection():
+    with pytest.raises(ZeroDivisionError, match="zero"), collect_warnings():
+        1 / 0  # noqa: B018
+    with pytest.warns(UserWarning, match="given"):
+        warn("given", UserWarning)
+
+
+def test_of_threads_that_overlap():
+    """Each has its own, and what is done with warnings stays as it is."""
+    met, before = threading.Barrier(2), list(warnings.filters)
+
+    def work(i):
+        met.wait(10)
+        with collect_warnings() as collected:
+            met.wait(10)
+            warn(f"of {i}", UserWarning)
+            met.wait(10)
+            return collected
+
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(work, range(2)))
+    assert found == [[(UserWarning, "of 0")], [(UserWarning, "of 1")]]
+    assert warnings.filters == before
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_nothing_else_gives_warnings_or_changes_what_is_done_with_them(module):
+    """``warnings.warn`` cannot be collected; the others are not for threads."""
+    if module == "skmtgp._warnings" or module.startswith("skmtgp.datasets"):
+        return
+    names = {"warn", "catch_warnings", "simplefilter", "filterwarnings"}
+    for node in ast.walk(ast.parse(MODULES[module].read_text())):
+        if isinstance(node, ast.Attribute) and node.attr in names:
+            assert getattr(node.value, "id", None) != "warnings", ast.unparse(node)
+        if isinstance(node, ast.ImportFrom):
+            assert node.module != "warnings"

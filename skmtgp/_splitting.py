@@ -12,6 +12,7 @@ from scipy.sparse import issparse
 from sklearn.model_selection import StratifiedKFold
 from sklearn.utils import check_consistent_length, check_random_state
 
+from skmtgp._labels import rows_by_code
 from skmtgp._tasks import task_labels
 from skmtgp._warnings import warn
 

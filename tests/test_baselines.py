@@ -218,7 +218,7 @@ def test_warnings_of_single_tasks_name_them(n_jobs):
     with pytest.warns(ConvergenceWarning) as caught:
         model = SingleTaskGP(max_iter=1, n_jobs=n_jobs).fit(X, y)
     named = [str(w.message).split(":")[0] for w in caught]
-    assert named == [f"Task {label!r}" for label in model.tasks_.tolist()]
+    assert named == ["Tasks 0, 1, 2"]  # once, as they say the same
 
 
 @pytest.mark.parametrize("cls", [IndependentGP, PooledGP, SingleTaskGP])

@@ -97,10 +97,10 @@ def test_same_results_of_a_pipeline(dask):
 
 def test_nested_parts_are_not_shared_out(dask):
     """One process does a job and what is nested in it, so its warnings are its own."""
-    with pytest.warns(ConvergenceWarning, match="Task 0") as caught:
+    with pytest.warns(ConvergenceWarning) as caught:
         SingleTaskGP(max_iter=3).fit(X, Y)
-    told = [str(warning.message)[:7] for warning in caught]
-    assert told == ["Task 0:", "Task 1:", "Task 2:"]
+    told = [str(warning.message).split(":")[0] for warning in caught]
+    assert told == ["Tasks 0, 1, 2"]
 
 
 @pytest.mark.parametrize("name", ["outputs", "ranks", "tasks"])

@@ -33,7 +33,7 @@ from sklearn.pipeline import Pipeline
 
 from skmtgp import _memory, add_task, exceptions, metrics
 from skmtgp._base import BaseMultiTaskGP
-from skmtgp._parallel import BLAS
+from skmtgp._parallel import ONE_THREAD
 from skmtgp._training import check_test
 from skmtgp.model_selection import TaskStratifiedKFold
 
@@ -46,6 +46,7 @@ WARNINGS = (
     exceptions.PrecisionWarning,
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,
+    exceptions.UnidentifiedNoiseWarning,
 )
 LONGEST = 30  # seconds of a case
 
@@ -132,7 +133,7 @@ def by_the_book(model, j, X, tasks):
 
 
 def blas_threads():
-    return [library.num_threads for library in BLAS.lib_controllers]
+    return [library.num_threads for library in ONE_THREAD.libraries]
 
 
 def quietly(call, *args):

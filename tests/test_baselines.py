@@ -216,7 +216,7 @@ def test_too_few_iterations_are_reported(cls):
 @pytest.mark.parametrize("n_jobs", [1, 2])
 def test_warnings_of_single_tasks_name_them(n_jobs):
     with pytest.warns(ConvergenceWarning) as caught:
-        model = SingleTaskGP(max_iter=1, n_jobs=n_jobs).fit(X, y)
+        SingleTaskGP(max_iter=1, n_jobs=n_jobs).fit(X, y)
     named = [str(w.message).split(":")[0] for w in caught]
     assert named == ["Tasks 0, 1, 2"]  # once, as they say the same
 

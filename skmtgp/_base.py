@@ -177,11 +177,14 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         n, n_outputs = training.Y.shape
         by_auto = self.inference == "auto" and method == "dense"
         why = why_dense(kernel, training.features, training.codes) if by_auto else ""
+        n_tasks = len(training.tasks)
         check_memory(
-            n // len(training.tasks) if method == "kronecker" else n,
+            n // n_tasks if method == "kronecker" else n,
             n_outputs * n_kept,
             method,
             tiles=TileMemory(kernel, training.features[:1]),
+            n_tasks=n_tasks,
+            n_parameters=n_tasks * self._rank(n_tasks),
             n_climbs=at_a_time(self.n_jobs, n_outputs * self._n_climbs(n_ranks)),
             why=why,
         )

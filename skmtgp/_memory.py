@@ -5,6 +5,7 @@ import math
 import os
 from pathlib import Path
 
+from skmtgp._bfgs import MEMORY, MOST_DENSE
 from skmtgp._guide import INFERENCE
 from skmtgp.exceptions import InsufficientMemoryError
 
@@ -12,6 +13,8 @@ from skmtgp.exceptions import InsufficientMemoryError
 # the tiles: K, and two for its eigen-decomposition
 ROWS = {"dense": "samples", "kronecker": "inputs of each task"}
 MATRICES = {"dense": 1, "kronecker": 3}
+# Matrices between tasks: of each climb, with where it starts, and of each posterior
+OF_CLIMB, OF_POSTERIOR = 12, 4
 GIB = 2.0**30
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 CONTROLS = [  # of a control group: limit, use, files within that can be let go
@@ -26,6 +29,8 @@ def check_memory(
     inference="dense",
     *,
     tiles,
+    n_tasks=0,
+    n_parameters=0,
     n_climbs=1,
     why="",
     alone=False,
@@ -42,6 +47,10 @@ def check_memory(
         Whether the rows are samples, or the inputs that all tasks share.
     tiles : TileMemory
         What the kernel takes.
+    n_tasks : int, default=0
+        Tasks, with matrices between them.
+    n_parameters : int, default=0
+        Parameters that tasks have.
     n_climbs : int, default=1
         Climbs at the same time.
     why : str, default=""
@@ -53,9 +62,12 @@ def check_memory(
     single = "" if alone else "a SingleTaskGP, whose matrices are of one task each, or "
     of_climbs = _matrices(n_rows, MATRICES[inference] * n_climbs)
     of_climbs += tiles.of_triangle(n_rows, n_climbs)
+    of_rows = max(of_climbs, _matrices(n_rows, n_factors))
+    of_tasks = _of_tasks(n_tasks, n_parameters, n_climbs, n_factors)
+    tasks = f" and {n_tasks} tasks" if of_tasks > of_rows else ""
     _check(
-        max(of_climbs, _matrices(n_rows, n_factors)),
-        f"Exact inference with {n_rows} {ROWS[inference]}{_at_a_time(n_climbs)}",
+        of_rows + of_tasks,
+        f"Exact inference with {n_rows} {ROWS[inference]}{tasks}{_at_a_time(n_climbs)}",
         f"{why} "
         "Set inference='sparse', which approximates by inducing inputs, "
         f"{fewer_jobs}fit fewer samples, or {single}"
@@ -104,8 +116,9 @@ def check_sparse_memory(
     of_bound += tiles.of_blocks(n_inducing, n_rows, n_climbs)
     of_exact = _matrices(n_exact, MATRICES["dense"] * n_exact_climbs)
     of_exact += tiles.of_triangle(n_exact, n_exact_climbs)
+    n_climbs, n_parameters = max(n_climbs, n_exact_climbs), n_tasks * rank
     _check(
-        max(of_bound, of_exact),
+        max(of_bound, of_exact) + _of_tasks(n_tasks, n_parameters, n_climbs, n_factors),
         f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
         f"{rank}{_at_a_time(n_climbs)}",
         "Take fewer inducing inputs, a lower rank, n_exact or n_jobs.",
@@ -135,6 +148,16 @@ def check_border_memory(n_new, n_inducing, rank):
 def _matrices(n, how_many):
     """Bytes of matrices of n x n."""
     return 8.0 * n**2 * how_many
+
+
+def _of_tasks(n_tasks, n_parameters, n_climbs, n_factors):
+    """Bytes of matrices between tasks, and of the steps that limited memory keeps.
+
+    Where a parameter is at a bound there are copies of the steps.
+    """
+    matrices = max(OF_CLIMB * n_climbs, OF_POSTERIOR * n_factors)
+    steps = 4 * MEMORY * n_parameters if n_parameters > MOST_DENSE else 0
+    return _matrices(n_tasks, matrices) + 8.0 * steps * n_climbs
 
 
 def _at_a_time(n_climbs):

@@ -20,7 +20,7 @@ class OneThread:
 
     A thread with large matrices has one thread of BLAS too while others are inside,
     and takes at most as many times longer as it would have threads. A small matrix may
-    take a hundred times longer with two threads beside a busy process than with one.
+    take tens of times longer with two threads beside a busy process than with one.
 
     Others may limit BLAS around this context, or within it. What begins in another
     thread while somebody is inside and ends later finds our limit and gives it back.

@@ -377,10 +377,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         n_before, n_outputs = len(self._likelihoods[0].inputs), len(self._likelihoods)
         n_rows = n_before + len(training.features) - len(self.X_train_)
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
-        if self.inference_ != "sparse":
-            check_memory(n_rows, n_outputs, self.inference_, tiles=tiles)
-            return
         n_tasks = len(training.tasks)
+        if self.inference_ != "sparse":
+            check_memory(
+                n_rows, n_outputs, self.inference_, tiles=tiles, n_tasks=n_tasks
+            )
+            return
         rank = self._rank(n_tasks)
         check_border_memory(n_rows - n_before, n_before, rank)
         n_inducing, n = min(n_rows, 2 * n_before), len(training.features)

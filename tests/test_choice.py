@@ -440,6 +440,8 @@ class TestCoarseToFine:
 class TestMemory:
     @pytest.fixture(autouse=True)
     def little(self, monkeypatch):
+        for between_tasks in ("OF_CLIMB", "OF_POSTERIOR"):
+            monkeypatch.setattr(_memory, between_tasks, 0)
         # 3, one of the kernel's tiles and 8 that come and go
         monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 12 * 11**2)
 

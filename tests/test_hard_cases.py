@@ -596,6 +596,11 @@ class TestWideInputs:
 class TestMemory:
     N = 200_000
 
+    @pytest.fixture(autouse=True)
+    def nothing_between_tasks(self, monkeypatch):
+        monkeypatch.setattr(_memory, "OF_CLIMB", 0)
+        monkeypatch.setattr(_memory, "OF_POSTERIOR", 0)
+
     @pytest.fixture
     def large(self):
         rng = np.random.default_rng(0)

@@ -1,6 +1,8 @@
 """What the memory check counts is what likelihoods take."""
 
 import tracemalloc
+import warnings
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from sklearn.gaussian_process.kernels import (
 )
 from threadpoolctl import threadpool_limits
 
-from skmtgp import _memory
+from skmtgp import MultiTaskGPRegressor, _memory
 from skmtgp._contraction import compile_kernel, count_arrays
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory, sparse
@@ -158,3 +160,63 @@ def test_kernels_with_more_arrays_need_more(monkeypatch):
     _memory.check_memory(n, 1, tiles=TileMemory(RBF(), x))
     with pytest.raises(InsufficientMemoryError, match=r"4800 samples needs about 0\.6"):
         _memory.check_memory(n, 1, tiles=TileMemory(many, x))
+
+
+class TestManyTasks:
+    """What is between tasks counts where they are not far fewer than the rows."""
+
+    @pytest.mark.parametrize(
+        ("n_rows", "complete", "options"),
+        [
+            (1, False, {"rank": 1}),
+            (2, False, {"rank": 2, "diagonal": True, "noise": "per_task"}),
+            (3, True, {"rank": 1}),
+        ],
+        ids=["one row each", "two rows each", "complete"],
+    )
+    def test_of_a_fit(self, monkeypatch, n_rows, complete, options):
+        rng, n_tasks = np.random.default_rng(0), 400
+        n, tasks = n_rows * n_tasks, np.tile(np.arange(n_tasks), n_rows)
+        x = rng.uniform(0.0, 6.0, n)
+        if complete:
+            x = np.repeat(x[:n_rows], n_tasks)
+        model = MultiTaskGPRegressor(RBF(), max_iter=1, **options)
+        X, y = np.column_stack([x, tasks]), np.sin(x) * rng.standard_normal(n)
+        counted = []
+        monkeypatch.setattr(_memory, "_check", lambda of, *_: counted.append(of))
+        tracemalloc.start()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model.fit(X, y)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert found <= counted[0] <= 2.0 * found
+
+    def test_steps_of_limited_memory(self, monkeypatch):
+        """Of thousands of parameters a hundred copies may be more than all else."""
+        monkeypatch.setattr(_memory, "available_memory", lambda: 2.0**30)
+        tiles = TileMemory(RBF(), np.zeros((1, 1)))
+        check = partial(_memory.check_memory, 2000, 1, tiles=tiles, n_tasks=1000)
+        check(n_parameters=2000)
+        match = "2000 samples and 1000 tasks needs about"
+        with pytest.raises(InsufficientMemoryError, match=match):
+            check(n_parameters=1_000_000)
+
+    def test_tasks_of_one_input(self, monkeypatch):
+        monkeypatch.setattr(_memory, "available_memory", lambda: 2.0**30)
+        rng, n_tasks = np.random.default_rng(0), 20_000
+        X = np.column_stack([np.zeros(n_tasks), np.arange(n_tasks)])
+        model = MultiTaskGPRegressor(rank=1, inference="kronecker")
+        match = r"with 1 inputs of each task and 20000 tasks needs about 35\.\d GiB"
+        with (
+            pytest.warns(UserWarning, match="20000 tasks of 20000 rows"),
+            pytest.raises(InsufficientMemoryError, match=match),
+        ):
+            model.fit(X, rng.standard_normal(n_tasks))
+
+    @pytest.mark.parametrize("n_climbs", [1, 3])
+    def test_of_climbs_and_posteriors(self, n_climbs):
+        one = _memory._of_tasks(50, 0, 1, 1)
+        assert one == 8.0 * 12 * 50**2
+        assert _memory._of_tasks(50, 0, n_climbs, 1) == n_climbs * one
+        assert _memory._of_tasks(50, 0, 1, 30) == 10 * one

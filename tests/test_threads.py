@@ -146,7 +146,7 @@ class Watch:
 
 
 class TestSmallMatricesTakeOneThread:
-    """Beside a busy process two are a hundred times slower."""
+    """Beside a busy process two are tens of times slower."""
 
     @every_model
     def test_of_small_data(self, name, monkeypatch):

@@ -280,6 +280,7 @@ class TestMemory:
         X, y = draw()
         tiles = TileMemory(RBF(), X[:1]).of_triangle(SPARSE["n_exact"], 1)
         needed = 8.0 * SPARSE["n_exact"] ** 2 + tiles
+        needed += _memory._of_tasks(3, n_parameters=3, n_climbs=1, n_factors=1)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         model = MultiTaskGPRegressor(
             rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}

@@ -32,7 +32,7 @@ from skmtgp import MultiTaskGPRegressor
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
 from skmtgp.inference.weights import Gradients
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 N_FEATURES, N_TASKS, RANK, MIB = 6, 5, 2, 2.0**20
 

@@ -19,7 +19,7 @@ from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 from textbook import exact_log_marginal_likelihood

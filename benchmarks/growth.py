@@ -15,7 +15,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear
-from skmtgp.task_covariance import LowRank
+from skmtgp.model.task_covariance import LowRank
 
 AT = {"n": 1400, "tasks": 14, "features": 18, "rank": 4}
 RANGES = {

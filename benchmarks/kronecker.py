@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.task_covariance import LowRank
+from skmtgp.model.task_covariance import LowRank
 
 RANK = 4
 

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.task_covariance import LowRank
+from skmtgp.model.task_covariance import LowRank
 
 N_TASKS, RANK = 14, 4
 GOALS = {280: 3.0, 1400: 1.7, 2800: 1.4, 4000: 1.25}

@@ -21,7 +21,7 @@ from sklearn.utils.validation import check_array, validate_data
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp._parallel import map_threads
+from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference.tiles import TILE
 from skmtgp.kernels import inverse_dynamics_kernel
 

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.task_covariance import LowRank
+from skmtgp.model.task_covariance import LowRank
 
 N_TASKS, RANK, MIB = 14, 4, 2.0**20
 

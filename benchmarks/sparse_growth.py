@@ -20,8 +20,8 @@ from skmtgp.datasets import fetch_puma560
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.task_covariance import LowRank
 from skmtgp.preprocessing import InverseDynamicsFeatures
-from skmtgp.task_covariance import LowRank
 
 N_TASKS, RANK, JOINT, MIB = 15, 4, 4, 2.0**20
 SIZES, INDUCING = [10_000, 30_000, 100_000, 300_000, 960_000], [100, 500]

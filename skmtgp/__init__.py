@@ -1,6 +1,6 @@
 """Multi-task Gaussian processes with scikit-learn's interface."""
 
-from skmtgp._show_versions import show_versions
+from skmtgp._support.versions import show_versions
 from skmtgp.baselines import IndependentGP, PooledGP
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC

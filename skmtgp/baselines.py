@@ -7,13 +7,13 @@ from typing import Literal
 from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
-from skmtgp._base import BaseMultiTaskGP
-from skmtgp._estimator import public
-from skmtgp._parallel import run
-from skmtgp._training import default_kernel
+from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.estimator import public
+from skmtgp._estimators.training import default_kernel
+from skmtgp._numerics.parallel import run
 from skmtgp.learning.stages import learn_fixed
 from skmtgp.learning.summarised import exact_part, learn_rest
-from skmtgp.task_covariance import identity, ones
+from skmtgp.model.task_covariance import identity, ones
 
 
 class _FixedTaskCovarianceGP(BaseMultiTaskGP):

@@ -8,13 +8,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from skmtgp._estimator import Estimator
-from skmtgp._labels import rows_by_code
-from skmtgp._parallel import limit_threads
-from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting
-from skmtgp._sklearn_compat import Interval, fit_context, with_callbacks
-from skmtgp._training import check_training
+from skmtgp._data.checks import check_training
+from skmtgp._data.labels import rows_by_code
+from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import Interval, fit_context, with_callbacks
 from skmtgp.inference.linear import LinearPosterior
 
 __all__ = ["BayesianLinearRegression"]

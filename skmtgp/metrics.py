@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 from sklearn.utils import check_consistent_length
 
-from skmtgp._labels import Labels, check_labels
-from skmtgp._numbers import check_numbers
-from skmtgp._tasks import task_labels
+from skmtgp._data.labels import Labels, check_labels
+from skmtgp._data.numbers import check_numbers
+from skmtgp._data.task_column import task_labels
 
 __all__ = [
     "coverage",

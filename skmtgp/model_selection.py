@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import likelihoods, side
-from skmtgp._estimator import Estimator
-from skmtgp._parallel import limit_threads
-from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting
-from skmtgp._sklearn_compat import StrOptions, fit_context, with_callbacks
-from skmtgp._splitting import TaskStratifiedKFold
+from skmtgp._data.splitting import TaskStratifiedKFold
+from skmtgp._estimators.base import likelihoods, side
+from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.task_covariance import low_rank
 
 __all__ = ["RankSearchIC", "TaskStratifiedKFold"]
 

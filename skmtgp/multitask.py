@@ -13,18 +13,22 @@ from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import BaseMultiTaskGP
-from skmtgp._memory import check_border_memory, check_memory, check_sparse_memory
-from skmtgp._parallel import limit_threads
-from skmtgp._sklearn_compat import Interval, StrOptions
-from skmtgp._training import check_new_task
+from skmtgp._data.checks import check_new_task
+from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._numerics.memory import (
+    check_border_memory,
+    check_memory,
+    check_sparse_memory,
+)
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.choice import extended
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.novel import add_task
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.summarised import exact_part, learn_rest
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 
 class MultiTaskGPRegressor(BaseMultiTaskGP):

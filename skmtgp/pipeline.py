@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
-from skmtgp._base import BaseMultiTaskGP
+from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC

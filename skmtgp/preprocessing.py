@@ -12,12 +12,16 @@ from sklearn.base import TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._dask import refuse_dask
-from skmtgp._estimator import Estimator
-from skmtgp._labels import EXACT
-from skmtgp._progress import fitting
-from skmtgp._sklearn_compat import check_feature_names_in, wants_pandas, with_callbacks
-from skmtgp._tasks import locate_task_column, read_table, split_table
+from skmtgp._data.dask import refuse_dask
+from skmtgp._data.labels import EXACT
+from skmtgp._data.task_column import locate_task_column, read_table, split_table
+from skmtgp._estimators.estimator import Estimator
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import (
+    check_feature_names_in,
+    wants_pandas,
+    with_callbacks,
+)
 
 __all__ = ["InverseDynamicsFeatures"]
 

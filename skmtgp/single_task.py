@@ -11,20 +11,20 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._base import BaseMultiTaskGP
-from skmtgp._complete import check_complete
-from skmtgp._estimator import Estimator
-from skmtgp._kernel_check import check_kernel
-from skmtgp._labels import rows_by_code
-from skmtgp._memory import check_memory, check_sparse_memory
-from skmtgp._parallel import at_a_time, run
-from skmtgp._posterior import PosteriorMixin
-from skmtgp._progress import fitting
-from skmtgp._sklearn_compat import fit_context, with_callbacks
-from skmtgp._training import check_theta, check_training, name_tasks
-from skmtgp._warnings import collect_warnings, warn
+from skmtgp._data.checks import check_theta, check_training, name_tasks
+from skmtgp._data.complete import check_complete
+from skmtgp._data.labels import rows_by_code
+from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._numerics.memory import check_memory, check_sparse_memory
+from skmtgp._numerics.parallel import at_a_time, run
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import fit_context, with_callbacks
+from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
 from skmtgp.inference.memory import TileMemory
+from skmtgp.model.kernel_check import check_kernel
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):

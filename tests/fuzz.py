@@ -31,10 +31,11 @@ from sklearn.exceptions import (
 )
 from sklearn.pipeline import Pipeline
 
-from skmtgp import _memory, add_task, exceptions, metrics
-from skmtgp._base import BaseMultiTaskGP
-from skmtgp._parallel import ONE_THREAD
-from skmtgp._training import check_test
+from skmtgp import add_task, exceptions, metrics
+from skmtgp._data.checks import check_test
+from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._numerics import memory as _memory
+from skmtgp._numerics.parallel import ONE_THREAD
 from skmtgp.model_selection import TaskStratifiedKFold
 
 ERRORS = ValueError, TypeError, NotFittedError, exceptions.InsufficientMemoryError

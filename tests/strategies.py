@@ -33,7 +33,7 @@ from skmtgp import (
 )
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns
-from skmtgp.task_covariance import WithDiagonal, identity, low_rank, ones
+from skmtgp.model.task_covariance import WithDiagonal, identity, low_rank, ones
 
 WIDE = (1e-40, 1e40)
 NOISE = [1e-6, 1e-3, 0.1]

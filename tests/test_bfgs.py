@@ -5,8 +5,8 @@ import pytest
 from scipy.optimize import Bounds, lsq_linear
 from scipy.optimize import minimize as scipy_minimize
 
-from skmtgp import _bfgs
-from skmtgp._bfgs import LimitedMemory, _solve, minimize
+from skmtgp._numerics import bfgs as _bfgs
+from skmtgp._numerics.bfgs import LimitedMemory, _solve, minimize
 
 
 def free(n):

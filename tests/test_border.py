@@ -5,7 +5,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 M, RANK = 3, 2
 KERNELS = {

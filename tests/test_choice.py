@@ -21,9 +21,9 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _base,
-    _memory,
 )
+from skmtgp._estimators import base as _base
+from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import IncompleteDataWarning, InsufficientMemoryError
 from skmtgp.inference.choice import choose, depends_on_inputs_only, extended
 from skmtgp.inference.dense import DenseLikelihood
@@ -32,7 +32,7 @@ from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import Columns, inverse_dynamics_kernel
 from skmtgp.learning import problem
 from skmtgp.learning.problem import Data
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 LABELS = np.array([0, 2, 5])

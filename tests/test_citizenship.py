@@ -44,8 +44,8 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._estimator import DOCUMENTATION
-from skmtgp._parallel import SMALL
+from skmtgp._estimators.estimator import DOCUMENTATION
+from skmtgp._numerics.parallel import SMALL
 from skmtgp.model_selection import TaskStratifiedKFold
 
 QUICK = {"max_iter": 3}
@@ -371,22 +371,22 @@ class TestContainers:
 
 
 KERNELS = "sklearn.gaussian_process.kernels."
-TERMS, EXPRESSIONS = "skmtgp._contraction.terms.", "skmtgp._contraction.expressions."
+TERMS, EXPRESSIONS = "skmtgp.model._nodes.terms.", "skmtgp.model._nodes.expressions."
 POSTERIOR = {
     f"{KERNELS}Hyperparameter",
     f"{KERNELS}RBF",
     f"{TERMS}BoundStationary",
     f"{TERMS}StationaryNode",
     f"{TERMS}_rbf",
-    "skmtgp._contraction.differences.Differences",
-    "skmtgp._linalg.Cholesky",
+    "skmtgp.model._nodes.differences.Differences",
+    "skmtgp._numerics.linalg.Cholesky",
     "skmtgp.inference.dense.DenseLikelihood",
     "skmtgp.inference.dense.DensePosterior",
 }
 LOW_RANK = {
     *POSTERIOR,
     "skmtgp.multitask.MultiTaskGPRegressor",
-    "skmtgp.task_covariance.LowRank",
+    "skmtgp.model.task_covariance.LowRank",
 }
 FIXED = {
     *POSTERIOR,
@@ -396,7 +396,7 @@ FIXED = {
     f"{EXPRESSIONS}BoundProduct",
     f"{TERMS}ConstantNode",
     f"{EXPRESSIONS}JoinedNode",
-    "skmtgp.task_covariance.FixedTaskCovariance",
+    "skmtgp.model.task_covariance.FixedTaskCovariance",
 }
 DENSE = {
     "skmtgp.inference.dense.DenseLikelihood",
@@ -409,7 +409,7 @@ BY_INDUCING_INPUTS = {
     "skmtgp.inference.weights.Covariances",
 }
 # What skops must be told to trust, for each estimator with its default kernel; another
-# kernel adds itself and its node in skmtgp._contraction.
+# kernel adds itself and its node in skmtgp.model._nodes.
 TRUSTED = {
     "MultiTaskGPRegressor": LOW_RANK,
     "IndependentGP": {*FIXED, "skmtgp.baselines.IndependentGP"},

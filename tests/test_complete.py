@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from skmtgp import _complete
-from skmtgp._complete import (
+from skmtgp._data import complete as _complete
+from skmtgp._data.complete import (
     complete_design,
     is_complete,
     nearly_complete,

@@ -15,9 +15,9 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp._contraction import UnknownNode, compile_kernel
-from skmtgp._contraction.differences import NARROW
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.model._nodes import UnknownNode, compile_kernel
+from skmtgp.model._nodes.differences import NARROW
 
 EPS = np.finfo(float).eps
 FIXED = "fixed"

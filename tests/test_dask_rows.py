@@ -25,15 +25,15 @@ from skmtgp import (
     SingleTaskGP,
     make_inverse_dynamics_regressor,
 )
-from skmtgp._dask import is_dask
+from skmtgp._data.dask import is_dask
+from skmtgp._data.drawing import draw_rows
 from skmtgp.exceptions import UnderflowWarning
 from skmtgp.inference import sums
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning import summarised
-from skmtgp.learning.drawing import draw_rows
+from skmtgp.model.task_covariance import low_rank
 from skmtgp.preprocessing import InverseDynamicsFeatures
-from skmtgp.task_covariance import low_rank
 
 dask = pytest.importorskip("dask")
 da = pytest.importorskip("dask.array")

@@ -19,12 +19,12 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp import _linalg
+from skmtgp._numerics import linalg as _linalg
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference import tiles
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
-from skmtgp.task_covariance import identity, low_rank, ones
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M, D = 4, 4
 COUNTS = (6, 1, 9, 7)  # rows of each task

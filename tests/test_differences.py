@@ -7,12 +7,12 @@ import pytest
 import textbook
 from sklearn.gaussian_process.kernels import RBF, Matern, RationalQuadratic
 
-from skmtgp._contraction import compile_kernel, contract_inputs
-from skmtgp._contraction.differences import Differences
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
-from skmtgp.task_covariance import low_rank
+from skmtgp.model._nodes import compile_kernel, contract_inputs
+from skmtgp.model._nodes.differences import Differences
+from skmtgp.model.task_covariance import low_rank
 
 ATOL = 1e-10  # of variances of one
 ALPHA = 0.3

@@ -15,7 +15,7 @@ from test_kronecker import ARD, CLOSE, KERNELS, D, every_kernel, parameters, par
 from skmtgp.exceptions import JitterWarning
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 N, M, NOVEL = 9, 5, {1: 4, 4: 2}  # rows of each novel task
 FORMS = {

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from skmtgp import _guide
+from skmtgp._support import guide as _guide
 
 PAGES = Path(__file__).parents[1] / "docs" / "guide"
 SENTENCES = [text for name, text in vars(_guide).items() if name.isupper()]

@@ -30,8 +30,8 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _memory,
 )
+from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     InsufficientMemoryError,

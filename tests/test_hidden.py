@@ -11,7 +11,7 @@ from skmtgp.learning import hidden, ranks
 from skmtgp.learning.hidden import hidden_start, reveal
 from skmtgp.learning.problem import Data, Mode, Settings
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.task_covariance import identity, low_rank, ones
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M = 6
 

@@ -16,7 +16,7 @@ from skmtgp.inference.inducing import (
 )
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 KERNELS = {
     "paper": inverse_dynamics_kernel(1),

@@ -7,7 +7,7 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp.inference import likelihood
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.information import information
-from skmtgp.task_covariance import LowRank, OfTasks, WithDiagonal, low_rank
+from skmtgp.model.task_covariance import LowRank, OfTasks, WithDiagonal, low_rank
 
 COUNTS = (3, 0, 1, 4)  # samples of each task
 TASKS = np.repeat(np.arange(4), COUNTS)

@@ -18,8 +18,8 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, SingleTaskGP
-from skmtgp._kernel_check import SAMPLED, check_covariance, check_kernel
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.model.kernel_check import SAMPLED, check_covariance, check_kernel
 
 
 def rows(n=60, d=3, seed=0):

@@ -22,7 +22,7 @@ from skmtgp.inference import tiles
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
-from skmtgp.task_covariance import identity, low_rank, ones
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 N, M, D = 11, 4, 4
 ARD = (0.7, 1.1, 1.9, 0.9)

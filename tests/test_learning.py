@@ -27,7 +27,7 @@ from skmtgp.learning.stages import (
     perturbed,
     second_stage,
 )
-from skmtgp.task_covariance import identity, low_rank, ones
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M = 3
 FACTOR = np.array([[1.0, 0.0], [0.6, 0.8], [-0.5, 0.9]])

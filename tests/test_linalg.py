@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from skmtgp._linalg import Cholesky, cholesky_with_jitter
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 

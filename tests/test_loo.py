@@ -21,7 +21,7 @@ from skmtgp import (
     SingleTaskGP,
     metrics,
 )
-from skmtgp._linalg import Cholesky
+from skmtgp._numerics.linalg import Cholesky
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 QUICK = {"max_iter": 5}

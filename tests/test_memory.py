@@ -17,8 +17,8 @@ from sklearn.gaussian_process.kernels import (
 )
 from threadpoolctl import threadpool_limits
 
-from skmtgp import MultiTaskGPRegressor, _memory
-from skmtgp._contraction import compile_kernel, count_arrays
+from skmtgp import MultiTaskGPRegressor
+from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory, sparse
 from skmtgp.inference.dense import DenseLikelihood
@@ -26,7 +26,8 @@ from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.memory import TileMemory
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import ARDLinear, Columns
-from skmtgp.task_covariance import low_rank
+from skmtgp.model._nodes import compile_kernel, count_arrays
+from skmtgp.model.task_covariance import low_rank
 
 
 class OwnRBF(RBF):

@@ -17,7 +17,7 @@ from skmtgp.exceptions import UnidentifiedNoiseWarning
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.posterior import freedom_of_noise, noise_is_told
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 NOISE = 0.2  # standard deviation
 MESSAGE = "The rows do not tell the noise variance: the model follows them so closely"

@@ -9,7 +9,7 @@ from skmtgp.inference.choice import extended
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import novel
 from skmtgp.learning.novel import Rows, add_task, learn_border
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 M, RANK, NOISE = 5, 2, 0.01
 KERNEL = ConstantKernel(1.0) * RBF([1.0, 1.5])

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
-from skmtgp._numbers import as_frame, by_rows, check_numbers
+from skmtgp._data.numbers import as_frame, by_rows, check_numbers
 from skmtgp.inspection import CoverageDisplay
 from skmtgp.metrics import coverage, normalized_mean_squared_error
 

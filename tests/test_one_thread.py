@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from skmtgp._one_thread import OneThread
+from skmtgp._numerics.one_thread import OneThread
 
 
 class Library:
@@ -180,7 +180,7 @@ def test_fork(who, inside):
 
 FORK = """
 import contextlib, os, sys, threading
-from skmtgp._one_thread import OneThread
+from skmtgp._numerics.one_thread import OneThread
 
 class Library:
     num_threads = 4

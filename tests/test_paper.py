@@ -16,7 +16,7 @@ from skmtgp.learning.stages import (
     full_rank_start,
     perturbed,
 )
-from skmtgp.task_covariance import identity, low_rank, ones
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M = 3
 KERNEL = ConstantKernel(1.0) * RBF([1.0, 1.0])

@@ -7,9 +7,10 @@ import joblib
 import pytest
 from threadpoolctl import threadpool_limits
 
-from skmtgp import PooledGP, _parallel
-from skmtgp._parallel import ONE_THREAD, at_a_time, map_threads, run
-from skmtgp._progress import fitting, silent
+from skmtgp import PooledGP
+from skmtgp._numerics import parallel as _parallel
+from skmtgp._numerics.parallel import ONE_THREAD, at_a_time, map_threads, run
+from skmtgp._support.progress import fitting, silent
 
 
 @pytest.mark.parametrize("n_threads", [1, 2])

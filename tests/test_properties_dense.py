@@ -22,7 +22,7 @@ from strategies import (
 )
 
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.task_covariance import FixedTaskCovariance, low_rank
+from skmtgp.model.task_covariance import FixedTaskCovariance, low_rank
 
 each = examples(50)
 

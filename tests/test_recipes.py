@@ -18,7 +18,7 @@ from skmtgp import (
 )
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.learning import climbing
-from skmtgp.task_covariance import WithDiagonal
+from skmtgp.model.task_covariance import WithDiagonal
 
 M, N = 3, 12
 pytestmark = pytest.mark.filterwarnings(  # the budget of the fits is small

@@ -9,8 +9,9 @@ from packaging.requirements import Requirement
 from threadpoolctl import threadpool_info
 
 import skmtgp
-from skmtgp import _show_versions, show_versions
+from skmtgp import show_versions
 from skmtgp.__main__ import main
+from skmtgp._support import versions as _show_versions
 
 ROOT = Path(__file__).parents[1]
 

@@ -28,7 +28,7 @@ from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
 from skmtgp.inference.weights import Covariances, Gradients
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
-from skmtgp.task_covariance import identity, low_rank, ones
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M, D = 4, 4
 TASKS = (2, 0, 3, 3, 0, 2, 2, 0, 3, 1, 0, 2, 2, 3, 0, 3, 2, 0, 3, 2, 2, 3, 2)

@@ -19,8 +19,8 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
-    _memory,
 )
+from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import inducing
 from skmtgp.inference.border import BorderLikelihood
@@ -30,7 +30,7 @@ from skmtgp.inference.memory import TileMemory
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
-from skmtgp.task_covariance import low_rank, ones
+from skmtgp.model.task_covariance import low_rank, ones
 
 M, N, NOISE = 3, 90, 0.05
 FACTOR = np.array([[1.0, 0.2], [-0.7, 0.5], [0.4, 1.0]])

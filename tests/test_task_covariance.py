@@ -4,7 +4,7 @@ import pytest
 import textbook
 from hypothesis import given, settings
 
-from skmtgp.task_covariance import (
+from skmtgp.model.task_covariance import (
     OfTasks,
     WithDiagonal,
     identity,

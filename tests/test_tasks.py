@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
-from skmtgp._labels import check_labels, encode_tasks, rows_by_code, sorted_tasks
-from skmtgp._tasks import locate_task_column, split_table, task_labels
+from skmtgp._data.labels import check_labels, encode_tasks, rows_by_code, sorted_tasks
+from skmtgp._data.task_column import locate_task_column, split_table, task_labels
 from skmtgp.metrics import normalized_mean_squared_error
 
 

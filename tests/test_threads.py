@@ -25,10 +25,10 @@ from skmtgp import (
     MultiTaskGPRegressor,
     RankSearchIC,
     SingleTaskGP,
-    _base,
-    _parallel,
 )
-from skmtgp._parallel import ONE_THREAD
+from skmtgp._estimators import base as _base
+from skmtgp._numerics import parallel as _parallel
+from skmtgp._numerics.parallel import ONE_THREAD
 from skmtgp.inference import likelihood
 from skmtgp.inference.tiles import TiledLikelihood
 

@@ -10,7 +10,8 @@ from sklearn.gaussian_process.kernels import (
     DotProduct,
 )
 
-from skmtgp import MultiTaskGPRegressor, PooledGP, SingleTaskGP, _base
+from skmtgp import MultiTaskGPRegressor, PooledGP, SingleTaskGP
+from skmtgp._estimators import base as _base
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     JitterWarning,
@@ -22,7 +23,7 @@ from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.variances import rounding_of, without_negatives
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 
 class Doubled(RBF):

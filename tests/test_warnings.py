@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from test_layers import MODULES
 
-from skmtgp._warnings import collect_warnings, warn
+from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import JitterWarning
 
 
@@ -58,7 +58,7 @@ def test_of_threads_that_overlap():
 @pytest.mark.parametrize("module", MODULES)
 def test_nothing_else_gives_warnings_or_changes_what_is_done_with_them(module):
     """``warnings.warn`` cannot be collected; the others are not for threads."""
-    if module == "skmtgp._warnings" or module.startswith("skmtgp.datasets"):
+    if module == "skmtgp._support.warnings" or module.startswith("skmtgp.datasets"):
         return
     names = {"warn", "catch_warnings", "simplefilter", "filterwarnings"}
     for node in ast.walk(ast.parse(MODULES[module].read_text())):

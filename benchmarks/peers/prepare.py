@@ -10,8 +10,8 @@ from skmtgp.datasets import fetch_puma560
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.stages import first_stage, second_stage
+from skmtgp.model.task_covariance import identity, low_rank, ones
 from skmtgp.preprocessing import InverseDynamicsFeatures
-from skmtgp.task_covariance import identity, low_rank, ones
 
 LOADS, N_TASKS, RANK, START_NOISE = range(1, 15), 14, 4, 1e-2
 SMALL, SHORT_CLIMB, CLIMB = 500, 300, 2000

@@ -11,7 +11,7 @@ import skmtgp
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.task_covariance import LowRank, WithDiagonal
+from skmtgp.model.task_covariance import LowRank, WithDiagonal
 
 
 class Adapter:

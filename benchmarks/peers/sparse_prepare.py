@@ -15,7 +15,7 @@ from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.summarised import begin_at, exact_part
-from skmtgp.task_covariance import leading_eigenvectors, low_rank
+from skmtgp.model.task_covariance import leading_eigenvectors, low_rank
 
 LEAST_NOISE = 2.0 * NOISE[0]  # of a start
 

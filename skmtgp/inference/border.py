@@ -8,7 +8,7 @@ p(y_new | y_old) alone, a Gaussian of as many dimensions as the new task has sam
 
 import numpy as np
 
-from skmtgp._linalg import Cholesky
+from skmtgp._numerics.linalg import Cholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.likelihood import log_density
 

@@ -3,12 +3,12 @@
 import numpy as np
 from sklearn.gaussian_process.kernels import WhiteKernel
 
-from skmtgp._complete import (
+from skmtgp._data.complete import (
     check_complete,
     is_complete,
     nearly_complete,
 )
-from skmtgp._guide import INFERENCE
+from skmtgp._support.guide import INFERENCE
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.inducing import greedy_variance

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from skmtgp._linalg import Cholesky, cholesky_with_jitter
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood

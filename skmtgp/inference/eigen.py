@@ -23,7 +23,7 @@ times rougher, and its gradient ten times smoother, than that of
 
 import numpy as np
 
-from skmtgp._linalg import eigh_semidefinite
+from skmtgp._numerics.linalg import eigh_semidefinite
 from skmtgp.exceptions import NotPositiveDefiniteError
 
 

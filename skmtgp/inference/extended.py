@@ -14,7 +14,7 @@ rows given the complete data.
 
 import numpy as np
 
-from skmtgp._linalg import Cholesky, cholesky_with_jitter
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp.inference.eigen import KroneckerEigen
 from skmtgp.inference.kronecker import EigenLikelihood, KroneckerLikelihood
 from skmtgp.inference.likelihood import log_density

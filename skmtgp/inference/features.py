@@ -6,11 +6,11 @@ phi(x) = L^{-1} k^x(Z, x): k^x(x, x') is phi(x) . phi(x') and what they leave.
 
 import numpy as np
 
-from skmtgp._contraction import contract_inputs
-from skmtgp._guide import INFERENCE
-from skmtgp._linalg import Cholesky
-from skmtgp._warnings import warn
+from skmtgp._numerics.linalg import Cholesky
+from skmtgp._support.guide import INFERENCE
+from skmtgp._support.warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
+from skmtgp.model._nodes import contract_inputs
 
 DIAGONAL = 64  # rows of a tile of which only the diagonal counts
 ROUNDING = 3e-17  # of its diagonal, m times: what is always added to K_ZZ

@@ -7,9 +7,9 @@ from sklearn.utils import check_random_state
 from sklearn.utils.random import sample_without_replacement
 from threadpoolctl import threadpool_limits
 
-from skmtgp._bfgs import minimize
-from skmtgp._contraction import compile_kernel, contract_inputs
-from skmtgp._parallel import ONE_THREAD
+from skmtgp._numerics.bfgs import minimize
+from skmtgp._numerics.parallel import ONE_THREAD
+from skmtgp.model._nodes import compile_kernel, contract_inputs
 
 CANDIDATES = 20_000  # rows
 RESOLVED = 1e-14  # of the largest variance: less is rounding

@@ -16,7 +16,7 @@ with the same H for all tasks. Between two such sets of parameters
 
 import numpy as np
 
-from skmtgp.task_covariance import OfTasks
+from skmtgp.model.task_covariance import OfTasks
 
 
 def information(K, tasks, derivatives):

@@ -7,8 +7,8 @@ from abc import abstractmethod
 
 import numpy as np
 
-from skmtgp._complete import complete_design
-from skmtgp._parallel import limit_threads
+from skmtgp._data.complete import complete_design
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.eigen import KroneckerEigen
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior

@@ -4,8 +4,8 @@ from functools import singledispatch
 
 import numpy as np
 
-from skmtgp._guide import INFERENCE
-from skmtgp.task_covariance import FixedTaskCovariance, LowRank, WithDiagonal
+from skmtgp._support.guide import INFERENCE
+from skmtgp.model.task_covariance import FixedTaskCovariance, LowRank, WithDiagonal
 
 
 @singledispatch

@@ -6,11 +6,11 @@ from math import isqrt
 
 import numpy as np
 
-from skmtgp._contraction import compile_kernel
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
-from skmtgp.task_covariance import OfTasks
+from skmtgp.model._nodes import compile_kernel
+from skmtgp.model.task_covariance import OfTasks
 
 FISHER_ROWS = 200
 FISHER_SIZE = 2**24  # elements of the derivatives

@@ -5,7 +5,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import gammaln
 from sklearn.utils import gen_batches
 
-from skmtgp._linalg import RESOLVED
+from skmtgp._numerics.linalg import RESOLVED
 
 BLOCK_SIZE = 2**20  # elements of the designs that are decomposed together
 

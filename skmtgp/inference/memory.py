@@ -1,9 +1,9 @@
 """How much memory likelihoods take for the tiles of a kernel."""
 
-from skmtgp._contraction import count_arrays, count_elements
-from skmtgp._parallel import SMALL, count_threads
+from skmtgp._numerics.parallel import SMALL, count_threads
 from skmtgp.inference.sparse import BLOCK
 from skmtgp.inference.tiles import TILE
+from skmtgp.model._nodes import count_arrays, count_elements
 
 WORK = 8  # arrays of a tile that come and go, at most
 

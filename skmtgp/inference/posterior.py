@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from skmtgp._parallel import map_threads
+from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference import tiles
 from skmtgp.inference.variances import (
     diagonal,

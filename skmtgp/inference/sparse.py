@@ -18,8 +18,8 @@ from functools import partial
 
 import numpy as np
 
-from skmtgp._dask import sum_parts
-from skmtgp._parallel import limit_threads
+from skmtgp._data.dask import sum_parts
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.features import Features
 from skmtgp.inference.latent import latent_functions, pull_back

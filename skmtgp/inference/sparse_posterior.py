@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.sums import sum_residuals
 from skmtgp.inference.variances import (
     diagonal,

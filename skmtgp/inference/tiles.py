@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from skmtgp._contraction import allocate
-from skmtgp._parallel import map_threads
+from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference.likelihood import Likelihood
+from skmtgp.model._nodes import allocate
 
 TILE = 240
 

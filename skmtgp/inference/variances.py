@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from skmtgp._guide import INFERENCE
-from skmtgp._linalg import RESOLVED
-from skmtgp._warnings import warn
+from skmtgp._numerics.linalg import RESOLVED
+from skmtgp._support.guide import INFERENCE
+from skmtgp._support.warnings import warn
 from skmtgp.exceptions import NegativeVarianceWarning
 
 TINY = np.finfo(np.float64).tiny

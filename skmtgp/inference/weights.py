@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._linalg import Cholesky
+from skmtgp._numerics.linalg import Cholesky
 
 
 def invert(cholesky):

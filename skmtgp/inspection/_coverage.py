@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length
 
-from skmtgp._labels import rows_by_code
+from skmtgp._data.labels import rows_by_code
 from skmtgp.inspection._drawing import COLORS, Display
 from skmtgp.inspection._models import (
     check_tasks,

@@ -18,7 +18,7 @@ from sklearn.gaussian_process.kernels import (
 from sklearn.pipeline import Pipeline
 from sklearn.utils import check_array
 
-from skmtgp._tasks import locate_task_column
+from skmtgp._data.task_column import locate_task_column
 from skmtgp.inspection._drawing import Display, label_positions, style
 from skmtgp.inspection._models import check_output, model_with
 from skmtgp.kernels import ARDLinear, Columns

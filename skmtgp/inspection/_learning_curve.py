@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.model_selection import BaseCrossValidator, check_cv, cross_validate
 
-from skmtgp._splitting import TaskStratifiedKFold
+from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp.inspection._drawing import Display, pyplot, style
 from skmtgp.inspection._models import task_column
 from skmtgp.metrics import make_normalized_mse_scorer

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._labels import Labels, check_labels
-from skmtgp._numbers import check_numbers
-from skmtgp._tasks import task_labels
+from skmtgp._data.labels import Labels, check_labels
+from skmtgp._data.numbers import check_numbers
+from skmtgp._data.task_column import task_labels
 from skmtgp.multitask import MultiTaskGPRegressor
 
 

@@ -5,7 +5,7 @@ from time import perf_counter
 
 import numpy as np
 
-from skmtgp._bfgs import minimize
+from skmtgp._numerics.bfgs import minimize
 from skmtgp.learning.problem import Mode, best_of
 
 RELAXED = 5.0  # standard deviation of the log parameters of k^x

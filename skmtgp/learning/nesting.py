@@ -7,7 +7,7 @@ on.
 
 import numpy as np
 
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import best_of
 

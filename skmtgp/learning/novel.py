@@ -10,11 +10,11 @@ from time import perf_counter
 
 import numpy as np
 
-from skmtgp._bfgs import minimize
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.bfgs import minimize
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
-from skmtgp.task_covariance import WithDiagonal
+from skmtgp.model.task_covariance import WithDiagonal
 
 FOLLOWED = 4  # starts
 FARTHEST = 1e6  # coordinate

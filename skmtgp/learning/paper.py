@@ -6,7 +6,7 @@ over all rows: to compare with :func:`skmtgp.learning.ranks.learn_ranks`.
 
 import numpy as np
 
-from skmtgp._progress import silent
+from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import (

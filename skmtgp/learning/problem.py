@@ -7,11 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp._complete import complete_design
+from skmtgp._data.complete import complete_design
+from skmtgp._data.drawing import draw_rows
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
-from skmtgp.learning.drawing import draw_rows
 
 EXACT = {
     "dense": DenseLikelihood,

@@ -8,8 +8,8 @@ on its own, and from the mode of the one without, which is part of it.
 from functools import partial
 from itertools import compress
 
-from skmtgp._parallel import run
-from skmtgp._progress import silent
+from skmtgp._numerics.parallel import run
+from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
 from skmtgp.learning.hidden import hidden_start, may_hide, reveal
 from skmtgp.learning.nesting import descend, nest
@@ -23,7 +23,7 @@ from skmtgp.learning.stages import (
     second_stage,
     with_starts,
 )
-from skmtgp.task_covariance import WithDiagonal, identity, ones
+from skmtgp.model.task_covariance import WithDiagonal, identity, ones
 
 
 def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
@@ -41,7 +41,7 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     n_jobs : int, default=None
         Processes.
     progress : callable, default=silent
-        Told of each rank and output, see :func:`skmtgp._progress.fitting`.
+        Told of each rank and output, see :func:`skmtgp._support.progress.fitting`.
 
     Returns
     -------

@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._parallel import limit_threads, run
+from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.climbing import DOUBT, annealed, climb, refine, shake
 from skmtgp.learning.problem import Mode, best_of
-from skmtgp.task_covariance import low_rank
+from skmtgp.model.task_covariance import low_rank
 
 SHAKES = 3
 SINGULAR = 1e-12  # of the mean diagonal

@@ -12,9 +12,9 @@ from time import perf_counter
 import numpy as np
 from joblib import parallel_config
 
-from skmtgp._dask import is_dask
-from skmtgp._parallel import run
-from skmtgp._progress import silent
+from skmtgp._data.dask import is_dask
+from skmtgp._numerics.parallel import run
+from skmtgp._support.progress import silent
 from skmtgp.inference.inducing import greedy_variance, k_means, optimised
 from skmtgp.inference.latent import check_latent
 from skmtgp.learning.climbing import climb
@@ -74,7 +74,7 @@ def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
     n_jobs : int, default=None
         Processes. Rows that lie in Dask's partitions are shared out already: one.
     progress : callable, default=silent
-        Told of each output, see :func:`skmtgp._progress.fitting`.
+        Told of each output, see :func:`skmtgp._support.progress.fitting`.
 
     Returns
     -------

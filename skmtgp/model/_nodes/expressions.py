@@ -7,7 +7,8 @@ from math import isqrt, prod
 import numpy as np
 from sklearn.gaussian_process.kernels import Exponentiation, Matern, Product, Sum
 
-from skmtgp._contraction.terms import (
+from skmtgp.kernels import Columns
+from skmtgp.model._nodes.terms import (
     MATERN,
     TERMS,
     Bound,
@@ -15,7 +16,6 @@ from skmtgp._contraction.terms import (
     Node,
     allocate,
 )
-from skmtgp.kernels import Columns
 
 TENSOR = 2**19  # elements of the largest that a kernel is asked for
 

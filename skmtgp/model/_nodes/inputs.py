@@ -8,19 +8,19 @@ from functools import singledispatch
 
 import numpy as np
 
-from skmtgp._contraction.expressions import (
+from skmtgp._support.guide import INFERENCE
+from skmtgp.model._nodes.expressions import (
     BoundColumns,
     BoundPower,
     BoundProduct,
     BoundSum,
 )
-from skmtgp._contraction.terms import (
+from skmtgp.model._nodes.terms import (
     BoundConstant,
     BoundLinear,
     BoundStationary,
     BoundWhite,
 )
-from skmtgp._guide import INFERENCE
 
 
 @singledispatch

@@ -10,7 +10,7 @@ from joblib.parallel import get_active_backend
 from sklearn.utils import parallel as sklearn_parallel
 from threadpoolctl import ThreadpoolController
 
-from skmtgp._one_thread import OneThread
+from skmtgp._numerics.one_thread import OneThread
 
 SMALL = 600  # rows of a matrix
 

@@ -14,10 +14,10 @@ from sklearn.gaussian_process.kernels import (
 )
 from sklearn.utils.random import sample_without_replacement
 
-from skmtgp._contraction import UnknownNode, compile_kernel
-from skmtgp._linalg import INDEFINITE
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.linalg import INDEFINITE
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.kernels import Columns
+from skmtgp.model._nodes import UnknownNode, compile_kernel
 
 SAMPLED = 200  # rows whose covariance is looked at
 DIFFERENTIATED = 40  # of them, whose gradient is

@@ -13,32 +13,36 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp._complete import is_complete
-from skmtgp._dask import is_dask
-from skmtgp._estimator import public
-from skmtgp._fitted import FittedGP
-from skmtgp._guide import INFERENCE
-from skmtgp._kernel_check import check_covariance, check_kernel, sample_rows
-from skmtgp._linalg import RESOLVED
-from skmtgp._memory import check_memory, check_sparse_memory
-from skmtgp._parallel import at_a_time, limit_threads
-from skmtgp._partitions import check_partitions
-from skmtgp._progress import fitting
-from skmtgp._sklearn_compat import Interval, StrOptions, fit_context, with_callbacks
-from skmtgp._training import (
+from skmtgp._data.checks import (
     FEW_ROWS,
-    Training,
     check_training,
-    default_kernel,
     warn_of_constants,
     warn_of_noise,
 )
-from skmtgp._warnings import warn
+from skmtgp._data.complete import is_complete
+from skmtgp._data.dask import is_dask
+from skmtgp._data.partitions import check_partitions
+from skmtgp._estimators.estimator import public
+from skmtgp._estimators.fitted import FittedGP
+from skmtgp._estimators.training import Training, default_kernel
+from skmtgp._numerics.linalg import RESOLVED
+from skmtgp._numerics.memory import check_memory, check_sparse_memory
+from skmtgp._numerics.parallel import at_a_time, limit_threads
+from skmtgp._support.guide import INFERENCE
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import (
+    Interval,
+    StrOptions,
+    fit_context,
+    with_callbacks,
+)
+from skmtgp._support.warnings import warn
 from skmtgp.exceptions import IncompleteDataWarning, PrecisionWarning
 from skmtgp.inference.choice import choose, depends_on_inputs_only, why_dense
 from skmtgp.inference.inducing import check_differentiable
 from skmtgp.inference.memory import TileMemory
 from skmtgp.inference.posterior import noise_is_told
+from skmtgp.model.kernel_check import check_covariance, check_kernel, sample_rows
 
 MANY = 5000  # rows, whose dense inference takes long
 

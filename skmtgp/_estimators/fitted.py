@@ -6,11 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._estimator import Estimator, public
-from skmtgp._guide import PARALLEL
-from skmtgp._parallel import limit_threads
-from skmtgp._posterior import PosteriorMixin
-from skmtgp._training import Training, check_theta
+from skmtgp._data.checks import check_theta
+from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.training import Training
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.guide import PARALLEL
 
 
 class FittedGP(PosteriorMixin, Estimator):

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.parallel import limit_threads
 
 ARMIJO, CURVATURE = 1e-4, 0.9
 LONGEST_STEP = 3.0

@@ -3,7 +3,7 @@
 from contextlib import contextmanager
 from threading import Lock
 
-from skmtgp._sklearn_compat import begin_callbacks
+from skmtgp._support.sklearn_compat import begin_callbacks
 
 # A process has one connection to a progress bar, whose messages threads would mix.
 _TELLING = Lock()

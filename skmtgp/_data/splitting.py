@@ -12,9 +12,9 @@ from scipy.sparse import issparse
 from sklearn.model_selection import StratifiedKFold
 from sklearn.utils import check_consistent_length, check_random_state
 
-from skmtgp._labels import rows_by_code
-from skmtgp._tasks import task_labels
-from skmtgp._warnings import warn
+from skmtgp._data.labels import rows_by_code
+from skmtgp._data.task_column import task_labels
+from skmtgp._support.warnings import warn
 
 __all__ = ["TaskStratifiedKFold"]
 

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import validate_data
 
-from skmtgp._labels import EXACT, check_labels
-from skmtgp._numbers import as_frame, check_numbers, column_names
+from skmtgp._data.labels import EXACT, check_labels
+from skmtgp._data.numbers import as_frame, check_numbers, column_names
 
 
 def locate_task_column(task_feature, n_features, feature_names=None):

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from sklearn.utils import gen_batches
 
-from skmtgp._guide import INFERENCE
+from skmtgp._support.guide import INFERENCE
 
 BLOCK = 2**14  # rows that are looked at together
 FEW = 0.25  # of the inputs that are to be dropped for the rest to be complete

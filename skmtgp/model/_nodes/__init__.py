@@ -15,10 +15,10 @@ each element of theta. Arrays that last until then may be made by the caller, wh
 ``contract_inputs`` is the contraction of the derivative by the inputs of the rows.
 """
 
-from skmtgp._contraction.expressions import NODES, UnknownNode, compile_kernel
-from skmtgp._contraction.inputs import contract_inputs
-from skmtgp._contraction.memory import count_arrays, count_elements
-from skmtgp._contraction.terms import Bound, Node, allocate
+from skmtgp.model._nodes.expressions import NODES, UnknownNode, compile_kernel
+from skmtgp.model._nodes.inputs import contract_inputs
+from skmtgp.model._nodes.memory import count_arrays, count_elements
+from skmtgp.model._nodes.terms import Bound, Node, allocate
 
 __all__ = [
     "NODES",

@@ -5,8 +5,8 @@ import math
 import os
 from pathlib import Path
 
-from skmtgp._bfgs import MEMORY, MOST_DENSE
-from skmtgp._guide import INFERENCE
+from skmtgp._numerics.bfgs import MEMORY, MOST_DENSE
+from skmtgp._support.guide import INFERENCE
 from skmtgp.exceptions import InsufficientMemoryError
 
 # Between what the covariances are, and how many matrices of them learning takes beside

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from sklearn.base import BaseEstimator
 
-from skmtgp._sklearn_compat import CallbackSupportMixin
+from skmtgp._support.sklearn_compat import CallbackSupportMixin
 
 DOCUMENTATION = "https://skmtgp.readthedocs.io/en/stable"
 

@@ -11,9 +11,9 @@ from sklearn.base import RegressorMixin
 from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._estimator import public
-from skmtgp._parallel import limit_threads
-from skmtgp._training import check_test
+from skmtgp._data.checks import check_test
+from skmtgp._estimators.estimator import public
+from skmtgp._numerics.parallel import limit_threads
 
 
 class PosteriorMixin(RegressorMixin):

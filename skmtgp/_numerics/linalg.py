@@ -5,8 +5,8 @@ from scipy.linalg import LinAlgError, eigh, solve_triangular
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
 
-from skmtgp._guide import INFERENCE
-from skmtgp._warnings import warn
+from skmtgp._support.guide import INFERENCE
+from skmtgp._support.warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 ROUNDING = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them

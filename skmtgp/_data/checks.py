@@ -1,33 +1,27 @@
-"""Training and test data as the estimators get them: checked, encoded, scaled."""
-
-from typing import NamedTuple
+"""Training and test data as the estimators get them: checked and encoded."""
 
 import numpy as np
 import pandas as pd
-from sklearn.gaussian_process.kernels import RBF
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils import check_array, check_consistent_length, gen_batches
 
-from skmtgp._dask import held, is_dask, refuse_dask
-from skmtgp._guide import NOISE, PARALLEL
-from skmtgp._labels import encode_tasks, sorted_tasks
-from skmtgp._linalg import RESOLVED
-from skmtgp._numbers import check_numbers, column_names
-from skmtgp._tasks import locate_task_column, read_table, split_table
-from skmtgp._warnings import warn
+from skmtgp._data.dask import is_dask, refuse_dask
+from skmtgp._data.labels import encode_tasks
+from skmtgp._data.numbers import check_numbers, column_names
+from skmtgp._data.task_column import locate_task_column, read_table, split_table
+from skmtgp._support.guide import NOISE, PARALLEL
+from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     TaskColumnWarning,
     UnderflowWarning,
     UnidentifiedNoiseWarning,
 )
-from skmtgp.learning.problem import Data, Settings
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 ROWS = 100_000  # of which the standard deviation is taken at once
-AS_THEY_ARE = slice(None)
 BY_PARTITIONS = (
     "Predict where they are: X.map_partitions(model.predict, meta=('output', float)), "
     "or of an array X.map_blocks(model.predict, drop_axis=1, dtype=float). Otherwise "
@@ -173,7 +167,7 @@ def check_target(table, y):
 
 def _check_magnitude(values, name, columns):
     """Raise a ValueError where squares of the values overflow."""
-    largest = _largest(values)
+    largest = largest_of(values)
     if (largest > LARGEST).any():
         j = int(largest.argmax())
         raise ValueError(
@@ -183,12 +177,12 @@ def _check_magnitude(values, name, columns):
         )
 
 
-def _largest(values):
+def largest_of(values):
     """The largest absolute value of each column, without an array of them all."""
     return np.asarray(np.maximum(values.max(axis=0), -values.min(axis=0)))
 
 
-def _deviation(values):
+def deviation_of(values):
     """Standard deviation of each column; of many rows, a part at a time."""
     if len(values) <= ROWS or is_dask(values):
         return np.asarray(values.std(axis=0))
@@ -267,7 +261,7 @@ def _look_like_labels(values):
 
 def _warn_of_underflow(values, kind, more=""):
     """Say which columns have values so small that their squares may vanish."""
-    largest = _largest(values)
+    largest = largest_of(values)
     small = np.flatnonzero((largest > 0.0) & (largest < SMALLEST))
     if small.size:
         which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
@@ -321,117 +315,3 @@ def name_tasks(labels):
     named = ", ".join(map(repr, labels[:3].tolist()))
     more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
     return f"task{'s' * (len(labels) > 1)} {named}{more}"
-
-
-def default_kernel(features):
-    """A squared exponential scaled to the features.
-
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-        Training inputs.
-
-    Returns
-    -------
-    kernel : RBF
-        Length-scales start at the square root of n_features times the standard
-        deviation of their feature, between a hundredth and a thousand times that.
-    """
-    deviation, rounding = _deviation(features), RESOLVED * _largest(features)
-    scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
-    return RBF(scale, np.outer(scale, [1e-2, 1e3]))
-
-
-class Training(NamedTuple):
-    """Training data, checked.
-
-    The rows may be in Dask arrays.
-
-    Attributes
-    ----------
-    features : ndarray of shape (n_samples, n_features - 1)
-        X without the task column.
-    codes : ndarray of shape (n_samples,)
-        Position in `tasks` of each row's task.
-    tasks : ndarray of shape (n_tasks,)
-        Labels.
-    Y : ndarray of shape (n_samples, n_outputs)
-        Targets.
-    y_mean, y_scale : ndarray of shape (n_outputs,)
-        Y is taken off this mean and divided by this scale.
-    single_output : bool
-        Whether y was one-dimensional.
-    """
-
-    features: np.ndarray
-    codes: np.ndarray
-    tasks: np.ndarray
-    Y: np.ndarray
-    y_mean: np.ndarray
-    y_scale: np.ndarray
-    single_output: bool
-
-    def order(self, inference):
-        """The rows as inference takes them: sorted by task, or all as they are."""
-        if inference == "sparse":
-            return AS_THEY_ARE
-        return np.argsort(self.codes, kind="stable")
-
-    def data(self, inference):
-        """The data of each output, scaled."""
-        order, complete = self.order(inference), inference == "kronecker"
-        X, tasks, Y = self.features, self.codes, (self.Y - self.y_mean) / self.y_scale
-        if order is not AS_THEY_ARE:  # views of X would be pickled beside it
-            X, tasks, Y = X[order], tasks[order], Y[order]
-        n_tasks = len(self.tasks)
-        return [Data(X, tasks, held(y), n_tasks, complete) for y in Y.T]
-
-    def pairs(
-        self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
-    ):
-        """The data and the settings of each output."""
-        n_outputs = self.Y.shape[1]
-        for j, data in enumerate(self.data(inference), start=1):
-            scale = float(data.y.std()) or 1.0
-            fixed = isinstance(noise_bounds, str)
-            bounds = (noise_variance,) * 2 if fixed else noise_bounds
-            settings = Settings(
-                kernel=kernel,
-                scale=float(np.sqrt(np.square(data.y).mean())) or 1.0,
-                log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
-                log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                name=f"output {j} of {n_outputs}" if n_outputs > 1 else "the output",
-                inference=inference,
-                **options,
-            )
-            yield data, settings
-
-    def with_task(self, features, label, Y):
-        """The data of one more task put below the others'.
-
-        Parameters
-        ----------
-        features : ndarray of shape (n_new, n_features - 1)
-            Its inputs.
-        label : str, int or bool
-            Its label.
-        Y : ndarray of shape (n_new, n_outputs)
-            Its targets.
-
-        Returns
-        -------
-        training : Training
-            The same mean and scale of the targets.
-        position : int
-            Where the task is among the tasks.
-        """
-        tasks = sorted_tasks([*self.tasks.tolist(), label])
-        position = tasks.tolist().index(label)
-        codes = self.codes + (self.codes >= position)
-        training = self._replace(
-            features=np.vstack([self.features, features]),
-            codes=np.append(codes, np.full(len(features), position)),
-            tasks=tasks,
-            Y=np.vstack([self.Y, Y]),
-        )
-        return training, position

@@ -6,7 +6,7 @@ a Dask collection has its partitions. Dask is imported only where data are Dask'
 
 import numpy as np
 
-from skmtgp._guide import PARALLEL
+from skmtgp._support.guide import PARALLEL
 
 LARGE = "distributed.admin.large-graph-warning-threshold"
 

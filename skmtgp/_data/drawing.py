@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from skmtgp._dask import map_parts
+from skmtgp._data.dask import map_parts
 
 
 def draw_rows(tasks, n_tasks, size):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dpstrf
 
-from skmtgp._parallel import limit_threads
+from skmtgp._numerics.parallel import limit_threads
 
 FACTOR_BOUND = 10.0
 KAPPA_BOUNDS = (1e-16, 1e4)

@@ -11,8 +11,8 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp._contraction.differences import Differences, append
 from skmtgp.kernels import ARDLinear
+from skmtgp.model._nodes.differences import Differences, append
 
 
 def allocate():

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-from skmtgp._numbers import as_array
+from skmtgp._data.numbers import as_array
 
 EXACT = np.float64(2.0**53)  # float64 tells the integers below it from all others
 CONVERT = (

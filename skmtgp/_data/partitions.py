@@ -7,16 +7,16 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import validate_data
 
-from skmtgp._dask import is_dask, partitions
-from skmtgp._guide import PARALLEL
-from skmtgp._labels import encode_tasks, sorted_tasks
-from skmtgp._training import (
+from skmtgp._data.checks import (
     check_given,
     check_target,
     cut_table,
     locate,
     warn_of_training,
 )
+from skmtgp._data.dask import is_dask, partitions
+from skmtgp._data.labels import encode_tasks, sorted_tasks
+from skmtgp._support.guide import PARALLEL
 
 
 def check_partitions(estimator, X, y):

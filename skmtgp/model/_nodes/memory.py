@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skmtgp._contraction.expressions import compile_kernel, side_of_tensor
+from skmtgp.model._nodes.expressions import compile_kernel, side_of_tensor
 
 
 def count_arrays(kernel, x):

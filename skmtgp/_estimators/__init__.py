@@ -1,0 +1,1 @@
+"""The base classes of the estimators, in the order in which they are read."""

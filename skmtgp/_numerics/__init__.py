@@ -1,0 +1,1 @@
+"""Linear algebra, optimisation, threads and memory."""

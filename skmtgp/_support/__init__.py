@@ -1,0 +1,1 @@
+"""What all parts say and need: errors' pages, warnings, progress, scikit-learn."""

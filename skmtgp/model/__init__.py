@@ -1,0 +1,1 @@
+"""The model: its prior, covariances between tasks, kernels in tiles."""

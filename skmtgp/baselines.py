@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._estimators.estimator import public
 from skmtgp._estimators.training import default_kernel
 from skmtgp._numerics.parallel import run
+from skmtgp._support.sklearn_compat import StrOptions
+from skmtgp.inference.engine import Engine
 from skmtgp.learning.stages import learn_fixed
 from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.model.task_covariance import identity, ones
@@ -24,62 +25,28 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         "diagonal": ["boolean"],
     }
 
-    @public
-    def __init__(
-        self,
-        kernel: Kernel | None = None,
-        *,
-        diagonal: bool = False,
-        task_feature: int | str = -1,
-        noise: Literal["shared", "per_task"] = "shared",
-        noise_variance: float = 1e-2,
-        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
-        normalize_y: bool = True,
-        inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
-        n_inducing: int = 500,
-        inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
-        n_exact: int = 1100,
-        max_iter: int = 2000,
-        tol: float = 1e-2,
-        n_jobs: int | None = None,
-        verbose: int = 0,
-    ) -> None:
-        self.kernel = kernel
-        self.diagonal = diagonal
-        self.task_feature = task_feature
-        self.noise = noise
-        self.noise_variance = noise_variance
-        self.noise_variance_bounds = noise_variance_bounds
-        self.normalize_y = normalize_y
-        self.inference = inference
-        self.n_inducing = n_inducing
-        self.inducing_inputs = inducing_inputs
-        self.n_exact = n_exact
-        self.max_iter = max_iter
-        self.tol = tol
-        self.n_jobs = n_jobs
-        self.verbose = verbose
-
     def _default_kernel(self, features):
         return ConstantKernel(1.0, (1e-3, 1e3)) * default_kernel(features)
 
     def _learns_amplitude(self):
         return self.kernel is None
 
-    def _learn(self, pairs, progress):
-        form = self._form(pairs[0][0].n_tasks, self.diagonal)
+    def _learn(self, problems, progress):
+        form = self._form(problems[0].prior.n_tasks, self.diagonal)
+        problems = [problem.with_form(form) for problem in problems]
 
         def describe(j, mode):
             return (
-                f"{pairs[j][1].name}: log marginal likelihood {mode.value:.2f} "
+                f"{problems[j].name}: log marginal likelihood {mode.value:.2f} "
                 f"(scaled) after {mode.n_iter} iterations"
             )
 
-        jobs = [(*pair, form) for pair in exact_part(pairs, [form])]
+        jobs = [(problem,) for problem in exact_part(problems, [form])]
         report = progress("learning", len(jobs), describe)
         modes = [[m] for m in run(learn_fixed, jobs, n_jobs=self.n_jobs, report=report)]
-        modes = learn_rest(pairs, [form], modes, n_jobs=self.n_jobs, progress=progress)
-        return form, [mode for [mode] in modes]
+        options = {"n_jobs": self.n_jobs, "progress": progress}
+        modes = learn_rest(problems, [form], modes, **options)
+        return problems, [mode for [mode] in modes]
 
 
 class IndependentGP(_FixedTaskCovarianceGP):
@@ -211,7 +178,48 @@ class IndependentGP(_FixedTaskCovarianceGP):
     array([ 0.997, -0.997])
     """
 
+    _parameter_constraints = {
+        **_FixedTaskCovarianceGP._parameter_constraints,
+        "task_levels": ["boolean"],
+    }
     _form = staticmethod(identity)
+
+    def __init__(
+        self,
+        kernel: Kernel | None = None,
+        *,
+        diagonal: bool = False,
+        task_levels: bool = True,
+        task_feature: int | str = -1,
+        noise: Literal["shared", "per_task"] = "shared",
+        noise_variance: float = 1e-2,
+        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
+        normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
+        n_inducing: int = 500,
+        inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
+        n_exact: int = 1100,
+        max_iter: int = 2000,
+        tol: float = 1e-2,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
+        self.kernel = kernel
+        self.diagonal = diagonal
+        self.task_levels = task_levels
+        self.task_feature = task_feature
+        self.noise = noise
+        self.noise_variance = noise_variance
+        self.noise_variance_bounds = noise_variance_bounds
+        self.normalize_y = normalize_y
+        self.inference = inference
+        self.n_inducing = n_inducing
+        self.inducing_inputs = inducing_inputs
+        self.n_exact = n_exact
+        self.max_iter = max_iter
+        self.tol = tol
+        self.n_jobs = n_jobs
+        self.verbose = verbose
 
 
 class PooledGP(_FixedTaskCovarianceGP):
@@ -343,4 +351,43 @@ class PooledGP(_FixedTaskCovarianceGP):
     array([0.997, 0.997])
     """
 
+    _parameter_constraints = {
+        **_FixedTaskCovarianceGP._parameter_constraints,
+        "normalize_y": ["boolean", StrOptions({"shared"})],
+    }
     _form = staticmethod(ones)
+
+    def __init__(
+        self,
+        kernel: Kernel | None = None,
+        *,
+        diagonal: bool = False,
+        task_feature: int | str = -1,
+        noise: Literal["shared", "per_task"] = "shared",
+        noise_variance: float = 1e-2,
+        noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
+        normalize_y: Literal["shared"] | bool = "shared",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
+        n_inducing: int = 500,
+        inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
+        n_exact: int = 1100,
+        max_iter: int = 2000,
+        tol: float = 1e-2,
+        n_jobs: int | None = None,
+        verbose: int = 0,
+    ) -> None:
+        self.kernel = kernel
+        self.diagonal = diagonal
+        self.task_feature = task_feature
+        self.noise = noise
+        self.noise_variance = noise_variance
+        self.noise_variance_bounds = noise_variance_bounds
+        self.normalize_y = normalize_y
+        self.inference = inference
+        self.n_inducing = n_inducing
+        self.inducing_inputs = inducing_inputs
+        self.n_exact = n_exact
+        self.max_iter = max_iter
+        self.tol = tol
+        self.n_jobs = n_jobs
+        self.verbose = verbose

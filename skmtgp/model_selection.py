@@ -12,13 +12,12 @@ from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.splitting import TaskStratifiedKFold
-from skmtgp._estimators.base import likelihoods, side
+from skmtgp._estimators.base import side
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
-from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["RankSearchIC", "TaskStratifiedKFold"]
@@ -153,26 +152,24 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _fit(self, X, y, progress):
         model = self._learner()
         training = model._read(X, y)
-        ranks = self._check_ranks(len(training.tasks))
+        n_tasks = len(training.tasks)
+        ranks = self._check_ranks(n_tasks)
         model.set_params(rank=ranks[-1])
         n_kept = len(ranks) if self.keep_estimators else 1
-        pairs = model._pairs(training, len(ranks), n_kept)
-        forms = [low_rank(len(training.tasks), r, model.diagonal) for r in ranks]
-        with limit_threads(side(pairs)):
-            modes = model._learn_ranks(pairs, forms, progress)
-            self._keep(model, training, pairs, forms, modes)
+        problems = model._problems(training, len(ranks), n_kept)
+        forms = [model._form(n_tasks, rank) for rank in ranks]
+        with limit_threads(side(problems)):
+            modes = model._learn_ranks(problems, forms, progress)
+            self._keep(model, training, problems, forms, modes)
 
-    def _keep(self, model, training, pairs, forms, modes):
+    def _keep(self, model, training, problems, forms, modes):
         """Set the fitted attributes."""
-        objectives = [
-            likelihoods(pairs, form, of_form)
-            for form, of_form in zip(forms, modes, strict=True)
-        ]
-        self.results_ = _results(model, training, forms, objectives, modes)
+        of_forms = [[problem.with_form(form) for problem in problems] for form in forms]
+        self.results_ = _results(training, of_forms, modes)
         best = int(np.argmin(self.results_[self.criterion]))
         self.best_rank_ = forms[best].rank
         fitted = {
-            k: _fitted(model, training, forms[k], objectives[k], modes[k])
+            k: _fitted(model, training, forms[k].rank, of_forms[k], modes[k])
             for k in (range(len(forms)) if self.keep_estimators else [best])
         }
         self.best_estimator_ = fitted[best]
@@ -337,24 +334,27 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return "best_estimator_" in vars(self)
 
 
-def _fitted(model, training, form, objectives, modes):
+def _fitted(model, training, rank, problems, modes):
     """A copy of the model that has learned these modes."""
-    model = copy(model).set_params(rank=form.rank)
-    model._store(training, objectives, modes)
+    model = copy(model).set_params(rank=rank)
+    model._store(training, problems, modes)
     return model
 
 
-def _results(model, training, forms, objectives, modes):
+def _results(training, of_forms, modes):
     """The table of criteria, one entry for each form."""
     n, n_outputs = training.Y.shape
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
-    values -= n * np.log(training.y_scale)  # a change of units
+    values += training.units.log_jacobian(training.counts)
     log_likelihood = values.sum(axis=1)
-    count = np.array([sum(map(model._count, of_rank)) for of_rank in objectives])
+    count = np.array(
+        [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
+    )
     n_observations = n * n_outputs
     deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
+    ranks = [of_form[0].prior.task_covariance.rank for of_form in of_forms]
     return {
-        "rank": np.array([form.rank for form in forms]),
+        "rank": np.array(ranks),
         "log_marginal_likelihood": log_likelihood,
         "n_hyperparameters": count,
         "bic": deviance + count * log_n,  # eq. 8

@@ -15,16 +15,11 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._numerics.memory import (
-    check_border_memory,
-    check_memory,
-    check_sparse_memory,
-)
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
-from skmtgp.inference.choice import extended
+from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.memory import TileMemory
-from skmtgp.learning.novel import add_task
+from skmtgp.learning.novel import learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.summarised import exact_part, learn_rest
@@ -223,6 +218,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         **BaseMultiTaskGP._parameter_constraints,
         "rank": [Interval(Integral, 1, None, closed="left"), None],
         "diagonal": ["boolean"],
+        "task_levels": ["boolean"],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
         "truncation": [StrOptions({"eigen", "cholesky"})],
         "n_restarts_optimizer": [Interval(Integral, 0, None, closed="left")],
@@ -235,12 +231,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         *,
         rank: int | None = None,
         diagonal: bool = False,
+        task_levels: bool = True,
         task_feature: int | str = -1,
         noise: Literal["shared", "per_task"] = "shared",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
-        normalize_y: bool = True,
-        inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
+        normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
@@ -256,6 +253,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.kernel = kernel
         self.rank = rank
         self.diagonal = diagonal
+        self.task_levels = task_levels
         self.task_feature = task_feature
         self.noise = noise
         self.noise_variance = noise_variance
@@ -274,15 +272,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.random_state = random_state
         self.verbose = verbose
 
-    def _learn(self, pairs, progress):
-        M = pairs[0][0].n_tasks
+    def _learn(self, problems, progress):
+        M = problems[0].prior.n_tasks
         if isinstance(self.rank, (bool, np.bool_)):
             raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
-        form = low_rank(M, self._rank(M), self.diagonal)
-        (modes,) = self._learn_ranks(pairs, [form], progress)
-        return form, modes
+        form = self._form(M, self._rank(M))
+        (modes,) = self._learn_ranks(problems, [form], progress)
+        return [problem.with_form(form) for problem in problems], modes
+
+    def _form(self, n_tasks, rank):
+        """The form of K^rho."""
+        return low_rank(n_tasks, rank, self.diagonal)
 
     def _rank(self, n_tasks):
         return self.rank or n_tasks
@@ -291,7 +293,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
         return n_ranks * starts
 
-    def _learn_ranks(self, pairs, forms, progress):
+    def _learn_ranks(self, problems, forms, progress):
         """Modes for each form and output."""
         learn = {
             "annealed": learn_ranks,
@@ -300,15 +302,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         }[self.learning]
         n_seeds = self.n_restarts_optimizer + (self.learning == "simultaneous")
         rng = check_random_state(self.random_state)
-        seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds)
-        pairs = [
-            (data, replace(settings, truncation=self.truncation))
-            for data, settings in pairs
-        ]
+        seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds).tolist()
         options = {"n_jobs": self.n_jobs, "progress": progress}
-        modes = learn(exact_part(pairs, forms), forms, seeds=seeds.tolist(), **options)
-        modes = learn_rest(pairs, forms, modes, **options)
+        modes = learn(exact_part(problems, forms), forms, seeds=seeds, **options)
+        modes = learn_rest(problems, forms, modes, **options)
         return list(zip(*modes, strict=True))
+
+    def _budget(self):
+        return replace(super()._budget(), truncation=self.truncation)
 
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
@@ -373,39 +374,35 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         n_new, model = len(training.features) - len(self.X_train_), copy(self)
         with limit_threads(self._side + n_new):
             outputs = self._extend(training, position, informed=prior is not None)
-            model._store(training, *zip(*outputs, strict=True))
+            likelihoods, modes = map(list, zip(*outputs, strict=True))
+            model._store_learned(training, self._engine, likelihoods, modes)
         return model
 
     def _check_room(self, training):
         """Whether memory suffices for the model with a task more."""
         n_before, n_outputs = len(self._likelihoods[0].inputs), len(self._likelihoods)
-        n_rows = n_before + len(training.features) - len(self.X_train_)
+        n_new, n_tasks = (
+            len(training.features) - len(self.X_train_),
+            len(training.tasks),
+        )
+        demand = Demand(
+            len(training.features), n_tasks, rank=self._rank(n_tasks), n_kept=n_outputs
+        )
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
-        n_tasks = len(training.tasks)
-        if self.inference_ != "sparse":
-            check_memory(
-                n_rows, n_outputs, self.inference_, tiles=tiles, n_tasks=n_tasks
-            )
-            return
-        rank = self._rank(n_tasks)
-        check_border_memory(n_rows - n_before, n_before, rank)
-        n_inducing, n = min(n_rows, 2 * n_before), len(training.features)
-        check_sparse_memory(n_inducing, n_tasks, rank, n_outputs, n_rows=n, tiles=tiles)
+        self._engine.check_joining(demand, tiles, n_before, n_new)
 
     def _extend(self, training, position, informed):
         """Likelihood and mode of each output with the task at `position` added."""
-        per_task = self.noise == "per_task"
-        n_noise = len(training.tasks) if per_task else 1
         outputs = zip(
             self._likelihoods,
             self._posteriors,
             np.split(self.theta_, len(self._likelihoods)),
-            training.data(self.inference_),
+            training.data(self._engine),
             strict=True,
         )
         for likelihood, posterior, theta, data in outputs:
             new = data.tasks == position
-            form, mode = add_task(
+            prior, mode = learn_novel(
                 likelihood,
                 posterior,
                 theta,
@@ -413,17 +410,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 data.y[new],
                 position=position,
                 own=self.rank is None or self.diagonal,
-                per_task=per_task,
                 informed=informed,
-                max_iter=self.max_iter,
-                tol=self.tol,
+                budget=self._budget(),
             )
-            of_all = data.X, data.tasks, data.y
-            more = extended(
-                likelihood, form, *of_all, n_noise, position, posterior.kernel
-            )
-            yield more, mode
+            more = likelihood, prior, data, position, posterior.kernel
+            yield self._engine.joined(*more), mode
 
-    def _store(self, training, likelihoods, modes):
-        super()._store(training, likelihoods, modes)
-        self.rank_ = likelihoods[0].task_covariance.rank
+    def _store_learned(self, training, engine, likelihoods, modes):
+        super()._store_learned(training, engine, likelihoods, modes)
+        self.rank_ = likelihoods[0].prior.task_covariance.rank

@@ -12,19 +12,22 @@ from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_theta, check_training, name_tasks
-from skmtgp._data.complete import check_complete
+from skmtgp._data.data import Data
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
-from skmtgp._numerics.memory import check_memory, check_sparse_memory
 from skmtgp._numerics.parallel import at_a_time, run
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
+from skmtgp.inference.engine import Demand, Engine
+from skmtgp.inference.engines import alone
 from skmtgp.inference.memory import TileMemory
 from skmtgp.model.kernel_check import check_kernel
+from skmtgp.model.prior import Prior
+from skmtgp.model.task_covariance import ones
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
@@ -144,7 +147,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: bool = True,
-        inference: Literal["auto", "dense", "kronecker", "sparse"] = "auto",
+        inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
@@ -192,19 +195,23 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def _fit(self, features, codes, tasks, Y, progress):
         self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
-        alone = PooledGP(**params | {"verbose": 0})
+        model = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
-        if self.inference == "kronecker":  # while the tasks have their labels
-            for m, r in enumerate(rows):
-                check_complete(features[r], np.zeros_like(r), self.tasks_[[m]])
-        kernel = alone._default_kernel(features) if self.kernel is None else self.kernel
+        kernel = model._default_kernel(features) if self.kernel is None else self.kernel
         check_kernel(kernel, features)
+        engine, prior = (
+            alone(self.inference, **model._options()),
+            Prior(kernel, ones(1)),
+        )
+        for m, r in enumerate(rows):  # while the tasks have their labels
+            task = Data(features[r], np.zeros_like(r), Y[r], 1)
+            engine.check(prior, task, self.tasks_[[m]])
         tiles = TileMemory(kernel, features[:1])
-        self._check_room(max(map(len, rows)), Y[:1].size, tiles)
+        self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
         results = run(
             _fit_alone,
-            [(alone, X[r], Y[r]) for r in rows],
+            [(model, X[r], Y[r]) for r in rows],
             n_jobs=self.n_jobs,
             report=progress("learning", len(rows), self._describe),
         )
@@ -224,27 +231,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             names = name_tasks(self.tasks_[of])
             warn(f"T{names[1:]}: {message}", category)
 
-    def _check_room(self, n, n_outputs, tiles):
+    def _check_room(self, engine, n, n_outputs, tiles):
         """Whether memory suffices for tasks side by side, of at most n samples each."""
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
-        if self.inference == "sparse":
-            n_inducing = min(n, self.n_inducing)
-            check_sparse_memory(
-                n_inducing,
-                1,
-                1,
-                n_outputs,
-                n_rows=n,
-                tiles=tiles,
-                n_climbs=n_climbs,
-                n_exact=min(n, self.n_exact),
-                n_exact_climbs=n_climbs,
-            )
-        else:
-            method = "kronecker" if self.inference == "kronecker" else "dense"
-            check_memory(
-                n, n_outputs, method, tiles=tiles, n_climbs=n_climbs, alone=True
-            )
+        demand = Demand(
+            n, n_kept=n_outputs, n_climbs=n_climbs, n_exact_climbs=n_climbs, alone=True
+        )
+        engine.check_memory(demand, tiles)
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""

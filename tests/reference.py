@@ -29,7 +29,8 @@ KERNELS = {
     "Matern": Matern([1.0, 2.0], nu=1.5) + DotProduct(0.5),
     "rational quadratic": ConstantKernel(1.2) * RationalQuadratic(1.5, 0.7),
 }
-PAPER = {}  # the model without levels, with units that the tasks share
+# the model without levels, with units that the tasks share
+PAPER = {"task_levels": False, "normalize_y": "shared"}
 
 
 def draw(complete):
@@ -55,9 +56,11 @@ def models():
                 yield f"{name}, rank {rank}, {noise}, {inference}", model, complete
     for normalize in (True, False):
         options = {"normalize_y": normalize, "max_iter": 0}
-        diagonal = MultiTaskGPRegressor(rank=1, diagonal=True, **options, **PAPER)
+        no_levels = options | {"task_levels": False}
+        diagonal = MultiTaskGPRegressor(rank=1, diagonal=True, **no_levels)
         yield f"diagonal, {normalize}", diagonal, False
-        for cls in (IndependentGP, PooledGP, SingleTaskGP):
+        yield f"IndependentGP, {normalize}", IndependentGP(**no_levels), False
+        for cls in (PooledGP, SingleTaskGP):
             yield f"{cls.__name__}, {normalize}", cls(**options), False
 
 

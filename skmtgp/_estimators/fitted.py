@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_theta
+from skmtgp._data.checks import check_theta, warn_of_noise
+from skmtgp._data.dask import is_dask
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.training import Training
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.guide import PARALLEL
+from skmtgp._support.guide import INFERENCE, PARALLEL
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import PrecisionWarning
+from skmtgp.inference.engine import depends_on_inputs_only
+from skmtgp.inference.posterior import noise_is_told
+from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
 class FittedGP(PosteriorMixin, Estimator):
@@ -97,15 +106,16 @@ class FittedGP(PosteriorMixin, Estimator):
         0.03 -2.1 0.92
         """
         check_is_fitted(self)
-        order = self._training().order(self.inference_)  # the posteriors' samples
+        order = self._training().order(self._engine)  # the posteriors' samples
         shape = len(self.tasks_train_), len(self._posteriors)
         residual, variance = np.empty((2, *shape))
         for j, posterior in enumerate(self._posteriors):
             with limit_threads(self._side):
                 found = posterior.leave_one_out(include_noise)
             residual[order, j], variance[order, j] = found
-        mean = self.y_train_.reshape(residual.shape) - residual * self._scales
-        return self._join(mean), self._join(np.sqrt(variance) * self._scales)
+        scale = self._scales(self.tasks_train_)
+        mean = self.y_train_.reshape(residual.shape) - residual * scale
+        return self._join(mean), self._join(np.sqrt(variance) * scale)
 
     @public
     def log_marginal_likelihood(
@@ -133,7 +143,7 @@ class FittedGP(PosteriorMixin, Estimator):
             return self.log_marginal_likelihood_value_
         self._check_rows()
         parts = np.split(check_theta(theta, self.theta_), len(self._likelihoods))
-        change_of_units = -self._n_samples * np.log(self._scales).sum()
+        change_of_units = self._log_jacobian.sum()
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
             evaluate = likelihood.value_and_grad if eval_gradient else likelihood.value
@@ -159,9 +169,8 @@ class FittedGP(PosteriorMixin, Estimator):
             self.tasks_train_,
             self.tasks_,
             self.y_train_.reshape(len(self.y_train_), -1),
-            self._centres,
-            self._scales,
             self._single_output,
+            self._units,
         )
 
     def _check_rows(self):
@@ -174,23 +183,166 @@ class FittedGP(PosteriorMixin, Estimator):
 
     def _means(self, features, codes):
         means = np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
-        return means * self._scales + self._centres
+        return self._units.unscaled(means, codes)
 
     def _variances(self, features, codes, include_noise):
         variances = [p.variance(features, codes) for p in self._posteriors]
-        variances = np.stack(variances, axis=1) * np.square(self._scales)
+        variances = np.stack(variances, axis=1) * np.square(self._scales(codes))
         return variances + (self._noise(codes) if include_noise else 0.0)
 
     def _covariances(self, features, codes, include_noise):
         covariances = [p.covariance(features, codes) for p in self._posteriors]
-        covariances = np.stack(covariances, axis=2) * np.square(self._scales)
+        scale = self._scales(codes)
+        covariances = np.stack(covariances, axis=2) * (scale[:, None] * scale)
         if include_noise:
             rows = np.arange(len(features))
             covariances[rows, rows] += self._noise(codes)
         return covariances
+
+    def _scales(self, codes):
+        """What the targets were divided by, (n_samples or 1, n_outputs)."""
+        return self._units.of_rows(self._units.scale, codes)
 
     def _noise(self, codes):
         """Noise variances, of shape (n_samples, n_outputs)."""
         noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
         per_task = noise.shape[1] > 1
         return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
+
+    # what is kept of a fit
+
+    def _store(self, training, problems, modes):
+        """Set the fitted attributes, in the target's own units."""
+        X = sample_rows(training.features)
+        for problem, mode in zip(problems, modes, strict=True):
+            check_covariance(problem.prior.kernel_at(mode.theta), X)
+        likelihoods = [
+            problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
+            for problem, mode in zip(problems, modes, strict=True)
+        ]
+        self._store_learned(training, problems[0].engine, likelihoods, modes)
+
+    def _store_learned(self, training, engine, likelihoods, modes):
+        """The same of likelihoods that are there already."""
+        self._engine, self.inference_ = engine, engine.name
+        self._likelihoods = likelihoods
+        self._posteriors = [
+            likelihood.posterior(mode.theta)
+            for likelihood, mode in zip(likelihoods, modes, strict=True)
+        ]
+        self._units, self._single_output = training.units, training.single_output
+        self._log_jacobian = training.units.log_jacobian(training.counts)
+        self.tasks_ = training.tasks
+        self._store_rows(training)
+        self.theta_ = np.concatenate([mode.theta for mode in modes])
+        vars(self).pop("inducing_inputs_", None)
+        if not engine.exact:
+            Z = [likelihood.inputs for likelihood in likelihoods]
+            self.inducing_inputs_ = Z[0] if training.single_output else Z
+        self._store_parameters(modes)
+        self._store_summary(modes)
+
+    def _store_rows(self, training):
+        """Keep the rows, unless they lie in Dask's partitions."""
+        if is_dask(training.features):
+            for name in ("X_train_", "tasks_train_", "y_train_", "complete_"):
+                vars(self).pop(name, None)
+            for likelihood in self._likelihoods:
+                likelihood.forget_rows()
+            return
+        self.X_train_, self.tasks_train_ = training.features, training.codes
+        Y = np.array(training.Y)  # otherwise y itself, which the user may change
+        self.y_train_ = Y[:, 0] if training.single_output else Y
+        self.complete_ = training.design is not None
+
+    def _store_parameters(self, modes):
+        scales = self._units.scale
+        found = [
+            likelihood.prior.in_units(mode.theta, scale)
+            for likelihood, mode, scale in zip(
+                self._likelihoods, modes, scales, strict=True
+            )
+        ]
+        kernels, *arrays = zip(*found, strict=True)
+        rho, factor, level, noise = map(np.array, arrays)
+        self.kernel_ = kernels[0] if self._single_output else list(kernels)
+        self.task_covariance_, self.task_factor_ = self._of_outputs(rho, factor)
+        level = _of_all_tasks(level)
+        noise = noise if self.noise == "per_task" else _of_all_tasks(noise)
+        self.level_variance_, self.noise_variance_ = self._of_outputs(level, noise)
+        centre, scale = map(_of_all_tasks, self._units)
+        scale = scale if self.normalize_y else np.ones_like(scale)
+        self.y_mean_, self.y_scale_ = self._of_outputs(centre, scale)
+        self._store_levels()
+
+    def _store_levels(self):
+        """The level of each task, in units of y, and its deviation."""
+        units = self._units
+        levels = np.array([posterior.levels for posterior in self._posteriors])
+        variances = np.array([p.level_variances() for p in self._posteriors])
+        levels = levels * units.scale + units.centre
+        deviations = np.sqrt(variances) * units.scale
+        self.task_level_, self.task_level_std_ = self._of_outputs(levels, deviations)
+
+    def _of_outputs(self, *arrays):
+        """Arrays with an axis of the outputs first, without it if y had none."""
+        if not self._single_output:
+            return arrays
+        return [of[0] if of.ndim > 1 else float(of[0]) for of in arrays]
+
+    def _store_summary(self, modes):
+        values = np.array([posterior.log_likelihood for posterior in self._posteriors])
+        self.log_marginal_likelihoods_ = values + self._log_jacobian
+        self.log_marginal_likelihood_value_ = float(
+            self.log_marginal_likelihoods_.sum()
+        )
+        self.n_hyperparameters_ = sum(
+            likelihood.prior.n_hyperparameters for likelihood in self._likelihoods
+        )
+        self.n_iter_ = max(mode.n_iter for mode in modes)
+        self.n_evaluations_ = sum(mode.n_evaluations for mode in modes)
+        _warn_of_unfinished(modes, self.max_iter)
+
+    def _warn_of_noise(self, modes):
+        """Say which noise variances the rows do not tell, where they were learned."""
+        is_fixed = isinstance(self.noise_variance_bounds, str)
+        if is_fixed or not self._engine.exact:
+            return
+        kernel = self._likelihoods[0].prior.kernel
+        if not depends_on_inputs_only(kernel, self.X_train_):  # it may have the noise
+            return
+        told = [
+            noise_is_told(*output) | (not mode.converged)
+            for *output, mode in zip(
+                self._likelihoods, self._posteriors, modes, strict=True
+            )
+        ]
+        tasks = self.tasks_ if self.noise == "per_task" else None
+        warn_of_noise(np.array(told), tasks)
+
+
+def _of_all_tasks(array):
+    """One number for each output where it is that of all tasks."""
+    return array[:, 0] if array.shape[1] == 1 else array
+
+
+def _warn_of_unfinished(modes, max_iter):
+    """Say where learning ended before the likelihood stopped growing."""
+    stalled = [j + 1 for j, mode in enumerate(modes) if mode.stalled]
+    if stalled:
+        which = f" of output {stalled}" * (len(modes) > 1)
+        warn(
+            f"Learning{which} ended for lack of digits: the prior "
+            "variance is so much larger than the noise variance that the likelihood "
+            "cannot be resolved further. The model is the best one found; a larger "
+            f"lower bound in noise_variance_bounds avoids this. {INFERENCE}",
+            PrecisionWarning,
+        )
+    unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
+    if unfinished and max_iter > 0:
+        which = f" of output {unfinished}" * (len(modes) > 1)
+        warn(
+            f"The likelihood{which} was still growing after "
+            f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
+            ConvergenceWarning,
+        )

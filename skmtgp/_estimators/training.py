@@ -1,15 +1,18 @@
 """Training data as the estimators learn from them: sorted, scaled, one output each."""
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp._data.checks import deviation_of, largest_of
+from skmtgp._data.complete import complete_design
 from skmtgp._data.dask import held
+from skmtgp._data.data import Data
 from skmtgp._data.labels import sorted_tasks
+from skmtgp._estimators.units import Units, count_tasks
 from skmtgp._numerics.linalg import RESOLVED
-from skmtgp.learning.problem import Data, Settings
 
 AS_THEY_ARE = slice(None)
 
@@ -33,7 +36,8 @@ def default_kernel(features):
     return RBF(scale, np.outer(scale, [1e-2, 1e3]))
 
 
-class Training(NamedTuple):
+@dataclass(frozen=True)
+class Training:
     """Training data, checked.
 
     The rows may be in Dask arrays.
@@ -48,54 +52,43 @@ class Training(NamedTuple):
         Labels.
     Y : ndarray of shape (n_samples, n_outputs)
         Targets.
-    y_mean, y_scale : ndarray of shape (n_outputs,)
-        Y is taken off this mean and divided by this scale.
     single_output : bool
         Whether y was one-dimensional.
+    units : Units
+        In which the targets are learned.
     """
 
     features: np.ndarray
     codes: np.ndarray
     tasks: np.ndarray
     Y: np.ndarray
-    y_mean: np.ndarray
-    y_scale: np.ndarray
     single_output: bool
+    units: Units | None = None
 
-    def order(self, inference):
-        """The rows as inference takes them: sorted by task, or all as they are."""
-        if inference == "sparse":
-            return AS_THEY_ARE
-        return np.argsort(self.codes, kind="stable")
+    @cached_property
+    def design(self):
+        """The row of each input and task, or None where the data are not complete."""
+        return complete_design(self.features, self.codes)
 
-    def data(self, inference):
+    @cached_property
+    def counts(self):
+        """Number of rows of each task."""
+        return count_tasks(self.codes, len(self.tasks))
+
+    def order(self, engine):
+        """The rows as the engine takes them: sorted by task, or all as they are."""
+        return np.argsort(self.codes, kind="stable") if engine.sorts else AS_THEY_ARE
+
+    def data(self, engine):
         """The data of each output, scaled."""
-        order, complete = self.order(inference), inference == "kronecker"
-        X, tasks, Y = self.features, self.codes, (self.Y - self.y_mean) / self.y_scale
-        if order is not AS_THEY_ARE:  # views of X would be pickled beside it
+        order, design = self.order(engine), None
+        X, tasks, Y = self.features, self.codes, self.units.scaled(self.Y, self.codes)
+        if engine.sorts:  # views of X would be pickled beside it
             X, tasks, Y = X[order], tasks[order], Y[order]
+        if engine.uses_design and self.design is not None:
+            design = np.argsort(order)[self.design]
         n_tasks = len(self.tasks)
-        return [Data(X, tasks, held(y), n_tasks, complete) for y in Y.T]
-
-    def pairs(
-        self, kernel, noise_variance, noise_bounds, n_noise, inference, **options
-    ):
-        """The data and the settings of each output."""
-        n_outputs = self.Y.shape[1]
-        for j, data in enumerate(self.data(inference), start=1):
-            scale = float(data.y.std()) or 1.0
-            fixed = isinstance(noise_bounds, str)
-            bounds = (noise_variance,) * 2 if fixed else noise_bounds
-            settings = Settings(
-                kernel=kernel,
-                scale=float(np.sqrt(np.square(data.y).mean())) or 1.0,
-                log_noise=np.full(n_noise, np.log(noise_variance * scale**2)),
-                log_noise_bounds=tuple(np.log(np.multiply(bounds, scale**2))),
-                name=f"output {j} of {n_outputs}" if n_outputs > 1 else "the output",
-                inference=inference,
-                **options,
-            )
-            yield data, settings
+        return [Data(X, tasks, held(y), n_tasks, design) for y in Y.T]
 
     def with_task(self, features, label, Y):
         """The data of one more task put below the others'.
@@ -112,17 +105,19 @@ class Training(NamedTuple):
         Returns
         -------
         training : Training
-            The same mean and scale of the targets.
+            In the same units.
         position : int
             Where the task is among the tasks.
         """
         tasks = sorted_tasks([*self.tasks.tolist(), label])
         position = tasks.tolist().index(label)
         codes = self.codes + (self.codes >= position)
-        training = self._replace(
+        training = replace(
+            self,
             features=np.vstack([self.features, features]),
             codes=np.append(codes, np.full(len(features), position)),
             tasks=tasks,
             Y=np.vstack([self.Y, Y]),
+            units=self.units.with_task(Y, position),
         )
         return training, position

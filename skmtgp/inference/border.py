@@ -1,7 +1,8 @@
 r"""The border of K^rho: a novel task, the paper's section 3.3.
 
 The tasks so far are f^m = sum_a F_ma z_a, with latent functions z_a of covariance k^x
-(eq. 3 and 5). A novel task is f = sum_a l_a z_a, and perhaps w z_new of its own. With
+(eq. 3 and 5). A novel task is f = sum_a l_a z_a, and perhaps w z_new of its own, and
+perhaps a level. With
 theta^x, sigma^2 and F frozen, the likelihood of all data depends on (l, w) through
 p(y_new | y_old) alone, a Gaussian of as many dimensions as the new task has samples.
 """
@@ -30,6 +31,8 @@ class BorderLikelihood:
         Noise variance of the novel task.
     own : bool
         Whether there is a w.
+    level : float, default=0.0
+        Variance of its level.
 
     Attributes
     ----------
@@ -37,8 +40,9 @@ class BorderLikelihood:
         Posterior means of the latent functions at X.
     """
 
-    def __init__(self, posterior, factor, X, y, noise, own):
-        self.rank, self.own, self.y, self.noise = factor.shape[1], own, y, noise
+    def __init__(self, posterior, factor, X, y, noise, own, level=0.0):
+        self.rank, self.own, self.y = factor.shape[1], own, y
+        self.noise, self.level = noise, level
         self.K_x = posterior.kernel(X)
         # halves: C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
         self.means, self.halves = posterior.latent(X, factor)
@@ -95,6 +99,6 @@ class BorderLikelihood:
     def _covariance(self, row):
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
         half = np.tensordot(row[: self.rank], self.halves, axes=1)
-        S = (row @ row) * self.K_x - half.T @ half
+        S = (row @ row) * self.K_x - half.T @ half + self.level
         S.flat[:: len(S) + 1] += self.noise
         return S, half

@@ -14,14 +14,12 @@ class DenseLikelihood(TiledLikelihood):
 
     Parameters
     ----------
-    kernel, task_covariance, X, tasks, y, n_noise
+    prior, X, tasks, y
         See Likelihood.
     """
 
-    inference = "dense"
-
-    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise=1):
-        super().__init__(kernel, task_covariance, X, tasks, y, n_noise, inputs=X)
+    def __init__(self, prior, X, tasks, y):
+        super().__init__(prior, X, tasks, y, inputs=X)
         self.present = {
             tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
         }
@@ -53,35 +51,51 @@ class DenseLikelihood(TiledLikelihood):
             return self.log_density(cholesky, cholesky.half_solve(self.y))
 
     def _differentiate(self, theta):
-        """The value and its gradients by kernel theta, K^rho and log noise."""
+        """The value and its gradients, see TiledLikelihood."""
         with limit_threads(self.side), self._workspace() as workspace:
             return self._differentiate_in(workspace, *self._bind(theta))
 
-    def _differentiate_in(self, workspace, bound, K_rho, noise):
-        K, tapes = self._fill(bound, K_rho, noise, workspace.K, workspace.tiles)
+    def _differentiate_in(self, workspace, bound, K_rho, level, noise):
+        memory = workspace.K, workspace.tiles
+        K, tapes = self._fill(bound, K_rho, level, noise, *memory)
         cholesky = Cholesky(K)
         half = cholesky.half_solve(self.y)
         value = self.log_density(cholesky, half)
         alpha = cholesky.half_solve(half, transposed=True)
         inverse = cholesky.invert().T  # its upper triangle, in C order
-        d_kernel, D = self._contract(bound, K_rho, tapes, alpha, inverse)
+        gradients = self._contract(bound, K_rho, tapes, alpha, inverse)
         d_row = 0.5 * (np.square(alpha) - np.diagonal(inverse))
-        d_noise = noise * np.bincount(self.noise_of_row, d_row, self.n_noise)
-        return value, d_kernel, D, d_noise
+        d_noise = np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
+        return value, *gradients, d_noise
 
     def log_density(self, cholesky, half):
         """Log density of y, given the factor C of K and half = C^{-1} y."""
         return log_density(half @ half, cholesky.log_det(), len(self.y))
 
-    def _fill(self, bound, K_rho, noise, K, memory=None):
+    def _fill(self, bound, K_rho, level, noise, K, memory=None):
         """K (lower triangle, Fortran order) in K, and for each tile (K_x, tape)."""
 
         def put(K_x, rows, cols):
             np.multiply(K_x, self._between(K_rho, rows, cols), out=K[rows, cols])
+            if level:
+                for block in self._blocks_of_tasks(K[rows, cols], rows, cols):
+                    block += level
 
         kept = self._fill_tiles(bound, put, memory)
         K.flat[:: len(K) + 1] += noise[self.noise_of_row]
         return K.T, kept
+
+    def _blocks_of_tasks(self, tile, rows, cols):
+        """The parts of a tile that are between samples of the same task."""
+        of_rows, of_cols = self._ranges(rows), self._ranges(cols)
+        for task in of_rows.keys() & of_cols.keys():
+            yield tile[of_rows[task], of_cols[task]]
+
+    def _ranges(self, part):
+        """Where the samples of each task are in a part of the rows."""
+        tasks, starts = self.present[part.start]
+        stops = np.append(starts[1:], part.stop - part.start)
+        return dict(zip(tasks, map(slice, starts, stops), strict=True))
 
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""
@@ -90,7 +104,7 @@ class DenseLikelihood(TiledLikelihood):
         return met.take(cols - cols[0], axis=1).take(rows - rows[0], axis=0)
 
     def _contract(self, bound, K_rho, tapes, alpha, inverse):
-        """Gradients with respect to the kernel's theta and to K^rho.
+        """Gradients by the kernel's theta, K^rho and the levels' variance.
 
         With G = alpha alpha^T - K^{-1}, dL = 1/2 sum_ij G_ij dK_ij, summed over the
         upper triangle alone with half the diagonal.
@@ -100,20 +114,29 @@ class DenseLikelihood(TiledLikelihood):
             G = np.multiply.outer(alpha[rows], alpha[cols])
             G -= inverse[rows, cols]
             self._halve(G, rows, cols)  # the lower half is not the inverse's
+            d_level = self._sum_within_tasks(G, rows, cols)
             H = self._sum_by_task(G * K_x, rows, cols)
             G *= self._between(K_rho, rows, cols)
-            return bound.contract(G, tape, rows, cols), H
+            return bound.contract(G, tape, rows, cols), H, d_level
 
-        d_kernel, D = np.zeros(self.node.n_dims), np.zeros(K_rho.shape)
-        for (rows, cols), (d_tile, H) in zip(
+        d_kernel, d_level = np.zeros(self.prior.kernel.n_dims), 0.0
+        D = np.zeros(K_rho.shape)
+        for (rows, cols), (d_tile, H, d_level_of_tile) in zip(
             self.pairs, self._map_tiles(contract, tapes), strict=True
         ):
             d_kernel += d_tile
+            d_level += d_level_of_tile
             present = self.present[rows.start][0], self.present[cols.start][0]
             D[present[0][:, None], present[1]] += H
         D = D + D.T
         D *= 0.5
-        return d_kernel, D
+        return d_kernel, D, d_level
+
+    def _sum_within_tasks(self, G, rows, cols):
+        """Sum over pairs of samples of the same task, if there are levels."""
+        if not self.prior.levels:
+            return 0.0
+        return sum(block.sum() for block in self._blocks_of_tasks(G, rows, cols))
 
     def _sum_by_task(self, H, rows, cols):
         """Block sums of the tile H, whose rows and columns are sorted by task."""
@@ -144,7 +167,7 @@ class DensePosterior(Posterior):
         half = self.cholesky.half_solve(likelihood.y)
         self.log_likelihood = likelihood.log_density(self.cholesky, half)
         self.alpha = self.cholesky.half_solve(half, transposed=True)
-        self.weights = self.K_rho[:, self.tasks] * self.alpha
+        self._set_means(self.K_rho[:, self.tasks] * self.alpha)
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
@@ -163,11 +186,20 @@ class DensePosterior(Posterior):
         half = self._half(X, tasks)
         return half.T @ half
 
+    def level_variances(self):
+        """Variance of the level of each task, given the data, (n_tasks,)."""
+        n_tasks = len(self.K_rho)
+        half = self.cholesky.half_solve(np.eye(n_tasks)[self.tasks])
+        told = np.square(self.level * half).sum(axis=0)
+        return np.maximum(self.level - told, 0.0)
+
     def precision(self):
         """The diagonal of K^{-1}, of shape (n_train,)."""
         return self.cholesky.inverse_diagonal()
 
     def _half(self, X, tasks):
         """C^{-1} K(X_train, X), where K_train = C C^T."""
-        between = self.K_rho[np.ix_(self.tasks, tasks)]
-        return self.cholesky.half_solve(between * self.cross(X).T)
+        cross = self.K_rho[np.ix_(self.tasks, tasks)] * self.cross(X).T
+        if self.level:
+            cross += self.level * np.equal.outer(self.tasks, tasks)
+        return self.cholesky.half_solve(cross)

@@ -12,6 +12,11 @@ for targets Y of shape (N, M) stacked column by column. With
 
 .. math:: K^{-1} = (W \otimes U)\, \mathrm{diag}(L_i S_j + 1)^{-1} (W \otimes U)^T.
 
+Levels add :math:`v\, I \otimes 1 1^T`, of rank M. With :math:`h = U^T 1` and
+:math:`u_{ij} = h_i / \sqrt{L_i S_j + 1}` they are, relative to that root of K,
+:math:`v B B^T` with :math:`B_{(ij) m} = u_{ij} W_{mj}`, whose singular values are those
+of an M x M matrix: levels cost no more than that, and a few vectors of N M numbers.
+
 The eigenvalues of a factor are off by its norm's rounding, whatever their size. Those
 that may be nothing else are taken to be zero: nothing is ever added to the diagonal,
 and K^rho keeps its rank, without which the likelihood of data without noise would be
@@ -43,6 +48,8 @@ class KroneckerEigen:
         Noise variance of each task, or of all.
     observed : ndarray of shape (n_observed,)
         Tasks of which there are data.
+    level : float, default=0.0
+        Variance v of the tasks' levels.
 
     Attributes
     ----------
@@ -51,7 +58,9 @@ class KroneckerEigen:
     S, W : ndarray of shape (n_observed,) and (n_observed, n_observed)
         Eigenvalues of K^rho relative to the noise, and D^{-1/2} times its eigenvectors.
     values : ndarray of shape (n_inputs, n_observed)
-        L_i S_j + 1, the eigenvalues of K relative to the noise.
+        L_i S_j + 1, the eigenvalues of K without levels, relative to the noise.
+    levels : Levels or None
+        What the levels add.
 
     Raises
     ------
@@ -59,7 +68,7 @@ class KroneckerEigen:
         If a factor is not finite or is indefinite, or the noise is not positive.
     """
 
-    def __init__(self, K_x, K_rho, noise, observed):
+    def __init__(self, K_x, K_rho, noise, observed, level=0.0):
         noise = np.broadcast_to(noise, len(K_rho))[observed]
         if not ((noise > 0.0) & (noise < np.inf)).all():
             raise NotPositiveDefiniteError(
@@ -71,6 +80,7 @@ class KroneckerEigen:
         self.W = V / root
         self.L, self.U = eigh_semidefinite(K_x)
         self.values = np.multiply.outer(self.L, self.S) + 1.0
+        self.levels = Levels(self, level) if level else None
 
     def rotate(self, Y):
         """U^T Y W: coefficients of Y along the eigenvectors."""
@@ -80,28 +90,144 @@ class KroneckerEigen:
         """U Y W^T."""
         return self.U @ Y @ self.W.T
 
+    def half(self, rotated):
+        """R^T y with K^{-1} = R R^T, from the coefficients of y.
+
+        Parameters
+        ----------
+        rotated : ndarray of shape (..., n_inputs, n_observed)
+            Coefficients.
+
+        Returns
+        -------
+        half : ndarray of the same shape
+            Its sum of squares is y^T K^{-1} y.
+        """
+        half = rotated / np.sqrt(self.values)
+        return self.levels.shrink(half) if self.levels else half
+
+    def alpha(self, half):
+        """Coefficients of K^{-1} y, of which `half` is the root's."""
+        half = self.levels.shrink(half) if self.levels else half
+        return half / np.sqrt(self.values)
+
     def solve(self, Y):
         """K^{-1} Y."""
-        return self.rotate_back(self.rotate(Y) / self.values)
+        return self.rotate_back(self.alpha(self.half(self.rotate(Y))))
 
     def log_det(self):
         """Log-determinant of K."""
-        return np.log(self.values).sum() + len(self.L) * np.log(self.noise).sum()
+        log_det = np.log(self.values).sum() + len(self.L) * np.log(self.noise).sum()
+        return log_det + (self.levels.log_det() if self.levels else 0.0)
 
     def inverse_diagonal(self):
         """Diagonal of K^{-1}, of shape (n_inputs, n_observed)."""
-        return np.square(self.U) @ (1.0 / self.values) @ np.square(self.W).T
+        diagonal = np.square(self.U) @ (1.0 / self.values) @ np.square(self.W).T
+        return diagonal - (self.levels.inverse_diagonal() if self.levels else 0.0)
 
     # derivatives, which make up those of the likelihood
 
     def log_det_by_K_x(self):
-        """Of log|K| by K^x, which is U diag(c) U^T: c."""
-        return (self.S / self.values).sum(axis=1)
+        """Of log|K| by K^x, which is U diag(c) U^T - Q diag(d) Q^T: c, Q and d."""
+        c = (self.S / self.values).sum(axis=1)
+        if not self.levels:
+            return c, np.empty((len(self.L), 0)), np.empty(0)
+        return c, self.levels.Q, self.S * np.diagonal(self.levels.between)
 
     def log_det_by_K_rho(self):
         """Of log|K| by K^rho, of shape (n_observed, n_observed)."""
-        return self.W * (self.L[:, None] / self.values).sum(axis=0) @ self.W.T
+        inner = np.diag((self.L[:, None] / self.values).sum(axis=0))
+        if self.levels:
+            inner -= self.levels.overlaps(self.L)
+        return self.W @ inner @ self.W.T
 
     def log_det_by_noise(self):
         """Of log|K| by the noise variances, of shape (n_observed,)."""
-        return np.square(self.W) @ (1.0 / self.values).sum(axis=0)
+        of_noise = np.square(self.W) @ (1.0 / self.values).sum(axis=0)
+        if self.levels:
+            inner = self.levels.overlaps(np.ones_like(self.L))
+            of_noise -= np.einsum("mj,jk,mk->m", self.W, inner, self.W)
+        return of_noise
+
+    def log_det_by_level(self):
+        """Of log|K| by the levels' variance."""
+        return self.levels.log_det_by_variance() if self.levels else 0.0
+
+
+class Levels:
+    """What levels add to a KroneckerEigen.
+
+    Parameters
+    ----------
+    eigen : KroneckerEigen
+        Without them.
+    variance : float
+        v.
+
+    Attributes
+    ----------
+    covariance : ndarray of shape (n_observed, n_observed)
+        Of the levels given y.
+    between : ndarray of shape (n_observed, n_observed)
+        W^T `covariance` W.
+    Q : ndarray of shape (n_inputs, n_observed)
+        U (h_i / (L_i S_j + 1)): what a level is along each eigenvector of the tasks.
+    """
+
+    def __init__(self, eigen, variance):
+        self.eigen, self.variance, W = eigen, variance, eigen.W
+        self.h = eigen.U.sum(axis=0)
+        u = self.h[:, None] / np.sqrt(eigen.values)
+        size = np.linalg.norm(u, axis=0)
+        self.unit = u / np.maximum(size, np.finfo(float).tiny)
+        # v B^T B = V diag(s^2) V^T
+        self.P, s, Vt = np.linalg.svd(np.sqrt(variance) * size[:, None] * W.T)
+        self.squares = np.square(s)
+        self.covariance = variance * (Vt.T / (1.0 + self.squares)) @ Vt
+        self.between = W.T @ self.covariance @ W
+        self.Q = eigen.U @ (self.h[:, None] / eigen.values)
+
+    def shrink(self, half):
+        """(I + v B B^T)^{-1/2} times coefficients relative to the root."""
+        along = np.einsum("ij,...ij->...j", self.unit, half)
+        taken = 1.0 - 1.0 / np.sqrt(1.0 + self.squares)
+        along = along @ (self.P * taken) @ self.P.T
+        return half - self.unit * along[..., None, :]
+
+    def log_det(self):
+        """What they add to log|K|."""
+        return np.log1p(self.squares).sum()
+
+    def log_det_by_variance(self):
+        """Its derivative by v."""
+        return (self.squares / (1.0 + self.squares)).sum() / self.variance
+
+    def inverse_diagonal(self):
+        """What they take off the diagonal of K^{-1}, (n_inputs, n_observed)."""
+        W = self.eigen.W
+        by_task = self.Q @ (W[:, :, None] * self.between * W[:, None])
+        return np.einsum("mik,ik->im", by_task, self.Q)
+
+    def overlaps(self, weights):
+        """`between` times sum_i w_i h_i^2 / ((L_i S_j + 1)(L_i S_k + 1)), by j, k."""
+        values = self.eigen.values
+        scaled = (weights * np.square(self.h))[:, None] / values
+        return self.between * (scaled.T @ (1.0 / values))
+
+    def told(self, along_x, along_tasks):
+        """What means say of unit levels: 1^T K^{-1} cov(y, f(x)) without levels.
+
+        Parameters
+        ----------
+        along_x : ndarray of shape (n_samples, n_inputs)
+            k^x(x, inputs) U.
+        along_tasks : ndarray of shape (n_observed, n_samples)
+            W^T cov of the tasks' amplitudes.
+
+        Returns
+        -------
+        told : ndarray of shape (n_samples, n_observed)
+            For the level of each observed task.
+        """
+        along = (along_x * self.h) @ (1.0 / self.eigen.values)
+        return (along * along_tasks.T) @ self.eigen.W.T

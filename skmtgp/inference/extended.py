@@ -9,7 +9,7 @@ K_b that of those,
     \quad P = K^{-1} B, \quad S = K_b - B^T P,
 
 so that K is only seen through its eigen-decomposition. S is the covariance of the other
-rows given the complete data.
+rows given the complete data. Levels are in K and K_b, not in B: the tasks are others.
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ class ExtendedLikelihood(EigenLikelihood):
 
     Parameters
     ----------
-    kernel, task_covariance, X, tasks, y, n_noise
+    prior, X, tasks, y
         See KroneckerLikelihood.
     novel : sequence of int
         The novel tasks.
@@ -41,16 +41,14 @@ class ExtendedLikelihood(EigenLikelihood):
         Those of the complete data, then those of the other rows.
     """
 
-    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise, novel):
+    def __init__(self, prior, X, tasks, y, novel):
         is_novel = np.isin(tasks, novel)
         self.old, self.new = np.flatnonzero(~is_novel), np.flatnonzero(is_novel)
         self.novel, old = list(novel), self.old
-        self.base = KroneckerLikelihood(
-            kernel, task_covariance, X[old], tasks[old], y[old], n_noise
-        )
+        self.base = KroneckerLikelihood(prior, X[old], tasks[old], y[old])
         self.observed = self.base.observed
         inputs = np.vstack([self.base.inputs, X[self.new]])
-        super().__init__(kernel, task_covariance, X, tasks, y, n_noise, inputs)
+        super().__init__(prior, X, tasks, y, inputs)
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -68,22 +66,23 @@ class ExtendedLikelihood(EigenLikelihood):
         """
         return ExtendedPosterior(self, theta)
 
-    def _decompose(self, K_x, K_rho, noise):
+    def _decompose(self, K_x, K_rho, level, noise):
         N, tasks = len(self.base.inputs), self.tasks[self.new]
         corner = K_x[:N, :N].copy(order="F")
-        eigen = KroneckerEigen(corner, K_rho, noise, self.observed)
+        eigen = KroneckerEigen(corner, K_rho, noise, self.observed, level)
         # B^T, of shape (n_new, n_inputs, n_observed), and P^T
         cross = K_x[N:, :N, None] * K_rho[tasks][:, None, self.observed]
         P = eigen.solve(cross)
         S = K_rho[np.ix_(tasks, tasks)] * K_x[N:, N:]
+        S += level * np.equal.outer(tasks, tasks)
         S -= np.tensordot(cross, P, axes=((1, 2), (1, 2)))
         S.flat[:: len(S) + 1] += noise[self.noise_of_row[self.new]]
         cholesky = Cholesky(np.asfortranarray(S))
-        rotated = eigen.rotate(self.base.Y)
-        alpha = eigen.rotate_back(rotated / eigen.values)
+        of_base = eigen.half(eigen.rotate(self.base.Y))
+        alpha = eigen.rotate_back(eigen.alpha(of_base))
         rest = self.y[self.new] - np.tensordot(cross, alpha, axes=2)
         half = cholesky.half_solve(rest)
-        value = self.base.log_density(eigen, rotated)
+        value = self.base.log_density(eigen, of_base)
         value += log_density(half @ half, cholesky.log_det(), len(half))
         V = self._vectors(cholesky, half, P, alpha, len(K_rho))
         return value, eigen, np.append(1.0, -np.ones(len(S))), V, K_x @ V
@@ -142,7 +141,7 @@ class ExtendedPosterior(Posterior):
         weighed = np.tensordot(of_new, self._cross_to_base(), axes=1)
         self.A = base.A - base.eigen.solve(weighed)
         self.alpha[self.old], self.alpha[self.new] = base.by_row(self.A), of_new
-        self.weights = self._weights(self.K_rho)
+        self._set_means(self._weights(self.K_rho))
 
     def _weights(self, loadings):
         """Of k^x at each training input, for sums of tasks or of latent functions."""
@@ -178,8 +177,19 @@ class ExtendedPosterior(Posterior):
         """S^{-1/2} times the covariance of the other rows and f(X), given the old."""
         own = self.tasks[self.new]
         prior = self.K_rho[np.ix_(own, tasks)] * self.cross(X)[:, -len(own) :].T
+        prior += self.level * np.equal.outer(own, tasks)
         explained = self.base.explained_between(self.X, own, X, tasks)
         return self.cholesky.half_solve(prior - explained)
+
+    def level_variances(self):
+        """Variance of the level of each task, given the data, (n_tasks,)."""
+        if not self.level:
+            return np.zeros(len(self.K_rho))
+        own = self.tasks[self.new]
+        told = self.level * np.equal.outer(own, np.arange(len(self.K_rho)))
+        told[:, self.base.observed] = self.base.covariances_with_levels(self.X, own)
+        told = np.square(self.cholesky.half_solve(told)).sum(axis=0)
+        return np.maximum(self.base.level_variances() - told, 0.0)
 
     def precision(self):
         """The diagonal of K^{-1}, of shape (n_train,)."""

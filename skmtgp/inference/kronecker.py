@@ -23,30 +23,28 @@ class EigenLikelihood(TiledLikelihood):
     come first; `observed` are their tasks.
     """
 
-    inference = "kronecker"
-
     @property
     def side(self):
         """Rows of the matrices on which an evaluation spends its time."""
-        return max(len(self.inputs), self.task_covariance.n_tasks)
+        return max(len(self.inputs), self.prior.n_tasks)
 
     def _evaluate(self, theta):
         """The value; NotPositiveDefiniteError where K cannot be decomposed."""
         with limit_threads(self.side), self._workspace() as workspace:
-            bound, K_rho, noise = self._bind(theta)
+            bound, *values = self._bind(theta)
             self._fill(bound, workspace.K)
-            return self._decompose(workspace.K, K_rho, noise)[0]
+            return self._decompose(workspace.K, *values)[0]
 
     def _differentiate(self, theta):
-        """The value and its gradients by kernel theta, K^rho and log noise."""
+        """The value and its gradients, see TiledLikelihood."""
         with limit_threads(self.side), self._workspace() as workspace:
-            bound, K_rho, noise = self._bind(theta)
+            bound, K_rho, *variances = self._bind(theta)
             tapes = self._fill(bound, workspace.K, workspace.tiles)
-            value, *rest = self._decompose(workspace.K, K_rho, noise)
-            return value, *self._pull_back(bound, tapes, K_rho, noise, *rest)
+            value, *rest = self._decompose(workspace.K, K_rho, *variances)
+            return value, *self._pull_back(bound, tapes, K_rho, *rest)
 
     @abstractmethod
-    def _decompose(self, K_x, K_rho, noise):
+    def _decompose(self, K_x, K_rho, level, noise):
         """The value and what its gradients are made of.
 
         Returns
@@ -71,8 +69,8 @@ class EigenLikelihood(TiledLikelihood):
 
         return self._fill_tiles(bound, put, memory)
 
-    def _pull_back(self, bound, tapes, K_rho, noise, eigen, signs, V, K_V):
-        """Gradients by kernel theta, K^rho and log noise."""
+    def _pull_back(self, bound, tapes, K_rho, eigen, signs, V, K_V):
+        """Gradients by kernel theta, K^rho, and the variances of levels and noise."""
         between = np.ix_(self.observed, self.observed)
         signed = signs[:, None, None] * V
         d_kernel = self._pull_back_K_x(bound, tapes, eigen, signed @ K_rho, V)
@@ -81,24 +79,30 @@ class EigenLikelihood(TiledLikelihood):
         D[between] -= eigen.log_det_by_K_rho()
         d_noise = np.einsum("vim,vim->m", signed, V)
         d_noise[self.observed] -= eigen.log_det_by_noise()
-        if self.n_noise == 1:
+        if self.prior.n_noise == 1:
             d_noise = d_noise.sum(keepdims=True)
-        return d_kernel, 0.25 * (D + D.T), 0.5 * noise * d_noise
+        d_level = np.vdot(signed.sum(axis=1), V.sum(axis=1)) - eigen.log_det_by_level()
+        return d_kernel, 0.25 * (D + D.T), 0.5 * d_level, 0.5 * d_noise
 
     def _pull_back_K_x(self, bound, tapes, eigen, left, right):
-        """dL/dK^x = 1/2 (sum_v s_v V K^rho V^T - U diag(c) U^T), contracted."""
+        """dL/dK^x = 1/2 (sum_v s_v V K^rho V^T - d log|K| / dK^x), contracted."""
         n, N = len(self.inputs), len(eigen.L)
         left, right = (np.moveaxis(a, 0, 1).reshape(n, -1) for a in (left, right))
-        scaled = eigen.U * eigen.log_det_by_K_x()
+        c, Q, d = eigen.log_det_by_K_x()
+        scaled, of_levels = eigen.U * c, Q * d
 
         def contract(rows, cols, K_x, tape):
             G = left[rows] @ right[cols].T
             old = slice(max(0, N - rows.start)), slice(max(0, N - cols.start))
-            G[old] -= scaled[rows] @ eigen.U[cols].T  # of the complete data alone
+            # of the complete data alone
+            G[old] -= scaled[rows] @ eigen.U[cols].T
+            if d.size:
+                G[old] += of_levels[rows] @ Q[cols].T
             self._halve(G, rows, cols)
             return bound.contract(G, tape, rows, cols)
 
-        return sum(self._map_tiles(contract, tapes), np.zeros(self.node.n_dims))
+        parts = self._map_tiles(contract, tapes)
+        return sum(parts, np.zeros(self.prior.kernel.n_dims))
 
 
 class KroneckerLikelihood(EigenLikelihood):
@@ -106,8 +110,10 @@ class KroneckerLikelihood(EigenLikelihood):
 
     Parameters
     ----------
-    kernel, task_covariance, X, tasks, y, n_noise
+    prior, X, tasks, y
         See Likelihood. K^rho may have tasks without data.
+    design : ndarray of shape (n_inputs, n_tasks), default=None
+        The row of each input and task, where it is known already.
 
     Attributes
     ----------
@@ -128,13 +134,13 @@ class KroneckerLikelihood(EigenLikelihood):
 
     novel = ()
 
-    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise=1):
+    def __init__(self, prior, X, tasks, y, design=None):
         self.observed, codes = np.unique(tasks, return_inverse=True)
-        self.rows = complete_design(X, codes)
+        self.rows = complete_design(X, codes) if design is None else design
         if self.rows is None:
             raise ValueError("The tasks are not observed at the same inputs once each.")
         inputs = X[self.rows[:, 0]]
-        super().__init__(kernel, task_covariance, X, tasks, y, n_noise, inputs)
+        super().__init__(prior, X, tasks, y, inputs)
         self.Y = y[self.rows]
 
     def posterior(self, theta):
@@ -152,25 +158,24 @@ class KroneckerLikelihood(EigenLikelihood):
         """
         return KroneckerPosterior(self, theta)
 
-    def log_density(self, eigen, rotated):
-        """Log density of y, given K and U^T Y W."""
-        fit = np.vdot(rotated, rotated / eigen.values)
-        return log_density(fit, eigen.log_det(), self.Y.size)
+    def log_density(self, eigen, half):
+        """Log density of y, given K and the root's part of y."""
+        return log_density(np.vdot(half, half), eigen.log_det(), self.Y.size)
 
     def eigen(self, theta):
         """K decomposed."""
-        bound, K_rho, noise = self._bind(theta)
+        bound, K_rho, level, noise = self._bind(theta)
         K_x = np.empty((len(self.inputs),) * 2)
         self._fill(bound, K_x)
-        return KroneckerEigen(K_x.T, K_rho, noise, self.observed)
+        return KroneckerEigen(K_x.T, K_rho, noise, self.observed, level)
 
-    def _decompose(self, K_x, K_rho, noise):
-        eigen = KroneckerEigen(K_x.T, K_rho, noise, self.observed)
-        rotated = eigen.rotate(self.Y)
-        alpha, V = rotated / eigen.values, np.zeros((2, *self.Y.shape[:1], len(K_rho)))
+    def _decompose(self, K_x, K_rho, level, noise):
+        eigen = KroneckerEigen(K_x.T, K_rho, noise, self.observed, level)
+        half = eigen.half(eigen.rotate(self.Y))
+        alpha, V = eigen.alpha(half), np.zeros((2, *self.Y.shape[:1], len(K_rho)))
         V[0][:, self.observed] = eigen.rotate_back(alpha)
         V[1][:, self.observed] = eigen.rotate_back(eigen.L[:, None] * alpha)
-        return self.log_density(eigen, rotated), eigen, np.ones(1), V[:1], V[1:]
+        return self.log_density(eigen, half), eigen, np.ones(1), V[:1], V[1:]
 
 
 class KroneckerPosterior(Posterior):
@@ -195,14 +200,14 @@ class KroneckerPosterior(Posterior):
         super().__init__(likelihood, theta)
         self.observed, self.rows = likelihood.observed, likelihood.rows
         self.eigen = eigen = likelihood.eigen(theta)
-        rotated = eigen.rotate(likelihood.Y)
-        self.log_likelihood = likelihood.log_density(eigen, rotated)
-        alpha = rotated / eigen.values
+        half = eigen.half(eigen.rotate(likelihood.Y))
+        self.log_likelihood = likelihood.log_density(eigen, half)
+        alpha = eigen.alpha(half)
         self.A = eigen.rotate_back(alpha)
         self.alpha = self.by_row(self.A)
         # f has no part along eigenvectors of eigenvalue zero, but alpha a large one
         self.of_f = eigen.rotate_back(alpha * (eigen.values > 1.0))
-        self.weights = self.K_rho[:, self.observed] @ self.of_f.T
+        self._set_means(self.K_rho[:, self.observed] @ self.of_f.T)
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
@@ -226,14 +231,19 @@ class KroneckerPosterior(Posterior):
         half : ndarray of shape (n_train, n_samples)
             Its rows are in the order of the eigenvalues.
         """
-        half = self._along_x(X).T[:, None] * (self.eigen.W.T @ loadings)
-        half /= np.sqrt(self.eigen.values)[..., None]
-        return half.reshape(-1, len(X))
+        rotated = self._along_x(X)[..., None] * (self.eigen.W.T @ loadings).T[:, None]
+        return self.eigen.half(rotated).reshape(len(X), -1).T
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""
-        weights = (1.0 / self.eigen.values) @ np.square(self._along_tasks())
-        return np.einsum("ti,it->t", np.square(self._along_x(X)), weights[:, tasks])
+        along_x, along_tasks = self._along_x(X), self._along_tasks()
+        weights = (1.0 / self.eigen.values) @ np.square(along_tasks)
+        explained = np.einsum("ti,it->t", np.square(along_x), weights[:, tasks])
+        if not self.level:
+            return explained
+        left = self._left_of_levels(along_x, tasks)
+        own = left[0] @ self.eigen.levels.covariance
+        return explained + self.level - np.einsum("im,im->i", own, left[0]) - left[1]
 
     def explained_covariance(self, X, tasks):
         """What they take off its covariance, (n_samples, n_samples)."""
@@ -254,7 +264,33 @@ class KroneckerPosterior(Posterior):
                 product = along_tasks[:, m] * along_tasks[:, n]
                 weights = (product / self.eigen.values).sum(axis=1)
                 explained[np.ix_(rows, cols)] = of_X[rows] * weights @ of_Z[cols].T
+        if self.level:
+            explained += self._explained_of_levels(left, right)
         return explained
+
+    def _explained_of_levels(self, left, right):
+        """What the data take off the covariances of levels, and give to the rest."""
+        same = np.equal.outer(left[1], right[1])
+        (of_X, novel_X), (of_Z, novel_Z) = (
+            self._left_of_levels(*part) for part in (left, right)
+        )
+        explained = self.level * same
+        explained -= of_X @ self.eigen.levels.covariance @ of_Z.T
+        return explained - np.multiply.outer(novel_X, novel_Z > 0.0) * same
+
+    def _left_of_levels(self, along_x, tasks):
+        """How f depends on the levels once the data are known, beside k^x.
+
+        Returns
+        -------
+        left : ndarray of shape (n_samples, n_observed)
+            On those of the observed tasks.
+        novel : ndarray of shape (n_samples,)
+            Variance of the level of a task without data.
+        """
+        left = -self.eigen.levels.told(along_x, self._along_tasks()[:, tasks])
+        left += np.equal.outer(tasks, self.observed)
+        return left, self.level * ~np.isin(tasks, self.observed)
 
     def _along_x(self, X):
         """k^x(X, inputs) U, of shape (n_samples, n_inputs)."""
@@ -263,6 +299,18 @@ class KroneckerPosterior(Posterior):
     def _along_tasks(self):
         """W^T K^rho, of shape (n_observed, n_tasks)."""
         return self.eigen.W.T @ self.K_rho[self.observed]
+
+    def level_variances(self):
+        """Variance of the level of each task, given the data, (n_tasks,)."""
+        variances = np.full(len(self.K_rho), self.level)
+        if self.level:
+            variances[self.observed] = np.diagonal(self.eigen.levels.covariance)
+        return variances
+
+    def covariances_with_levels(self, X, tasks):
+        """Of f with the levels of the observed tasks, (n_samples, n_observed)."""
+        left, _ = self._left_of_levels(self._along_x(X), tasks)
+        return left @ self.eigen.levels.covariance
 
     def precision(self):
         """The diagonal of K^{-1}, of shape (n_train,)."""

@@ -9,7 +9,6 @@ import numpy as np
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
-from skmtgp.model._nodes import compile_kernel
 from skmtgp.model.task_covariance import OfTasks
 
 FISHER_ROWS = 200
@@ -17,43 +16,33 @@ FISHER_SIZE = 2**24  # elements of the derivatives
 
 
 class Likelihood(ABC):
-    r"""Log marginal likelihood of one output over all tasks, eq. 6.
+    r"""Log marginal likelihood of one output over all tasks.
 
     .. math::
-        \log p(t | X) = -\tfrac12 t^T K^{-1} t - \tfrac12 \log|K| - \tfrac n2 \log 2\pi,
-        \quad K_{ij} = K^\rho_{m_i m_j} k^x(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
+        \log p(t | X) = -\tfrac12 t^T K^{-1} t - \tfrac12 \log|K| - \tfrac n2 \log 2\pi
+
+    with the covariance K of the prior, eq. 6.
 
     Parameters
     ----------
-    kernel : Kernel
-        k^x; only its form matters, theta sets its free hyperparameters.
-    task_covariance : FixedTaskCovariance, LowRank or WithDiagonal
-        Form of K^rho.
+    prior : Prior
+        The model; theta sets its hyperparameters.
     X : ndarray of shape (n_samples, n_features)
         Inputs without the task column, sorted by task.
     tasks : ndarray of shape (n_samples,)
         Task of each row, 0 to n_tasks - 1, ascending.
     y : ndarray of shape (n_samples,)
         Targets, of which the model takes the mean to be zero.
-    n_noise : int, default=1
-        1 for a noise variance shared by the tasks, n_tasks for one each.
-
-    Notes
-    -----
-    theta is the concatenation of the kernel's theta, the parameters of K^rho and the
-    logarithms of the noise variances.
     """
 
-    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise=1):
-        self.kernel, self.node = kernel, compile_kernel(kernel)
-        self.task_covariance = task_covariance
-        self.X, self.tasks, self.y = X, tasks, y
-        self.n_noise = n_noise
+    def __init__(self, prior, X, tasks, y):
+        self.prior, self.X, self.tasks, self.y = prior, X, tasks, y
 
     @property
     def noise_of_row(self):
         """Which noise variance each row has."""
-        return self.tasks if self.n_noise > 1 else np.broadcast_to(0, len(self.tasks))
+        of_tasks = self.prior.n_noise > 1
+        return self.tasks if of_tasks else np.broadcast_to(0, len(self.tasks))
 
     @property
     def side(self):
@@ -91,10 +80,6 @@ class Likelihood(ABC):
     @abstractmethod
     def release(self):
         """Give back the memory that is kept for the next evaluation."""
-
-    def split(self, theta):
-        """Theta's three parts: kernel, K^rho, log noise variances."""
-        return np.split(theta, [self.node.n_dims, len(theta) - self.n_noise])
 
     def value(self, theta):
         """Log marginal likelihood; -inf where K cannot be factorised."""
@@ -141,8 +126,9 @@ class Likelihood(ABC):
             1/2 tr(K^{-1} dK_p K^{-1} dK_q), scaled to all rows.
         """
         self.release()  # the derivatives need as much memory
-        of_rho = list(self.task_covariance.derivatives(self.split(theta)[1]))
-        n, n_matrices = len(self.X), self.node.n_dims + len(of_rho) + 1
+        form, rho = self.prior.task_covariance, self.prior.values(theta).rho
+        of_rho = list(form.derivatives(rho))
+        n, n_matrices = len(self.X), self.prior.node.n_dims + len(of_rho) + 2
         most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):
@@ -151,18 +137,20 @@ class Likelihood(ABC):
 
     def _derivatives(self, theta, rows, of_rho):
         """K of some rows, their tasks, and its derivatives by the parts of theta."""
-        kernel, rho, log_noise = self.split(theta)
+        prior, values = self.prior, self.prior.values(theta)
         X, tasks, noise_of_row = self._some(rows)
-        K_x, dK_x = self.kernel.clone_with_theta(kernel)(X, eval_gradient=True)
-        K_rho = self.task_covariance.matrix(rho)[np.ix_(tasks, tasks)]
-        noise = np.diag(np.exp(log_noise)[noise_of_row])
-        of_tasks = OfTasks(np.arange(self.n_noise), 0.5 * noise)
+        K_x, dK_x = prior.kernel_at(theta)(X, eval_gradient=True)
+        K_rho = prior.K_rho_at(theta)[np.ix_(tasks, tasks)]
+        level = values.level * np.equal.outer(tasks, tasks)
+        noise = np.diag(values.noise[noise_of_row])
+        of_tasks = OfTasks(np.arange(prior.n_noise), 0.5 * noise)
         derivatives = [
             [d * K_rho for d in np.moveaxis(dK_x, 2, 0)],
             [_between_samples(d, tasks, K_x) for d in of_rho],
-            [of_tasks if self.n_noise > 1 else noise],
+            [level] * prior.levels,
+            [of_tasks if prior.n_noise > 1 else noise],
         ]
-        return K_x * K_rho + noise, tasks, derivatives
+        return K_x * K_rho + level + noise, tasks, derivatives
 
     def _some(self, rows):
         """X, tasks and the noise variance of some rows, sorted by task."""

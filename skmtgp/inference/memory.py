@@ -1,11 +1,15 @@
-"""How much memory likelihoods take for the tiles of a kernel."""
+"""How much memory the engines take, and whether there is as much."""
 
+from skmtgp._numerics.bfgs import MEMORY, MOST_DENSE
+from skmtgp._numerics.memory import check_available
 from skmtgp._numerics.parallel import SMALL, count_threads
 from skmtgp.inference.sparse import BLOCK
 from skmtgp.inference.tiles import TILE
 from skmtgp.model._nodes import count_arrays, count_elements
 
 WORK = 8  # arrays of a tile that come and go, at most
+# Matrices between tasks: of each climb, with where it starts, and of each posterior
+OF_CLIMB, OF_POSTERIOR = 12, 4
 
 
 class TileMemory:
@@ -69,3 +73,107 @@ class TileMemory:
         size = min(n_rows, BLOCK)
         arrays = (self.n_arrays + WORK) * n_inducing * size
         return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size))
+
+
+def check_memory(demand, tiles, n_rows, *, rows, n_matrices):
+    """Raise an InsufficientMemoryError where exact covariances cannot be held.
+
+    Parameters
+    ----------
+    demand : Demand
+        What is asked for.
+    tiles : TileMemory
+        What the kernel takes.
+    n_rows : int
+        Rows of a covariance.
+    rows : str
+        What they are.
+    n_matrices : int
+        How many of them a likelihood takes beside the tiles.
+    """
+    of_climbs = _matrices(n_rows, n_matrices * demand.n_climbs)
+    of_climbs += tiles.of_triangle(n_rows, demand.n_climbs)
+    of_rows = max(of_climbs, _matrices(n_rows, demand.n_kept))
+    of_tasks = _of_tasks(demand, demand.n_climbs, demand.n_parameters)
+    tasks = f" and {demand.n_tasks} tasks" if of_tasks > of_rows else ""
+    single = "a SingleTaskGP, whose matrices are of one task each, or "
+    check_available(
+        of_rows + of_tasks,
+        f"Exact inference with {n_rows} {rows}{tasks}{_at_a_time(demand.n_climbs)}",
+        f"{demand.why} "
+        "Set inference='sparse', which approximates by inducing inputs, "
+        f"{'lower n_jobs, ' if demand.n_climbs > 1 else ''}fit fewer samples, or "
+        f"{'' if demand.alone else single}a BayesianLinearRegression, which has none.",
+    )
+
+
+def check_sparse_memory(demand, tiles, n_inducing, n_exact):
+    """The same of sparse inference.
+
+    Parameters
+    ----------
+    demand : Demand
+        What is asked for. Of M tasks that share r latent functions it takes M + r^2
+        matrices of m x m for each posterior that is kept; learning takes up to six
+        times that.
+    tiles : TileMemory
+        What the kernel takes.
+    n_inducing : int
+        Number m of inducing inputs.
+    n_exact : int
+        Rows that are learned from exactly, before.
+    """
+    n, n_tasks, rank = demand.n_samples, demand.n_tasks, demand.rank
+    n_inducing, n_exact = min(n, n_inducing), min(n, n_exact)
+    n_climbs, n_exact_climbs = demand.n_climbs, demand.n_exact_climbs
+    matrices = (6 * n_climbs + demand.n_kept) * (n_tasks + rank**2)
+    of_bound = _matrices(n_inducing, matrices)
+    of_bound += tiles.of_blocks(n_inducing, n, n_climbs)
+    of_exact = _matrices(n_exact, n_exact_climbs)
+    of_exact += tiles.of_triangle(n_exact, n_exact_climbs)
+    of_tasks = _of_tasks(demand, max(n_climbs, n_exact_climbs), n_tasks * rank)
+    check_available(
+        max(of_bound, of_exact) + of_tasks,
+        f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "
+        f"{rank}{_at_a_time(n_climbs)}",
+        "Take fewer inducing inputs, a lower rank, n_exact or n_jobs.",
+    )
+
+
+def check_border_memory(n_new, n_inducing, rank):
+    """The same for a task that joins a sparse model.
+
+    Parameters
+    ----------
+    n_new : int
+        Its samples.
+    n_inducing : int
+        Number of inducing inputs.
+    rank : int
+        Number of latent functions.
+    """
+    side = rank * min(n_new, n_inducing)
+    check_available(
+        8.0 * (4 * n_new**2 + 2 * rank * side * n_new + 3 * side**2),
+        f"add_task with {n_new} samples, {n_inducing} inducing inputs and rank {rank}",
+        "Give fewer samples of the new task.",
+    )
+
+
+def _matrices(n, how_many):
+    """Bytes of matrices of n x n."""
+    return 8.0 * n**2 * how_many
+
+
+def _of_tasks(demand, n_climbs, n_parameters):
+    """Bytes of matrices between tasks, and of the steps that limited memory keeps.
+
+    Where a parameter is at a bound there are copies of the steps.
+    """
+    matrices = max(OF_CLIMB * n_climbs, OF_POSTERIOR * demand.n_kept)
+    steps = 4 * MEMORY * n_parameters if n_parameters > MOST_DENSE else 0
+    return _matrices(demand.n_tasks, matrices) + 8.0 * steps * n_climbs
+
+
+def _at_a_time(n_climbs):
+    return f", {n_climbs} times at once by n_jobs," if n_climbs > 1 else ""

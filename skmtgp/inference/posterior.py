@@ -35,6 +35,8 @@ class Posterior(ABC):
         k^x at these parameters.
     K_rho : ndarray of shape (n_tasks, n_tasks)
         K^rho at these parameters.
+    level : float
+        Variance of the tasks' levels, which are part of f.
     noise : ndarray of shape (n_samples,)
         Noise variance of each training sample.
     jitter : float or ndarray of shape (n_samples,)
@@ -43,6 +45,8 @@ class Posterior(ABC):
         K^{-1} y.
     weights : ndarray of shape (n_tasks, n_inputs)
         Of k^x at each training input in the mean of each task.
+    levels : ndarray of shape (n_tasks,)
+        Mean of the level of each task.
     log_likelihood : float
         Log marginal likelihood of the targets.
     largest : float
@@ -52,13 +56,13 @@ class Posterior(ABC):
     jitter = 0.0
 
     def __init__(self, likelihood, theta):
-        kernel, rho, log_noise = likelihood.split(theta)
-        self.kernel = likelihood.kernel.clone_with_theta(kernel)
-        self.bound = likelihood.node.bind(kernel, likelihood.inputs)
-        self.K_rho = likelihood.task_covariance.matrix(rho)
-        self.tasks = likelihood.tasks
-        self.noise = np.exp(log_noise)[likelihood.noise_of_row]
-        self.largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
+        prior, values = likelihood.prior, likelihood.prior.values(theta)
+        self.kernel, self.K_rho = prior.kernel_at(theta), prior.K_rho_at(theta)
+        self.bound = prior.node.bind(values.kernel, likelihood.inputs)
+        self.tasks, self.level = likelihood.tasks, values.level
+        self.noise = values.noise[likelihood.noise_of_row]
+        largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
+        self.largest = largest + self.level
 
     @property
     def rounding(self):
@@ -97,6 +101,10 @@ class Posterior(ABC):
             C^{-1} cov(y, z_a(X)), where K = C C^T.
         """
 
+    @abstractmethod
+    def level_variances(self):
+        """Variance of the level of each task, given the data, (n_tasks,)."""
+
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
         order = np.argsort(tasks, kind="stable")  # few tasks meet in a tile
@@ -109,7 +117,7 @@ class Posterior(ABC):
         def of_rows(rows):
             present, column = np.unique(tasks[rows], return_inverse=True)
             of_tasks = self._weigh(cross, rows, self.weights[present])
-            return of_tasks[np.arange(len(column)), column]
+            return of_tasks[np.arange(len(column)), column] + self.levels[tasks[rows]]
 
         mean[order] = _by_rows(of_rows, len(X))
         return mean
@@ -127,16 +135,17 @@ class Posterior(ABC):
         Returns
         -------
         mean : ndarray of shape (n_samples, n_tasks)
-            f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i.
+            f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i and the level of m.
         """
         cross, weights = self.bound.against(X), self.weights[tasks]
-        return _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
+        mean = _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
+        return mean + self.levels[tasks]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
         def of_rows(X, tasks):
-            prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
+            prior = self.K_rho[tasks, tasks] * self.kernel.diag(X) + self.level
             return prior - self.explained(X, tasks), prior
 
         size = max(1, BLOCK_SIZE // len(self.tasks))
@@ -146,6 +155,7 @@ class Posterior(ABC):
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         prior = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X)
+        prior += self.level * np.equal.outer(tasks, tasks)
         covariance = prior - self.explained_covariance(X, tasks)
         without_negatives(diagonal(covariance), np.diagonal(prior), self.rounding)
         return covariance
@@ -182,6 +192,12 @@ class Posterior(ABC):
         K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)
 
+    def _set_means(self, weights):
+        """What the means are made of; `alpha` is there already."""
+        self.weights = weights
+        of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
+        self.levels = self.level * of_tasks
+
     def _weigh(self, cross, rows, weights):
         """K^x(X[rows], X_train) times the weights, which are in rows, in tiles."""
         size, n = rows.stop - rows.start, weights.shape[1]
@@ -214,7 +230,7 @@ def freedom_of_noise(likelihood, posterior):
 
 
 def _sum_by_noise(likelihood, of_row):
-    return np.bincount(likelihood.noise_of_row, of_row, likelihood.n_noise)
+    return np.bincount(likelihood.noise_of_row, of_row, likelihood.prior.n_noise)
 
 
 def noise_is_told(likelihood, posterior):

@@ -20,9 +20,9 @@ import numpy as np
 
 from skmtgp._data.dask import sum_parts
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.guide import INFERENCE
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.features import Features
-from skmtgp.inference.latent import latent_functions, pull_back
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.inference.sparse_posterior import SparsePosterior
 from skmtgp.inference.sums import (
@@ -35,6 +35,7 @@ from skmtgp.inference.sums import (
 from skmtgp.inference.weights import Gradients, Weights
 
 BLOCK = 1024  # rows
+LATENT = "latent", "pull_back_latent"
 
 
 class SparseBound(Likelihood):
@@ -42,12 +43,9 @@ class SparseBound(Likelihood):
 
     Parameters
     ----------
-    kernel : Kernel
-        k^x; only its form matters, theta sets its free hyperparameters. A WhiteKernel
-        in it is not explained by any inducing variable: let the noise variance have
-        its part.
-    task_covariance : FixedTaskCovariance, LowRank or WithDiagonal
-        Form of K^rho.
+    prior : Prior
+        The model; theta sets its hyperparameters. A WhiteKernel in k^x is not explained
+        by any inducing variable: let the noise variance have its part.
     X : array-like of shape (n_samples, n_features)
         Inputs without the task column. It may be memory-mapped, as may `tasks` and
         `y`: a block of rows is read at a time. They may be Dask arrays, with the same
@@ -59,8 +57,6 @@ class SparseBound(Likelihood):
         Targets, of which the model takes the mean to be zero.
     Z : ndarray of shape (n_inducing, n_features)
         Inducing inputs.
-    n_noise : int, default=1
-        1 for a noise variance shared by the tasks, n_tasks for one each.
     block_size : int, default=1024
         Rows that are read at a time.
 
@@ -96,20 +92,8 @@ class SparseBound(Likelihood):
     some per cent at worst, while greedily chosen ones keep 4.
     """
 
-    inference = "sparse"
-
-    def __init__(
-        self,
-        kernel,
-        task_covariance,
-        X,
-        tasks,
-        y,
-        Z,
-        n_noise=1,
-        block_size=BLOCK,
-    ):
-        super().__init__(kernel, task_covariance, X, tasks, y, n_noise)
+    def __init__(self, prior, X, tasks, y, Z, block_size=BLOCK):
+        super().__init__(prior, X, tasks, y)
         self.Z, self.block_size = np.asarray(Z, dtype=float), block_size
         if self.Z.shape[1:] != X.shape[1:] or not len(self.Z):
             raise ValueError(
@@ -126,7 +110,8 @@ class SparseBound(Likelihood):
         """The bound; NotPositiveDefiniteError where a factorisation fails."""
         with limit_threads(self.side):
             features, weights = self.forward(theta)
-            sums = self.over_rows(sum_residuals, features, weights.omega)
+            means = weights.omega, weights.levels
+            sums = self.over_rows(sum_residuals, features, *means)
         return weights.log_density(sums.squares)
 
     def _evaluate_with_grad(self, theta):
@@ -162,10 +147,13 @@ class SparseBound(Likelihood):
         """The bound and its gradients, that by Z only if it is asked for."""
         features, gradients, back = self._backward(theta, inputs=inputs)
         d_kernel, K_bar = features.contract(gradients.omega_bar())
-        d_F, d_kappa, d_noise = gradients.by_parameters(back)
-        d_rho = pull_back(self.task_covariance, self.split(theta)[1], d_F, d_kappa)
-        d_noise = d_noise if self.n_noise > 1 else [d_noise.sum()]
-        gradient = np.concatenate([back.theta + d_kernel, d_rho, d_noise])
+        d_F, d_kappa, d_level, d_noise = gradients.by_parameters(back)
+        form, rho = self.prior.task_covariance, self.prior.values(theta).rho
+        d_rho = form.pull_back_latent(rho, d_F, d_kappa)
+        d_noise = d_noise if self.prior.n_noise > 1 else d_noise.sum(keepdims=True)
+        gradient = self.prior.gradient(
+            theta, back.theta + d_kernel, d_rho, d_level, d_noise
+        )
         d_Z = back.Z + features.contract_inputs(K_bar) if inputs else None
         return gradients.weights.log_density(back.squares), gradient, d_Z
 
@@ -206,16 +194,8 @@ class SparseBound(Likelihood):
 
     def with_inducing(self, Z):
         """The same model and data with other inducing inputs."""
-        return SparseBound(
-            self.kernel,
-            self.task_covariance,
-            self.X,
-            self.tasks,
-            self.y,
-            Z,
-            self.n_noise,
-            self.block_size,
-        )
+        rows = self.X, self.tasks, self.y
+        return SparseBound(self.prior, *rows, Z, self.block_size)
 
     def release(self):
         """Give back memory: none is kept between evaluations."""
@@ -224,13 +204,12 @@ class SparseBound(Likelihood):
         """The features and the posterior of their weights, by the first pass."""
         if not np.isfinite(theta).all():
             raise NotPositiveDefiniteError("theta is not finite")
-        kernel, rho, log_noise = self.split(theta)
-        n_tasks = self.task_covariance.n_tasks
-        features = Features(self.kernel, self.node, kernel, self.Z)
-        sums = self.over_rows(sum_features, features, n_tasks)
-        noise = np.broadcast_to(np.exp(log_noise), n_tasks)
-        latent = latent_functions(self.task_covariance, rho)
-        return features, Weights(sums, *latent, noise)
+        prior, values = self.prior, self.prior.values(theta)
+        features = Features(prior.kernel, prior.node, values.kernel, self.Z)
+        sums = self.over_rows(sum_features, features, prior.n_tasks)
+        noise = np.broadcast_to(values.noise, prior.n_tasks)
+        latent = prior.task_covariance.latent(values.rho)
+        return features, Weights(sums, *latent, noise, values.level)
 
     def _backward(self, theta, *, inputs=False):
         """The features, what the gradient is made of, and the second pass."""
@@ -255,3 +234,22 @@ class SparseBound(Likelihood):
     def forget_rows(self):
         """Keep what does not depend on them: no likelihood can be computed any more."""
         self.X = self.tasks = self.y = None
+
+
+def check_latent(form):
+    """Raise a ValueError where the latent functions of a form are not known.
+
+    Parameters
+    ----------
+    form : FixedTaskCovariance, LowRank or another
+        Form of K^rho, perhaps inside of others.
+    """
+    inner = getattr(form, "form", form)
+    missing = [name for name in LATENT if not hasattr(inner, name)]
+    if missing:
+        raise ValueError(
+            "inference='sparse' needs the latent functions of the task covariance, "
+            f"but {type(inner).__name__} has no {' and no '.join(missing)}. Give the "
+            "class these methods, or set inference='dense', or 'kronecker' for "
+            f"complete data. {INFERENCE}"
+        )

@@ -36,6 +36,10 @@ class SparsePosterior:
         Whitened features at these parameters.
     V : ndarray of shape (rank, n_inducing)
         Mean weights of the latent functions.
+    levels : ndarray of shape (n_tasks,)
+        Mean of the level of each task.
+    level : float
+        Variance of the tasks' levels, which are part of f.
     noise : ndarray of shape (n_tasks,)
         Noise variance of each task.
     rounding : float
@@ -52,9 +56,10 @@ class SparsePosterior:
     def __init__(self, bound, theta):
         with limit_threads(bound.side):
             self.features, weights = bound.forward(theta)
-            sums = bound.over_rows(sum_residuals, self.features, weights.omega)
+            means = weights.omega, weights.levels
+            sums = bound.over_rows(sum_residuals, self.features, *means)
             self.log_likelihood = weights.log_density(sums.squares)
-            self.V, self.omega = weights.refined(sums.errors)
+            self.V, self.omega, self.levels = weights.refined(sums)
             self.covariances = Covariances(weights)  # spends the factor of `weights`
             # f^m(x) = omega_m . L^{-1} k^x(Z, x)
             solve = self.features.cholesky.half_solve
@@ -62,8 +67,8 @@ class SparsePosterior:
         self.features.warn_of_jitter()
         self.bound, self.noise = bound, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size
-        self.K_rho = bound.task_covariance.matrix(bound.split(theta)[1])
-        prior = largest_prior(self.K_rho, self.kernel, bound.Z)
+        self.K_rho, self.level = bound.prior.K_rho_at(theta), weights.level
+        prior = largest_prior(self.K_rho, self.kernel, bound.Z) + self.level
         rounding = rounding_of(len(bound.tasks), prior, self.noise.min())
         self.rounding = SINGULAR + rounding
 
@@ -90,7 +95,7 @@ class SparsePosterior:
         Returns
         -------
         mean : ndarray of shape (n_samples, n_tasks)
-            f^m(x) = omega_m . phi(x).
+            f^m(x) = omega_m . phi(x), and the level of m.
         """
         weights, m = self.weights[tasks].T, len(self.features)
 
@@ -99,7 +104,7 @@ class SparsePosterior:
             return cross.times(slice(0, len(X)), slice(0, m), weights)
 
         with limit_threads(self.bound.side):
-            return in_blocks(of_rows, self.block_size, X)
+            return in_blocks(of_rows, self.block_size, X) + self.levels[tasks]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -107,19 +112,23 @@ class SparsePosterior:
         def of_rows(X, tasks):
             tile, own = self.features.tile(X), self.K_rho[tasks, tasks]
             variance = own * tile.rest + self._spread(tile.phi, tasks)
-            return variance, own * self.kernel.diag(X)
+            return variance, own * self.kernel.diag(X) + self.level
 
         found = in_blocks(of_rows, self.block_size, X, tasks, axis=1)
         return without_negatives(*found, self.rounding)
 
     def _spread(self, phi, tasks):
-        """Variances of omega_m . phi for given features and tasks."""
-        spread = np.empty(len(tasks))
+        """Variances of omega_m . phi + c_m for given features and tasks."""
+        spread, covariances = np.empty(len(tasks)), self.covariances
         for task in np.unique(tasks):
             rows = tasks == task
-            Sigma, of_task = self.covariances.Sigma[task], phi[:, rows]
+            Sigma, of_task = covariances.Sigma[task], covariances.less(phi, task, rows)
             spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
-        return spread
+        return spread + covariances.of_level[tasks]
+
+    def level_variances(self):
+        """Variance of the level of each task, given the data, (n_tasks,)."""
+        return self.covariances.level_variances()
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
@@ -127,7 +136,7 @@ class SparsePosterior:
         K_rho, K_x = self.K_rho[np.ix_(tasks, tasks)], self.kernel(X)
         covariance = K_rho * (K_x - phi.T @ phi)
         covariance += self.covariances.between(phi, tasks)
-        prior = np.diagonal(K_rho) * np.diagonal(K_x)
+        prior = np.diagonal(K_rho) * np.diagonal(K_x) + self.level
         without_negatives(diagonal(covariance), prior, self.rounding)
         return covariance
 
@@ -161,14 +170,15 @@ class SparsePosterior:
 
     def _left_out(self, X, tasks, y):
         tile, noise = self.features.tile(X), self.noise[tasks]
-        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X)
+        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X) + self.level
         rest = self.K_rho[tasks, tasks] * tile.rest
         share = self._spread(tile.phi, tasks) / noise
         # 1 - h_i is that of a row without others at least. Below 0 it has no digit, and
         # the variance is told as minus the prior's
         left, least = 1.0 - share, noise / (noise + prior - rest)
         left = np.where(left > 0.0, np.maximum(left, least), -least)
-        error = y - np.einsum("ij,ji->i", self.omega[tasks], tile.phi)
+        error = y - self.levels[tasks]
+        error -= np.einsum("ij,ji->i", self.omega[tasks], tile.phi)
         return np.stack(
             [error / np.abs(left), noise * share / left, rest, prior, noise]
         )

@@ -36,17 +36,23 @@ class FeatureSums(Sums):
         sum_i k^x(x_i, x_i) - |phi_i|^2.
     n : ndarray of shape (n_tasks,)
         Numbers of rows.
+    phi : ndarray of shape (n_tasks, n_inducing)
+        sum_i phi_i.
+    y : ndarray of shape (n_tasks,)
+        sum_i y_i.
     """
 
     S: np.ndarray
     s: np.ndarray
     rest: np.ndarray
     n: np.ndarray
+    phi: np.ndarray
+    y: np.ndarray
 
 
 @dataclass
 class ResidualSums(Sums):
-    """Sums of e_i = y_i - omega_m . phi_i over the rows of each task.
+    """Sums of e_i = y_i - c_m - omega_m . phi_i over the rows of each task.
 
     Attributes
     ----------
@@ -54,10 +60,13 @@ class ResidualSums(Sums):
         sum_i e_i^2.
     errors : ndarray of shape (n_tasks, n_inducing)
         sum_i phi_i e_i.
+    error : ndarray of shape (n_tasks,)
+        sum_i e_i.
     """
 
     squares: np.ndarray
     errors: np.ndarray
+    error: np.ndarray
 
 
 @dataclass
@@ -107,8 +116,9 @@ def sum_features(features, n_tasks, blocks):
         Those of several sets of rows add up to those of all.
     """
     m = len(features)
-    S, s = np.zeros((n_tasks, m, m)), np.zeros((n_tasks, m))
-    sums = FeatureSums(S, s, *np.zeros((2, n_tasks)))
+    S, (s, phi) = np.zeros((n_tasks, m, m)), np.zeros((2, n_tasks, m))
+    rest, n, y = np.zeros((3, n_tasks))
+    sums = FeatureSums(S, s, rest, n, phi, y)
     for block in blocks:
         _add_features(sums, features, *block)
     return sums
@@ -122,11 +132,13 @@ def _add_features(sums, features, X, tasks, y):
         phi = tile.phi[:, rows]
         sums.S[task] += phi @ phi.T
         sums.s[task] += phi @ y[rows]
+        sums.phi[task] += phi.sum(axis=1)
     sums.rest += np.bincount(tasks, tile.rest, len(sums.n))
     sums.n += np.bincount(tasks, minlength=len(sums.n))
+    sums.y += np.bincount(tasks, y, len(sums.n))
 
 
-def sum_residuals(features, omega, blocks):
+def sum_residuals(features, omega, levels, blocks):
     """The backward pass over some rows without the gradient.
 
     Parameters
@@ -135,6 +147,8 @@ def sum_residuals(features, omega, blocks):
         At the parameters.
     omega : ndarray of shape (n_tasks, n_inducing)
         Weights of the features.
+    levels : ndarray of shape (n_tasks,)
+        c_m.
     blocks : iterable of (ndarray, ndarray, ndarray)
         X, tasks and y of some rows at a time.
 
@@ -143,20 +157,22 @@ def sum_residuals(features, omega, blocks):
     sums : ResidualSums
         Those of several sets of rows add up to those of all.
     """
-    sums = ResidualSums(np.zeros(len(omega)), np.zeros_like(omega))
+    squares, error = np.zeros((2, len(omega)))
+    sums = ResidualSums(squares, np.zeros_like(omega), error)
     for X, tasks, y in blocks:
         X, _, y, parts = _by_task(X, tasks, y)
-        _add_residuals(sums, features.tile(X).phi, omega, y, parts)
+        _add_residuals(sums, features.tile(X).phi, omega, levels, y, parts)
     return sums
 
 
-def _add_residuals(sums, phi, omega, y, parts):
+def _add_residuals(sums, phi, omega, levels, y, parts):
     """Add those of a block to the sums, and return the residuals."""
     error = np.empty(len(y))
     for task, rows in parts:
-        error[rows] = y[rows] - omega[task] @ phi[:, rows]
+        error[rows] = y[rows] - levels[task] - omega[task] @ phi[:, rows]
         sums.squares[task] += error[rows] @ error[rows]
         sums.errors[task] += phi[:, rows] @ error[rows]
+        sums.error[task] += error[rows].sum()
     return error
 
 
@@ -183,6 +199,7 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
     sums = GradientSums(
         squares=np.zeros(len(omega)),
         errors=np.zeros_like(omega),
+        error=np.zeros(len(omega)),
         theta=np.zeros(len(features.theta)),
         Z=np.zeros_like(features.Z),
     )
@@ -195,11 +212,13 @@ def _add_gradients(sums, features, adjoint, X, tasks, y, *, inputs):
     """Add those of a block, whose memory is free then, to the sums."""
     X, tasks, y, parts = _by_task(X, tasks, y)
     tile, omega = features.tile(X), adjoint.omega
-    alpha = _add_residuals(sums, tile.phi, omega, y, parts) / adjoint.noise[tasks]
+    error = _add_residuals(sums, tile.phi, omega, adjoint.levels, y, parts)
+    alpha = error / adjoint.noise[tasks]
     phi_bar = np.empty_like(tile.phi)
     for task, rows in parts:
         phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
         phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
+        phi_bar[:, rows] += adjoint.with_level[task][:, None]
     gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
     sums.theta += gradient
     if inputs:

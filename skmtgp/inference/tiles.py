@@ -18,7 +18,7 @@ class TiledLikelihood(Likelihood):
 
     Parameters
     ----------
-    kernel, task_covariance, X, tasks, y, n_noise
+    prior, X, tasks, y
         See Likelihood.
     inputs : ndarray of shape (n_inputs, n_features)
         The inputs that K^x is between.
@@ -29,8 +29,8 @@ class TiledLikelihood(Likelihood):
         Rows and columns of each tile.
     """
 
-    def __init__(self, kernel, task_covariance, X, tasks, y, n_noise, inputs):
-        super().__init__(kernel, task_covariance, X, tasks, y, n_noise)
+    def __init__(self, prior, X, tasks, y, inputs):
+        super().__init__(prior, X, tasks, y)
         self.inputs, n = inputs, len(inputs)
         edges = np.linspace(0, n, -(-n // TILE) + 1)
         self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
@@ -45,13 +45,15 @@ class TiledLikelihood(Likelihood):
 
     @abstractmethod
     def _differentiate(self, theta):
-        """The value and its gradients by kernel theta, K^rho and log noise."""
+        """The value and its gradients.
+
+        They are those by theta of k^x, K^rho, and the variances of levels and noise.
+        """
 
     def _evaluate_with_grad(self, theta):
         """The value and its gradient; NotPositiveDefiniteError where K fails."""
-        value, d_kernel, D, d_noise = self._differentiate(theta)
-        d_rho = self.task_covariance.pull_back(self.split(theta)[1], D)
-        return value, np.concatenate([d_kernel, d_rho, d_noise])
+        value, *gradients = self._differentiate(theta)
+        return value, self.prior.gradient(theta, *gradients)
 
     def task_gradient(self, theta):
         """Derivative of the value with respect to K^rho, (n_tasks, n_tasks)."""
@@ -74,10 +76,10 @@ class TiledLikelihood(Likelihood):
             self._spare.append(workspace)
 
     def _bind(self, theta):
-        """k^x, K^rho and the noise variances at theta."""
-        kernel, rho, log_noise = self.split(theta)
-        bound = self.node.bind(kernel, self.inputs)
-        return bound, self.task_covariance.matrix(rho), np.exp(log_noise)
+        """k^x and K^rho at theta, the levels' variance and the noise variances."""
+        values = self.prior.values(theta)
+        bound = self.prior.node.bind(values.kernel, self.inputs)
+        return bound, self.prior.K_rho_at(theta), values.level, values.noise
 
     def _fill_tiles(self, bound, put, memory=None):
         """Call ``put(K_x, rows, cols)`` for each tile; return (K_x, tape) of each.

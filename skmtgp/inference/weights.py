@@ -8,7 +8,8 @@ phi, and, where K^rho has a diagonal kappa, with a function of each task's own:
     \omega_m = \sum_\alpha F_{m\alpha} v_\alpha + \sqrt{\kappa_m} w_m, \quad
     v_\alpha, w_m \sim N(0, I)
 
-Nothing here depends on the number of rows.
+and perhaps a level c_m of variance v, which is integrated out first. Nothing here
+depends on the number of rows.
 """
 
 from typing import NamedTuple
@@ -42,12 +43,18 @@ class Weights:
         Variances of the tasks' own functions.
     noise : ndarray of shape (n_tasks,)
         Noise variances.
+    level : float, default=0.0
+        Variance of the levels.
 
     Attributes
     ----------
+    share : ndarray of shape (n_tasks,)
+        v / (sigma_m^2 + n_m v): of the sum of what is left of the targets, what the
+        level takes.
     T : ndarray of shape (n_tasks, n_features, n_features)
         T_m = (I + kappa_m S_m / sigma_m^2)^{-1} S_m / sigma_m^2, the precision with
-        which the rows of task m tell F_m . v: its own function is integrated out.
+        which the rows of task m tell F_m . v: its own function is integrated out, and
+        its level, by which S_m is less.
     keep : dict
         (I + kappa_m S_m / sigma_m^2)^{-1} of the tasks with functions of their own.
     cholesky : Cholesky
@@ -56,6 +63,8 @@ class Weights:
         Mean of v.
     omega : ndarray of shape (n_tasks, n_features)
         Mean of omega_m.
+    levels : ndarray of shape (n_tasks,)
+        Mean of c_m.
 
     Raises
     ------
@@ -63,8 +72,9 @@ class Weights:
         If a precision cannot be factorised.
     """
 
-    def __init__(self, sums, F, kappa, noise):
+    def __init__(self, sums, F, kappa, noise, level=0.0):
         self.sums, self.F, self.kappa, self.noise = sums, F, kappa, noise
+        self.level, self.share = level, level / (noise + sums.n * level)
         self.K_diagonal = np.square(F).sum(axis=1) + kappa
         self.T, t, self.log_det = self._integrate_own()
         (n_tasks, rank), m = F.shape, t.shape[1]
@@ -73,17 +83,25 @@ class Weights:
         A.flat[:: len(A) + 1] += 1.0
         self.cholesky = Cholesky(A.T)
         self.log_det += self.cholesky.log_det()
+        self.log_det += np.log1p(sums.n * level / noise).sum()
         self.V = self.cholesky.solve((F.T @ t).ravel()).reshape(rank, m)
         shared = F @ self.V
         self.own = t - np.einsum("mij,mj->mi", self.T, shared)
         self.omega = shared + kappa[:, None] * self.own
         own = np.square(self.own).sum(axis=1)
         self.penalty = np.square(self.V).sum() + kappa @ own
+        self.levels = self.share * (
+            sums.y - np.einsum("mi,mi->m", self.omega, sums.phi)
+        )
+        if level:
+            self.penalty += np.square(self.levels).sum() / level
 
     def _integrate_own(self):
         """T_m, sum_i phi_i y_i weighed likewise, and the log-determinant of this."""
-        T = self.sums.S / self.noise[:, None, None]
-        t = self.sums.s / self.noise[:, None]
+        sums, shared = self.sums, self.share[:, None] * self.sums.phi
+        T = sums.S - shared[..., None] * sums.phi[:, None]
+        T /= self.noise[:, None, None]
+        t = (sums.s - shared * sums.y[:, None]) / self.noise[:, None]
         self.keep, log_det = {}, 0.0
         for task in np.flatnonzero(self.kappa):
             own = np.eye(len(T[task])) + self.kappa[task] * T[task]
@@ -101,7 +119,7 @@ class Weights:
         product = keep @ T
         return 0.5 * (product + product.T)
 
-    def refined(self, errors):
+    def refined(self, sums):
         """Mean weights with more digits, from the residuals that `omega` leaves.
 
         A step of iterative refinement: without noise half of the digits are lost in
@@ -109,8 +127,8 @@ class Weights:
 
         Parameters
         ----------
-        errors : ndarray of shape (n_tasks, n_features)
-            sum_i phi_i e_i.
+        sums : ResidualSums
+            Of those residuals.
 
         Returns
         -------
@@ -118,15 +136,21 @@ class Weights:
             Mean of v.
         omega : ndarray of shape (n_tasks, n_features)
             Mean of omega_m.
+        levels : ndarray of shape (n_tasks,)
+            Mean of c_m.
         """
-        own = errors / self.noise[:, None] - self.own
+        step = sums.error - self.levels * self.noise / (self.level or 1.0)
+        own = sums.errors - (self.share * step)[:, None] * self.sums.phi
+        own = own / self.noise[:, None] - self.own
         for task, keep in self.keep.items():
             own[task] = keep @ own[task]
         V = self.F.T @ (self.own + own) - self.V
         V = self.cholesky.solve(V.ravel()).reshape(V.shape)
         shared = self.F @ V
         own -= np.einsum("mij,mj->mi", self.T, shared)
-        return self.V + V, self.omega + shared + self.kappa[:, None] * own
+        omega = shared + self.kappa[:, None] * own
+        step -= np.einsum("mi,mi->m", omega, self.sums.phi)
+        return self.V + V, self.omega + omega, self.levels + self.share * step
 
     def log_density(self, squares):
         """The bound, given the sums of squared residuals of each task.
@@ -149,8 +173,12 @@ class Adjoint(NamedTuple):
     ----------
     omega : ndarray of shape (n_tasks, n_features)
         Mean weights.
+    levels : ndarray of shape (n_tasks,)
+        Mean levels.
     C : ndarray of shape (n_tasks, n_features, n_features)
         (K^rho_mm I - Sigma_m) / sigma_m^2.
+    with_level : ndarray of shape (n_tasks, n_features)
+        -cov(omega_m, c_m) / sigma_m^2, which is added.
     noise : ndarray of shape (n_tasks,)
         sigma_m^2.
     diagonal : ndarray of shape (n_tasks,)
@@ -158,7 +186,9 @@ class Adjoint(NamedTuple):
     """
 
     omega: np.ndarray
+    levels: np.ndarray
     C: np.ndarray
+    with_level: np.ndarray
     noise: np.ndarray
     diagonal: np.ndarray
 
@@ -177,10 +207,16 @@ class Covariances:
         Of A, the covariances of v_alpha and v_beta.
     Sigma : ndarray of shape (n_tasks, n_features, n_features)
         Covariances of omega_m.
+    taken : ndarray of shape (n_tasks, n_features)
+        c_m falls by `taken` . omega_m, whatever omega_m is.
+    of_level : ndarray of shape (n_tasks,)
+        Variance of c_m for a given omega_m.
     """
 
     def __init__(self, weights):
         self.F, self.kappa, self.keep = weights.F, weights.kappa, weights.keep
+        self.taken = weights.share[:, None] * weights.sums.phi
+        self.of_level = weights.share * weights.noise
         rank, m = weights.V.shape
         inverse = invert(weights.cholesky).reshape(rank, m, rank, m)
         self.inverse = np.ascontiguousarray(inverse.swapaxes(1, 2))
@@ -195,8 +231,17 @@ class Covariances:
         B = pairs_of(self.F[tasks]) @ self.inverse.reshape(rank * rank, -1)
         return B.reshape(-1, m, m)
 
+    def level_variances(self):
+        """Variances of c_m, whatever omega_m is."""
+        along = np.einsum("mij,mj->mi", self.Sigma, self.taken)
+        return self.of_level + np.einsum("mi,mi->m", along, self.taken)
+
+    def less(self, phi, task, rows):
+        """Features of some rows of a task, less what its level takes of them."""
+        return phi[:, rows] - self.taken[task][:, None]
+
     def between(self, phi, tasks):
-        """Posterior covariances of omega_m . phi for given features and tasks.
+        """Posterior covariances of omega_m . phi + c_m for given features and tasks.
 
         Parameters
         ----------
@@ -210,12 +255,14 @@ class Covariances:
         covariance : ndarray of shape (n_samples, n_samples)
             O((rank n_features)^2) each.
         """
-        own, kept = np.zeros((len(tasks),) * 2), phi.copy()
+        own = np.equal.outer(tasks, tasks) * self.of_level[tasks]
+        phi = phi - self.taken[tasks].T
+        kept = phi.copy()
         for task, keep in self.keep.items():
             rows = np.flatnonzero(tasks == task)
             kept[:, rows] = keep @ phi[:, rows]
             of_task = self.kappa[task] * phi[:, rows].T @ kept[:, rows]
-            own[np.ix_(rows, rows)] = of_task
+            own[np.ix_(rows, rows)] += of_task
         shares = np.einsum("ia,ji->aji", self.F[tasks], kept)
         solved = np.einsum("abjk,bki->aji", self.inverse, shares, optimize=True)
         return own + np.tensordot(shares, solved, ([0, 1], [0, 1]))
@@ -249,7 +296,14 @@ class Gradients:
         weights, scale = self.weights, self.weights.K_diagonal / self.weights.noise
         C = self.covariances.Sigma / -weights.noise[:, None, None]
         np.einsum("mii->mi", C)[...] += scale[:, None]
-        return Adjoint(weights.omega, C, weights.noise, -0.5 * scale)
+        with_level = self._along_level() / weights.noise[:, None]
+        means, noise = (weights.omega, weights.levels), weights.noise
+        return Adjoint(*means, C, with_level, noise, -0.5 * scale)
+
+    def _along_level(self):
+        """-cov(omega_m, c_m), of shape (n_tasks, n_features)."""
+        covariances = self.covariances
+        return np.einsum("mij,mj->mi", covariances.Sigma, covariances.taken)
 
     def omega_bar(self):
         """sum_i phibar_i phi_i^T, the adjoint of K_ZZ for `Features.contract`.
@@ -268,7 +322,7 @@ class Gradients:
         return 0.5 * (Omega + Omega.T)
 
     def by_parameters(self, back):
-        """Gradients by F, kappa and log noise variances.
+        """Gradients by F, kappa, and the variances of levels and noise.
 
         Those by F are not taken from the derivative by K^rho, whose terms of the size
         of 1 / sigma^2 cancel.
@@ -283,6 +337,7 @@ class Gradients:
         d_F : ndarray of shape (n_tasks, rank)
         d_kappa : ndarray of shape (n_tasks,)
             Zero where kappa is.
+        d_level : float
         d_noise : ndarray of shape (n_tasks,)
         """
         weights, sums = self.weights, self.weights.sums
@@ -293,10 +348,19 @@ class Gradients:
         d_kappa = np.zeros(len(rest))
         for task, P in self.P.items():
             d_kappa[task] = np.square(a[task]).sum() - np.trace(P) - rest[task]
-        spread = np.einsum("mij,mij->m", sums.S, self.covariances.Sigma)
+        of_level, spread = self._spreads()
+        d_level = np.square(weights.levels) + of_level - weights.level
+        d_level = d_level.sum() / weights.level**2 if weights.level else 0.0
         d_noise = (spread + back.squares) / weights.noise
         d_noise += weights.K_diagonal * rest - sums.n
-        return d_F, 0.5 * d_kappa, 0.5 * d_noise
+        return d_F, 0.5 * d_kappa, 0.5 * d_level, 0.5 * d_noise / weights.noise
+
+    def _spreads(self):
+        """Variances of c_m, and sums of those of f at the rows, for each task."""
+        sums, Sigma = self.weights.sums, self.covariances.Sigma
+        along, of_level = self._along_level(), self.covariances.level_variances()
+        spread = np.einsum("mij,mij->m", sums.S, Sigma) + sums.n * of_level
+        return of_level, spread - 2.0 * np.einsum("mi,mi->m", along, sums.phi)
 
     def _overlaps(self):
         """tr(T_m cov(v_alpha, v_beta)), of shape (n_tasks, rank, rank)."""

@@ -8,24 +8,14 @@ import numpy as np
 from skmtgp._numerics.bfgs import minimize
 from skmtgp.learning.problem import Mode, best_of
 
-RELAXED = 5.0  # standard deviation of the log parameters of k^x
-RELAXED_TOL = 0.3  # nats
-DOUBT = 1.0  # nats
-LOWERED = 1e-3, 1e-1  # noise variance of noisy data while it is held down, of a mode's
-REPORT_EVERY = 100  # iterations
 
-
-def climb(data, settings, form, theta, *, relaxed=False, held=None):
+def climb(problem, theta, *, relaxed=False, held=None):
     """Maximise the log marginal likelihood from theta.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    form : FixedTaskCovariance, LowRank or WithDiagonal
-        Form of K^rho.
+    problem : Problem
+        What to learn.
     theta : ndarray of shape (n_theta,)
         Starting point.
     relaxed : bool, default=False
@@ -34,7 +24,7 @@ def climb(data, settings, form, theta, *, relaxed=False, held=None):
         noise is large, are switched off, and a logarithm at minus infinity has no
         gradient that would bring them back.
     held : {"up", "down"}, default=None
-        Whether the noise variance is held up, see `Settings.log_held`, or down, where
+        Whether the noise variance is held up, see `Problem.log_held`, or down, where
         it begins.
 
     Returns
@@ -42,9 +32,10 @@ def climb(data, settings, form, theta, *, relaxed=False, held=None):
     mode : Mode
         Its value is without the penalty.
     """
-    likelihood = settings.likelihood(data, form)
-    penalise = partial(_penalty, settings.kernel.theta, relaxed)
-    lower, upper = _bounds(settings, form, theta, held)
+    likelihood, budget = problem.likelihood(), problem.budget
+    penalise = partial(_penalty, problem, relaxed)
+    lower, upper = _bounds(problem, theta, held)
+    tol = max(budget.tol, problem.tuning.relaxed_tol) if relaxed else budget.tol
     begin = perf_counter()
     best = minimize(
         _objective(likelihood, penalise),
@@ -52,24 +43,25 @@ def climb(data, settings, form, theta, *, relaxed=False, held=None):
         lower,
         upper,
         metric=_metric(likelihood),
-        max_iter=settings.max_iter,
-        tol=max(settings.tol, RELAXED_TOL) if relaxed else settings.tol,
-        report=_reporter(data, settings, form),
+        max_iter=budget.max_iter,
+        tol=tol,
+        report=_reporter(problem),
     )
-    value = penalise(best.x)[0] - best.value
-    mode = Mode(best.x, value, *best[2:], perf_counter() - begin, len(data.y), data.Z)
-    _report_end(data, settings, form, mode)
+    value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
+    data = problem.data
+    mode = Mode(best.x, value, *best[2:], seconds, len(data), data.Z)
+    _report_end(problem, mode)
     return mode
 
 
-def _bounds(settings, form, theta, held):
+def _bounds(problem, theta, held):
     """The bounds of theta while the noise variance is held."""
-    lower, upper = settings.bounds(form)
-    tail = settings.tail(form)
+    lower, upper = problem.prior.bounds()
     if held == "up":
-        lower[tail] = settings.log_held
+        lower[problem.prior.unexplained] = problem.log_held
     elif held == "down":
-        upper[tail] = np.maximum(theta[tail], lower[tail])
+        lowest = np.maximum(theta, lower)
+        upper = np.where(problem.prior.unexplained, lowest, upper)
     return lower, upper
 
 
@@ -93,12 +85,12 @@ def _metric(likelihood):
     return metric
 
 
-def _penalty(start, relaxed, theta):
+def _penalty(problem, relaxed, theta):
     """What holds the parameters of k^x near their start if relaxed; its gradient."""
-    away = np.zeros_like(theta)
+    away, of_kernel = np.zeros_like(theta), problem.prior.of_kernel
     if relaxed:
-        away[: len(start)] = theta[: len(start)] - start
-    slope = RELAXED**-2 * away
+        away[of_kernel] = theta[of_kernel] - problem.prior.kernel.theta
+    slope = problem.tuning.relaxed**-2 * away
     return 0.5 * (away @ slope), slope
 
 
@@ -111,36 +103,35 @@ def information_or_zero(likelihood, theta):
     return information if np.isfinite(information).all() else np.zeros_like(information)
 
 
-def annealed(data, settings, form, theta):
+def annealed(problem, theta):
     """Climb relaxed and with the noise held up, then on from there without.
 
     While the noise is held up the landscape has few modes, and most starts lead to the
     same one.
     """
-    return held_first("up", data, settings, form, theta)
+    return held_first("up", problem, theta)
 
 
-def held_first(held, data, settings, form, theta):
+def held_first(held, problem, theta):
     """Climb relaxed and with the noise held "up" or "down", then on without."""
-    before = climb(data, settings, form, theta, relaxed=True, held=held)
-    return before.then(climb(data, settings, form, before.theta))
+    before = climb(problem, theta, relaxed=True, held=held)
+    return before.then(climb(problem, before.theta))
 
 
-def refine(data, settings, form, mode):
+def refine(problem, mode):
     """Learn with more and more of the rows, from a mode of the coarsest level.
 
     The noise variance that a few rows asked for is too small for more of them. The
     second level anneals once more, for a better mode; later ones only climb.
     """
     way = annealed
-    for level in data.levels()[1:]:
-        theta = settings.with_noise(mode.theta, form)
-        mode = mode.then(way(level, settings, form, theta))
+    for finer in problem.coarse_to_fine()[1:]:
+        mode = mode.then(way(finer, problem.with_noise(mode.theta)))
         way = climb
     return mode
 
 
-def shake(data, settings, form, mode, times):
+def shake(problem, mode, times):
     """Change the noise of a mode and climb again, several times; the best of all.
 
     This leaves poor modes of data without noise: with more noise than it wants, the
@@ -148,57 +139,56 @@ def shake(data, settings, form, mode, times):
     """
     modes = [mode]
     for _ in range(times):
-        theta = settings.with_noise(mode.theta, form)
+        theta = problem.with_noise(mode.theta)
         if (theta == mode.theta).all():  # the data are noisy
-            modes += _lowered(data, settings, form, mode)
+            modes += _lowered(problem, mode)
             break
-        mode = mode.led_to(climb(data, settings, form, theta))
+        mode = mode.led_to(climb(problem, theta))
         modes.append(mode)
-    return best_of(modes, doubt=DOUBT)
+    return best_of(modes, doubt=problem.tuning.doubt)
 
 
-def _lowered(data, settings, form, mode):
+def _lowered(problem, mode):
     """Modes to which lower noise leads, each from the best before.
 
     What varies little, beside other things that vary much, may have been taken for
     noise. While that is held down, k^x has to explain it.
     """
-    tail, modes = settings.tail(form), [mode]
-    lowest = settings.bounds(form)[0, tail]
-    for factor in LOWERED:
+    lowest, modes = problem.prior.bounds()[0], [mode]
+    for factor in problem.tuning.lowered:
         best = max(modes, key=lambda mode: mode.value)
-        theta = best.theta.copy()
-        theta[tail] = np.maximum(theta[tail] + np.log(factor), lowest)
+        lower = np.maximum(best.theta + np.log(factor), lowest)
+        theta = np.where(problem.prior.unexplained, lower, best.theta)
         if (theta < best.theta).any():  # it is not fixed
-            other = held_first("down", data, settings, form, theta)
-            modes.append(best.led_to(other))
+            modes.append(best.led_to(held_first("down", problem, theta)))
     return modes[1:]
 
 
-def _reporter(data, settings, form):
+def _reporter(problem):
     """What prints a line every so many iterations, or None."""
-    if settings.verbose < 2:
+    if problem.budget.verbose < 2:
         return None
 
     def report(n_iter, x, value):
-        if n_iter % REPORT_EVERY == 0:
-            _say(data, settings, form, n_iter, -value, x)
+        if n_iter % problem.tuning.report_every == 0:
+            _say(problem, n_iter, -value, x)
 
     return report
 
 
-def _report_end(data, settings, form, mode):
-    if settings.verbose >= 2:
+def _report_end(problem, mode):
+    if problem.budget.verbose >= 2:
         why = "no more gain" if mode.converged else "budget spent"
         why = "no digits left" if mode.stalled else why
-        _say(data, settings, form, mode.n_iter, mode.value, mode.theta, f": {why}")
+        _say(problem, mode.n_iter, mode.value, mode.theta, f": {why}")
 
 
-def _say(data, settings, form, n_iter, value, theta, why=""):
-    noise = np.exp(theta[-len(settings.log_noise) :].min()) / settings.scale**2
+def _say(problem, n_iter, value, theta, why=""):
+    prior = problem.prior
+    noise = np.exp(prior.log_noise_at(theta).min()) / prior.scale**2
     print(
-        f"[skmtgp] {settings.name}, {form}, {len(data.y)} rows, iteration {n_iter}: "
-        f"log marginal likelihood {value:.2f}, noise variance {noise:.1e} of the "
-        f"target's{why}",
+        f"[skmtgp] {problem.name}, {prior}, {len(problem.data)} rows, iteration "
+        f"{n_iter}: log marginal likelihood {value:.2f}, noise variance {noise:.1e} of "
+        f"the target's{why}",
         flush=True,
     )

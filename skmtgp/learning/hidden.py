@@ -16,7 +16,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp.learning.climbing import DOUBT, climb, held_first, shake
+from skmtgp.learning.climbing import climb, held_first, shake
 from skmtgp.learning.problem import best_of, spent_on
 from skmtgp.learning.stages import Start, augmented_task_covariance
 
@@ -27,39 +27,37 @@ SLOWER = 2.0  # of all of them
 UNUSED = 3.0  # of those of all features but one
 
 
-def may_hide(data, settings, modes):
+def may_hide(problem, modes):
     """Whether levels may hide functions: from modes of step 1 without these starts."""
-    told = len(data.y) >= FEWEST * data.n_tasks and settings.max_iter > 0
-    return told and all(settings.is_noisy(mode) for mode in modes)
+    if problem.prior.levels or problem.budget.max_iter == 0:
+        return False
+    told = len(problem.data) >= FEWEST * problem.data.n_tasks
+    return told and all(problem.is_noisy(mode) for mode in modes)
 
 
-def hidden_start(data, settings, form):
-    """Steps 1 and 2, with K_0^rho of the given form.
+def hidden_start(problem):
+    """Steps 1 and 2, with K_0^rho as the problem has it.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    form : FixedTaskCovariance
-        Form of K_0^rho.
+    problem : Problem
+        Whose tasks may have levels.
 
     Returns
     -------
     start : Start
         Where step 3 begins, with the noise that step 1 found.
     """
-    rest = _without_levels(data)
-    likelihood = settings.likelihood(rest, form)
-    theta = max(_candidates(settings, np.square(rest.y).mean()), key=likelihood.value)
+    rest = problem.with_data(_without_levels(problem.data))
+    likelihood = rest.likelihood()
+    variance = np.square(rest.data.y).mean()
+    theta = max(_candidates(problem.prior, variance), key=likelihood.value)
     likelihood.release()
-    mode = climb(rest, settings, form, theta)
-    kernel, _, log_noise = settings.split(mode.theta)
-    K_rho = augmented_task_covariance(
-        data, settings.likelihood(data, form).posterior(mode.theta)
-    )
-    return Start(kernel, K_rho, mode, log_noise)
+    mode = climb(rest, theta)
+    posterior = problem.likelihood().posterior(mode.theta)
+    K_rho = augmented_task_covariance(problem.data, posterior)
+    kernel = problem.prior.values(mode.theta).kernel
+    return Start(kernel, K_rho, mode, problem.prior.log_noise_at(mode.theta))
 
 
 def _without_levels(data):
@@ -69,36 +67,31 @@ def _without_levels(data):
     return replace(data, y=data.y - level[data.tasks])
 
 
-def _candidates(settings, variance):
+def _candidates(prior, variance):
     """Where step 1 may begin: faster and slower functions, of all or of one feature."""
-    start, bounds = settings.kernel.theta, settings.kernel.bounds.reshape(-1, 2).T
+    start, bounds = prior.kernel.theta, prior.kernel.bounds.reshape(-1, 2).T
     kernels = [start, *(start + step for step in (*FASTER, SLOWER))]
     if len(start) > 1:
         for step in FASTER:
             alone = np.eye(len(start), dtype=bool)
             kernels += list(np.where(alone, start + step, start + UNUSED))
-    smallest = np.exp(settings.log_noise_bounds[0])
+    smallest = np.exp(prior.log_noise_bounds[0])
     noises = np.log(np.maximum(np.multiply(NOISES, variance), smallest))
-    noises = np.minimum(noises, settings.log_noise_bounds[1])
-    n_noise = len(settings.log_noise)
+    noises = np.minimum(noises, prior.log_noise_bounds[1])
     return [
-        np.concatenate([np.clip(kernel, *bounds), np.full(n_noise, noise)])
+        prior.theta(kernel=np.clip(kernel, *bounds), log_noise=noise)
         for kernel in kernels
         for noise in noises
     ]
 
 
-def reveal(data, settings, form, mode, starts):
+def reveal(problem, mode, starts):
     """The better of a mode and those to which hidden starts lead.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    form : LowRank or WithDiagonal
-        Form of K^rho.
+    problem : Problem
+        What to learn.
     mode : Mode
         The best from other starts.
     starts : list of Start
@@ -111,13 +104,12 @@ def reveal(data, settings, form, mode, starts):
     """
     if not starts:
         return mode
-    found = best_of([_step_3(data, settings, form, start) for start in starts])
-    gains = found.value > mode.value + DOUBT
+    found = best_of([_step_3(problem, start) for start in starts])
+    gains = found.value > mode.value + problem.tuning.doubt
     if gains:
-        found = shake(data, settings, form, found, 1)
+        found = shake(problem, found, 1)
     return spent_on(found if gains else mode, [mode, found])
 
 
-def _step_3(data, settings, form, start):
-    theta = start.theta(settings, form)
-    return held_first("down", data, settings, form, theta)
+def _step_3(problem, start):
+    return held_first("down", problem, start.theta(problem))

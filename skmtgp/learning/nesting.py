@@ -12,17 +12,13 @@ from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import best_of
 
 
-def descend(data, settings, forms, modes):
+def descend(problems, modes):
     """Learn each rank again from the next higher one's mode, cut to its rank.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
-        Forms of K^rho of ascending rank.
+    problems : list of Problem
+        With forms of K^rho of ascending rank.
     modes : list of Mode
         The mode of each.
 
@@ -32,52 +28,55 @@ def descend(data, settings, forms, modes):
         None is worse than before.
     """
     modes = list(modes)
-    for k in reversed(range(len(forms) - 1)):
-        higher = modes[k + 1]
-        if modes[k].value + settings.tol < higher.value:
-            kernel, rho, noise = settings.split(higher.theta)
-            cut = forms[k].parameters(forms[k + 1].matrix(rho))
-            start = settings.with_noise(np.concatenate([kernel, cut, noise]), forms[k])
-            again = climb(data, settings, forms[k], start)
+    for k in reversed(range(len(problems) - 1)):
+        higher, problem = modes[k + 1], problems[k]
+        if modes[k].value + problem.budget.tol < higher.value:
+            start = problem.with_noise(_cut(problem.prior, problems[k + 1], higher))
+            again = climb(problem, start)
             modes[k] = best_of([modes[k], higher.led_to(again)])
     return modes
 
 
-def nest(data, settings, forms, modes):
+def _cut(prior, higher, mode):
+    """Theta of a prior of a lower rank, nearest to a mode of a higher one."""
+    K_rho = higher.prior.K_rho_at(mode.theta)
+    return prior.with_rho(mode.theta, prior.task_covariance.parameters(K_rho))
+
+
+def nest(problems, modes):
     """Learn a rank again from a lower one's mode where it ended below it.
 
     Parameters are those of :func:`descend`. The values of the modes that it returns do
     not fall as the rank grows.
     """
     modes = list(modes)
-    for k in range(1, len(forms)):
+    for k in range(1, len(problems)):
         lower = modes[k - 1]
         if modes[k].value < lower.value:
-            embedded, grown = _embed(data, settings, forms[k - 1 : k + 1], lower)
-            regrown = lower.led_to(climb(data, settings, forms[k], grown))
+            embedded, grown = _embed(*problems[k - 1 : k + 1], lower)
+            regrown = lower.led_to(climb(problems[k], grown))
             same = lower._replace(theta=embedded, n_evaluations=0, seconds=0.0)
             modes[k] = best_of([modes[k], regrown, same])
     return modes
 
 
-def _embed(data, settings, forms, mode):
+def _embed(lower, higher, mode):
     """A mode as one of the next rank: with empty columns, and with better ones.
 
     The best new columns are along the leading eigenvectors of dL / dK^rho; their
     length is the best of a few.
     """
-    lower, higher = forms
-    kernel, rho, noise = settings.split(mode.theta)
-    D = settings.likelihood(data, lower).task_gradient(mode.theta)
-    added = higher.rank - lower.rank
+    D = lower.likelihood().task_gradient(mode.theta)
+    form, prior = lower.prior.task_covariance, higher.prior
+    added = prior.task_covariance.rank - form.rank
     with limit_threads(len(D)):
         columns = np.linalg.eigh(D)[1][:, -added:]
-    size = np.sqrt(np.trace(lower.matrix(rho)))
+    rho = lower.prior.values(mode.theta).rho
+    size = np.sqrt(np.trace(form.matrix(rho)))
 
     def with_columns(length):
-        grown = lower.grown(rho, length * columns)
-        return np.concatenate([kernel, grown, noise])
+        return prior.with_rho(mode.theta, form.grown(rho, length * columns))
 
-    likelihood = settings.likelihood(data, higher)
+    likelihood = higher.likelihood()
     candidates = [with_columns(size * 10.0**-k) for k in range(1, 9)]
     return with_columns(0.0), max(candidates, key=likelihood.value)

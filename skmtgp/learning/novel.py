@@ -14,28 +14,11 @@ from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
+from skmtgp.learning.tuning import TUNING
 from skmtgp.model.task_covariance import WithDiagonal
 
-FOLLOWED = 4  # starts
-FARTHEST = 1e6  # coordinate
-RIDGE = 1e-7  # of the mean square of the rows, on their covariance
-SMALLEST, FIRST = 1e-6, 0.1  # w, in root mean squares of the rows
 
-
-def add_task(
-    likelihood,
-    posterior,
-    theta,
-    X,
-    y,
-    *,
-    position,
-    own,
-    per_task,
-    informed,
-    max_iter,
-    tol,
-):
+def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, budget):
     """Extend a model by a task of which little is known.
 
     Parameters
@@ -54,17 +37,15 @@ def add_task(
         Where it goes among the tasks.
     own : bool
         Whether it may have something that it shares with no other task.
-    per_task : bool
-        Whether the tasks have a noise variance each; one may be all there are.
     informed : bool
-        Whether the border has the prior of `Rows`; maximum likelihood otherwise.
-    max_iter, tol : int and float
+        Whether the border has the prior of `Population`; maximum likelihood otherwise.
+    budget : Budget
         As for the estimators.
 
     Returns
     -------
-    form : LowRank
-        Form of K^rho with one more task.
+    prior : Prior
+        Of one more task.
     mode : Mode
         All parameters of that model; its value is log p(y | the other tasks' targets).
 
@@ -73,24 +54,19 @@ def add_task(
     ValueError
         If the form of K^rho has no factor that a task can be added to.
     """
-    begin = perf_counter()
-    _check_extensible(likelihood.task_covariance)
-    kernel, rho, log_noise = likelihood.split(theta)
-    factor = likelihood.task_covariance.columns(rho)
-    noise = np.exp(log_noise.mean())  # of the novel task, if they have one each
-    border = BorderLikelihood(posterior, factor, X, y, noise, own)
+    begin, prior = perf_counter(), likelihood.prior
+    _check_extensible(prior.task_covariance)
+    values = prior.values(theta)
+    factor = prior.task_covariance.columns(values.rho)
+    noise = np.exp(prior.log_noise_at(theta).mean())  # if the tasks have one each
+    border = BorderLikelihood(posterior, factor, X, y, noise, own, values.level)
     with limit_threads(len(y)):
-        best = learn_border(border, factor, max_iter, tol, informed=informed)
+        best = learn_border(border, factor, budget, informed=informed)
         value = border.value(best.x)
     row, rest = best.x[: border.rank], best.x[border.rank :]
-    form, rho = likelihood.task_covariance.bordered(
-        rho, row, rest[0] if own else None, position
-    )
-    if per_task:
-        log_noise = np.insert(log_noise, position, np.log(noise))
-    theta = np.concatenate([kernel, rho, log_noise])
+    prior, theta = prior.bordered(theta, row, rest[0] if own else None, position)
     seconds = perf_counter() - begin
-    return form, Mode(theta, value, *best[2:], seconds, len(y))
+    return prior, Mode(theta, value, *best[2:], seconds, len(y))
 
 
 def _check_extensible(form):
@@ -105,7 +81,7 @@ def _check_extensible(form):
         )
 
 
-class Rows:
+class Population:
     """The population of the rows of F that the novel task's is taken from.
 
     A row is ``mean + scale @ u``, with u of unit variance; u is what is learned. Its
@@ -124,14 +100,14 @@ class Rows:
         self.degrees_of_freedom = max(n_tasks - self.rank, 1)
         moment = np.square(factor).sum(axis=1).mean() or 1.0
         covariance = np.atleast_2d(np.cov(factor.T, bias=True))
-        covariance[np.diag_indices(self.rank)] += RIDGE * moment
+        covariance[np.diag_indices(self.rank)] += TUNING.ridge * moment
         self.mean, self.scale = np.zeros(self.rank + own), np.eye(self.rank + own)
         self.mean[: self.rank] = factor.mean(axis=0)
         self.scale[: self.rank, : self.rank] = np.linalg.cholesky(covariance)
-        self.lower = np.full(self.rank + own, -FARTHEST)
+        self.lower = np.full(self.rank + own, -TUNING.farthest)
         if own:
             self.scale[-1, -1] = np.sqrt(moment)
-            self.lower[-1] = SMALLEST
+            self.lower[-1] = TUNING.smallest
 
     def row(self, u):
         """The row of these coordinates."""
@@ -149,7 +125,7 @@ class Rows:
         return -0.5 * (nu + self.rank) * np.log(distance), gradient
 
 
-def learn_border(border, factor, max_iter, tol, *, informed):
+def learn_border(border, factor, budget, *, informed):
     """The border that the novel task's samples, and perhaps the prior, tell.
 
     Parameters
@@ -158,7 +134,7 @@ def learn_border(border, factor, max_iter, tol, *, informed):
         The likelihood.
     factor : ndarray of shape (n_tasks, rank)
         F of the tasks so far.
-    max_iter, tol : int and float
+    budget : Budget
         As for the estimators.
     informed : bool
         Whether the prior counts.
@@ -169,7 +145,7 @@ def learn_border(border, factor, max_iter, tol, *, informed):
         The best of those that the best starts lead to; x is the row, with w last if
         there is one; evaluations of all.
     """
-    rows = Rows(factor, border.own)
+    rows = Population(factor, border.own)
 
     def objective(u):
         value, gradient = border.value_and_grad(rows.row(u))
@@ -183,16 +159,15 @@ def learn_border(border, factor, max_iter, tol, *, informed):
         information = border.fisher_information(rows.row(u))
         return rows.scale.T @ information @ rows.scale + np.eye(len(u))
 
-    upper = np.full_like(rows.lower, FARTHEST)
+    upper = np.full_like(rows.lower, TUNING.farthest)
     starts = [
         np.clip(rows.coordinates(row), rows.lower, upper)
-        for row in _starts(border, factor, FIRST * rows.scale[-1, -1])
+        for row in _starts(border, factor, TUNING.first * rows.scale[-1, -1])
     ]
+    options = {"metric": metric, "max_iter": budget.max_iter, "tol": budget.tol}
     optima = [
-        minimize(
-            objective, u, rows.lower, upper, metric=metric, max_iter=max_iter, tol=tol
-        )
-        for u in sorted(starts, key=lambda u: objective(u)[0])[:FOLLOWED]
+        minimize(objective, u, rows.lower, upper, **options)
+        for u in sorted(starts, key=lambda u: objective(u)[0])[: TUNING.followed]
     ]
     n_evaluations = len(starts) + sum(optimum.n_evaluations for optimum in optima)
     best = min(optima, key=lambda optimum: optimum.value)

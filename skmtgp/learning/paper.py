@@ -15,20 +15,20 @@ from skmtgp.learning.ranks import (
     make_starts,
     more_starts,
 )
-from skmtgp.learning.stages import Start, from_each_start, with_starts
+from skmtgp.learning.stages import from_each_start, with_starts
 
 
-def learn_staged(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
+def learn_staged(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """Section 3: steps 1 and 2 from K_0^rho = 1 1^T and I, step 3 from the likelier.
 
     Parameters and result are those of :func:`skmtgp.learning.ranks.learn_ranks`.
     """
-    starts = make_starts(pairs, n_jobs, relaxed=False)
-    more = more_starts(pairs, starts, seeds, n_jobs)
+    starts = make_starts(problems, n_jobs, relaxed=False)
+    more = more_starts(problems, starts, seeds, n_jobs)
     followed = [
         [likeliest(of), *others] for of, others in zip(starts, more, strict=True)
     ]
-    modes = _learn(_third_step, pairs, forms, followed, n_jobs, progress)
+    modes = _learn(_third_step, problems, forms, followed, n_jobs, progress)
     return [
         [with_starts(mode, [*of, *others]) for mode in of_output]
         for of_output, of, others in zip(modes, starts, more, strict=True)
@@ -40,12 +40,12 @@ def likeliest(starts):
     return max(starts, key=lambda start: start.mode.value)
 
 
-def _third_step(data, settings, form, start):
+def _third_step(problem, start):
     """Section 3.1: "we select the one with the higher likelihood"."""
-    return climb(data, settings, form, start.theta(settings, form))
+    return climb(problem, start.theta(problem))
 
 
-def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, progress=silent):
+def learn_simultaneously(problems, forms, *, seeds, n_jobs=None, progress=silent):
     """All parameters at once, from theta_0^x, sigma_0^2 and a random K_0^rho.
 
     Parameters and result are those of :func:`skmtgp.learning.ranks.learn_ranks`; there
@@ -56,24 +56,26 @@ def learn_simultaneously(pairs, forms, *, seeds, n_jobs=None, progress=silent):
     K_0^rho = 1 1^T and I will not do: the columns that a factor of the first lacks have
     no gradient, and of the second, cut to a lower rank, nothing is left for most tasks.
     """
-    return _learn(_from_random, pairs, forms, [seeds] * len(pairs), n_jobs, progress)
+    return _learn(
+        _from_random, problems, forms, [seeds] * len(problems), n_jobs, progress
+    )
 
 
-def _from_random(data, settings, form, seed):
-    draw = np.random.default_rng(seed).standard_normal((data.n_tasks, form.rank))
-    F = draw / np.sqrt(form.rank)
-    start = Start(settings.kernel.theta, F @ F.T).theta(settings, form)
-    return climb(data, settings, form, start)
+def _from_random(problem, seed):
+    n_tasks, rank = problem.prior.n_tasks, problem.prior.task_covariance.rank
+    draw = np.random.default_rng(seed).standard_normal((n_tasks, rank))
+    F = draw / np.sqrt(rank)
+    return climb(problem, problem.theta(K_rho=F @ F.T))
 
 
-def _learn(climb_from, pairs, forms, starts, n_jobs, progress):
+def _learn(climb_from, problems, forms, starts, n_jobs, progress):
     """The best mode of each output and form, from the starts of the output."""
     jobs = [
-        (*pair, form, of)
-        for pair, of in zip(pairs, starts, strict=True)
+        (problem.with_form(form), of)
+        for problem, of in zip(problems, starts, strict=True)
         for form in forms
     ]
     n = len(starts[0])
-    report = progress("learning", n * len(jobs), description(pairs, forms, n))
+    report = progress("learning", n * len(jobs), description(problems, forms, n))
     modes = from_each_start(climb_from, jobs, n_jobs=n_jobs, report=report)
     return by_output([best_of(of) for of in modes], forms)

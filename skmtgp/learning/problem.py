@@ -1,163 +1,81 @@
-"""What is learned: the observations of an output, the settings, the modes found."""
+"""What is learned: the prior and the data of an output, how, and the modes found."""
 
 from dataclasses import dataclass, replace
 from math import ceil, log
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp._data.complete import complete_design
-from skmtgp._data.drawing import draw_rows
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
-from skmtgp.inference.sparse import SparseBound
-
-EXACT = {
-    "dense": DenseLikelihood,
-    "kronecker": KroneckerLikelihood,
-    "sparse": DenseLikelihood,
-}
-HELD = 1e-5  # noise variance while it is held up, in variances of the target
-COARSE = 300  # rows, of complete data inputs, or
-COARSE_PER_TASK = 20  # if that is more
-REFINEMENT = 4.0  # most of them in a level for each of the coarser one
+from skmtgp._data.data import Data
+from skmtgp.inference.engine import Engine
+from skmtgp.learning.tuning import TUNING, Tuning
+from skmtgp.model.prior import Prior
 
 
 @dataclass(frozen=True)
-class Data:
-    """The observations of one output.
+class Budget:
+    """For how long to learn, and what to say meanwhile.
 
     Attributes
     ----------
-    X : ndarray of shape (n_samples, n_features)
-        Inputs, sorted by task. For sparse inference they may be in any order, on disk
-        or, as `tasks` and `y`, in a Dask array.
-    tasks : ndarray of shape (n_samples,)
-        Tasks, 0 to n_tasks - 1.
-    y : ndarray of shape (n_samples,)
-        Targets.
-    n_tasks : int
-        Number of tasks M.
-    complete : bool, default=False
-        Whether parts of them are to be complete as they are: all tasks at the same
-        inputs, once each.
-    Z : ndarray of shape (n_inducing, n_features), default=None
-        Inducing inputs, for a bound on the likelihood.
-    """
-
-    X: np.ndarray
-    tasks: np.ndarray
-    y: np.ndarray
-    n_tasks: int
-    complete: bool = False
-    Z: np.ndarray | None = None
-
-    def levels(self):
-        """The data from coarse to fine: a few hundred of the rows, more, all.
-
-        Of complete data it is a few hundred of the inputs.
-
-        Returns
-        -------
-        levels : list of Data
-            Each is part of the next; the last is `self`.
-        """
-        n, coarsest = len(self.y), max(COARSE, COARSE_PER_TASK * self.n_tasks)
-        if self.complete:
-            n, coarsest = n // self.n_tasks, COARSE
-        if n < 2 * coarsest:
-            return [self]
-        steps = ceil(log(n / coarsest) / log(REFINEMENT))
-        sizes = np.geomspace(coarsest, n, steps + 1)[:-1]
-        return [*(self.thinned(int(size)) for size in sizes), self]
-
-    def thinned(self, size):
-        """About `size` of the rows, of each task its share and at least one.
-
-        Of complete data it is as many inputs. What is left is drawn at random, but less
-        is always part of more.
-        """
-        return self._part(self._inputs(size) if self.complete else self._rows(size))
-
-    def drawn(self, size):
-        """The same number of rows, whatever their order, and wherever they lie.
-
-        They come into memory. Less is not part of more.
-        """
-        return self._part(draw_rows(self.tasks, self.n_tasks, size))
-
-    def _part(self, rows):
-        rows = np.sort(rows)
-        tasks = np.asarray(self.tasks[rows])
-        order = np.argsort(tasks, kind="stable")
-        X, y = (np.asarray(of[rows], dtype=np.float64) for of in (self.X, self.y))
-        return replace(self, X=X[order], tasks=tasks[order], y=y[order])
-
-    def _rows(self, n_samples):
-        n = len(self.tasks)
-        order = np.random.default_rng(0).permutation(n)
-        order = order[np.argsort(self.tasks[order], kind="stable")]
-        of_task = np.unique(self.tasks, return_counts=True)[1]
-        place = np.arange(n) - np.repeat(np.cumsum(of_task) - of_task, of_task)
-        share = -(-of_task * n_samples // n)
-        return order[place < np.repeat(share, of_task)]
-
-    def _inputs(self, n_inputs):
-        """The rows of some of the inputs."""
-        rows = complete_design(self.X, self.tasks)
-        order = np.random.default_rng(0).permutation(len(rows))
-        return rows[order[:n_inputs]].ravel()
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What is learned, from where, and for how long.
-
-    Attributes
-    ----------
-    kernel : Kernel
-        k^x with the starting values theta_0^x.
-    scale : float
-        Root mean square of the targets.
-    log_noise : ndarray of shape (n_noise,)
-        Logarithm of sigma_0^2, shared or for each task.
-    log_noise_bounds : pair of floats
-        Logarithms of its bounds.
     max_iter : int
         Most iterations of each climb.
     tol : float
         Gain in nats under which a climb ends.
     truncation : {"eigen", "cholesky"}, default="eigen"
         How K_aug^rho gets the rank of the model, section 3.2.
-    name : str, default="output"
-        What is learned, for the lines that are printed.
     verbose : int, default=0
         2 or more prints lines during each climb.
-    inference : {"dense", "kronecker", "sparse"}, default="dense"
-        How the likelihood is computed. With "sparse" it is exact for data without
-        inducing inputs.
-    n_inducing : int, default=0
-        Inducing inputs of sparse inference.
-    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
-        Which they are.
-    n_exact : int, default=0
-        Rows that are learned from exactly before.
     """
 
-    kernel: Kernel
-    scale: float
-    log_noise: np.ndarray
-    log_noise_bounds: tuple
     max_iter: int
     tol: float
     truncation: str = "eigen"
-    name: str = "output"
     verbose: int = 0
-    inference: str = "dense"
-    n_inducing: int = 0
-    inducing_inputs: str = "greedy"
-    n_exact: int = 0
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One output, to be learned.
+
+    Attributes
+    ----------
+    prior : Prior
+        The model.
+    data : Data
+        Observations.
+    engine : Engine
+        How the likelihood is computed.
+    budget : Budget
+        For how long.
+    name : str, default="the output"
+        What is learned, for the lines that are printed.
+    tuning : Tuning
+        Constants.
+    """
+
+    prior: Prior
+    data: Data
+    engine: Engine
+    budget: Budget
+    name: str = "the output"
+    tuning: Tuning = TUNING
+
+    def with_form(self, form):
+        """The same with another form of K^rho."""
+        return replace(self, prior=self.prior.with_form(form))
+
+    def with_data(self, data):
+        """The same of other data."""
+        return replace(self, data=data)
+
+    def likelihood(self):
+        """What is maximised."""
+        return self.engine.likelihood(self.prior, self.data)
+
+    def theta(self, **given):
+        """Starting values of the prior's parameters, but for what is given."""
+        return self.prior.theta(**given, truncation=self.budget.truncation)
 
     @property
     def log_held(self):
@@ -165,41 +83,38 @@ class Settings:
 
         Never above sigma_0^2, which holding thus leaves as it is.
         """
-        held = min(np.log(HELD * self.scale**2), self.log_noise.min())
-        return float(np.clip(held, *self.log_noise_bounds))
+        held = np.log(self.tuning.held * self.prior.scale**2)
+        held = min(held, self.prior.log_noise)
+        return float(np.clip(held, *self.prior.log_noise_bounds))
 
     def is_noisy(self, mode):
         """Whether the noise variances of a mode are above where they are held."""
-        log_noise = mode.theta[-len(self.log_noise) :]
-        return bool((log_noise >= self.log_held).all())
+        return bool((self.prior.log_noise_at(mode.theta) >= self.log_held).all())
 
-    def tail(self, form):
-        """Where theta has variances of what is unexplained: kappa and the noise."""
-        return slice(-len(self.log_noise) - form.n_kappa, None)
-
-    def with_noise(self, theta, form):
+    def with_noise(self, theta):
         """Theta with kappa and the noise variance raised to where they are held."""
-        theta, tail = theta.copy(), self.tail(form)
-        theta[tail] = np.maximum(theta[tail], self.log_held)
-        return theta
+        raised = np.maximum(theta, self.log_held)
+        return np.where(self.prior.unexplained, raised, theta)
 
-    def split(self, theta):
-        """Theta's three parts: kernel, K^rho, log noise variances."""
-        return np.split(theta, [self.kernel.n_dims, len(theta) - len(self.log_noise)])
+    def coarse_to_fine(self):
+        """The problem with a few hundred of the rows, with more, with all.
 
-    def likelihood(self, data, form):
-        """The objective for a form of K^rho."""
-        arguments = self.kernel, form, data.X, data.tasks, data.y
-        n_noise = len(self.log_noise)
-        if data.Z is not None:
-            return SparseBound(*arguments, data.Z, n_noise)
-        return EXACT[self.inference](*arguments, n_noise)
+        Of complete data it is a few hundred of the inputs.
 
-    def bounds(self, form):
-        """Lower and upper bounds of theta, of shape (2, n_theta)."""
-        noise = np.tile(self.log_noise_bounds, (len(self.log_noise), 1))
-        kernel = self.kernel.bounds.reshape(-1, 2)
-        return np.concatenate([kernel, form.bounds(self.scale), noise]).T
+        Returns
+        -------
+        problems : list of Problem
+            The data of each are part of the next's; the last is `self`.
+        """
+        data, n = self.data, self.data.n_inputs
+        coarsest = self.tuning.coarse
+        if data.design is None:
+            coarsest = max(coarsest, self.tuning.coarse_per_task * data.n_tasks)
+        if n < 2 * coarsest:
+            return [self]
+        steps = ceil(log(n / coarsest) / log(self.tuning.refinement))
+        sizes = np.geomspace(coarsest, n, steps + 1)[:-1]
+        return [*(self.with_data(data.thinned(int(size))) for size in sizes), self]
 
 
 class Mode(NamedTuple):

@@ -15,7 +15,6 @@ from skmtgp.learning.hidden import hidden_start, may_hide, reveal
 from skmtgp.learning.nesting import descend, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
-    SHAKES,
     add_diagonal,
     first_stage,
     full_rank_start,
@@ -26,12 +25,12 @@ from skmtgp.learning.stages import (
 from skmtgp.model.task_covariance import WithDiagonal, identity, ones
 
 
-def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
+def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """Learn models of several ranks for several outputs.
 
     Parameters
     ----------
-    pairs : list of (Data, Settings)
+    problems : list of Problem
         For each output.
     forms : list of LowRank or list of WithDiagonal
         Forms of K^rho of ascending rank.
@@ -48,40 +47,43 @@ def learn_ranks(pairs, forms, *, seeds=(), n_jobs=None, progress=silent):
     modes : list of list of Mode
         The best mode found, for each output and form.
     """
-    coarse = _coarsest(pairs)
+    coarse = _coarsest(problems)
     starts = make_starts(coarse, n_jobs)
     hidden = hidden_starts(coarse, starts, n_jobs)
     more = more_starts(coarse, starts, seeds, n_jobs)
     starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
     options = {"hidden": hidden, "n_jobs": n_jobs, "progress": progress}
+    modes = _coarse_to_fine(problems, forms, starts, **options)
     if isinstance(forms[0], WithDiagonal):
         without = [form.form for form in forms]
-        simpler = _coarse_to_fine(pairs, without, starts, **options)
-        modes = _coarse_to_fine(pairs, forms, starts, **options)
-        modes = _with_diagonal(pairs, forms, simpler, modes, n_jobs)
-    else:
-        modes = _coarse_to_fine(pairs, forms, starts, **options)
+        simpler = _coarse_to_fine(problems, without, starts, **options)
+        modes = _with_diagonal(problems, forms, simpler, modes, n_jobs)
     return [
         [with_starts(mode, [*of_output, *hidden_of]) for mode in of]
         for of, of_output, hidden_of in zip(modes, starts, hidden, strict=True)
     ]
 
 
-def _coarsest(pairs):
-    return [(data.levels()[0], settings) for data, settings in pairs]
+def _coarsest(problems):
+    return [problem.coarse_to_fine()[0] for problem in problems]
 
 
-def _coarse_to_fine(pairs, forms, starts, *, hidden, n_jobs, progress):
+def _coarse_to_fine(problems, forms, starts, *, hidden, n_jobs, progress):
     """The best mode from some of the rows, learned on from more and more of them."""
-    coarse, fine = _coarsest(pairs), any(len(data.levels()) > 1 for data, _ in pairs)
+    coarse = _coarsest(problems)
+    fine = any(
+        few.data is not all_.data for few, all_ in zip(coarse, problems, strict=True)
+    )
     alone = len(forms) == 1 and not fine  # else other ranks and rows will help
-    shakes = SHAKES if alone else 1
+    shakes = problems[0].tuning.shakes if alone else 1
     jobs = [
-        (*p, form, of) for p, of in zip(coarse, starts, strict=True) for form in forms
+        (problem.with_form(form), of)
+        for problem, of in zip(coarse, starts, strict=True)
+        for form in forms
     ]
     n_starts = len(starts[0])
-    each = description(pairs, forms, n_starts)
-    shaken = description(pairs, forms, stage=", shaken")
+    each = description(problems, forms, n_starts)
+    shaken = description(problems, forms, stage=", shaken")
     reporters = (
         partial(progress, "starts", n_starts * len(jobs), each),
         partial(progress, "learning", len(jobs), shaken),
@@ -92,47 +94,46 @@ def _coarse_to_fine(pairs, forms, starts, *, hidden, n_jobs, progress):
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     if not fine:
         return modes
-    jobs = _of_each(pairs, forms, modes)
-    of_all = description(pairs, forms, stage=", from all rows")
+    jobs = _of_each(problems, forms, modes)
+    of_all = description(problems, forms, stage=", from all rows")
     report = progress("learning from all rows", len(jobs), of_all)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
-    return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
+    return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
 
 
-def _revealed(pairs, forms, modes, hidden, n_jobs, progress):
+def _revealed(problems, forms, modes, hidden, n_jobs, progress):
     """The modes, or those of hidden starts where these are better."""
     if not any(hidden):
         return modes
     of_each = [starts for starts in hidden for _ in forms]
-    jobs = _of_each(pairs, forms, modes)
+    jobs = _of_each(problems, forms, modes)
     jobs = [(*job, starts) for job, starts in zip(jobs, of_each, strict=True)]
-    report = progress(
-        "levels", len(jobs), description(pairs, forms, stage=", without levels first")
-    )
+    describe = description(problems, forms, stage=", without levels first")
+    report = progress("levels", len(jobs), describe)
     return by_output(run(reveal, jobs, n_jobs=n_jobs, report=report), forms)
 
 
-def _with_diagonal(pairs, forms, simpler, modes, n_jobs):
+def _with_diagonal(problems, forms, simpler, modes, n_jobs):
     """The better of a mode and what a diagonal makes of the one without.
 
     The model without is part of the model with a diagonal, whose mode must not be
     worse.
     """
-    jobs = _of_each(pairs, forms, simpler)
+    jobs = _of_each(problems, forms, simpler)
     grown = by_output(run(add_diagonal, jobs, n_jobs=n_jobs), forms)
     modes = [
         [best_of(both) for both in zip(*of_output, strict=True)]
         for of_output in zip(modes, grown, strict=True)
     ]
-    return run(nest, _of_output(pairs, forms, modes), n_jobs=n_jobs)
+    return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
 
 
-def description(pairs, forms, n_starts=1, *, stage=""):
+def description(problems, forms, n_starts=1, *, stage=""):
     """What to say of the mode of an output, form and start, which come in this order.
 
     Of the starts it is said once, when all have come. The stage follows the name.
     """
-    names = [f"{settings.name}, {form}" for _, settings in pairs for form in forms]
+    names = [f"{problem.name}, {form}" for problem in problems for form in forms]
     stage = f", the best of {n_starts} starts" if n_starts > 1 else stage
     of_this = []
 
@@ -155,56 +156,60 @@ def by_output(modes, forms):
     return [list(modes[j : j + len(forms)]) for j in range(0, len(modes), len(forms))]
 
 
-def _of_output(pairs, forms, modes):
-    return [(*pair, forms, of) for pair, of in zip(pairs, modes, strict=True)]
-
-
-def _of_each(pairs, forms, modes):
+def _of_output(problems, forms, modes):
     return [
-        (*pair, form, mode)
-        for pair, of_output in zip(pairs, modes, strict=True)
+        ([problem.with_form(form) for form in forms], of)
+        for problem, of in zip(problems, modes, strict=True)
+    ]
+
+
+def _of_each(problems, forms, modes):
+    return [
+        (problem.with_form(form), mode)
+        for problem, of_output in zip(problems, modes, strict=True)
         for form, mode in zip(forms, of_output, strict=True)
     ]
 
 
-def make_starts(pairs, n_jobs, *, relaxed=True):
+def make_starts(problems, n_jobs, *, relaxed=True):
     """Where step 3 begins, after I and 1 1^T, for each output; the same for all ranks.
 
     With one task I and 1 1^T are the same, and so are the starts.
     """
     first = partial(first_stage, relaxed=relaxed)
-    return _from_fixed(first, pairs, n_jobs)
+    return _from_fixed(first, problems, n_jobs)
 
 
-def hidden_starts(pairs, starts, n_jobs):
+def hidden_starts(problems, starts, n_jobs):
     """Starts for functions that levels may hide, for each output.
 
-    None where noise explains next to nothing of the targets at the other starts, or
-    where the tasks have so few rows that their means take most of what they tell.
+    None where levels are in the model, where noise explains next to nothing of the
+    targets at the other starts, or where the tasks have so few rows that their means
+    take most of what they tell.
     """
     hiding = [
-        may_hide(*pair, [start.mode for start in of])
-        for pair, of in zip(pairs, starts, strict=True)
+        may_hide(problem, [start.mode for start in of])
+        for problem, of in zip(problems, starts, strict=True)
     ]
-    found = iter(_from_fixed(hidden_start, list(compress(pairs, hiding)), n_jobs))
+    found = iter(_from_fixed(hidden_start, list(compress(problems, hiding)), n_jobs))
     return [next(found) if hides else [] for hides in hiding]
 
 
-def _from_fixed(start, pairs, n_jobs):
+def _from_fixed(start, problems, n_jobs):
     """The starts from K_0^rho = I and 1 1^T, of each output."""
-    if not pairs:
+    if not problems:
         return []
-    M = pairs[0][0].n_tasks
+    M = problems[0].prior.n_tasks
     fixed = [identity(M), ones(M)][: min(M, 2)]
-    jobs = [(*pair, form) for pair in pairs for form in fixed]
+    jobs = [(problem.with_form(form),) for problem in problems for form in fixed]
     return by_output(run(start, jobs, n_jobs=n_jobs), fixed)
 
 
-def more_starts(pairs, starts, seeds, n_jobs):
+def more_starts(problems, starts, seeds, n_jobs):
     """As many additional starts as seeds, for each output."""
     if not seeds:
-        return [[] for _ in pairs]
-    jobs = [(*pair, of[0]) for pair, of in zip(pairs, starts, strict=True)]
+        return [[] for _ in problems]
+    jobs = [(problem, of[0]) for problem, of in zip(problems, starts, strict=True)]
     return [
         [full_rank, *(perturbed(of[0], seed) for seed in seeds[1:])]
         for full_rank, of in zip(

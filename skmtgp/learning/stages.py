@@ -14,27 +14,24 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads, run
-from skmtgp.learning.climbing import DOUBT, annealed, climb, refine, shake
+from skmtgp.learning.climbing import annealed, climb, refine, shake
 from skmtgp.learning.problem import Mode, best_of
+from skmtgp.learning.tuning import TUNING
 from skmtgp.model.task_covariance import low_rank
 
-SHAKES = 3
-SINGULAR = 1e-12  # of the mean diagonal
 
-
-def learn_fixed(data, settings, form):
+def learn_fixed(problem):
     """Learn theta^x and sigma^2 with K^rho fixed: the models iGP and pGP.
 
     From theta_0^x, relaxed, with the noise free and with the noise held up at first;
     the better mode counts.
     """
-    kappa = form.parameters(1.1 * np.eye(data.n_tasks))  # 0.1, if it is learned
-    theta = np.concatenate([settings.kernel.theta, kappa, settings.log_noise])
-    coarse = data.levels()[0]
-    relaxed = climb(coarse, settings, form, theta, relaxed=True)
-    direct = relaxed.then(climb(coarse, settings, form, relaxed.theta))
-    modes = [direct, annealed(coarse, settings, form, theta)]
-    return refine(data, settings, form, best_of(modes, doubt=DOUBT))
+    coarse = problem.coarse_to_fine()[0]
+    theta = problem.theta(K_rho=1.1 * np.eye(problem.prior.n_tasks))  # kappa is 0.1
+    relaxed = climb(coarse, theta, relaxed=True)
+    direct = relaxed.then(climb(coarse, relaxed.theta))
+    modes = [direct, annealed(coarse, theta)]
+    return refine(problem, best_of(modes, doubt=problem.tuning.doubt))
 
 
 class Start(NamedTuple):
@@ -57,21 +54,24 @@ class Start(NamedTuple):
     mode: Mode | None = None
     log_noise: np.ndarray | None = None
 
-    def theta(self, settings, form):
-        """All parameters of the model of this form."""
-        rho = form.parameters(self.K_rho, settings.truncation)
-        log_noise = settings.log_noise if self.log_noise is None else self.log_noise
-        return np.concatenate([self.kernel_theta, rho, log_noise])
+    def theta(self, problem):
+        """All parameters of the problem's model."""
+        return problem.theta(
+            kernel=self.kernel_theta,
+            K_rho=self.K_rho,
+            log_noise=self.log_noise,
+            like=self.mode and self.mode.theta,
+        )
 
 
-def first_stage(data, settings, form, *, relaxed=True):
-    """Steps 1 and 2 of section 3, with K_0^rho of the given form."""
-    theta = np.concatenate([settings.kernel.theta, settings.log_noise])
-    mode = climb(data, settings, form, theta, relaxed=relaxed)
-    likelihood = settings.likelihood(data, form)
+def first_stage(problem, *, relaxed=True):
+    """Steps 1 and 2 of section 3, with K_0^rho as the problem has it."""
+    mode = climb(problem, problem.theta(), relaxed=relaxed)
+    likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
-        K_rho = augmented_task_covariance(data, likelihood.posterior(mode.theta))
-    return Start(settings.split(mode.theta)[0], K_rho, mode)
+        posterior = likelihood.posterior(mode.theta)
+        K_rho = augmented_task_covariance(problem.data, posterior)
+    return Start(problem.prior.values(mode.theta).kernel, K_rho, mode)
 
 
 def augmented_task_covariance(data, posterior):
@@ -94,29 +94,27 @@ def augmented_task_covariance(data, posterior):
     """
     X, row = np.unique(data.X, axis=0, return_inverse=True)
     row = row.reshape(-1)
-    T_aug = posterior.mean_of_tasks(X, np.arange(data.n_tasks))
-    kernel = posterior.kernel
+    T_aug = posterior.mean_of_tasks(X, np.arange(data.n_tasks)) - posterior.levels
+    kernel, y = posterior.kernel, data.y - posterior.levels[data.tasks]
     del posterior  # its factor takes as much memory as K_x
     cells, cell = np.unique(row * data.n_tasks + data.tasks, return_inverse=True)
-    observed = np.bincount(cell, data.y) / np.bincount(cell)
-    T_aug.flat[cells] = observed  # t^m(x_i)
+    T_aug.flat[cells] = np.bincount(cell, y) / np.bincount(cell)  # t^m(x_i)
     eta_squared = np.square(T_aug).mean()  # tr(T_aug^T T_aug) / (M N)
     K_x = kernel(X)
     # Where there is nothing to explain, or next to nothing, K_x alone is singular.
-    floor = SINGULAR * np.diagonal(K_x).mean() + np.finfo(np.float64).tiny
+    floor = TUNING.singular * np.diagonal(K_x).mean() + np.finfo(np.float64).tiny
     K_x[np.diag_indices_from(K_x)] += max(eta_squared, floor)
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reporters=None):
+def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
     """Step 3 of section 3, from each start; the best modes.
 
     Parameters
     ----------
-    jobs : list of (Data, Settings, LowRank, list of Start)
-        Observations, settings, form of K^rho and each (theta_1^x, K_1^rho), which is
-        followed with sigma_0^2.
-    shakes : int, default=SHAKES
+    jobs : list of (Problem, list of Start)
+        What to learn, and each (theta_1^x, K_1^rho), which is followed with sigma_0^2.
+    shakes : int
         How often the best mode of a job is shaken.
     n_jobs : int, default=None
         Processes, to which all starts of all jobs are shared out.
@@ -132,25 +130,25 @@ def second_stage(jobs, *, shakes=SHAKES, n_jobs=None, reporters=None):
     of_starts, of_jobs = reporters or (lambda: None, lambda: None)
     found = from_each_start(_follow, jobs, n_jobs=n_jobs, report=of_starts())
     best = [
-        (*job[:3], best_of(modes, doubt=DOUBT), shakes)
-        for job, modes in zip(jobs, found, strict=True)
+        (problem, best_of(modes, doubt=problem.tuning.doubt), shakes)
+        for (problem, _), modes in zip(jobs, found, strict=True)
     ]
     return run(shake, best, n_jobs=n_jobs, report=of_jobs())
 
 
-def _follow(data, settings, form, start):
-    return annealed(data, settings, form, start.theta(settings, form))
+def _follow(problem, start):
+    return annealed(problem, start.theta(problem))
 
 
 def from_each_start(function, jobs, *, n_jobs=None, report=None):
-    """``function(data, settings, form, start)``, with each of several starts.
+    """``function(problem, start)``, with each of several starts.
 
     Parameters
     ----------
     function : callable
         Gives a Mode.
-    jobs : list of (Data, Settings, form, list of starts)
-        Observations, settings, form of K^rho and starts.
+    jobs : list of (Problem, list of starts)
+        What to learn, and from where.
     n_jobs : int, default=None
         Processes.
     report : callable, default=None
@@ -161,35 +159,33 @@ def from_each_start(function, jobs, *, n_jobs=None, report=None):
     modes : list of list of Mode
         Of each job, from each of its starts.
     """
-    starts = [(*job[:3], start) for job in jobs for start in job[3]]
+    starts = [(problem, start) for problem, of in jobs for start in of]
     modes = iter(run(function, starts, n_jobs=n_jobs, report=report))
-    return [list(islice(modes, len(job[3]))) for job in jobs]
+    return [list(islice(modes, len(of))) for _, of in jobs]
 
 
-def add_diagonal(data, settings, form, simpler):
+def add_diagonal(problem, simpler):
     """The mode of a model, as one with a diagonal that does not matter, learned on.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
-        Kernel, bounds and budget.
-    form : WithDiagonal
-        Form of K^rho.
+    problem : Problem
+        With a diagonal.
     simpler : Mode
-        A mode of the model of ``form.form``.
+        A mode of the model without it.
 
     Returns
     -------
     mode : Mode
         Not worse than with the smallest diagonal.
     """
-    kernel, rho, noise = settings.split(simpler.theta)
-    smallest = form.bounds(settings.scale)[-form.n_kappa :, 0]
-    theta = np.concatenate([kernel, rho, smallest, noise])
-    value = settings.likelihood(data, form).value(theta)
-    raised = climb(data, settings, form, settings.with_noise(theta, form))
+    prior = problem.prior
+    without = prior.with_form(prior.task_covariance.form)
+    rho = without.values(simpler.theta).rho
+    rho = prior.task_covariance.with_smallest(rho, prior.scale)
+    theta = prior.with_rho(simpler.theta, rho)
+    value = problem.likelihood().value(theta)
+    raised = climb(problem, problem.with_noise(theta))
     simplest = simpler._replace(theta=theta, value=value)
     return best_of([simplest, simpler.led_to(raised)])
 
@@ -203,16 +199,17 @@ def with_starts(mode, starts):
     )
 
 
-def full_rank_start(data, settings, start):
+def full_rank_start(problem, start):
     """A start whose K_1^rho, before its rank is constrained, is a full-rank fit's.
 
     The fit is relaxed and begins with K^rho = I. It takes as long as several ranks.
     """
-    form = low_rank(data.n_tasks, data.n_tasks)
-    theta = start._replace(K_rho=np.eye(data.n_tasks)).theta(settings, form)
-    mode = climb(data, settings, form, theta, relaxed=True)
-    kernel, rho, _ = settings.split(mode.theta)
-    return Start(kernel, form.matrix(rho), mode)
+    n_tasks = problem.prior.n_tasks
+    problem = problem.with_form(low_rank(n_tasks, n_tasks))
+    theta = start._replace(K_rho=np.eye(n_tasks)).theta(problem)
+    mode = climb(problem, theta, relaxed=True)
+    kernel = problem.prior.values(mode.theta).kernel
+    return Start(kernel, problem.prior.K_rho_at(mode.theta), mode)
 
 
 def perturbed(start, seed):

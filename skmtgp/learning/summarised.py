@@ -15,62 +15,56 @@ from joblib import parallel_config
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
+from skmtgp.inference.engines import Dense
 from skmtgp.inference.inducing import greedy_variance, k_means, optimised
-from skmtgp.inference.latent import check_latent
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 
-ROUNDS = 2  # of choosing inducing inputs
-GAIN = 1e-4  # nats a row under which a climb of the bound ends, but
-MOST_GAIN = 10.0  # nats at most
-MOST_MOVES = 100  # of all inducing inputs, in a round
-NOISES = 6  # noise variances that are tried before the first climb
-RAISED = 100.0  # times the noise variance, before the second
 
-
-def exact_part(pairs, forms):
-    """What of the data exact inference learns from, for each output: all, or some rows.
+def exact_part(problems, forms):
+    """What exact inference learns, for each output: all of it, or from some rows.
 
     Parameters
     ----------
-    pairs : list of (Data, Settings)
+    problems : list of Problem
         For each output.
-    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
+    forms : list of FixedTaskCovariance, LowRank or another
         Forms of K^rho that will be learned.
 
     Returns
     -------
-    pairs : list of (Data, Settings)
-        Of `n_exact` rows where inference is sparse.
+    problems : list of Problem
+        Of `n_exact` rows where the engine approximates.
 
     Raises
     ------
     ValueError
-        If inference is sparse and a form has no latent functions: better now than
-        after the exact part.
+        If the engine cannot take a form: better now than after the exact part.
     """
-    if any(settings.inference == "sparse" for _, settings in pairs):
-        for form in forms:
-            check_latent(form)
-    return [
-        (data.drawn(min(settings.n_exact, len(data.y))), settings)
-        if settings.inference == "sparse"
-        else (data, settings)
-        for data, settings in pairs
-    ]
+    for form in forms:
+        problems[0].engine.check_form(form)
+    return [_exact(problem) for problem in problems]
 
 
-def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
+def _exact(problem):
+    data, engine = problem.data, problem.engine
+    if engine.n_exact is None:
+        return problem
+    drawn = data.drawn(min(engine.n_exact, len(data)))
+    return replace(problem, data=drawn, engine=Dense())
+
+
+def learn_rest(problems, forms, modes, *, n_jobs=None, progress=silent):
     """Learn on from all rows where the modes are those of a part.
 
     Parameters
     ----------
-    pairs : list of (Data, Settings)
+    problems : list of Problem
         For each output.
-    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
+    forms : list of FixedTaskCovariance, LowRank or another
         Forms of K^rho, of ascending rank.
     modes : list of list of Mode
-        For each output and form, what `exact_part` of the pairs told.
+        For each output and form, what `exact_part` of the problems told.
     n_jobs : int, default=None
         Processes. Rows that lie in Dask's partitions are shared out already: one.
     progress : callable, default=silent
@@ -81,35 +75,34 @@ def learn_rest(pairs, forms, modes, *, n_jobs=None, progress=silent):
     modes : list of list of Mode
         For each output and form. As they were where inference is exact.
     """
-    if all(settings.inference != "sparse" for _, settings in pairs):
+    if problems[0].engine.n_exact is None:
         return modes
-    jobs = [(*pair, forms, of) for pair, of in zip(pairs, modes, strict=True)]
+    jobs = [
+        ([problem.with_form(form) for form in forms], of)
+        for problem, of in zip(problems, modes, strict=True)
+    ]
 
     def describe(j, modes):
         values = ", ".join(f"{mode.value:.2f}" for mode in modes)
         return (
-            f"{pairs[j][1].name}: bound on the log marginal likelihood {values} "
+            f"{problems[j].name}: bound on the log marginal likelihood {values} "
             f"(scaled) of {modes[0].n_samples} rows"
         )
 
     report = progress("learning from all rows by inducing inputs", len(jobs), describe)
-    if not is_dask(pairs[0][0].X):
+    if not is_dask(problems[0].data.X):
         return run(climb_bounds, jobs, n_jobs=n_jobs, report=report)
     with parallel_config(backend="sequential"):
         return run(climb_bounds, jobs, report=report)
 
 
-def climb_bounds(data, settings, forms, modes):
+def climb_bounds(problems, modes):
     """Climb the bound from modes of some of the rows.
 
     Parameters
     ----------
-    data : Data
-        Observations, of which there may be millions.
-    settings : Settings
-        Kernel, bounds and budget.
-    forms : list of FixedTaskCovariance, LowRank or WithDiagonal
-        Forms of K^rho, of ascending rank.
+    problems : list of Problem
+        Of all rows, of which there may be millions, with forms of ascending rank.
     modes : list of Mode
         The mode of each.
 
@@ -118,24 +111,22 @@ def climb_bounds(data, settings, forms, modes):
     modes : list of Mode
         Their values do not fall as the rank grows.
     """
-    gain = min(GAIN * len(data.y), MOST_GAIN)
-    settings = replace(settings, tol=max(settings.tol, gain))
-    best = None
-    for _ in range(ROUNDS):
+    problems, best = [_with_gain(problem) for problem in problems], None
+    for _ in range(problems[0].tuning.rounds):
         begin = perf_counter()
-        Z, n_evaluations = inducing_inputs(data, settings, forms[-1], modes[-1])
+        Z, n_evaluations = inducing_inputs(problems[-1], modes[-1])
         seconds = perf_counter() - begin
-        summarised = replace(data, Z=Z)
+        summarised = [p.with_data(replace(p.data, Z=Z)) for p in problems]
         modes = [
-            _climb_on(summarised, settings, form, mode)
-            for form, mode in zip(forms, modes, strict=True)
+            mode.then(climb(problem, begin_at(problem, mode)))
+            for problem, mode in zip(summarised, modes, strict=True)
         ]
         modes = [
             mode._replace(
                 n_evaluations=mode.n_evaluations + n_evaluations,
                 seconds=mode.seconds + seconds,
             )
-            for mode in nest(summarised, settings, forms, modes)
+            for mode in nest(summarised, modes)
         ]
         if best is None or modes[-1].value > best[-1].value:
             best = modes
@@ -145,11 +136,14 @@ def climb_bounds(data, settings, forms, modes):
     ]
 
 
-def _climb_on(data, settings, form, mode):
-    return mode.then(climb(data, settings, form, begin_at(data, settings, form, mode)))
+def _with_gain(problem):
+    """The problem with a tolerance for many rows."""
+    tuning, budget = problem.tuning, problem.budget
+    gain = min(tuning.gain * len(problem.data), tuning.most_gain)
+    return replace(problem, budget=replace(budget, tol=max(budget.tol, gain)))
 
 
-def begin_at(data, settings, form, mode):
+def begin_at(problem, mode):
     """Parameters at which the climb of the bound begins.
 
     A few rows may ask for less noise than all do. Raised at once to where it is held,
@@ -159,35 +153,31 @@ def begin_at(data, settings, form, mode):
 
     Parameters
     ----------
-    data : Data
-        Observations with their inducing inputs.
-    settings, form, mode
-        Of the model, and what was learned so far.
+    problem : Problem
+        With inducing inputs.
+    mode : Mode
+        What was learned so far.
 
     Returns
     -------
     theta : ndarray of shape (n_theta,)
         The mode's, or with more noise.
     """
-    way = settings.with_noise(mode.theta, form) - mode.theta
+    way = problem.with_noise(mode.theta) - mode.theta
     if mode.Z is not None:
-        return mode.theta + np.minimum(way, np.log(RAISED))
-    steps = np.linspace(1.0, 0.0, NOISES if way.any() else 1)
-    value = settings.likelihood(data, form).value
+        return mode.theta + np.minimum(way, np.log(problem.tuning.raised))
+    steps = np.linspace(1.0, 0.0, problem.tuning.noises if way.any() else 1)
+    value = problem.likelihood().value
     return max((mode.theta + step * way for step in steps), key=value)
 
 
-def inducing_inputs(data, settings, form, mode):
+def inducing_inputs(problem, mode):
     """Inducing inputs for the bound that is climbed from a mode.
 
     Parameters
     ----------
-    data : Data
-        Observations.
-    settings : Settings
+    problem : Problem
         Which inputs, how many, and the budget.
-    form : FixedTaskCovariance, LowRank or WithDiagonal
-        Form of K^rho.
     mode : Mode
         What was learned so far.
 
@@ -198,22 +188,23 @@ def inducing_inputs(data, settings, form, mode):
     n_evaluations : int
         Bounds with their gradients that it took.
     """
-    if settings.inducing_inputs != "optimised":
-        return _chosen(data.X, settings, mode), 0
-    Z = _chosen(data.X, settings, mode) if mode.Z is None else mode.Z
-    data = replace(data, Z=Z)
+    if problem.engine.inducing_inputs != "optimised":
+        return _chosen(problem, mode), 0
+    Z = _chosen(problem, mode) if mode.Z is None else mode.Z
+    problem = problem.with_data(replace(problem.data, Z=Z))
     return optimised(
-        settings.likelihood(data, form),
-        begin_at(data, settings, form, mode),
-        max_iter=min(MOST_MOVES, settings.max_iter),
-        tol=settings.tol,
+        problem.likelihood(),
+        begin_at(problem, mode),
+        max_iter=min(problem.tuning.most_moves, problem.budget.max_iter),
+        tol=problem.budget.tol,
     )
 
 
-def _chosen(X, settings, mode):
+def _chosen(problem, mode):
     """Rows of X or means of clusters of them, for k^x as learned."""
-    kernel = settings.kernel.clone_with_theta(settings.split(mode.theta)[0])
+    X, n_inducing = problem.data.X, problem.engine.n_inducing
     rng = np.random.RandomState(0)
-    if settings.inducing_inputs == "k-means":
-        X = k_means(X, settings.n_inducing, random_state=rng)
-    return greedy_variance(kernel, X, settings.n_inducing, random_state=rng)
+    if problem.engine.inducing_inputs == "k-means":
+        X = k_means(X, n_inducing, random_state=rng)
+    kernel = problem.prior.kernel_at(mode.theta)
+    return greedy_variance(kernel, X, n_inducing, random_state=rng)

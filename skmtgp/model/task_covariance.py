@@ -2,7 +2,9 @@
 
 A task covariance maps a vector of parameters to the M x M matrix K^rho of eq. 6 and
 pulls gradients with respect to the matrix back to the parameters. It knows nothing of
-inputs or likelihoods.
+inputs or likelihoods. What latent functions the tasks share, K^rho = F F^T +
+diag(kappa), it tells by `latent`, which sparse inference needs, and `pull_back_latent`
+pulls gradients with respect to F and kappa back.
 """
 
 from typing import NamedTuple
@@ -68,6 +70,16 @@ class FixedTaskCovariance:
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from D = dL / dK^rho."""
+        return np.empty(0)
+
+    def latent(self, parameters):
+        """F and kappa; a column of zeros where tasks share nothing."""
+        if (self._matrix == np.diag(np.diagonal(self._matrix))).all():
+            return np.zeros((self.n_tasks, 1)), np.diagonal(self._matrix)
+        return self.factor(parameters), np.zeros(self.n_tasks)
+
+    def pull_back_latent(self, parameters, d_F, d_kappa):
+        """Gradient of the parameters, from those of F and kappa."""
         return np.empty(0)
 
     def derivatives(self, parameters):
@@ -145,6 +157,14 @@ class LowRank:
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
         return 2.0 * (D @ self.columns(parameters)).ravel()
+
+    def latent(self, parameters):
+        """F, of shape (n_tasks, rank), and kappa, which is zero."""
+        return self.columns(parameters), np.zeros(self.n_tasks)
+
+    def pull_back_latent(self, parameters, d_F, d_kappa):
+        """Gradient of the parameters, from those of F and kappa."""
+        return d_F.ravel()
 
     def derivatives(self, parameters):
         """Derivatives of K^rho: an OfTasks for each column of F."""
@@ -250,6 +270,18 @@ class WithDiagonal:
         gradient = self.form.pull_back(parameters, D)
         return np.concatenate([gradient, np.diagonal(D) * kappa])
 
+    def latent(self, parameters):
+        """F and kappa: the other one's, and the diagonal."""
+        parameters, own = self._split(parameters)
+        F, kappa = self.form.latent(parameters)
+        return F, kappa + own
+
+    def pull_back_latent(self, parameters, d_F, d_kappa):
+        """Gradient of the parameters, from those of F and kappa."""
+        parameters, own = self._split(parameters)
+        gradient = self.form.pull_back_latent(parameters, d_F, d_kappa)
+        return np.concatenate([gradient, d_kappa * own])
+
     def derivatives(self, parameters):
         """Derivatives of K^rho: the other one's, and an OfTasks of the diagonal."""
         parameters, kappa = self._split(parameters)
@@ -268,6 +300,11 @@ class WithDiagonal:
         """Parameters of the model of a higher rank: F with these columns added."""
         parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
         return np.concatenate([self.form.grown(parameters, columns), log_kappa])
+
+    def with_smallest(self, parameters, scale):
+        """Parameters of the other one with the smallest diagonal of their bounds."""
+        smallest = self.bounds(scale)[-self.n_kappa :, 0]
+        return np.concatenate([parameters, smallest])
 
     def bordered(self, parameters, row, own, position):
         """The model of one more task, whose kappa is the square of `own`."""

@@ -1,0 +1,81 @@
+"""The observations of one output, of which parts can be taken."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skmtgp._data.drawing import draw_rows
+
+
+@dataclass(frozen=True)
+class Data:
+    """The observations of one output.
+
+    Attributes
+    ----------
+    X : ndarray of shape (n_samples, n_features)
+        Inputs, sorted by task. For sparse inference they may be in any order, on disk
+        or, as `tasks` and `y`, in a Dask array.
+    tasks : ndarray of shape (n_samples,)
+        Tasks, 0 to n_tasks - 1.
+    y : ndarray of shape (n_samples,)
+        Targets.
+    n_tasks : int
+        Number of tasks M.
+    design : ndarray of shape (n_inputs, n_tasks), default=None
+        The row of each input and task, where all tasks are observed at the same inputs,
+        once each, and this is made use of: parts of the data are complete then, too.
+    Z : ndarray of shape (n_inducing, n_features), default=None
+        Inducing inputs, for a bound on the likelihood.
+    """
+
+    X: np.ndarray
+    tasks: np.ndarray
+    y: np.ndarray
+    n_tasks: int
+    design: np.ndarray | None = None
+    Z: np.ndarray | None = None
+
+    def __len__(self):
+        return len(self.y)
+
+    @property
+    def n_inputs(self):
+        """Number of rows, of complete data of inputs."""
+        return len(self.y) if self.design is None else len(self.design)
+
+    def thinned(self, size):
+        """About `size` of the rows, of each task its share and at least one.
+
+        Of complete data it is as many inputs. What is left is drawn at random, but less
+        is always part of more.
+        """
+        if self.design is None:
+            return self._part(self._rows(size))
+        order = np.random.default_rng(0).permutation(len(self.design))
+        rows = np.sort(self.design[order[:size]].ravel())
+        design = np.searchsorted(rows, self.design[order[:size]])
+        return replace(self._part(rows), design=design)
+
+    def drawn(self, size):
+        """The same number of rows, whatever their order, and wherever they lie.
+
+        They come into memory. Less is not part of more.
+        """
+        return self._part(draw_rows(self.tasks, self.n_tasks, size))
+
+    def _part(self, rows):
+        rows = np.sort(rows)
+        tasks = np.asarray(self.tasks[rows])
+        order = np.argsort(tasks, kind="stable")
+        X, y = (np.asarray(of[rows], dtype=np.float64) for of in (self.X, self.y))
+        return replace(self, X=X[order], tasks=tasks[order], y=y[order], design=None)
+
+    def _rows(self, n_samples):
+        n = len(self.tasks)
+        order = np.random.default_rng(0).permutation(n)
+        order = order[np.argsort(self.tasks[order], kind="stable")]
+        of_task = np.unique(self.tasks, return_counts=True)[1]
+        place = np.arange(n) - np.repeat(np.cumsum(of_task) - of_task, of_task)
+        share = -(-of_task * n_samples // n)
+        return order[place < np.repeat(share, of_task)]

@@ -1,0 +1,159 @@
+"""The units in which targets are learned: what they are taken off and divided by."""
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from skmtgp._data.dask import is_dask, map_parts, sum_parts
+from skmtgp._numerics.linalg import RESOLVED
+
+FEWEST = 3  # rows of a task, whose deviation is taken for its unit
+
+
+class Units(NamedTuple):
+    """Centres and scales of the targets.
+
+    Attributes
+    ----------
+    centre : ndarray of shape (n_outputs, 1) or (n_outputs, n_tasks)
+        Is taken off the targets of all tasks, or of each.
+    scale : ndarray of the same shape
+        They are divided by this.
+    """
+
+    centre: np.ndarray
+    scale: np.ndarray
+
+    @property
+    def per_task(self):
+        """Whether they differ by task."""
+        return self.centre.shape[1] > 1
+
+    def scaled(self, Y, codes):
+        """Targets in these units, from rows in those of y."""
+        return (Y - self.of_rows(self.centre, codes)) / self.of_rows(self.scale, codes)
+
+    def unscaled(self, means, codes):
+        """Means in the units of y."""
+        centre, scale = (self.of_rows(of, codes) for of in self)
+        return means * scale + centre
+
+    def of_rows(self, of_tasks, codes):
+        """For each row, of shape (n_samples, n_outputs), or (1, n_outputs)."""
+        if not self.per_task:
+            return of_tasks.T
+        if is_dask(codes):
+            chunks = codes.chunks[0], (len(of_tasks),)
+            options = {"new_axis": 1, "chunks": chunks, "dtype": float}
+            return codes.map_blocks(lambda some: of_tasks.T[some], **options)
+        return of_tasks.T[codes]
+
+    def log_jacobian(self, counts):
+        """Log density of targets in units of y less that in these, for each output."""
+        return -(np.log(self.scale) * (counts if self.per_task else counts.sum())).sum(
+            1
+        )
+
+    def with_task(self, Y, position):
+        """The units of one more task, whose targets are Y."""
+        if not self.per_task:
+            return self
+        others = np.exp(np.log(self.scale).mean(axis=1))
+        own = _of_one(Y, others)
+        return Units(
+            *(
+                np.insert(of, position, new, axis=1)
+                for of, new in zip(self, own, strict=True)
+            )
+        )
+
+
+def shared_units(Y, *, centred, scaled):
+    """The mean and the deviation of all targets of an output.
+
+    Parameters
+    ----------
+    Y : ndarray or dask.array.Array of shape (n_samples, n_outputs)
+        Targets.
+    centred : bool
+        Whether to take off the mean, which is zero otherwise.
+    scaled : bool
+        Whether to divide by the root mean square of what is left.
+
+    Returns
+    -------
+    units : Units
+    """
+    mean, scale = np.zeros(Y.shape[1]), np.ones(Y.shape[1])
+    if centred:
+        mean, spread = (np.asarray(of(axis=0)) for of in (Y.mean, Y.std))
+    else:
+        spread = np.sqrt(np.asarray(np.square(Y).mean(axis=0)))
+    varies = (spread > RESOLVED * np.abs(mean)) & scaled
+    scale[varies] = spread[varies]
+    return Units(mean[:, None], scale[:, None])
+
+
+def units_of_tasks(Y, codes, n_tasks):
+    """The mean and the deviation of each task's targets.
+
+    A task of one or two rows, or whose targets are all the same, has the deviation that
+    the others have on average, geometrically.
+
+    Parameters
+    ----------
+    Y : ndarray or dask.array.Array of shape (n_samples, n_outputs)
+        Targets.
+    codes : ndarray or dask.array.Array of shape (n_samples,)
+        Task of each row.
+    n_tasks : int
+        Number of tasks.
+
+    Returns
+    -------
+    units : Units
+    """
+    shared = shared_units(Y, centred=True, scaled=True)
+    n = count_tasks(codes, n_tasks)
+    level = means_of_tasks(Y - shared.centre.T, codes, n_tasks)
+    mean = shared.centre + level
+    rest = Y - Units(mean, mean).of_rows(mean, codes)
+    spread = np.sqrt(means_of_tasks(np.square(rest), codes, n_tasks))
+    told = (n >= FEWEST) & (spread > RESOLVED * np.abs(mean))
+    scale = np.empty_like(mean)
+    for j, (of_tasks, which) in enumerate(zip(spread, told, strict=True)):
+        usual = (
+            np.exp(np.log(of_tasks[which]).mean()) if which.any() else shared.scale[j]
+        )
+        scale[j] = np.where(which, of_tasks, usual)
+    return Units(mean, scale)
+
+
+def _of_one(Y, usual):
+    """Mean and deviation of the targets of one task."""
+    mean, spread = Y.mean(axis=0), Y.std(axis=0)
+    told = (len(Y) >= FEWEST) & (spread > RESOLVED * np.abs(mean))
+    return mean, np.where(told, spread, usual)
+
+
+def count_tasks(codes, n_tasks):
+    """Number of rows of each task."""
+    return sum(map_parts(partial(np.bincount, minlength=n_tasks), codes))
+
+
+def means_of_tasks(Y, codes, n_tasks):
+    """Means over the rows of each task, of shape (n_outputs, n_tasks)."""
+    sums = sum_parts(partial(_sum_part, n_tasks), (), (codes, Y))
+    return sums / np.maximum(count_tasks(codes, n_tasks), 1)
+
+
+def _sum_part(n_tasks, _, codes, Y):
+    return np.array([np.bincount(codes, y, n_tasks) for y in np.asarray(Y).T])
+
+
+def variance_of_means(y, codes, n_tasks):
+    """Variance, over tasks, of the means of their targets."""
+    counts = count_tasks(codes, n_tasks)
+    [means] = means_of_tasks(y[:, None], codes, n_tasks)
+    return float(np.var(means[counts > 0]))

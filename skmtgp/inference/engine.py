@@ -1,0 +1,185 @@
+"""What a method of inference has to offer: the protocol of the engines.
+
+An engine says which data and priors it takes and what memory that needs, makes the
+likelihood, whose method ``posterior`` makes the posterior, and lets tasks join. The
+estimators' parameter `inference` takes an instance of any subclass.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+from sklearn.gaussian_process.kernels import WhiteKernel
+
+from skmtgp._support.guide import INFERENCE
+
+
+@dataclass(frozen=True)
+class Demand:
+    """How much is asked of an engine, for it to count memory.
+
+    Attributes
+    ----------
+    n_samples, n_tasks, n_outputs : int
+        Sizes of the data.
+    rank : int
+        Latent functions that the tasks share.
+    n_kept : int
+        Posteriors that are kept.
+    n_climbs, n_exact_climbs : int
+        Likelihoods at the same time, of all data and, where an approximation begins
+        with some of the rows, exact ones of those.
+    n_parameters : int
+        Parameters that tasks have.
+    why : str
+        What the engine was chosen for, if there is something to say about it.
+    alone : bool
+        Whether the rows are of one task already.
+    """
+
+    n_samples: int
+    n_tasks: int = 1
+    n_outputs: int = 1
+    rank: int = 1
+    n_kept: int = 1
+    n_climbs: int = 1
+    n_exact_climbs: int = 1
+    n_parameters: int = 0
+    why: str = ""
+    alone: bool = False
+
+
+class Engine(ABC):
+    """A method of inference.
+
+    Attributes
+    ----------
+    name : str
+        What `inference_` tells.
+    sorts : bool, default=True
+        Whether it takes rows sorted by task; otherwise they stay where they are.
+    uses_design : bool, default=False
+        Whether it makes use of complete data.
+    n_exact : int or None, default=None
+        Of an approximation: rows that are learned from exactly before.
+    """
+
+    name = "own"
+    sorts = True
+    uses_design = False
+    n_exact = None
+
+    @property
+    def exact(self):
+        """Whether it approximates nothing."""
+        return self.n_exact is None
+
+    def check(self, prior, data, tasks):  # noqa: B027
+        """Raise a ValueError where it cannot take the prior or the data.
+
+        Parameters
+        ----------
+        prior : Prior
+            The model.
+        data : Data
+            Observations.
+        tasks : ndarray of shape (n_tasks,)
+            Labels of the tasks, to name in errors.
+        """
+
+    def check_form(self, form):  # noqa: B027
+        """Raise a ValueError where it cannot take a form of K^rho.
+
+        Parameters
+        ----------
+        form : FixedTaskCovariance, LowRank or another
+            Form of K^rho.
+        """
+
+    def check_memory(self, demand, tiles):  # noqa: B027
+        """Raise an InsufficientMemoryError where memory does not suffice.
+
+        Parameters
+        ----------
+        demand : Demand
+            What is asked for.
+        tiles : TileMemory
+            What the kernel takes.
+        """
+
+    def check_joining(self, demand, tiles, n_before, n_new):
+        """The same where a task joins.
+
+        Parameters
+        ----------
+        demand, tiles
+            See `check_memory`; those of all tasks.
+        n_before, n_new : int
+            Rows of the likelihood's matrices before, and of the new task.
+        """
+        self.check_memory(demand, tiles)
+
+    @abstractmethod
+    def likelihood(self, prior, data):
+        """The likelihood of the data.
+
+        Parameters
+        ----------
+        prior : Prior
+            The model.
+        data : Data
+            Observations.
+
+        Returns
+        -------
+        likelihood : Likelihood
+        """
+
+    def joined(self, likelihood, prior, data, position, kernel):
+        """The likelihood with a task more, of the same engine where it can.
+
+        Parameters
+        ----------
+        likelihood : Likelihood
+            Of the tasks so far, made by this engine.
+        prior : Prior
+            The model of one task more.
+        data : Data
+            All observations.
+        position : int
+            Where the task is among the tasks.
+        kernel : Kernel
+            k^x as learned.
+
+        Returns
+        -------
+        likelihood : Likelihood
+        """
+        return self.likelihood(prior, data)
+
+    def side(self, data):
+        """Rows of the largest matrices that learning decomposes."""
+        return max(len(data), data.n_tasks)
+
+
+def refuse_own_noise(name, prior, data):
+    """Raise a ValueError where k^x is not a function of the inputs alone."""
+    if not depends_on_inputs_only(prior.kernel, data.X):
+        raise ValueError(
+            f"inference={name!r} needs a kernel of the inputs alone, but "
+            f"kernel={prior.kernel} has noise of its own for each sample, such as a "
+            "WhiteKernel. Leave it to noise_variance, or set inference='auto'. "
+            f"{INFERENCE}"
+        )
+
+
+def depends_on_inputs_only(kernel, features):
+    """Whether k^x is a function of the inputs.
+
+    A WhiteKernel is not: it tells samples of different tasks at one input apart.
+    """
+    parts = [kernel, *kernel.get_params().values()]
+    if any(isinstance(part, WhiteKernel) for part in parts):
+        return False
+    x = features[:1]  # a user's kernel may have noise of its own
+    return np.allclose(kernel(x), kernel(x, x), rtol=1e-9, atol=0.0)

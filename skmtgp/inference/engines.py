@@ -1,0 +1,199 @@
+"""The engines, and which of them "auto" takes."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from skmtgp._data.complete import check_complete, nearly_complete
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.engine import (
+    Engine,
+    depends_on_inputs_only,
+    refuse_own_noise,
+)
+from skmtgp.inference.extended import ExtendedLikelihood
+from skmtgp.inference.inducing import check_differentiable, greedy_variance
+from skmtgp.inference.kronecker import KroneckerLikelihood
+from skmtgp.inference.memory import (
+    check_border_memory,
+    check_memory,
+    check_sparse_memory,
+)
+from skmtgp.inference.sparse import SparseBound, check_latent
+
+
+class Dense(Engine):
+    """Exact inference with any data."""
+
+    name = "dense"
+
+    def check_memory(self, demand, tiles):
+        """Raise an InsufficientMemoryError where memory does not suffice."""
+        check_memory(demand, tiles, demand.n_samples, rows="samples", n_matrices=1)
+
+    def likelihood(self, prior, data):
+        """The likelihood of the data."""
+        return DenseLikelihood(prior, data.X, data.tasks, data.y)
+
+
+class Kronecker(Engine):
+    """Exact inference with complete data; tasks that join need not be complete."""
+
+    name = "kronecker"
+    uses_design = True
+
+    def check(self, prior, data, tasks):
+        """Raise a ValueError where the covariance is no Kronecker product."""
+        if data.design is None:
+            check_complete(data.X, data.tasks, tasks)
+        refuse_own_noise(self.name, prior, data)
+
+    def check_memory(self, demand, tiles):
+        """Raise an InsufficientMemoryError where memory does not suffice."""
+        self._check_rows(demand, tiles, demand.n_samples // demand.n_tasks)
+
+    def check_joining(self, demand, tiles, n_before, n_new):
+        """The same where a task joins, whose inputs may be others."""
+        self._check_rows(demand, tiles, n_before + n_new)
+
+    def _check_rows(self, demand, tiles, n_rows):
+        # K, and two for its eigen-decomposition
+        check_memory(demand, tiles, n_rows, rows="inputs of each task", n_matrices=3)
+
+    def likelihood(self, prior, data):
+        """The likelihood of the data."""
+        return KroneckerLikelihood(prior, data.X, data.tasks, data.y, data.design)
+
+    def joined(self, likelihood, prior, data, position, kernel):
+        """The likelihood with a task more.
+
+        Where complete data are not complete any more, the novel tasks' rows are
+        eliminated from their covariance, exactly.
+        """
+        if data.design is not None:
+            return self.likelihood(prior, data)
+        novel = [m + (m >= position) for m in likelihood.novel]
+        rows = data.X, data.tasks, data.y
+        return ExtendedLikelihood(prior, *rows, [*novel, position])
+
+    def side(self, data):
+        """Rows of the largest matrices that learning decomposes."""
+        return max(data.n_inputs, data.n_tasks)
+
+
+class Sparse(Engine):
+    """A lower bound on the likelihood, by inducing inputs.
+
+    Parameters
+    ----------
+    n_inducing : int, default=500
+        Inducing inputs.
+    inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
+        Which they are.
+    n_exact : int, default=1100
+        Rows that are learned from exactly before.
+    """
+
+    name = "sparse"
+    sorts = False
+
+    def __init__(self, n_inducing=500, inducing_inputs="greedy", n_exact=1100):
+        self.n_inducing, self.inducing_inputs = n_inducing, inducing_inputs
+        self.n_exact = n_exact
+
+    def check(self, prior, data, tasks):
+        """Raise a ValueError where inducing inputs cannot explain the prior."""
+        refuse_own_noise(self.name, prior, data)
+        if self.inducing_inputs == "optimised":
+            check_differentiable(prior.kernel, np.asarray(data.X[:1]))
+
+    def check_form(self, form):
+        """Raise a ValueError where it is not known what functions tasks share."""
+        check_latent(form)
+
+    def check_memory(self, demand, tiles):
+        """Raise an InsufficientMemoryError where memory does not suffice."""
+        check_sparse_memory(demand, tiles, self.n_inducing, self.n_exact)
+
+    def check_joining(self, demand, tiles, n_before, n_new):
+        """The same where a task joins, whose inputs may become inducing inputs."""
+        check_border_memory(n_new, n_before, demand.rank)
+        n_inducing = min(n_before + n_new, 2 * n_before)
+        check_sparse_memory(demand, tiles, n_inducing, n_exact=0)
+
+    def likelihood(self, prior, data):
+        """The bound for the inducing inputs of the data."""
+        return SparseBound(prior, data.X, data.tasks, data.y, data.Z)
+
+    def joined(self, likelihood, prior, data, position, kernel):
+        """The bound with a task more.
+
+        The inducing inputs get those of the novel task's that add to them.
+        """
+        Z = np.vstack([likelihood.Z, data.X[np.flatnonzero(data.tasks == position)]])
+        most = min(len(Z), 2 * len(likelihood.Z))
+        return self.likelihood(prior, replace(data, Z=greedy_variance(kernel, Z, most)))
+
+    def side(self, data):
+        """Rows of the largest matrices that learning decomposes."""
+        n_rows = min(len(data), max(self.n_exact, self.n_inducing))
+        return max(n_rows, data.n_tasks)
+
+
+ENGINES = {"dense": Dense, "kronecker": Kronecker, "sparse": Sparse}
+
+
+def choose(inference, prior, data, **options):
+    """The engine for these data.
+
+    Parameters
+    ----------
+    inference : {"auto", "dense", "kronecker", "sparse"} or Engine
+        What the user asked for.
+    prior : Prior
+        The model.
+    data : Training
+        Features, codes, and the design where the data are complete.
+    **options
+        Of sparse inference.
+
+    Returns
+    -------
+    engine : Engine
+        "auto" is "kronecker" for complete data of two tasks or more, whose
+        eigen-decompositions are then faster than a Cholesky decomposition of all
+        samples, and "dense" otherwise.
+    """
+    if isinstance(inference, Engine):
+        return inference
+    if inference == "auto":
+        return Kronecker() if _is_product(prior, data) else Dense()
+    engine = ENGINES[inference]
+    return engine(**options) if engine is Sparse else engine()
+
+
+def alone(inference, **options):
+    """The engine for each of several tasks alone."""
+    return choose("dense" if inference == "auto" else inference, None, None, **options)
+
+
+def leaves_rows(inference):
+    """Whether rows stay where they are, in Dask's partitions or in files."""
+    return not getattr(
+        inference if isinstance(inference, Engine) else ENGINES.get(inference),
+        "sorts",
+        True,
+    )
+
+
+def _is_product(prior, data):
+    """Whether the covariance is a Kronecker product, of two tasks or more."""
+    complete = len(data.tasks) > 1 and data.design is not None
+    return complete and depends_on_inputs_only(prior.kernel, data.features)
+
+
+def why_dense(kernel, features, codes):
+    """What little keeps "auto" from "kronecker"; empty where it is not little."""
+    if not depends_on_inputs_only(kernel, features):
+        return ""
+    return nearly_complete(features, codes)

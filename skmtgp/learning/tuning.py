@@ -1,0 +1,86 @@
+"""The constants of learning, with the reason for each."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """What learning takes for large, small, many and few.
+
+    Attributes
+    ----------
+    held : float
+        Noise variance while it is held up, in variances of the target: there are few
+        modes with so much noise, and it still resolves what a hundredth of the
+        deviation is.
+    coarse, coarse_per_task : int
+        Rows, of complete data inputs, that are learned from first: as many tell the
+        modes apart, in a hundredth of a second an evaluation. More with many tasks, of
+        which each needs some.
+    refinement : float
+        Most rows in a level for each of the coarser one: a mode of a quarter of the
+        rows is near one of all.
+    relaxed : float
+        Standard deviation of the log parameters of k^x where a penalty holds them: far
+        wider than what is learned, but not infinite.
+    relaxed_tol : float
+        Gain in nats under which such a climb ends: another one follows.
+    doubt : float
+        Nats by which a mode that stalled must be better than one that did not, for its
+        value lacks digits.
+    lowered : tuple of float
+        Noise variance of noisy data while it is held down, of a mode's.
+    shakes : int
+        How often the best mode is shaken: the third time seldom gains.
+    singular : float
+        Of the mean diagonal of K^x, what is added where there is nothing to explain.
+    report_every : int
+        Iterations between lines of `verbose=2`.
+    rounds : int
+        Of choosing inducing inputs: the second has a kernel that was learned.
+    gain, most_gain : float
+        Nats a row under which a climb of the bound ends, and in all at most.
+    most_moves : int
+        Of all inducing inputs, in a round.
+    noises : int
+        Noise variances that are tried before the first climb of the bound.
+    raised : float
+        Times the noise variance before the second: without noise it gets stuck for lack
+        of digits.
+    followed : int
+        Starts of a novel task's row that are followed, of those that are tried.
+    farthest : float
+        Largest coordinate of that row: as good as infinite.
+    ridge : float
+        On the covariance of the rows of F, of their mean square: of few tasks it is
+        singular.
+    smallest, first : float
+        What a novel task has of its own, in root mean squares of the rows: at least,
+        and where learning of it starts.
+    """
+
+    held: float = 1e-5
+    coarse: int = 300
+    coarse_per_task: int = 20
+    refinement: float = 4.0
+    relaxed: float = 5.0
+    relaxed_tol: float = 0.3
+    doubt: float = 1.0
+    lowered: tuple = (1e-3, 1e-1)
+    shakes: int = 3
+    singular: float = 1e-12
+    report_every: int = 100
+    rounds: int = 2
+    gain: float = 1e-4
+    most_gain: float = 10.0
+    most_moves: int = 100
+    noises: int = 6
+    raised: float = 100.0
+    followed: int = 4
+    farthest: float = 1e6
+    ridge: float = 1e-7
+    smallest: float = 1e-6
+    first: float = 0.1
+
+
+TUNING = Tuning()

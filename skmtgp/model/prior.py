@@ -1,0 +1,316 @@
+r"""The prior of the targets of one output, and its parameters theta.
+
+.. math::
+    \mathrm{cov}(y_i, y_j) = v\,\delta_{m_i m_j}
+    + \sum_q K^{\rho_q}_{m_i m_j} k_q(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
+
+is eq. 6 of the paper with a level of variance v for each task m, if asked for, and with
+a sum of terms, of which there is one so far. Theta is one vector: theta of k^x, the
+parameters of K^rho, log v, the logarithms of the noise variances. What is where in it
+is known here alone.
+"""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.gaussian_process.kernels import Kernel
+
+from skmtgp.model._nodes import compile_kernel
+
+LEVEL_BOUNDS = (1e-12, 1e6)  # wide: levels may be nothing, or nearly all there is
+
+
+class Values(NamedTuple):
+    """What theta stands for.
+
+    Attributes
+    ----------
+    kernel : ndarray of shape (n_dims,)
+        Theta of k^x.
+    rho : ndarray of shape (n_parameters,)
+        Parameters of K^rho.
+    level : float
+        Variance of the tasks' levels; 0 without levels.
+    noise : ndarray of shape (n_noise,)
+        Noise variances.
+    """
+
+    kernel: np.ndarray
+    rho: np.ndarray
+    level: float
+    noise: np.ndarray
+
+
+class InUnits(NamedTuple):
+    """Hyperparameters in the units of y.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        k^x.
+    task_covariance : ndarray of shape (n_tasks, n_tasks)
+        K^rho.
+    task_factor : ndarray of shape (n_tasks, rank)
+        Its factor, without the diagonal.
+    level_variance, noise_variance : ndarray of shape (1,) or (n_tasks,)
+        Of all tasks, or of each where their units differ.
+    """
+
+    kernel: Kernel
+    task_covariance: np.ndarray
+    task_factor: np.ndarray
+    level_variance: np.ndarray
+    noise_variance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Levels, terms K^rho x k^x, and noise.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        k^x with its starting values and bounds.
+    task_covariance : FixedTaskCovariance, LowRank or another
+        Form of K^rho.
+    n_noise : int, default=1
+        1 for a noise variance shared by the tasks, n_tasks for one each.
+    levels : bool, default=False
+        Whether each task has a level of its own.
+    scale : float, default=1.0
+        Root mean square of the targets, to which starts and bounds are relative.
+    log_noise : float, default=log(0.01)
+        Logarithm of sigma_0^2, where learning starts.
+    log_noise_bounds : pair of floats
+        Logarithms of its bounds.
+    noise_is_fixed : bool, default=False
+        Whether it is not learned.
+    log_level : float, default=log(0.1)
+        Where learning of the levels' variance starts.
+    """
+
+    kernel: Kernel
+    task_covariance: object
+    n_noise: int = 1
+    levels: bool = False
+    scale: float = 1.0
+    log_noise: float = float(np.log(1e-2))
+    log_noise_bounds: tuple = field(default=tuple(np.log([1e-10, 1e3])))
+    noise_is_fixed: bool = False
+    log_level: float = float(np.log(0.1))
+
+    def __str__(self):
+        return str(self.task_covariance) + (", with levels" if self.levels else "")
+
+    @cached_property
+    def node(self):
+        """The fast form of k^x."""
+        return compile_kernel(self.kernel)
+
+    @property
+    def n_tasks(self):
+        """Number of tasks M."""
+        return self.task_covariance.n_tasks
+
+    @property
+    def _sizes(self):
+        """Of the parts of theta, in their order."""
+        n_rho = self.task_covariance.n_parameters
+        return self.kernel.n_dims, n_rho, int(self.levels), self.n_noise
+
+    @property
+    def n_theta(self):
+        """Length of theta."""
+        return sum(self._sizes)
+
+    @property
+    def n_hyperparameters(self):
+        """Number of hyperparameters as eq. 8 counts them."""
+        learned = 0 if self.noise_is_fixed else self.n_noise
+        free = self.kernel.n_dims + self.task_covariance.n_free
+        return free + int(self.levels) + learned
+
+    # theta and its parts
+
+    def _split(self, theta):
+        return np.split(theta, np.cumsum(self._sizes)[:-1])
+
+    def values(self, theta):
+        """What theta stands for.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        values : Values
+            Its parts, variances not as logarithms.
+        """
+        kernel, rho, log_level, log_noise = self._split(theta)
+        level = float(np.exp(log_level[0])) if self.levels else 0.0
+        return Values(kernel, rho, level, np.exp(log_noise))
+
+    def kernel_at(self, theta):
+        """k^x at theta."""
+        return self.kernel.clone_with_theta(self._split(theta)[0])
+
+    def K_rho_at(self, theta):
+        """K^rho at theta, of shape (n_tasks, n_tasks)."""
+        return self.task_covariance.matrix(self._split(theta)[1])
+
+    def log_noise_at(self, theta):
+        """Logarithms of the noise variances at theta, of shape (n_noise,)."""
+        return self._split(theta)[3]
+
+    def theta(
+        self, *, kernel=None, K_rho=None, log_noise=None, like=None, truncation="eigen"
+    ):
+        """All parameters: starting values, but for what is given.
+
+        Parameters
+        ----------
+        kernel : ndarray of shape (n_dims,), default=None
+            Theta of k^x.
+        K_rho : ndarray of shape (n_tasks, n_tasks), default=None
+            A matrix near which K^rho starts. None is the identity.
+        log_noise : float or ndarray of shape (n_noise,), default=None
+            Logarithms of noise variances.
+        like : ndarray, default=None
+            Theta of a prior with the same levels: theirs are taken.
+        truncation : {"eigen", "cholesky"}, default="eigen"
+            How K_rho gets the rank of the model.
+
+        Returns
+        -------
+        theta : ndarray of shape (n_theta,)
+        """
+        rho = self.task_covariance.parameters(
+            np.eye(self.n_tasks) if K_rho is None else K_rho, truncation
+        )
+        level = [self.log_level] * self.levels
+        if like is not None and self.levels:
+            level = [like[-1 - self.n_noise]]
+        noise = self.log_noise if log_noise is None else log_noise
+        kernel = self.kernel.theta if kernel is None else kernel
+        return np.concatenate([kernel, rho, level, np.full(self.n_noise, noise)])
+
+    def with_rho(self, theta, rho):
+        """Theta of this prior from one that differs in K^rho alone, whose are given."""
+        n_kernel, _, n_level, n_noise = self._sizes
+        tail = theta[len(theta) - n_level - n_noise :]
+        return np.concatenate([theta[:n_kernel], rho, tail])
+
+    def gradient(self, theta, d_kernel, d_rho, d_level, d_noise):
+        """The gradient by theta, from those by what it stands for.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+        d_kernel : ndarray of shape (n_dims,)
+            By theta of k^x.
+        d_rho : ndarray of shape (n_tasks, n_tasks) or (n_parameters,)
+            By the symmetric matrix K^rho, or by its parameters.
+        d_level : float
+            By the levels' variance.
+        d_noise : ndarray of shape (n_noise,)
+            By the noise variances.
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_theta,)
+        """
+        values = self.values(theta)
+        if np.ndim(d_rho) == 2:
+            d_rho = self.task_covariance.pull_back(values.rho, d_rho)
+        d_level = [values.level * d_level] * self.levels
+        return np.concatenate([d_kernel, d_rho, d_level, values.noise * d_noise])
+
+    # bounds, and what is held while learning
+
+    def bounds(self):
+        """Lower and upper bounds of theta, of shape (2, n_theta)."""
+        level = np.log(np.multiply(LEVEL_BOUNDS, self.scale**2))
+        parts = [
+            self.kernel.bounds.reshape(-1, 2),
+            self.task_covariance.bounds(self.scale),
+            np.tile(level, (int(self.levels), 1)),
+            np.tile(self.log_noise_bounds, (self.n_noise, 1)),
+        ]
+        return np.concatenate(parts).T
+
+    @cached_property
+    def of_kernel(self):
+        """Which elements of theta are those of k^x; a mask."""
+        return np.arange(self.n_theta) < self.kernel.n_dims
+
+    @cached_property
+    def unexplained(self):
+        """Which are variances of what is unexplained, kappa and the noise; a mask."""
+        n_kernel, n_rho, _, n_noise = self._sizes
+        mask = np.zeros(self.n_theta, dtype=bool)
+        end = n_kernel + n_rho
+        mask[end - self.task_covariance.n_kappa : end] = True
+        mask[self.n_theta - n_noise :] = True
+        return mask
+
+    # other models
+
+    def with_form(self, task_covariance):
+        """The same but for the form of K^rho."""
+        return replace(self, task_covariance=task_covariance)
+
+    def bordered(self, theta, row, own, position):
+        """The prior of one more task and its theta, section 3.3.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Of the tasks so far.
+        row, own, position
+            See :meth:`LowRank.bordered`. If the tasks have noise variances of their
+            own, the new one gets the geometric mean of the others'.
+
+        Returns
+        -------
+        prior : Prior
+            Of one more task.
+        theta : ndarray of shape (prior.n_theta,)
+            Its parameters.
+        """
+        kernel, rho, level, log_noise = self._split(theta)
+        form, rho = self.task_covariance.bordered(rho, row, own, position)
+        if self.n_noise > 1:
+            log_noise = np.insert(log_noise, position, log_noise.mean())
+        prior = replace(self, task_covariance=form, n_noise=len(log_noise))
+        return prior, np.concatenate([kernel, rho, level, log_noise])
+
+    # the way to the units of y
+
+    def in_units(self, theta, scale):
+        """The hyperparameters in units of y.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Those of targets that were divided by `scale`.
+        scale : ndarray of shape (1,) or (n_tasks,)
+            Of all tasks, or of each.
+
+        Returns
+        -------
+        in_units : InUnits
+        """
+        _, rho, level, noise = self.values(theta)
+        form, square = self.task_covariance, np.square(scale)
+        return InUnits(
+            self.kernel_at(theta),
+            form.matrix(rho) * np.multiply.outer(scale, scale),
+            form.factor(rho) * scale[:, None],
+            level * square,
+            noise * square,
+        )

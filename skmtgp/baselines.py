@@ -184,6 +184,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     }
     _form = staticmethod(identity)
 
+    def _form_for_screening(self, n_tasks):
+        return identity(n_tasks, self.diagonal)
+
     def __init__(
         self,
         kernel: Kernel | None = None,
@@ -191,7 +194,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         diagonal: bool = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
-        noise: Literal["shared", "per_task"] = "shared",
+        noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
@@ -357,13 +360,16 @@ class PooledGP(_FixedTaskCovarianceGP):
     }
     _form = staticmethod(ones)
 
+    def _form_for_screening(self, n_tasks):
+        return ones(n_tasks, self.diagonal)
+
     def __init__(
         self,
         kernel: Kernel | None = None,
         *,
         diagonal: bool = False,
         task_feature: int | str = -1,
-        noise: Literal["shared", "per_task"] = "shared",
+        noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["shared"] | bool = "shared",

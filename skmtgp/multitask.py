@@ -233,7 +233,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         diagonal: bool = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
-        noise: Literal["shared", "per_task"] = "shared",
+        noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",

@@ -195,6 +195,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def _fit(self, features, codes, tasks, Y, progress):
         self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
+        params["noise"] = "shared"
         model = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)

@@ -15,14 +15,11 @@ from sklearn.gaussian_process.kernels import Kernel
 from skmtgp._data.checks import FEW_ROWS, check_training, warn_of_constants
 from skmtgp._data.dask import is_dask
 from skmtgp._data.partitions import check_partitions
+from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._estimators.training import Training, default_kernel
-from skmtgp._estimators.units import (
-    shared_units,
-    units_of_tasks,
-    variance_of_means,
-)
+from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.progress import fitting
@@ -43,7 +40,10 @@ from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import identity
 
 MANY = 5000  # rows, whose dense inference takes long
-LEAST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targets'
+FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targets'
+# Its least where each task was taken off its own mean: learned from such targets it
+# would be zero, as if the means were known. This is the prior of unit information.
+CENTRED = 1.0
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -52,7 +52,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     _parameter_constraints = {
         "kernel": [Kernel, None],
         "task_feature": [Integral, str],
-        "noise": [StrOptions({"shared", "per_task"})],
+        "noise": [StrOptions({"auto", "shared", "per_task"})],
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean", StrOptions({"auto", "per_task", "shared"})],
@@ -106,6 +106,10 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 self._warn_of_noise(modes)
         return self
 
+    def _form_for_screening(self, n_tasks):
+        """K^rho of the small model that says in which units to learn."""
+        return identity(n_tasks, diagonal=True)
+
     def _default_kernel(self, features):
         return default_kernel(features)
 
@@ -131,15 +135,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             # without normalize_y one that is not zero has a size, if nothing else
             sized = not self.normalize_y and self._learns_amplitude()
             warn_of_constants(same & ~(sized & np.asarray(Y.max(axis=0) != 0.0)))
-        return replace(training, units=self._choose_units(training))
-
-    def _choose_units(self, training):
-        """In which units the targets are learned."""
-        if self.normalize_y == "per_task":
-            return units_of_tasks(training.Y, training.codes, len(training.tasks))
-        # without an amplitude in the model a scale changes it; otherwise, the path
-        scaled = bool(self.normalize_y) or self._learns_amplitude()
-        return shared_units(training.Y, centred=bool(self.normalize_y), scaled=scaled)
+        return decide(self, training)
 
     def _kernel(self, training):
         """k^x with its starting values."""
@@ -163,7 +159,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         n = len(of_outputs)
         return [
             Problem(
-                prior=self._scaled(prior, data),
+                prior=self._scaled(prior, data, training.units),
                 data=data,
                 engine=engine,
                 budget=self._budget(),
@@ -186,7 +182,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         return Prior(
             self._kernel(training),
             identity(n_tasks),
-            n_noise=n_tasks if self.noise == "per_task" else 1,
+            n_noise=n_tasks if training.noise == "per_task" else 1,
             levels=self._has_levels(),
             noise_is_fixed=isinstance(self.noise_variance_bounds, str),
         )
@@ -195,13 +191,14 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """Whether each task has a level of its own."""
         return getattr(self, "task_levels", False)
 
-    def _scaled(self, prior, data):
+    def _scaled(self, prior, data, units):
         """The prior with starting values and bounds relative to the targets."""
         deviation = float(data.y.std()) or 1.0
         scale = float(np.sqrt(np.square(data.y).mean())) or 1.0
         start, bounds = self.noise_variance, self._check_noise_bounds()
         bounds = (start,) * 2 if isinstance(bounds, str) else bounds
-        level = LEAST_LEVEL * scale**2
+        least = CENTRED if units.per_task else prior.least_level
+        level = max(least, FIRST_LEVEL) * scale**2
         if prior.levels:
             level = max(level, variance_of_means(data.y, data.tasks, data.n_tasks))
         return replace(
@@ -210,6 +207,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             log_noise=float(np.log(start * deviation**2)),
             log_noise_bounds=tuple(np.log(np.multiply(bounds, deviation**2))),
             log_level=float(np.log(level)),
+            least_level=least,
         )
 
     def _check_memory(self, engine, training, prior, n_ranks, n_kept):

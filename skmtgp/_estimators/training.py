@@ -56,6 +56,8 @@ class Training:
         Whether y was one-dimensional.
     units : Units
         In which the targets are learned.
+    noise : {"shared", "per_task"}
+        Whether tasks have noise variances of their own.
     """
 
     features: np.ndarray
@@ -64,6 +66,7 @@ class Training:
     Y: np.ndarray
     single_output: bool
     units: Units | None = None
+    noise: str = "shared"
 
     @cached_property
     def design(self):

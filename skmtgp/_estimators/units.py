@@ -55,6 +55,17 @@ class Units(NamedTuple):
             1
         )
 
+    def without_levels(self, Y, codes, n_tasks):
+        """The same centres, with the deviation of targets around those of the tasks.
+
+        Where there is none, as of tasks with one row each, the scale stays.
+        """
+        mean, square = _moments(Y, codes, n_tasks)
+        counts = count_tasks(codes, n_tasks)
+        spread = np.sqrt(square @ counts / counts.sum())[:, None]
+        told = spread > RESOLVED * np.abs(mean).max(axis=1, keepdims=True)
+        return self._replace(scale=np.where(told, spread, self.scale))
+
     def with_task(self, Y, position):
         """The units of one more task, whose targets are Y."""
         if not self.per_task:
@@ -115,11 +126,8 @@ def units_of_tasks(Y, codes, n_tasks):
     units : Units
     """
     shared = shared_units(Y, centred=True, scaled=True)
-    n = count_tasks(codes, n_tasks)
-    level = means_of_tasks(Y - shared.centre.T, codes, n_tasks)
-    mean = shared.centre + level
-    rest = Y - Units(mean, mean).of_rows(mean, codes)
-    spread = np.sqrt(means_of_tasks(np.square(rest), codes, n_tasks))
+    n, (mean, square) = count_tasks(codes, n_tasks), _moments(Y, codes, n_tasks)
+    spread = np.sqrt(square)
     told = (n >= FEWEST) & (spread > RESOLVED * np.abs(mean))
     scale = np.empty_like(mean)
     for j, (of_tasks, which) in enumerate(zip(spread, told, strict=True)):
@@ -128,6 +136,14 @@ def units_of_tasks(Y, codes, n_tasks):
         )
         scale[j] = np.where(which, of_tasks, usual)
     return Units(mean, scale)
+
+
+def _moments(Y, codes, n_tasks):
+    """Mean and variance of the targets of each task, (n_outputs, n_tasks) each."""
+    centre = np.asarray(Y.mean(axis=0))  # no digits are lost to a common mean
+    mean = centre[:, None] + means_of_tasks(Y - centre, codes, n_tasks)
+    rest = Y - Units(mean, mean).of_rows(mean, codes)
+    return mean, means_of_tasks(np.square(rest), codes, n_tasks)
 
 
 def _of_one(Y, usual):

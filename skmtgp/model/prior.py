@@ -19,7 +19,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp.model._nodes import compile_kernel
 
-LEVEL_BOUNDS = (1e-12, 1e6)  # wide: levels may be nothing, or nearly all there is
+MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
 
 class Values(NamedTuple):
@@ -89,6 +89,8 @@ class Prior:
         Whether it is not learned.
     log_level : float, default=log(0.1)
         Where learning of the levels' variance starts.
+    least_level : float, default=1e-12
+        Its lower bound, relative to the targets' variance.
     """
 
     kernel: Kernel
@@ -100,6 +102,7 @@ class Prior:
     log_noise_bounds: tuple = field(default=tuple(np.log([1e-10, 1e3])))
     noise_is_fixed: bool = False
     log_level: float = float(np.log(0.1))
+    least_level: float = 1e-12
 
     def __str__(self):
         return str(self.task_covariance) + (", with levels" if self.levels else "")
@@ -234,7 +237,7 @@ class Prior:
 
     def bounds(self):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
-        level = np.log(np.multiply(LEVEL_BOUNDS, self.scale**2))
+        level = np.log(np.multiply([self.least_level, MOST_LEVEL], self.scale**2))
         parts = [
             self.kernel.bounds.reshape(-1, 2),
             self.task_covariance.bounds(self.scale),

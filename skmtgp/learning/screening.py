@@ -1,0 +1,126 @@
+r"""Whether tasks want units, and noise variances, of their own.
+
+A small model is asked, before anything large is learned: tasks that tell each other
+nothing but k^x, with an amplitude and a level each (K^rho = diag(kappa)), learned from
+a few hundred rows. K^rho takes up the units of the functions, here as in the model that
+is learned later; what is left of a unit is that of the noise and of the levels. The
+candidates' likelihoods of y in its own units are compared with their parameters
+counted, as in eq. 8.
+
+Data that speak for nothing but common units are not asked at length:
+
+- :func:`differ_in_size` compares the tasks' deviations alone;
+- :func:`differ_in_noise` foresees from one fit with shared noise what noise for each
+  task would gain.
+"""
+
+import numpy as np
+
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp.learning.climbing import climb
+
+
+def differ_in_size(scales, counts):
+    """Whether the deviations of tasks' targets differ by more than chance.
+
+    Parameters
+    ----------
+    scales : ndarray of shape (n_outputs, n_tasks)
+        Deviations.
+    counts : ndarray of shape (n_tasks,)
+        Numbers of rows.
+
+    Returns
+    -------
+    differ : bool
+        Whether normal targets, independent of each other, would be likelier by more
+        than two parameters a task are worth.
+    """
+    squares, n = np.square(scales), counts.sum()
+    pooled = squares @ counts / n
+    gain = 0.5 * np.log(pooled[:, None] / squares) @ counts
+    return bool(gain.sum() > len(scales) * len(counts) * np.log(n))
+
+
+def screen(problem):
+    """The mode of a problem's coarsest data, from the tasks' variances.
+
+    Parameters
+    ----------
+    problem : Problem
+        With K^rho = diag(kappa), or fixed.
+
+    Returns
+    -------
+    problem : Problem
+        Of the coarsest data.
+    mode : Mode
+    """
+    problem = problem.coarse_to_fine()[0]
+    data = problem.data
+    squares = _of_tasks(data, np.square(data.y))
+    variances = squares / np.maximum(_of_tasks(data, np.ones(len(data))), 1.0)
+    theta = problem.theta(K_rho=np.diag(variances))
+    return problem, climb(problem, theta, relaxed=True)
+
+
+def _of_tasks(data, of_rows):
+    """Sums over the rows of each task."""
+    return np.bincount(data.tasks, of_rows, data.n_tasks)
+
+
+def differ_in_noise(problem, mode):
+    r"""Whether noise for each task would gain more than its parameters are worth.
+
+    At the mode with shared noise, a variance r times as large for a task gains about
+    :math:`\tfrac12 \nu (r - 1 - \log r)` where r is its squared residuals over those
+    expected, and :math:`\nu` the degrees of freedom that its rows leave to the noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        With shared noise.
+    mode : Mode
+        Its mode.
+
+    Returns
+    -------
+    differ : bool
+    """
+    likelihood = problem.likelihood()
+    with limit_threads(likelihood.side):
+        posterior = likelihood.posterior(mode.theta)
+        noise = posterior.noise + posterior.jitter
+        freedom = _of_tasks(problem.data, noise * posterior.precision())
+        squares = _of_tasks(problem.data, noise * np.square(posterior.alpha))
+    told = freedom > 1e-3
+    ratio = np.maximum(squares[told] / freedom[told], 1e-10)
+    gain = 0.5 * freedom[told] @ (ratio - 1.0 - np.log(ratio))
+    return bool(gain > 0.25 * price(problem.data.n_tasks - 1, len(problem.data)))
+
+
+def price(n_parameters, n):
+    """Nats that parameters are worth, by BIC."""
+    return 0.5 * n_parameters * np.log(n)
+
+
+def score(problem, mode, scale):
+    """Log likelihood of y in its own units, less what hyperparameters are worth.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the coarsest data.
+    mode : Mode
+        Its mode.
+    scale : ndarray of shape (1,) or (n_tasks,)
+        What the targets were divided by.
+
+    Returns
+    -------
+    score : float
+    """
+    data = problem.data
+    counts = _of_tasks(data, np.ones(len(data)))
+    value = mode.value - counts @ np.log(np.broadcast_to(scale, len(counts)))
+    return value - price(problem.prior.n_hyperparameters, len(data))

@@ -1,10 +1,10 @@
+import building
 import numpy as np
 import pytest
 import textbook
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.model.task_covariance import low_rank
 
 M, RANK = 3, 2
@@ -29,7 +29,7 @@ class Problem:
         self.F, self.kappa = rng.normal(size=(M, RANK)), np.array([0.2, 0.5, 0.1])
         self.noise = np.array([0.05, 0.1, 0.2] if per_task else [0.05])
         self.noise_new = 0.07
-        likelihood = DenseLikelihood(
+        likelihood = building.dense(
             kernel, form, self.X, self.tasks, self.y, n_noise=len(self.noise)
         )
         log_kappa = np.log(self.kappa) if diagonal else np.empty(0)

@@ -4,6 +4,7 @@ import itertools
 import pickle
 import warnings
 
+import building
 import numpy as np
 import pytest
 from samples import log_densities, posteriors
@@ -31,7 +32,6 @@ from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import Columns, inverse_dynamics_kernel
 from skmtgp.learning import problem
-from skmtgp.learning.problem import Data
 from skmtgp.model.task_covariance import low_rank
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -383,11 +383,11 @@ def test_extended_keeps_to_the_method():
     data, more = (X[order, :2], tasks, y[order]), low_rank(4, 1)
     new = X[0, :2], 3, 0.0
     grown = [np.append(a, [b], axis=0) for a, b in zip(data, new, strict=True)]
-    for kind, expected in [
-        (DenseLikelihood, DenseLikelihood),
-        (KroneckerLikelihood, ExtendedLikelihood),
+    for build, expected in [
+        (building.dense, DenseLikelihood),
+        (building.kronecker, ExtendedLikelihood),
     ]:
-        found = extended(kind(RBF(), form, *data), more, *grown, 1, 3, RBF())
+        found = extended(build(RBF(), form, *data), more, *grown, 1, 3, RBF())
         assert type(found) is expected
     new = X[0, :2], 0, 1.0  # before the others
     grown[1] = grown[1] + 1
@@ -404,7 +404,7 @@ class TestCoarseToFine:
         X, y = draw(n_inputs=24)
         order = np.argsort(X[:, -1], kind="stable")
         tasks = np.searchsorted(LABELS, X[order, -1])
-        return Data(X[order, :2], tasks, y[order], 3, complete=True)
+        return building.data(X[order, :2], tasks, y[order], 3, complete=True)
 
     def test_levels_are_complete_and_nested(self, data):
         levels = data.levels()
@@ -413,11 +413,13 @@ class TestCoarseToFine:
         for few, more in itertools.pairwise(levels):
             assert set(few.y) < set(more.y)
             assert few.complete
-            KroneckerLikelihood(RBF(), low_rank(3, 1), few.X, few.tasks, few.y)
+            building.kronecker(RBF(), low_rank(3, 1), few.X, few.tasks, few.y)
 
     def test_levels_do_not_depend_on_the_order_of_the_rows(self, data):
         order = np.lexsort([np.random.default_rng(0).random(72), data.tasks])
-        other = Data(data.X[order], data.tasks, data.y[order], 3, complete=True)
+        other = building.data(
+            data.X[order], data.tasks, data.y[order], 3, complete=True
+        )
         assert set(data.levels()[0].y) == set(other.levels()[0].y)
 
     @pytest.mark.parametrize(
@@ -426,7 +428,7 @@ class TestCoarseToFine:
     def test_sizes_are_counted_in_inputs(self, n_inputs, sizes):
         X = np.tile(np.arange(float(n_inputs))[:, None], (4, 1))
         tasks = np.repeat(np.arange(4), n_inputs)
-        levels = Data(X, tasks, X[:, 0], 4, complete=True).levels()
+        levels = building.data(X, tasks, X[:, 0], 4, complete=True).levels()
         assert [len(level.y) for level in levels] == [4 * size for size in sizes]
 
     @pytest.mark.usefixtures("data")

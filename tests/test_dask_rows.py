@@ -9,6 +9,7 @@ from functools import partial
 from importlib import import_module
 from time import monotonic, sleep
 
+import building
 import numpy as np
 import pandas as pd
 import pytest
@@ -29,7 +30,6 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.drawing import draw_rows
 from skmtgp.exceptions import UnderflowWarning
 from skmtgp.inference import sums
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning import summarised
 from skmtgp.model.task_covariance import low_rank
@@ -79,7 +79,10 @@ def bounds(chunks, n_noise=1):
     far = [da.from_array(a, chunks=(chunks, *a.shape[1:])).persist() for a in rows]
     theta = [*kernel.theta, *FACTOR.ravel(), *np.full(n_noise, np.log(0.05))]
     return (
-        *(SparseBound(kernel, form, *of, X[:20, :2], n_noise) for of in (rows, far)),
+        *(
+            building.sparse(kernel, form, *of, X[:20, :2], n_noise)
+            for of in (rows, far)
+        ),
         np.array(theta),
     )
 

@@ -2,6 +2,7 @@ import pickle
 from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
+import building
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -22,7 +23,6 @@ from sklearn.gaussian_process.kernels import (
 from skmtgp._numerics import linalg as _linalg
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference import tiles
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
@@ -105,7 +105,7 @@ def tile(request, monkeypatch):
 @every_form
 @every_noise
 def test_value(kernel, form, n_noise):
-    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     value, _ = likelihood.value_and_grad(theta)
     np.testing.assert_allclose(value, textbook_value(likelihood, theta), rtol=1e-11)
@@ -117,7 +117,7 @@ def test_value(kernel, form, n_noise):
 @every_form
 @every_noise
 def test_gradient(kernel, form, n_noise):
-    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     gradient = likelihood.value_and_grad(theta)[1]
     expected = textbook.derivative(lambda t: textbook_value(likelihood, t), theta)
@@ -129,7 +129,7 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
     form, results = low_rank(M, 2), []
     for size in (1, 2, 7, 22, 23, 24):
         monkeypatch.setattr(tiles, "TILE", size)
-        likelihood = DenseLikelihood(kernel, form, *draw())
+        likelihood = building.dense(kernel, form, *draw())
         value, gradient = likelihood.value_and_grad(parameters(kernel, form))
         results.append(np.r_[value, gradient])
     expected = np.tile(results[-1], (6, 1))
@@ -143,7 +143,7 @@ def test_rows_of_a_task_in_several_tiles(monkeypatch):
     rng = np.random.default_rng(3)
     tasks = np.repeat([1, 2, 3, 4, 8], [21, 1, 3, 2, 40])
     X, y = rng.standard_normal((67, D)), rng.standard_normal(67)
-    likelihood = DenseLikelihood(kernel, form, X, tasks, y)
+    likelihood = building.dense(kernel, form, X, tasks, y)
     theta = parameters(kernel, form)
 
     def expected(theta):
@@ -163,7 +163,7 @@ class TestMemory:
     @pytest.fixture(params=KERNELS)
     def likelihood(self, request, monkeypatch):
         monkeypatch.setattr(tiles, "TILE", 7)
-        return DenseLikelihood(KERNELS[request.param], low_rank(M, 2), *draw())
+        return building.dense(KERNELS[request.param], low_rank(M, 2), *draw())
 
     def test_evaluations_do_not_disturb_each_other(self, likelihood):
         theta = parameters(likelihood.kernel, likelihood.task_covariance)
@@ -220,11 +220,11 @@ def test_task_gradient(kernel, n_noise):
             return 0.5 * (A + A.T)
 
     form = low_rank(M, M)
-    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     n = kernel.n_dims
     K_rho = form.matrix(theta[n : n + M * M])
-    by_entries = DenseLikelihood(kernel, Symmetric(), *draw(), n_noise)
+    by_entries = building.dense(kernel, Symmetric(), *draw(), n_noise)
 
     def value(entries):
         return textbook_value(by_entries, np.r_[theta[:n], entries, theta[n + M * M :]])
@@ -236,8 +236,8 @@ def test_task_gradient(kernel, n_noise):
 
 
 def test_split():
-    likelihood = DenseLikelihood(RBF(ARD), low_rank(M, 2), *draw(), M)
-    lengths = [len(part) for part in likelihood.split(np.zeros(4 + 8 + 4))]
+    likelihood = building.dense(RBF(ARD), low_rank(M, 2), *draw(), M)
+    lengths = [len(part) for part in building.parts(likelihood, np.zeros(4 + 8 + 4))]
     assert lengths == [4, 8, 4]
 
 
@@ -245,7 +245,7 @@ def test_split():
 @every_form
 @every_noise
 def test_fisher_information(kernel, form, n_noise):
-    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     inverse = np.linalg.inv(textbook_covariance(likelihood, theta))
     dK = textbook.derivative(lambda t: textbook_covariance(likelihood, t), theta)
@@ -260,16 +260,16 @@ def test_fisher_information_of_some_rows(n_rows, monkeypatch):
     form, X, tasks, y = low_rank(M, 2), *draw()
     rows = np.linspace(0, len(y) - 1, n_rows).astype(int)
     theta = parameters(RBF(ARD), form, M)
-    few = DenseLikelihood(RBF(ARD), form, X[rows], tasks[rows], y[rows], M)
+    few = building.dense(RBF(ARD), form, X[rows], tasks[rows], y[rows], M)
     expected = len(y) / n_rows * few.fisher_information(theta)
     monkeypatch.setattr("skmtgp.inference.likelihood.FISHER_ROWS", n_rows)
-    actual = DenseLikelihood(RBF(ARD), form, *draw(), M).fisher_information(theta)
+    actual = building.dense(RBF(ARD), form, *draw(), M).fisher_information(theta)
     np.testing.assert_allclose(actual, expected, rtol=1e-12)
 
 
 def test_fisher_information_is_the_covariance_of_the_score():
     kernel, form, n = ConstantKernel(1.3) * RBF(1.2), low_rank(M, 1), 3000
-    likelihood = DenseLikelihood(kernel, form, *draw())
+    likelihood = building.dense(kernel, form, *draw())
     theta = parameters(kernel, form)
     rng = np.random.default_rng(0)
     C = np.linalg.cholesky(textbook_covariance(likelihood, theta))
@@ -299,7 +299,7 @@ def new_rows():
 @every_form
 @every_noise
 def test_posterior(kernel, form, n_noise):
-    likelihood, (Z, tasks) = DenseLikelihood(kernel, form, *draw(), n_noise), new_rows()
+    likelihood, (Z, tasks) = building.dense(kernel, form, *draw(), n_noise), new_rows()
     theta = parameters(kernel, form, n_noise)
     posterior = likelihood.posterior(theta)
     mean, covariance = textbook.posterior(*parts(likelihood, theta), *draw(), Z, tasks)
@@ -315,7 +315,7 @@ def test_posterior(kernel, form, n_noise):
 
 def test_mean_of_tasks():
     form, (Z, _) = low_rank(M, 2), new_rows()
-    posterior = DenseLikelihood(RBF(ARD), form, *draw()).posterior(
+    posterior = building.dense(RBF(ARD), form, *draw()).posterior(
         parameters(RBF(ARD), form)
     )
     means = posterior.mean_of_tasks(Z, np.array([3, 0]))
@@ -330,7 +330,7 @@ def test_mean_in_tiles(kernel, size, monkeypatch):
     monkeypatch.setattr(tiles, "TILE", size)
     form, rng = low_rank(M, 2), np.random.default_rng(7)
     Z, tasks = rng.standard_normal((31, D)), rng.integers(0, M, 31)
-    likelihood = DenseLikelihood(kernel, form, *draw())
+    likelihood = building.dense(kernel, form, *draw())
     theta = parameters(kernel, form)
     mean, _ = textbook.posterior(*parts(likelihood, theta), *draw(), Z, tasks)
     posterior = likelihood.posterior(theta)
@@ -342,7 +342,7 @@ def test_mean_in_tiles(kernel, size, monkeypatch):
 
 def test_mean_factorises_nothing(monkeypatch):
     form, (Z, tasks) = low_rank(M, 2), new_rows()
-    likelihood = DenseLikelihood(RBF(ARD), form, *draw())
+    likelihood = building.dense(RBF(ARD), form, *draw())
     posterior = likelihood.posterior(parameters(RBF(ARD), form))
     expected = posterior.mean(Z, tasks)
     again = pickle.loads(pickle.dumps(posterior))
@@ -360,14 +360,14 @@ def test_mean_factorises_nothing(monkeypatch):
 def test_posterior_describes_itself():
     form = low_rank(M, 2)
     theta = parameters(RBF(ARD), form)
-    posterior = DenseLikelihood(RBF(ARD), form, *draw()).posterior(theta)
+    posterior = building.dense(RBF(ARD), form, *draw()).posterior(theta)
     assert posterior.kernel == RBF(ARD).clone_with_theta(theta[:4])
     np.testing.assert_array_equal(posterior.K_rho, form.matrix(theta[4:12]))
 
 
 def test_variance_is_never_negative(monkeypatch):
     X, tasks = np.linspace(0.0, 9.0, 30)[:, None], np.zeros(30, dtype=int)
-    likelihood = DenseLikelihood(RBF(), ones(1), X, tasks, np.sin(X[:, 0]))
+    likelihood = building.dense(RBF(), ones(1), X, tasks, np.sin(X[:, 0]))
     posterior = likelihood.posterior(np.array([-1.0, np.log(1e-15)]))
     variance = posterior.variance(X, tasks)
     assert (variance >= 0.0).all()
@@ -392,7 +392,7 @@ def textbook_left_out(likelihood, theta):
 @every_form
 @every_noise
 def test_leave_one_out(kernel, form, n_noise):
-    likelihood = DenseLikelihood(kernel, form, *draw(), n_noise)
+    likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     posterior = likelihood.posterior(theta)
     factor = posterior.cholesky.factor.copy()
@@ -410,7 +410,7 @@ def test_leave_one_out(kernel, form, n_noise):
 
 def test_variance_left_out_is_never_negative(monkeypatch):
     form = low_rank(M, 2)
-    likelihood = DenseLikelihood(RBF(ARD), form, *draw())
+    likelihood = building.dense(RBF(ARD), form, *draw())
     theta = parameters(RBF(ARD), form)
     posterior, noise = likelihood.posterior(theta), np.exp(theta[-1])
     as_rounding_may_make_it = np.full(len(likelihood.y), (1.0 + 1e-14) / noise)
@@ -437,7 +437,7 @@ class TestAgainstScikitLearn:
     @pytest.mark.parametrize("n_tasks", [1, M])
     def test_likelihood(self, kernel, gp, n_tasks):
         X, tasks, y = draw()
-        likelihood = DenseLikelihood(kernel, ones(n_tasks), X, tasks % n_tasks, y)
+        likelihood = building.dense(kernel, ones(n_tasks), X, tasks % n_tasks, y)
         theta = kernel.theta + 0.1
         value, gradient = likelihood.value_and_grad(np.r_[theta, np.log(0.1)])
         expected = gp.log_marginal_likelihood(theta, eval_gradient=True)
@@ -445,7 +445,7 @@ class TestAgainstScikitLearn:
         np.testing.assert_allclose(gradient[:-1], expected[1], rtol=1e-9, atol=1e-10)
 
     def test_posterior(self, kernel, gp):
-        likelihood, (Z, tasks) = DenseLikelihood(kernel, ones(M), *draw()), new_rows()
+        likelihood, (Z, tasks) = building.dense(kernel, ones(M), *draw()), new_rows()
         posterior = likelihood.posterior(np.r_[kernel.theta, np.log(0.1)])
         mean, std = gp.predict(Z, return_std=True)
         _, covariance = gp.predict(Z, return_cov=True)
@@ -457,7 +457,7 @@ class TestAgainstScikitLearn:
     def test_independent_tasks(self, kernel):
         X, tasks, y = draw()
         theta = np.r_[kernel.theta, np.log(0.1)]
-        value = DenseLikelihood(kernel, identity(M), X, tasks, y).value(theta)
+        value = building.dense(kernel, identity(M), X, tasks, y).value(theta)
         gp = GaussianProcessRegressor(clone(kernel), alpha=0.1, optimizer=None)
         each = [
             gp.fit(X[tasks == m], y[tasks == m]).log_marginal_likelihood()
@@ -475,7 +475,7 @@ def test_accuracy_of_small_noise(noise):
     F = np.array([[1.0], [0.7]])
     y = np.ravel(F[tasks, 0] * np.sin(2.0 * X[:, 0]))
     Z, tasks_of_Z = rng.uniform(0.0, 4.0, (4, 1)), np.array([0, 1, 0, 1])
-    likelihood = DenseLikelihood(RBF(), low_rank(2, 1), X, tasks, y)
+    likelihood = building.dense(RBF(), low_rank(2, 1), X, tasks, y)
     theta = np.r_[0.0, F.ravel(), np.log(noise)]
     K_rho, noise = F @ F.T, np.exp(theta[-1])
     eps = np.finfo(float).eps
@@ -494,7 +494,7 @@ def test_accuracy_of_small_noise_where_a_row_is_left_out(noise):
     rng, tasks = np.random.default_rng(0), np.repeat([0, 1], 8)
     X, F = np.sort(rng.uniform(0.0, 4.0, (16, 1)), axis=0), np.array([[1.0], [0.7]])
     y = np.ravel(F[tasks, 0] * np.sin(2.0 * X[:, 0]))
-    likelihood = DenseLikelihood(RBF(), low_rank(2, 1), X, tasks, y)
+    likelihood = building.dense(RBF(), low_rank(2, 1), X, tasks, y)
     theta = np.r_[0.0, F.ravel(), np.log(noise)]
     noise = np.exp(theta[-1])  # as the likelihood has it
     K = textbook.covariance(RBF(), F @ F.T, noise, X, tasks)
@@ -526,7 +526,7 @@ def exactly(K_rho, noise, X, tasks, y, Z, tasks_of_Z):
 def singular():
     """A likelihood and parameters at which K = 1 1^T in floating point."""
     X, tasks, y = draw()
-    return DenseLikelihood(ConstantKernel(), ones(M), X, tasks, y), np.array([0, -50.0])
+    return building.dense(ConstantKernel(), ones(M), X, tasks, y), np.array([0, -50.0])
 
 
 def test_singular_covariance(singular):
@@ -568,7 +568,7 @@ def test_jitter_is_noise_where_a_row_is_left_out(singular):
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("position", range(4))
 def test_parameters_that_are_not_finite(bad, position):
-    likelihood = DenseLikelihood(ConstantKernel(), low_rank(M, 2), *draw())
+    likelihood = building.dense(ConstantKernel(), low_rank(M, 2), *draw())
     theta = parameters(ConstantKernel(), low_rank(M, 2))
     theta[[0, 1, 5, 9][position]] = bad
     with np.errstate(invalid="ignore"):
@@ -585,7 +585,7 @@ quick = settings(max_examples=40, deadline=None)
 def value_and_kernel_gradient(kernel, F, noise, X, tasks, y):
     form = low_rank(*F.shape)
     theta = np.concatenate([kernel.theta, F.ravel(), np.log(noise)])
-    likelihood = DenseLikelihood(kernel, form, X, tasks, y, len(noise))
+    likelihood = building.dense(kernel, form, X, tasks, y, len(noise))
     value, gradient = likelihood.value_and_grad(theta)
     return np.r_[value, gradient[: kernel.n_dims]]
 
@@ -663,7 +663,7 @@ def test_rotations_of_the_factor_do_not_matter(seed):
 
 def test_one_sample():
     X, tasks, y = np.ones((1, 2)), np.zeros(1, dtype=int), np.array([2.0])
-    likelihood = DenseLikelihood(ConstantKernel(3.0), ones(1), X, tasks, y)
+    likelihood = building.dense(ConstantKernel(3.0), ones(1), X, tasks, y)
     value, gradient = likelihood.value_and_grad(np.log([3.0, 0.5]))
     expected = -0.5 * (4.0 / 3.5 + np.log(3.5) + LOG_2_PI)
     np.testing.assert_allclose(value, expected, rtol=1e-14)

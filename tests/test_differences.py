@@ -2,14 +2,12 @@
 
 from decimal import Decimal
 
+import building
 import numpy as np
 import pytest
 import textbook
 from sklearn.gaussian_process.kernels import RBF, Matern, RationalQuadratic
 
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.model._nodes import compile_kernel, contract_inputs
 from skmtgp.model._nodes.differences import Differences
 from skmtgp.model.task_covariance import low_rank
@@ -253,10 +251,9 @@ def test_engines(seconds, engine, name):
     y = np.sin(X[:, 0] / UNIT) + 0.1 * np.random.default_rng(1).standard_normal(len(X))
     arguments = kernel, form, X, tasks, y
     if engine == "sparse":
-        likelihood = SparseBound(*arguments, X[:20])  # all inputs
+        likelihood = building.sparse(*arguments, X[:20])  # all inputs
     else:
-        of = {"dense": DenseLikelihood, "kronecker": KroneckerLikelihood}[engine]
-        likelihood = of(*arguments)
+        likelihood = getattr(building, engine)(*arguments)
     rho, noise = np.random.default_rng(0).standard_normal(form.n_parameters), 0.01
     theta = np.concatenate([kernel.theta, rho, [np.log(noise)]])
     K_rho, (k_x, dk_x) = form.matrix(rho), kernel(X, eval_gradient=True)

@@ -4,6 +4,7 @@ import pickle
 import tracemalloc
 import warnings
 
+import building
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -13,8 +14,6 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from test_kronecker import ARD, CLOSE, KERNELS, D, every_kernel, parameters, parts
 
 from skmtgp.exceptions import JitterWarning
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.model.task_covariance import low_rank
 
 N, M, NOVEL = 9, 5, {1: 4, 4: 2}  # rows of each novel task
@@ -44,7 +43,7 @@ def both(kernel, form, n_noise=1, data=None, novel=tuple(NOVEL)):
     """The extended likelihood, the dense one and parameters."""
     arguments = kernel, form, *(data or draw()), n_noise
     theta = parameters(kernel, form, n_noise)
-    return ExtendedLikelihood(*arguments, novel), DenseLikelihood(*arguments), theta
+    return building.extended(*arguments, novel), building.dense(*arguments), theta
 
 
 def new_rows():
@@ -162,7 +161,7 @@ def test_jitter_of_the_novel_rows_counts_as_noise():
     X, tasks, y = draw(novel={4: 6}, n_tasks=5)
     new = tasks == 4
     X[new] = X[new][0]  # one input, observed again and again
-    likelihood = ExtendedLikelihood(RBF(1.2), low_rank(5, 5), X, tasks, y, 1, [4])
+    likelihood = building.extended(RBF(1.2), low_rank(5, 5), X, tasks, y, 1, [4])
     theta = np.r_[0.2, np.eye(5).ravel(), np.log(1e-20)]
     with warnings.catch_warnings():
         warnings.simplefilter("error", JitterWarning)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import building
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
@@ -9,7 +10,7 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.learning import hidden, ranks
 from skmtgp.learning.hidden import hidden_start, reveal
-from skmtgp.learning.problem import Data, Mode, Settings
+from skmtgp.learning.problem import Mode
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
@@ -34,23 +35,18 @@ def sites(seed, frequency, n_features, *, second=False, n=300):
 
 
 def settings_of(data, kernel=None, **changes):
-    variance = np.square(data.y).mean()
-    settings = Settings(
-        kernel=kernel or RBF([3.0, 3.0, 3.0], (1e-2, 1e3)),
-        scale=np.sqrt(variance),
-        log_noise=np.log([1e-2 * variance]),
-        log_noise_bounds=tuple(np.log([1e-10 * variance, 1e3 * variance])),
-        max_iter=200,
-        tol=1e-2,
-    )
-    return replace(settings, **changes)
+    kernel = kernel or RBF([3.0, 3.0, 3.0], (1e-2, 1e3))
+    scale = np.sqrt(np.square(data.y).mean())
+    return building.settings(kernel, scale, **{"noise": 1e-2, "tol": 1e-2} | changes)
 
 
 @pytest.fixture(scope="module")
 def data():
     X, y = sites(0, 4.0, 3)
     order = np.argsort(X[:, -1], kind="stable")
-    return Data(X[order, :-1], X[order, -1].astype(int), y[order] - y.mean(), M)
+    return building.data(
+        X[order, :-1], X[order, -1].astype(int), y[order] - y.mean(), M
+    )
 
 
 # The likelihoods are those that 10 additional starts find too. Without hidden starts
@@ -146,7 +142,7 @@ def test_only_noisy_data_have_hidden_starts(noise, expected, monkeypatch):
     rng, counts = np.random.default_rng(0), []
     x, task = rng.uniform(0.0, 6.0, (60, 1)), np.repeat([0, 1], 30)
     y = np.sin(x[:, 0]) * (1.0 + task) + noise * rng.standard_normal(60)
-    data = Data(x, task, y - y.mean(), 2)
+    data = building.data(x, task, y - y.mean(), 2)
 
     def count(pairs, forms, modes, hidden, *args):
         counts.extend(len(starts) for starts in hidden)

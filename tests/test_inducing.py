@@ -1,3 +1,4 @@
+import building
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import (
@@ -14,7 +15,6 @@ from skmtgp.inference.inducing import (
     k_means,
     optimised,
 )
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.model.task_covariance import low_rank
 
@@ -119,7 +119,7 @@ def test_k_means_where_a_feature_is_constant():
 def make(kernel, Z):
     rng, X, tasks = np.random.default_rng(1), draw(120), np.arange(120) % 3
     y = np.sin(X[:, 0]) * (1 + tasks) + 0.1 * rng.standard_normal(120)
-    return SparseBound(kernel, low_rank(3, 1), X, tasks, y, Z)
+    return building.sparse(kernel, low_rank(3, 1), X, tasks, y, Z)
 
 
 def test_optimised():

@@ -1,11 +1,11 @@
 import tracemalloc
 
+import building
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp.inference import likelihood
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.information import information
 from skmtgp.model.task_covariance import LowRank, OfTasks, WithDiagonal, low_rank
 
@@ -69,7 +69,7 @@ def many_tasks(M, rank, n_noise=1, diagonal=False):
     """A likelihood of two samples of each of many tasks, and parameters."""
     rng, form = np.random.default_rng(0), low_rank(M, rank, diagonal)
     X, tasks = rng.uniform(0.0, 6.0, (2 * M, 2)), np.repeat(np.arange(M), 2)
-    of_data = DenseLikelihood(RBF(), form, X, tasks, np.sin(X[:, 0]), n_noise)
+    of_data = building.dense(RBF(), form, X, tasks, np.sin(X[:, 0]), n_noise)
     rho = rng.standard_normal(form.n_parameters)
     return of_data, np.concatenate([[0.1], rho, np.full(n_noise, np.log(0.1))])
 

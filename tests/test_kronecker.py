@@ -3,6 +3,7 @@
 import pickle
 import tracemalloc
 
+import building
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -19,8 +20,6 @@ from sklearn.gaussian_process.kernels import (
 
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference import tiles
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
@@ -75,12 +74,12 @@ def both(kernel, form, n_noise=1, data=None):
     """The likelihood by Kronecker algebra, the dense one and parameters."""
     arguments = kernel, form, *(data or draw()), n_noise
     theta = parameters(kernel, form, n_noise)
-    return KroneckerLikelihood(*arguments), DenseLikelihood(*arguments), theta
+    return building.kronecker(*arguments), building.dense(*arguments), theta
 
 
 def parts(likelihood, theta):
     """What theta stands for: the kernel, K^rho and the noise variances."""
-    kernel, rho, log_noise = likelihood.split(theta)
+    kernel, rho, log_noise = building.parts(likelihood, theta)
     kernel = likelihood.kernel.clone_with_theta(kernel)
     return kernel, likelihood.task_covariance.matrix(rho), np.exp(log_noise)
 
@@ -208,7 +207,7 @@ def test_few(n_inputs, n_tasks):
 def test_incomplete_data(row):
     X, tasks, y = (np.delete(part, row, axis=0) for part in draw())
     with pytest.raises(ValueError, match="not observed at the same inputs"):
-        KroneckerLikelihood(RBF(ARD), low_rank(M, 2), X, tasks, y)
+        building.kronecker(RBF(ARD), low_rank(M, 2), X, tasks, y)
 
 
 def test_no_matrix_of_all_samples():
@@ -294,7 +293,7 @@ def test_accuracy_of_small_noise(noise):
     Z, tasks_of_Z = rng.uniform(0.0, 4.0, (4, 1)), np.array([0, 1, 0, 1])
     form, theta = low_rank(2, 1), np.r_[0.0, F.ravel(), np.log(noise)]
     K_rho, noise, eps = F @ F.T, np.exp(theta[-1]), np.finfo(float).eps
-    likelihood = KroneckerLikelihood(RBF(), form, X, tasks, y)
+    likelihood = building.kronecker(RBF(), form, X, tasks, y)
     exact = textbook.exact_log_marginal_likelihood(K_rho, noise, X, tasks, y)
     norm = np.linalg.norm(textbook.covariance(RBF(), K_rho, noise, X, tasks), 2)
     loss = eps * norm / noise
@@ -309,7 +308,7 @@ def test_accuracy_of_small_noise(noise):
 def test_nothing_is_added_where_the_dense_covariance_is_singular():
     """No jitter: the clipped eigenvalues leave the noise as it is."""
     X, tasks, y = draw()
-    likelihood = KroneckerLikelihood(ConstantKernel(), ones(M), X, tasks, y)
+    likelihood = building.kronecker(ConstantKernel(), ones(M), X, tasks, y)
     theta = np.array([0.0, np.log(1e-14)])
     value = -0.5 * ((len(y) - 1) * np.log(1e-14) + np.log(len(y)))
     value -= 0.5 * (y.var() * len(y) / 1e-14 + y.mean() ** 2)
@@ -331,7 +330,7 @@ def evaluated(kind, kernel, F, noise, data):
     value, gradient = likelihood.value_and_grad(
         np.concatenate([kernel.theta, F.ravel(), np.log(noise)])
     )
-    d_kernel, d_F, d_noise = likelihood.split(gradient)
+    d_kernel, d_F, d_noise = building.parts(likelihood, gradient)
     return np.r_[value, d_kernel], np.column_stack([d_F.reshape(F.shape), d_noise])
 
 
@@ -348,7 +347,7 @@ def test_both_engines_agree(name, seed):
     _, F, noise, data = random_model(seed)
     results = [
         evaluated(kind, KERNELS[name], F, noise, data)
-        for kind in (KroneckerLikelihood, DenseLikelihood)
+        for kind in (building.kronecker, building.dense)
     ]
     for found, expected in zip(*results, strict=True):
         atol = 1e-8 * np.abs(expected).max()
@@ -361,7 +360,7 @@ def test_order_within_a_task_does_not_matter(name, seed):
     rng, F, noise, (X, tasks, y) = random_model(seed)
     order = np.lexsort([rng.random(len(y)), tasks])
     found, expected = (
-        evaluated(KroneckerLikelihood, KERNELS[name], F, noise, data)
+        evaluated(building.kronecker, KERNELS[name], F, noise, data)
         for data in [(X[order], tasks[order], y[order]), (X, tasks, y)]
     )
     for a, b in zip(found, expected, strict=True):
@@ -374,9 +373,9 @@ def test_labels_of_tasks_do_not_matter(name, seed):
     rng, F, noise, (X, tasks, y) = random_model(seed)
     label = rng.permutation(len(F))  # of each task
     order, new = np.argsort(label[tasks], kind="stable"), np.argsort(label)
-    expected = evaluated(KroneckerLikelihood, KERNELS[name], F, noise, (X, tasks, y))
+    expected = evaluated(building.kronecker, KERNELS[name], F, noise, (X, tasks, y))
     data = X[order], label[tasks][order], y[order]
-    found = evaluated(KroneckerLikelihood, KERNELS[name], F[new], noise[new], data)
+    found = evaluated(building.kronecker, KERNELS[name], F[new], noise[new], data)
     atol = 1e-9 * np.abs(expected[0]).max()
     np.testing.assert_allclose(found[0], expected[0], rtol=1e-9, atol=atol)
     atol = 1e-9 * np.abs(expected[1]).max()

@@ -4,6 +4,7 @@ import tracemalloc
 import warnings
 from functools import partial
 
+import building
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import (
@@ -21,10 +22,7 @@ from skmtgp import MultiTaskGPRegressor
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory, sparse
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.memory import TileMemory
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.model._nodes import compile_kernel, count_arrays
 from skmtgp.model.task_covariance import low_rank
@@ -66,7 +64,7 @@ def problem(engine, kernel, n, *arguments, wide=1.0):
     rng, form = np.random.default_rng(0), low_rank(M, 1)
     X = wide * rng.standard_normal((n, 3))
     tasks = np.sort(np.arange(n) % M)
-    if engine is KroneckerLikelihood:
+    if engine is building.kronecker:
         X, tasks = np.tile(X, (M, 1)), np.repeat(np.arange(M), n)
     likelihood = engine(kernel, form, X, tasks, rng.standard_normal(len(X)), *arguments)
     rho = rng.standard_normal(form.n_parameters)
@@ -91,7 +89,7 @@ def test_arrays(kernel, n_arrays):
 
 
 @pytest.mark.parametrize(
-    ("engine", "n"), [(DenseLikelihood, 1200), (KroneckerLikelihood, 700)]
+    ("engine", "n"), [(building.dense, 1200), (building.kronecker, 700)]
 )
 @each_kernel
 def test_exact_inference(engine, n, kernel, n_arrays):
@@ -104,7 +102,7 @@ def test_exact_inference(engine, n, kernel, n_arrays):
 
 @pytest.mark.parametrize("kernel", [RBF(), RBF(ARD), Matern(ARD, nu=0.5)])
 def test_wide_inputs(kernel):
-    likelihood, theta = problem(DenseLikelihood, kernel, 700, wide=1e6)
+    likelihood, theta = problem(building.dense, kernel, 700, wide=1e6)
     tiles = TileMemory(kernel, likelihood.X[:1]).of_triangle(700, 1)
     assert peak(likelihood, theta) <= 8.0 * 700**2 + tiles
 
@@ -113,7 +111,7 @@ def test_wide_inputs(kernel):
 def test_sparse_inference(kernel, n_arrays):
     m, n = 200, 3000
     Z = np.random.default_rng(1).standard_normal((m, 3))
-    likelihood, theta = problem(SparseBound, kernel, n, Z)
+    likelihood, theta = problem(building.sparse, kernel, n, Z)
     tiles = TileMemory(kernel, Z[:1]).of_blocks(m, n, 1)
     counted = 8.0 * 6 * (M + 1) * m**2 + tiles
     found = peak(likelihood, theta)

@@ -2,6 +2,7 @@
 
 import warnings
 
+import building
 import numpy as np
 import pytest
 import textbook
@@ -14,8 +15,6 @@ from skmtgp import (
     RankSearchIC,
 )
 from skmtgp.exceptions import UnidentifiedNoiseWarning
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.posterior import freedom_of_noise, noise_is_told
 from skmtgp.model.task_covariance import low_rank
 
@@ -45,7 +44,7 @@ def fitted(model, X, y):
 
 
 class TestDegreesOfFreedom:
-    @pytest.mark.parametrize("likelihood", [DenseLikelihood, KroneckerLikelihood])
+    @pytest.mark.parametrize("likelihood", [building.dense, building.kronecker])
     @pytest.mark.parametrize("n_noise", [1, 3])
     @pytest.mark.parametrize("noise", [1e-8, 1e-4, 1e-2, 1.0])
     def test_by_the_book(self, likelihood, n_noise, noise):

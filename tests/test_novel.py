@@ -1,3 +1,4 @@
+import building
 import numpy as np
 import pytest
 import textbook
@@ -6,7 +7,6 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.inference.choice import extended
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import novel
 from skmtgp.learning.novel import Rows, add_task, learn_border
 from skmtgp.model.task_covariance import low_rank
@@ -32,7 +32,7 @@ class Problem:
         self.y, self.y_new = y[: 8 * M], y[8 * M :]
         form = low_rank(M, RANK, diagonal)
         log_noise = np.log(NOISE) + np.arange(M if per_task else 1)
-        self.likelihood = DenseLikelihood(
+        self.likelihood = building.dense(
             KERNEL, form, self.X, self.tasks, self.y, n_noise=len(log_noise)
         )
         log_kappa = np.full(M if diagonal else 0, np.log(0.01))
@@ -245,9 +245,9 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     value = larger.value(mode.theta)
     added = value - problem.likelihood.value(problem.theta)
     np.testing.assert_allclose(added, mode.value, rtol=1e-7)
-    kernel, _, log_noise = larger.split(mode.theta)
+    kernel, _, log_noise = building.parts(larger, mode.theta)
     np.testing.assert_array_equal(kernel, KERNEL.theta)
-    old = problem.likelihood.split(problem.theta)[2]
+    old = building.parts(problem.likelihood, problem.theta)[2]
     if per_task:  # the geometric mean of the others
         old = np.insert(old, position, old.mean())
     np.testing.assert_allclose(log_noise, old, rtol=1e-15)

@@ -1,5 +1,4 @@
-from dataclasses import replace
-
+import building
 import numpy as np
 import pytest
 import textbook
@@ -9,7 +8,6 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from skmtgp.learning import paper, problem
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
-from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.stages import (
     augmented_task_covariance,
     first_stage,
@@ -33,19 +31,11 @@ def draw(K_rho, seed=0, per_task=10):
     X[-5:] = X[:5]
     kernel = ConstantKernel(1.0) * RBF([0.7, 2.0])
     C = np.linalg.cholesky(textbook.covariance(kernel, K_rho, 0.01, X, tasks))
-    return Data(X, tasks, C @ rng.standard_normal(len(X)), len(K_rho))
+    return building.data(X, tasks, C @ rng.standard_normal(len(X)), len(K_rho))
 
 
 def configure(**changes):
-    settings = Settings(
-        kernel=KERNEL,
-        scale=1.0,
-        log_noise=np.log([0.1]),
-        log_noise_bounds=tuple(np.log([1e-10, 1e3])),
-        max_iter=100,
-        tol=1e-3,
-    )
-    return replace(settings, **changes)
+    return building.settings(**{"kernel": KERNEL, "max_iter": 100} | changes)
 
 
 def by_hand(data, settings, form, fixed):

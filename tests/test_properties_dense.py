@@ -1,5 +1,6 @@
 """What holds for any data and any parameters: the engines."""
 
+import building
 import numpy as np
 import pytest
 import textbook
@@ -131,7 +132,7 @@ def test_tasks_with_equal_columns_are_one(model, random):
         return np.where((tasks == task) & twins, M, tasks)
 
     of = np.append(np.arange(M), task)
-    kernel, _, log_noise = model.likelihood().split(model.theta)
+    kernel, _, log_noise = building.parts(model.likelihood(), model.theta)
     log_noise = log_noise[of] if model.n_noise > 1 else log_noise
     twins = table._replace(tasks=share(table.tasks), tasks_of_Z=share(table.tasks_of_Z))
     form = FixedTaskCovariance(K_rho[np.ix_(of, of)])

@@ -2,6 +2,7 @@
 
 import pickle
 
+import building
 import numpy as np
 import pytest
 import recipes
@@ -16,7 +17,6 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.learning import climbing
 from skmtgp.model.task_covariance import WithDiagonal
 
@@ -160,7 +160,7 @@ class TestTaskCovariance:
         model = page["ExchangeableGP"](inference="sparse", diagonal=True, **QUICK)
         assert np.isfinite(model.fit(X, y).predict(X)).all()
         tasks = X[:, 1].astype(int)
-        bound = SparseBound(RBF(), form, X[:, :1], tasks, y, X[:5, :1])
+        bound = building.sparse(RBF(), form, X[:, :1], tasks, y, X[:5, :1])
         theta = np.array([0.1, 0.3, -0.5, -2.0])
         _, gradient = bound.value_and_grad(theta)
         steps = 1e-5 * np.eye(4)

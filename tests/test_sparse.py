@@ -3,6 +3,7 @@ import pickle
 import tracemalloc
 from typing import NamedTuple
 
+import building
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -21,10 +22,8 @@ from sklearn.gaussian_process.kernels import (
 
 from skmtgp.exceptions import JitterWarning
 from skmtgp.inference import features, likelihood, sparse
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.features import Features
 from skmtgp.inference.inducing import greedy_variance
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
 from skmtgp.inference.weights import Covariances, Gradients
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
@@ -85,13 +84,13 @@ def inducing(m=6, seed=1):
 
 def make(kernel, form, n_noise=1, Z=None, sample=None, block_size=7):
     sample, Z = sample or draw(), inducing() if Z is None else Z
-    return SparseBound(kernel, form, *sample, Z, n_noise, block_size)
+    return building.sparse(kernel, form, *sample, Z, n_noise, block_size)
 
 
 def dense(kernel, form, n_noise=1, sample=None):
     X, tasks, y = sample or draw()
     order = np.argsort(tasks, kind="stable")
-    return DenseLikelihood(kernel, form, X[order], tasks[order], y[order], n_noise)
+    return building.dense(kernel, form, X[order], tasks[order], y[order], n_noise)
 
 
 def parameters(kernel, form, n_noise=1, seed=0):
@@ -102,7 +101,7 @@ def parameters(kernel, form, n_noise=1, seed=0):
 
 def parts(bound, theta):
     """What theta stands for: the kernel, K^rho and the noise of each row."""
-    kernel, rho, log_noise = bound.split(theta)
+    kernel, rho, log_noise = building.parts(bound, theta)
     noise = np.broadcast_to(np.exp(log_noise), M)[bound.tasks]
     K_rho = bound.task_covariance.matrix(rho)
     return bound.kernel.clone_with_theta(kernel), K_rho, noise
@@ -299,7 +298,9 @@ class TestSums:
         return make(EVERY[request.param], low_rank(M, 2, diagonal=True), M)
 
     def test_forward(self, bound):
-        theta = bound.split(parameters(bound.kernel, bound.task_covariance, M))[0]
+        theta = building.parts(
+            bound, parameters(bound.kernel, bound.task_covariance, M)
+        )[0]
         features = Features(bound.kernel, bound.node, theta, bound.Z)
         blocks = list(bound.blocks())
         whole = sum_features(features, M, blocks)
@@ -362,7 +363,7 @@ def test_memory():
     n, m, rng = 20_000, 50, np.random.default_rng(0)
     X, tasks, y = rng.standard_normal((n, D)), np.arange(n) % M, rng.standard_normal(n)
     kernel, form = KERNELS["paper"], low_rank(M, 2)
-    bound = SparseBound(kernel, form, X, tasks, y, X[:m], block_size=100)
+    bound = building.sparse(kernel, form, X, tasks, y, X[:m], block_size=100)
     theta = parameters(kernel, form)
     tracemalloc.start()
     try:
@@ -403,14 +404,14 @@ def test_one_task():
     kernel, (X, _, y) = RBF(ARD), draw()
     X, y, tasks = X[:-3], y[:-3], np.zeros(len(y) - 3, dtype=int)
     theta = np.r_[kernel.theta, np.log(0.1)]
-    bound = SparseBound(kernel, ones(1), X, tasks, y, X)
-    expected = DenseLikelihood(kernel, ones(1), X, tasks, y).value(theta)
+    bound = building.sparse(kernel, ones(1), X, tasks, y, X)
+    expected = building.dense(kernel, ones(1), X, tasks, y).value(theta)
     np.testing.assert_allclose(bound.value(theta), expected, rtol=1e-12)
 
 
 def test_one_sample():
     X, tasks, y = np.ones((1, 2)), np.zeros(1, dtype=int), np.array([2.0])
-    bound = SparseBound(ConstantKernel(3.0), ones(1), X, tasks, y, X)
+    bound = building.sparse(ConstantKernel(3.0), ones(1), X, tasks, y, X)
     value, gradient = bound.value_and_grad(np.log([3.0, 0.5]))
     expected = -0.5 * (4.0 / 3.5 + np.log(3.5) + np.log(2.0 * np.pi))
     np.testing.assert_allclose(value, expected, rtol=1e-14)
@@ -435,13 +436,13 @@ def test_accuracy_of_small_noise(noise, kappa):
     form = low_rank(2, 1, diagonal=kappa > 0.0)
     rho = np.r_[F.ravel(), np.log(np.full(2, kappa)) if kappa else []]
     theta = np.r_[0.0, rho, np.log(noise)]
-    bound = SparseBound(RBF(), form, X, tasks, y, X, block_size=5)
+    bound = building.sparse(RBF(), form, X, tasks, y, X, block_size=5)
     value, gradient = bound.value_and_grad(theta)
     K_rho, noise = form.matrix(rho), np.exp(theta[-1])
     expected = textbook.exact_log_marginal_likelihood(K_rho, noise, X, tasks, y)
     loss = 10.0 * np.finfo(float).eps / noise  # 2e-5 at a noise of 1e-10
     np.testing.assert_allclose(value, expected, rtol=1e-13, atol=loss * len(y))
-    exact = DenseLikelihood(RBF(), form, X, tasks, y).value_and_grad(theta)[1]
+    exact = building.dense(RBF(), form, X, tasks, y).value_and_grad(theta)[1]
     atol = 30.0 * loss * np.abs(exact).max()
     np.testing.assert_allclose(gradient, exact, rtol=1e-8, atol=atol)
     X_new, tasks_new = rng.uniform(0.0, 4.0, (4, 2)), np.array([0, 1, 0, 1])
@@ -468,7 +469,7 @@ def test_never_above_without_noise(noise, length, variance):
     size = max(len(y), -2.0 * exact)  # where the model does not fit, the latter
     slack = size * np.finfo(float).eps * (1.0 + variance / noise)
     for Z in (greedy_variance(RBF(), X, len(X)), X, X[::2]):
-        value = SparseBound(RBF(), form, X, tasks, y, Z).value(theta)
+        value = building.sparse(RBF(), form, X, tasks, y, Z).value(theta)
         assert value <= exact + slack
         if len(Z) != len(X[::2]):
             assert value >= exact - 500.0 * slack
@@ -481,7 +482,7 @@ def test_many_rows_without_noise():
     F, Z = np.array([[1.0], [0.7]]), rng.uniform(0.0, 3.0, (m, 2))
     y = F[tasks, 0] * np.sin(X[:, 0]) * np.cos(X[:, 1])
     theta = np.r_[np.log(1.5), F.ravel(), np.log(1e-10)]
-    bound = SparseBound(RBF(), low_rank(2, 1), X, tasks, y, Z)
+    bound = building.sparse(RBF(), low_rank(2, 1), X, tasks, y, Z)
     at_theta, weights = bound.forward(theta)
     phi, noise = at_theta.tile(X).phi, np.exp(theta[-1])
     Psi = (F[tasks, 0] * phi).T / np.sqrt(noise)
@@ -539,7 +540,7 @@ def test_trace_term_is_not_negative(n_features):
     X = np.random.default_rng(0).uniform(0.0, 6.0 / n_features**2, (n, n_features))
     Z = greedy_variance(RBF(), X, n)
     tasks, y = np.zeros(n, dtype=int), np.zeros(n)
-    bound = SparseBound(RBF(), ones(1), X, tasks, y, Z)
+    bound = building.sparse(RBF(), ones(1), X, tasks, y, Z)
     for length in np.linspace(1.0, 1.6, 60):
         _, weights = bound.forward(np.log([length, 1e-10]))
         assert weights.sums.rest.sum() >= 0.0
@@ -635,7 +636,7 @@ def test_weights_cannot_be_refined_without_their_factor():
 
 def test_variance_is_never_negative(monkeypatch):
     _, F, (X, tasks, y) = small_noise_problem()
-    bound = SparseBound(RBF(), low_rank(2, 1), X, tasks, y, X)
+    bound = building.sparse(RBF(), low_rank(2, 1), X, tasks, y, X)
     posterior = bound.posterior(np.r_[0.0, F.ravel(), np.log(1e-15)])
     assert (posterior.variance(X, tasks) >= 0.0).all()
     less = 1.0 - 1e-12  # as rounding may make it

@@ -4,6 +4,7 @@ import pickle
 import tracemalloc
 from dataclasses import replace
 
+import building
 import numpy as np
 import pytest
 import textbook
@@ -24,10 +25,8 @@ from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import inducing
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.memory import TileMemory
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
 from skmtgp.model.task_covariance import low_rank, ones
@@ -165,7 +164,9 @@ def scattered(seed=0):
     kernel, form = RBF([0.8, 1.3]), low_rank(M, 2)
     theta = np.concatenate([kernel.theta, FACTOR.ravel(), [np.log(NOISE)]])
     features, tasks = X[:, :2], X[:, 2].astype(int)
-    bound = SparseBound(kernel, form, features, tasks, y, features[:8], block_size=7)
+    bound = building.sparse(
+        kernel, form, features, tasks, y, features[:8], block_size=7
+    )
     return bound, theta
 
 
@@ -212,7 +213,7 @@ class TestAddTask:
         bound, theta = scattered()
         bound = bound.with_inducing(bound.X)
         order = np.argsort(bound.tasks, kind="stable")
-        exact = DenseLikelihood(
+        exact = building.dense(
             bound.kernel,
             bound.task_covariance,
             *(part[order] for part in (bound.X, bound.tasks, bound.y)),

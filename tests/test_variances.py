@@ -2,6 +2,7 @@
 
 import warnings
 
+import building
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import (
@@ -18,10 +19,6 @@ from skmtgp.exceptions import (
     NegativeVarianceWarning,
 )
 from skmtgp.inference import posterior
-from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.extended import ExtendedLikelihood
-from skmtgp.inference.kronecker import KroneckerLikelihood
-from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.variances import rounding_of, without_negatives
 from skmtgp.model.task_covariance import low_rank
 
@@ -87,14 +84,14 @@ def design(n=12, M=2):
 
 def extended(kernel, form, X, tasks, y):
     kept = np.r_[: len(X) - 3]
-    return ExtendedLikelihood(kernel, form, X[kept], tasks[kept], y[kept], 1, [1])
+    return building.extended(kernel, form, X[kept], tasks[kept], y[kept], 1, [1])
 
 
 ENGINES = {
-    "dense": DenseLikelihood,
-    "kronecker": KroneckerLikelihood,
+    "dense": building.dense,
+    "kronecker": building.kronecker,
     "extended": extended,
-    "sparse": lambda *data: SparseBound(*data, data[2][:12]),
+    "sparse": lambda *data: building.sparse(*data, data[2][:12]),
 }
 every_engine = pytest.mark.parametrize("engine", ENGINES.values(), ids=ENGINES)
 
@@ -158,7 +155,7 @@ def test_rounding_is_never_told(engine, ask, noise, kernel):
 
 def test_left_out_by_a_kernel_that_is_not_definite():
     kernel = ConstantKernel(-0.1, "fixed") * RBF(1.0)
-    p = posterior_of(DenseLikelihood, kernel, 5.0)
+    p = posterior_of(building.dense, kernel, 5.0)
     with pytest.warns(NegativeVarianceWarning, match=r"^24 of 24 variances of f are"):
         _, variances = p.leave_one_out()
     np.testing.assert_array_equal(variances, 0.0)
@@ -168,7 +165,7 @@ def test_left_out_by_features_that_lack_digits():
     """1 - h_i, of the size of the noise, is lost by inducing inputs in any order."""
     X = np.random.default_rng(2).uniform(0.0, 6.0, (200, 2))
     tasks, y = np.zeros(200, dtype=int), np.sin(X).sum(axis=1)
-    bound = SparseBound(RBF(), low_rank(1, 1), X, tasks, y, X)
+    bound = building.sparse(RBF(), low_rank(1, 1), X, tasks, y, X)
     p = bound.posterior(np.r_[0.0, 1.0, np.log(1e-14)])
     with pytest.warns(NegativeVarianceWarning, match="noise variance is too small for"):
         residual, _ = p.leave_one_out()

@@ -8,6 +8,7 @@ import os
 import pickle
 from typing import NamedTuple
 
+import building
 import hypothesis
 import joblib
 import numpy as np
@@ -31,7 +32,6 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.model.task_covariance import WithDiagonal, identity, low_rank, ones
 
@@ -156,7 +156,7 @@ class Model(NamedTuple):
     def likelihood(self, rows=slice(None)):
         """Of some of the rows, or of all."""
         data = (a[rows] for a in (self.table.F, self.table.tasks, self.table.y))
-        return DenseLikelihood(self.kernel, self.form, *data, self.n_noise)
+        return building.dense(self.kernel, self.form, *data, self.n_noise)
 
     def posterior(self, rows=slice(None)):
         return self.likelihood(rows).posterior(self.theta)

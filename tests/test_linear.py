@@ -7,29 +7,17 @@ import numpy as np
 import pandas as pd
 import pytest
 import textbook
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from samples import draw, split
-from scipy.stats import kstest, multivariate_t, t
+from linear_models import POOLED, TARGETS, X, Y, Z, design, regressions, y
+from samples import split
+from scipy.stats import multivariate_t, t
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
 
 from skmtgp import BayesianLinearRegression, inference
 
-examples = settings(max_examples=20, deadline=None, derandomize=True)
-X, y = draw()
-Y = draw(n_outputs=2)[1]
-Z = draw(per_task=4, seed=1)[0]
 PRIOR = {"weight_variance": 3.0, "noise_shape": 1.5, "noise_rate": 50.0}
-POOLED = pytest.mark.parametrize("pooled", [False, True])
 INTERCEPT = pytest.mark.parametrize("fit_intercept", [False, True])
-TARGETS = pytest.mark.parametrize("target", [y, Y], ids=["one output", "two outputs"])
-
-
-def design(features, fit_intercept=True):
-    ones = np.ones((len(features), int(fit_intercept)))
-    return np.column_stack([features, ones])
 
 
 def by_the_book(D, y, *, weight_variance=1e8, noise_shape=1.0, noise_rate=1.0):
@@ -39,12 +27,6 @@ def by_the_book(D, y, *, weight_variance=1e8, noise_shape=1.0, noise_rate=1.0):
     mean = V @ D.T @ y
     a = noise_shape + 0.5 * len(y)
     return mean, V, a, noise_rate + 0.5 * (y @ y - mean @ precision @ mean)
-
-
-def regressions(X, pooled):
-    """Rows of each regression."""
-    tasks = split(X)[1] * (not pooled)
-    return [tasks == m for m in range(tasks.max() + 1)]
 
 
 def of_output(values, j, target):
@@ -320,20 +302,6 @@ def test_one_row_of_each_task():
     assert (model.predict(one + [1.0, 1.0, 0.0], return_std=True)[1] > 1e3).all()
 
 
-@pytest.mark.parametrize("noise_shape", [0.5, 0.1])
-def test_two_degrees_of_freedom_have_no_variance(noise_shape):
-    rows = np.append(np.flatnonzero(X[:, -1] == 0)[:1], np.flatnonzero(X[:, -1] == 1))
-    model = BayesianLinearRegression(noise_shape=noise_shape).fit(X[rows], y[rows])
-    np.testing.assert_array_equal(np.isinf(model.noise_variance_), [True, False])
-    mean, std = model.predict(X[rows], return_std=True)
-    assert np.isfinite(mean).all()
-    np.testing.assert_array_equal(np.isinf(std), rows == rows[0])
-    cov = model.predict(X[rows], return_cov=True, include_noise=True)[1]
-    np.testing.assert_array_equal(np.isinf(np.diag(cov)), rows == rows[0])
-    assert np.isfinite(cov[0, 1:]).all()
-    assert np.isfinite(model.sample_y(X[rows], 50)).all()
-
-
 def test_zero_without_a_constant_is_certain():
     model = BayesianLinearRegression(fit_intercept=False, noise_shape=0.5)
     origin = [[0.0, 0.0, 0.0]]
@@ -343,153 +311,6 @@ def test_zero_without_a_constant_is_certain():
             mean, certain = model.predict(origin, **{spread: True})
             assert (mean == 0.0).all()
             assert (certain == 0.0).all()
-
-
-@POOLED
-def test_covariance_is_between_samples_of_a_regression(pooled):
-    model = BayesianLinearRegression(pooled=pooled).fit(X, y)
-    std = model.predict(Z, return_std=True)[1]
-    cov = model.predict(Z, return_cov=True)[1]
-    np.testing.assert_allclose(np.diag(cov), std**2, rtol=1e-12)
-    np.testing.assert_array_equal(cov, cov.T)
-    apart = split(Z)[1][:, None] != split(Z)[1]
-    assert (cov[apart] == 0.0).all() == (not pooled)
-    assert (cov[~apart] != 0.0).all()
-
-
-@POOLED
-def test_observations_are_noisier(pooled):
-    model = BayesianLinearRegression(pooled=pooled).fit(X, Y)
-    std, noisy = (
-        model.predict(Z, return_std=True, include_noise=flag)[1]
-        for flag in (False, True)
-    )
-    expected = model.noise_variance_[:, split(Z)[1]].T
-    np.testing.assert_allclose(noisy**2 - std**2, expected, rtol=1e-10)
-
-
-@POOLED
-@TARGETS
-@pytest.mark.parametrize("noise", [False, True], ids=["of f", "with noise"])
-def test_draws_have_the_moments_of_the_posterior(target, pooled, noise):
-    model = BayesianLinearRegression(pooled=pooled, noise_shape=10.0).fit(X, target)
-    options = {"include_noise": noise}
-    draws = model.sample_y(Z, n_samples=4000, random_state=3, **options)
-    mean, cov = model.predict(Z, return_cov=True, **options)
-    assert draws.shape == (*mean.shape, 4000)
-    draws = draws.reshape(len(Z), -1, 4000)
-    mean, cov = mean.reshape(len(Z), -1), cov.reshape(len(Z), len(Z), -1)
-    for j in range(mean.shape[1]):
-        variances = np.diag(cov[..., j])
-        error = np.abs(draws[:, j].mean(axis=1) - mean[:, j])
-        assert (error < 5.0 * np.sqrt(variances / 4000)).all()
-        scale = np.sqrt(np.outer(variances, variances))
-        error = np.abs(np.cov(draws[:, j]) - cov[..., j])
-        assert (error < 0.12 * scale).all()
-
-
-@pytest.mark.parametrize("noise", [False, True], ids=["of f", "with noise"])
-def test_draws_are_students(noise):
-    few = np.concatenate([np.flatnonzero(X[:, -1] == m)[:4] for m in range(3)])
-    model = BayesianLinearRegression(noise_shape=0.5).fit(X[few], y[few])
-    draws = model.sample_y(Z, n_samples=5000, include_noise=noise)
-    mean, std = model.predict(Z, return_std=True, include_noise=noise)
-    nu = model.degrees_of_freedom_[0]
-    assert nu == 5.0
-    for i in (0, 5, 11):
-        scale = std[i] * np.sqrt((nu - 2.0) / nu)
-        assert kstest(draws[i], t(nu, mean[i], scale).cdf).pvalue > 0.01
-        assert kstest((draws[i] - mean[i]) / std[i], "norm").pvalue < 1e-3
-
-
-def test_draws_are_planes():
-    draws = BayesianLinearRegression().fit(X, y).sample_y(Z, 3)
-    for rows in regressions(Z, False):
-        D = design(split(Z)[0][rows])
-        residuals = np.linalg.lstsq(D, draws[rows], rcond=None)[1]
-        assert (residuals < 1e-18 * np.square(draws).sum()).all()
-
-
-def test_seed_of_the_draws():
-    model = BayesianLinearRegression().fit(X, Y)
-    first, again, other = (model.sample_y(Z, 2, random_state=s) for s in (0, 0, 1))
-    np.testing.assert_array_equal(first, again)
-    assert (first != other).all()
-    np.testing.assert_array_equal(model.sample_y(Z, 2), first)
-
-
-@st.composite
-def problems(draw):
-    """Unbalanced data, at times of one sample a task, in no order; and a model."""
-    counts = draw(st.lists(st.integers(1, 6), min_size=1, max_size=4))
-    rng = np.random.default_rng(draw(st.integers(0, 10_000)))
-    tasks = rng.permutation(np.repeat(np.arange(len(counts)), counts))
-    X = np.column_stack([rng.normal(size=(len(tasks), 2)), tasks])
-    Z = np.column_stack([rng.normal(size=(8, 2)), np.arange(8) % len(counts)])
-    model = BayesianLinearRegression(
-        pooled=draw(st.booleans()),
-        fit_intercept=draw(st.booleans()),
-        weight_variance=draw(st.sampled_from([1e-2, 1.0, 1e4])),
-        noise_shape=draw(st.sampled_from([0.6, 5.0])),
-        noise_rate=draw(st.sampled_from([1e-3, 1.0])),
-    )
-    return X, rng.normal(size=(len(tasks), 2)), Z, model
-
-
-def assert_same(found, expected, Z, *, Z_found=None, unit=1.0):
-    """Predictions in units of that of the expected model."""
-    new = Z if Z_found is None else Z_found
-    for noisy in (False, True):
-        mean, cov = found.predict(new, return_cov=True, include_noise=noisy)
-        other, other_cov = expected.predict(Z, return_cov=True, include_noise=noisy)
-        np.testing.assert_allclose(mean / unit, other, rtol=1e-7, atol=1e-7)
-        atol = 1e-9 * other_cov.max()
-        np.testing.assert_allclose(cov / unit**2, other_cov, rtol=1e-7, atol=atol)
-
-
-@examples
-@given(problems(), st.permutations(["d", "a", "c", "b"]))
-def test_labels_of_tasks_do_not_matter(problem, names):
-    X, Y, Z, model = problem
-
-    def rename(X):
-        named = X.astype(object)
-        named[:, -1] = [names[m] for m in split(X)[1]]
-        return named
-
-    expected = clone(model).fit(X, Y)
-    found = model.fit(rename(X), Y)
-    assert_same(found, expected, Z, Z_found=rename(Z))
-    values = expected.log_marginal_likelihoods_
-    np.testing.assert_allclose(found.log_marginal_likelihoods_, values, rtol=1e-9)
-
-
-@examples
-@given(problems(), st.randoms(use_true_random=False))
-def test_order_of_rows_does_not_matter(problem, random):
-    X, Y, Z, model = problem
-    order = random.sample(range(len(X)), len(X))
-    expected = clone(model).fit(X, Y)
-    found = model.fit(X[order], Y[order])
-    assert_same(found, expected, Z)
-    values = expected.log_marginal_likelihoods_
-    np.testing.assert_allclose(found.log_marginal_likelihoods_, values, rtol=1e-7)
-
-
-@examples
-@given(problems(), st.floats(-6, 6), st.booleans())
-def test_noise_rate_has_the_units_of_the_squared_target(problem, power, negative):
-    X, Y, Z, model = problem
-    unit = (-1.0 if negative else 1.0) * 10.0**power
-    expected = clone(model).fit(X, Y)
-    found = model.set_params(noise_rate=unit**2 * model.noise_rate).fit(X, unit * Y)
-    assert_same(found, expected, Z, unit=unit)
-    np.testing.assert_allclose(
-        found.noise_variance_ / unit**2, expected.noise_variance_, rtol=1e-7
-    )
-    values = expected.log_marginal_likelihoods_ - len(Y) * np.log(abs(unit))
-    close = {"rtol": 1e-7, "atol": 1e-7}
-    np.testing.assert_allclose(found.log_marginal_likelihoods_, values, **close)
 
 
 def test_pickle():
@@ -578,9 +399,3 @@ def test_new_data_are_checked(method, pooled):
         getattr(model, method)(Z[[0, 0]] * [1, 1, 0] + [[0, 0, 4], [0, 0, 3]])
     with pytest.raises(ValueError, match=r"X has 4 features, but .* expecting 3"):
         getattr(model, method)(np.insert(Z, 0, 1.0, axis=1))
-
-
-def test_spreads_are_of_one_kind():
-    model = BayesianLinearRegression().fit(X, y)
-    with pytest.raises(ValueError, match="Set return_std or return_cov, not both"):
-        model.predict(Z, return_std=True, return_cov=True)

@@ -1,0 +1,180 @@
+import numpy as np
+import pandas as pd
+import pytest
+
+from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
+from skmtgp._data.task_column import locate_task_column, split_table, task_labels
+
+BIG = 2**53
+
+
+@pytest.mark.parametrize(
+    ("task_feature", "position"),
+    [(0, 0), (2, 2), (-1, 2), (-3, 0), (np.int64(1), 1), ("load", 1)],
+)
+def test_column_is_found(task_feature, position):
+    found = locate_task_column(task_feature, 3, np.array(["a", "load", "b"], object))
+    assert found == position
+    assert type(found) is int
+
+
+@pytest.mark.parametrize("task_feature", [3, -4])
+def test_column_out_of_range(task_feature):
+    with pytest.raises(ValueError, match=f"{task_feature} is out of range: X has 3 co"):
+        locate_task_column(task_feature, 3)
+
+
+@pytest.mark.parametrize(
+    ("task_feature", "kind"),
+    [(True, "bool"), (np.False_, "bool"), (1.0, "float"), (None, "NoneType")],
+)
+def test_column_of_another_type(task_feature, kind):
+    with pytest.raises(TypeError, match=rf"position \(int\) or the name .* not {kind}"):
+        locate_task_column(task_feature, 3)
+
+
+def test_column_name_without_names():
+    with pytest.raises(ValueError, match=r"'load' names a column, .*set_output\("):
+        locate_task_column("load", 3)
+
+
+def test_column_name_that_is_not_there():
+    with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
+        locate_task_column("load", 2, ["a", "b"])
+
+
+@pytest.mark.parametrize(
+    ("names", "advice"),
+    [
+        (
+            ["num__x", "remainder__load"],
+            r" Did you mean 'remainder__load'\? .*verbose_",
+        ),
+        (["load", "x"], r" Did you mean 'load'\?$"),
+        (["x", "LOADS"], r" Did you mean 'LOADS'\?$"),
+        ([0, "x"], r"'x'\]\.$"),
+    ],
+)
+def test_column_name_that_is_meant(names, advice):
+    name = "Load" if "load" in names else "load"
+    with pytest.raises(ValueError, match=f"{name!r} is not a column: .*{advice}"):
+        locate_task_column(name, 2, names)
+
+
+def test_tables_that_are_lists_keep_their_labels():
+    """NumPy would make floats of integers beside a float."""
+    table = [[0.5, BIG], [1.5, BIG + 1], [2.0, BIG + 2]]
+    model = BayesianLinearRegression().fit(table, [1.0, 2.0, 3.0])
+    assert model.tasks_.tolist() == [BIG, BIG + 1, BIG + 2]
+    assert task_labels(table).tasks.tolist() == model.tasks_.tolist()
+    with pytest.raises(ValueError, match=r"within 2\*\*53, .* 3 of 3 do not"):
+        BayesianLinearRegression().fit(np.array(table), [1.0, 2.0, 3.0])
+
+
+def test_frames_of_polars_keep_their_labels():
+    polars = pytest.importorskip("polars")
+    table = polars.DataFrame({"x": [0.5, 1.5], "load": [BIG, BIG + 1]})
+    model = BayesianLinearRegression(task_feature="load").fit(table, [1.0, 2.0])
+    assert model.tasks_.tolist() == [BIG, BIG + 1]
+    assert model.feature_names_in_.tolist() == ["x", "load"]
+    assert task_labels(table).tasks.tolist() == [BIG, BIG + 1]
+
+
+def test_split_of_an_array():
+    X = np.array([[0.5, 2.0, 1.5], [0.25, 1.0, 2.5]])
+    features, labels = split_table(X, 1)
+    np.testing.assert_array_equal(features, X[:, [0, 2]])
+    assert labels.of_rows().tolist() == [2, 1]
+
+
+@pytest.mark.parametrize("labels", [["b", "a"], [True, False], [2, 1]])
+@pytest.mark.parametrize("dtype", ["float64", "float32", "Float64", "object"])
+def test_split_of_a_frame_keeps_the_type(labels, dtype):
+    X = pd.DataFrame({"x": [0.5, 0.25], "load": labels}).astype({"x": dtype})
+    features, found = split_table(X, 1)
+    assert features.dtype == np.float64
+    np.testing.assert_array_equal(features, [[0.5], [0.25]])
+    assert found.of_rows().tolist() == labels
+    assert found.tasks.dtype.kind == np.array(labels).dtype.kind
+
+
+def test_split_with_a_missing_feature():
+    X = pd.DataFrame({"x": pd.array([0.5, None], dtype="Float64"), "load": ["a", "b"]})
+    with pytest.raises(ValueError, match="X contains NaN"):
+        split_table(X, 1)
+
+
+DAY = pd.Timestamp("2026-01-02")
+NO_NUMBERS = {
+    "the tasks": ({"site": ["A", "B"]}, r"'site' holds .*'A'.* task_feature='site'"),
+    "text": ({"u": ["1.5", "high"]}, r"'u' holds strings such as 'high'.*OneHotEnc"),
+    "missing text": ({"u": [None, "high"]}, "'u' holds strings such as 'high'"),
+    "categories": ({"u": pd.Categorical(["A", "B"])}, "'u' holds strings such as 'A'"),
+    "dates": ({"day": [DAY, DAY]}, "'day' holds dates or times such as 2026-01-02"),
+    "objects": ({"day": np.array([DAY, 1.0], object)}, "'day' holds dates or times"),
+    "durations": ({"age": [DAY - DAY, pd.NaT]}, "'age' holds dates or times"),
+}
+
+
+@pytest.mark.parametrize("alone", [False, True])
+@pytest.mark.parametrize(("column", "message"), NO_NUMBERS.values(), ids=NO_NUMBERS)
+def test_split_names_the_feature_that_is_no_number(column, message, alone):
+    X = pd.DataFrame({**column, "x": [0.5, 0.25], "z": [1, 2]})
+    X = X.drop(columns="x") if alone else X
+    with pytest.raises(ValueError, match=f"Features must be numbers, .*{message}"):
+        split_table(X, X.columns.get_loc("z"))
+
+
+def test_split_names_the_position_of_a_feature_without_a_name():
+    X = np.array([[0.5, "A", 1], [0.25, "B", 2]], object)
+    with pytest.raises(ValueError, match=r"column 1 holds .*'A'.*\(it is column 2 now"):
+        split_table(X, 2)
+
+
+def test_split_of_numbers_in_text():
+    features, _ = split_table(np.array([["0.5", "a"], ["0.25", "b"]], object), 1)
+    np.testing.assert_array_equal(features, [[0.5], [0.25]])
+
+
+FRAME = pd.DataFrame({"load": ["b", "a"], "x": [0.5, 0.25]})
+
+
+@pytest.mark.parametrize(
+    ("X", "task_feature", "expected"),
+    [
+        (FRAME, "load", ["b", "a"]),
+        (FRAME, -2, ["b", "a"]),
+        (FRAME.to_numpy(), 0, ["b", "a"]),
+        (FRAME.to_numpy().tolist(), 0, ["b", "a"]),
+        ([[0.5, 2], [0.25, 1]], -1, [2, 1]),
+        (np.array([[0.5, 2.0], [0.25, 1.0]]), -1, [2, 1]),
+    ],
+)
+def test_labels_of_a_table(X, task_feature, expected):
+    assert task_labels(X, task_feature).of_rows().tolist() == expected
+
+
+@pytest.mark.parametrize("labels", [["b", "a"], [2, 1]])
+def test_labels_of_a_frame_of_polars(labels):
+    X = pytest.importorskip("polars").DataFrame({"load": labels, "x": [0.5, 0.25]})
+    for place in ("load", 0):
+        assert task_labels(X, place).of_rows().tolist() == labels
+
+
+def test_labels_of_a_table_that_is_none():
+    with pytest.raises(ValueError, match="two-dimensional, but has 1 dimensions"):
+        task_labels([1, 2])
+
+
+@pytest.mark.parametrize("names", [None, ["a", "b", "temperature"]])
+@pytest.mark.parametrize("estimator", [MultiTaskGPRegressor, BayesianLinearRegression])
+def test_column_that_cannot_hold_the_tasks(estimator, names):
+    X = np.column_stack([[1, 1, 2], [2, 1, 1], [0.5, 1.0, 2.0]])
+    column, table = (2, X) if names is None else ("temperature", pd.DataFrame(X))
+    if names is not None:
+        table.columns = names
+    of = rf"\(task_feature=-1 of {estimator.__name__}\)"
+    with pytest.raises(ValueError, match=rf"^Column {column!r} {of} cannot hold the"):
+        estimator().fit(table, [1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=rf"^Column {column!r} \(task_feature=-1\) "):
+        task_labels(table)

@@ -1,0 +1,121 @@
+"""What scikit-learn users do with regressors, done with those of the package."""
+
+import pickle
+import subprocess
+import sys
+
+import joblib
+import pytest
+from citizens import ESTIMATORS, FRAME, Y, assert_same_bits, spreads
+from sklearn.base import clone
+from sklearn.pipeline import make_pipeline
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+KERNELS = "sklearn.gaussian_process.kernels."
+TERMS, EXPRESSIONS = "skmtgp.model._nodes.terms.", "skmtgp.model._nodes.expressions."
+POSTERIOR = {
+    f"{KERNELS}Hyperparameter",
+    f"{KERNELS}RBF",
+    f"{TERMS}BoundStationary",
+    f"{TERMS}StationaryNode",
+    f"{TERMS}_rbf",
+    "skmtgp.model._nodes.differences.Differences",
+    "skmtgp._numerics.linalg.Cholesky",
+    "skmtgp.inference.dense.DenseLikelihood",
+    "skmtgp.inference.dense.DensePosterior",
+}
+LOW_RANK = {
+    *POSTERIOR,
+    "skmtgp.multitask.MultiTaskGPRegressor",
+    "skmtgp.model.task_covariance.LowRank",
+}
+FIXED = {
+    *POSTERIOR,
+    f"{KERNELS}ConstantKernel",
+    f"{KERNELS}Product",
+    f"{TERMS}BoundConstant",
+    f"{EXPRESSIONS}BoundProduct",
+    f"{TERMS}ConstantNode",
+    f"{EXPRESSIONS}JoinedNode",
+    "skmtgp.model.task_covariance.FixedTaskCovariance",
+}
+DENSE = {
+    "skmtgp.inference.dense.DenseLikelihood",
+    "skmtgp.inference.dense.DensePosterior",
+}
+BY_INDUCING_INPUTS = {
+    "skmtgp.inference.features.Features",
+    "skmtgp.inference.sparse.SparseBound",
+    "skmtgp.inference.sparse_posterior.SparsePosterior",
+    "skmtgp.inference.weights.Covariances",
+}
+# What skops must be told to trust, for each estimator with its default kernel; another
+# kernel adds itself and its node in skmtgp.model._nodes.
+TRUSTED = {
+    "MultiTaskGPRegressor": LOW_RANK,
+    "IndependentGP": {*FIXED, "skmtgp.baselines.IndependentGP"},
+    "PooledGP": {*FIXED, "skmtgp.baselines.PooledGP"},
+    "SingleTaskGP": {
+        *FIXED,
+        "skmtgp.baselines.PooledGP",
+        "skmtgp.single_task.SingleTaskGP",
+    },
+    "BayesianLinearRegression": {
+        "skmtgp.linear.BayesianLinearRegression",
+        "skmtgp.inference.linear.LinearPosterior",
+    },
+    "RankSearchIC": {*LOW_RANK, "skmtgp.model_selection.RankSearchIC"},
+}
+
+
+def ours(types):
+    """Those of the package: a later skops may trust scikit-learn's by itself."""
+    return {name for name in types if name.startswith("skmtgp.")}
+
+
+ELSEWHERE = """
+import sys, joblib
+models, table = joblib.load(sys.argv[1])
+found = {
+    name: model.predict(table, return_std=True) for name, model in models.items()
+}
+joblib.dump(found, sys.argv[2])
+"""
+
+
+class TestPersistence:
+    def test_pickle(self, fitted):
+        again = pickle.loads(pickle.dumps(fitted))
+        assert repr(again) == repr(fitted)
+        assert_same_bits(spreads(again, FRAME), spreads(fitted, FRAME))
+
+    @pytest.mark.parametrize("compress", [0, 3])
+    def test_joblib(self, fitted, compress, tmp_path):
+        joblib.dump(fitted, tmp_path / "model", compress=compress)
+        again = joblib.load(tmp_path / "model")
+        assert_same_bits(spreads(again, FRAME), spreads(fitted, FRAME))
+
+    @pytest.mark.parametrize("as_pipeline", [False, True])
+    def test_skops(self, fitted, as_pipeline):
+        skops = pytest.importorskip("skops.io")
+        data = skops.dumps(make_pipeline(fitted) if as_pipeline else fitted)
+        trusted = TRUSTED[type(fitted).__name__]
+        if getattr(fitted, "inference_", None) == "sparse":
+            trusted = trusted - DENSE | BY_INDUCING_INPUTS
+        found = set(skops.get_untrusted_types(data=data))
+        assert found <= trusted
+        assert ours(found) == ours(trusted)
+        again = skops.loads(data, trusted=sorted(trusted))
+        assert_same_bits(spreads(again, FRAME), spreads(fitted, FRAME))
+
+    def test_another_process_predicts_the_same_bits(self, tmp_path):
+        models = {k: clone(v).fit(FRAME, Y) for k, v in ESTIMATORS.items()}
+        paths = tmp_path / "models", tmp_path / "found"
+        joblib.dump((models, FRAME), paths[0])
+        command = [sys.executable, "-W", "error", "-c", ELSEWHERE, *map(str, paths)]
+        subprocess.run(command, check=True, timeout=60)
+        found = joblib.load(paths[1])
+        for name, model in models.items():
+            assert_same_bits(found[name], model.predict(FRAME, return_std=True))

@@ -1,0 +1,263 @@
+"""The parameter `inference`: what is chosen, what is refused, and that both agree."""
+
+import warnings
+
+import building
+import numpy as np
+import pytest
+from same_inputs import LABELS, NEW, TARGETS, draw
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    DotProduct,
+    Matern,
+    WhiteKernel,
+)
+
+from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
+from skmtgp._estimators import base as _base
+from skmtgp._numerics import memory as _memory
+from skmtgp.exceptions import IncompleteDataWarning, InsufficientMemoryError
+from skmtgp.inference.choice import choose, depends_on_inputs_only, extended
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.extended import ExtendedLikelihood
+from skmtgp.kernels import Columns
+from skmtgp.model.task_covariance import low_rank
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+class OwnWhite(WhiteKernel):
+    """A user's kernel with noise of its own."""
+
+
+class OtherWhite(RBF):
+    """Another one."""
+
+    def __call__(self, X, Y=None, eval_gradient=False):
+        if Y is not None:
+            return super().__call__(X, Y)
+        K, gradient = super().__call__(X, eval_gradient=True)
+        K = K + 0.1 * np.eye(len(X))
+        return (K, gradient.reshape(*K.shape, -1)) if eval_gradient else K
+
+    def diag(self, X):
+        return super().diag(X) + 0.1
+
+
+WHITE = {
+    "sum": RBF(1.0) + WhiteKernel(1e-20, (1e-30, 1.0)),
+    "product": ConstantKernel(2.0) * WhiteKernel() + RBF(1.0),
+    "columns": Columns(RBF(1.0) + WhiteKernel(), [0]),
+    "user's": OwnWhite() + RBF(1.0),
+    "another user's": OtherWhite(1.0),
+}
+PURE = [RBF([1.0, 2.0]), Matern(1.0, nu=0.7) + DotProduct(), Columns(RBF(1.0), [1])]
+every_white = pytest.mark.parametrize("kernel", WHITE.values(), ids=WHITE)
+
+
+class TestChoice:
+    def choose(self, inference, X, kernel=PURE[0]):
+        tasks, codes = np.unique(X[:, -1].astype(int), return_inverse=True)
+        return choose(inference, kernel, X[:, :-1], codes, tasks)
+
+    @pytest.mark.parametrize("inference", ["auto", "kronecker"])
+    @pytest.mark.parametrize("kernel", PURE)
+    def test_complete_data(self, inference, kernel):
+        X, _ = draw()
+        assert self.choose(inference, X, kernel) == "kronecker"
+        assert self.choose("dense", X, kernel) == "dense"
+
+    def test_incomplete_data(self):
+        X, _ = draw()
+        for other in (X[1:], np.vstack([X, X[:1]]), np.vstack([X, X])):
+            assert self.choose("auto", other) == "dense"
+            assert self.choose("dense", other) == "dense"
+            with pytest.raises(ValueError, match="needs every task observed at the"):
+                self.choose("kronecker", other)
+
+    def test_one_task(self):
+        X, _ = draw()
+        X = X[X[:, -1] == 2]
+        assert self.choose("auto", X) == "dense"
+        assert self.choose("kronecker", X) == "kronecker"
+
+    @every_white
+    def test_noise_of_the_kernel(self, kernel):
+        X, _ = draw()
+        assert not depends_on_inputs_only(kernel, X[:, :-1])
+        assert self.choose("auto", X, kernel) == "dense"
+        with pytest.raises(ValueError, match="needs a kernel of the inputs alone, but"):
+            self.choose("kronecker", X, kernel)
+
+
+ESTIMATORS = [MultiTaskGPRegressor, IndependentGP, PooledGP]
+every_estimator = pytest.mark.parametrize("estimator", ESTIMATORS)
+
+
+@every_estimator
+def test_what_was_used(estimator):
+    X, y = draw()
+    for inference, used in [("auto", "kronecker"), ("dense", "dense")]:
+        model = estimator(inference=inference, max_iter=0).fit(X, y)
+        assert model.inference_ == used
+        assert model.complete_ is True
+    model = estimator(max_iter=0).fit(X[1:], y[1:])
+    assert (model.inference_, model.complete_) == ("dense", False)
+    model = estimator(inference="kronecker", max_iter=0).fit(X, y)
+    assert model.inference_ == "kronecker"
+
+
+def test_one_task_alone():
+    X, y = draw()
+    assert SingleTaskGP(max_iter=0).fit(X, y).inference_ == "dense"
+    model = SingleTaskGP(max_iter=0, inference="kronecker").fit(X, y)
+    assert model.inference_ == "kronecker"
+    expected = SingleTaskGP(max_iter=0).fit(X, y)
+    for found, of_dense in zip(
+        model.predict(X, return_std=True),
+        expected.predict(X, return_std=True),
+        strict=True,
+    ):
+        np.testing.assert_allclose(found, of_dense, rtol=1e-8)
+
+
+def missing(X, label, n_inputs):
+    """All rows but some of a task's."""
+    return np.delete(X, np.flatnonzero(X[:, -1] == label)[:n_inputs], axis=0)
+
+
+X = draw()[0]
+ERRORS = {
+    "one": (missing(X, 2, 1), "but task 2 lacks 1 of the 10 inputs. Complete the da"),
+    "two tasks": (
+        missing(missing(X, 2, 3), 5, 2),
+        "but task 2 lacks 3 of the 10 inputs, task 5 lacks 2 of the 10 inputs",
+    ),
+    "twice": (
+        np.vstack([X, X[X[:, -1] == 5][:2]]),
+        "but task 5 has 2 of the 10 inputs more than once. Complete",
+    ),
+    "both": (
+        np.vstack([missing(X, 0, 1), X[X[:, -1] == 5][:1]]),
+        "task 0 lacks 1 of the 10 inputs, task 5 has 1 of the 10 inputs more than",
+    ),
+    "different inputs": (
+        X + np.outer(X[:, -1], [1.0, 0.0, 0.0]),
+        "task 0 lacks 20 of the 30 inputs, task 2 lacks 20 of the 30 inputs, task 5",
+    ),
+    "many tasks": (
+        np.column_stack([np.arange(8.0), np.arange(8.0), np.arange(8)]),
+        "task 4 lacks 7 of the 8 inputs and 3 more. Complete the data, or set infe",
+    ),
+}
+
+
+@every_estimator
+@pytest.mark.parametrize(("X", "match"), ERRORS.values(), ids=ERRORS)
+def test_what_is_missing(estimator, X, match):
+    model = estimator(inference="kronecker", max_iter=0)
+    with pytest.raises(ValueError, match=match):
+        model.fit(X, np.arange(len(X), dtype=float))
+    assert not hasattr(model, "tasks_")
+
+
+def test_an_input_twice_of_one_task_alone():
+    X, y = draw()
+    twice = np.vstack([X, X[X[:, -1] == 5][:1]])
+    model = SingleTaskGP(inference="kronecker", max_iter=0)
+    with pytest.raises(ValueError, match="but task 5 has 1 of the 10 inputs more than"):
+        model.fit(twice, np.append(y, 0.0))
+    assert SingleTaskGP(max_iter=0).fit(twice, np.append(y, 0.0)).inference_ == "dense"
+
+
+@every_white
+def test_kernels_with_noise_are_refused(kernel):
+    X, y = draw()
+    model = MultiTaskGPRegressor(kernel, inference="kronecker", max_iter=0)
+    with pytest.raises(ValueError, match="Leave it to noise_variance, or set infer"):
+        model.fit(X, y)
+    assert model.set_params(inference="auto").fit(X, y).inference_ == "dense"
+
+
+def test_extended_keeps_to_the_method():
+    X, y = draw()
+    order = np.argsort(X[:, -1], kind="stable")
+    tasks, form = np.searchsorted(LABELS, X[order, -1]), low_rank(3, 1)
+    data, more = (X[order, :2], tasks, y[order]), low_rank(4, 1)
+    new = X[0, :2], 3, 0.0
+    grown = [np.append(a, [b], axis=0) for a, b in zip(data, new, strict=True)]
+    for build, expected in [
+        (building.dense, DenseLikelihood),
+        (building.kronecker, ExtendedLikelihood),
+    ]:
+        found = extended(build(RBF(), form, *data), more, *grown, 1, 3, RBF())
+        assert type(found) is expected
+    new = X[0, :2], 0, 1.0  # before the others
+    grown[1] = grown[1] + 1
+    again = [np.insert(a, 0, b, axis=0) for a, b in zip(grown, new, strict=True)]
+    found = extended(found, low_rank(5, 1), *again, 1, 0, RBF())
+    assert found.novel == [4, 0]
+
+
+class TestMemory:
+    @pytest.fixture(autouse=True)
+    def little(self, monkeypatch):
+        for between_tasks in ("OF_CLIMB", "OF_POSTERIOR"):
+            monkeypatch.setattr(_memory, between_tasks, 0)
+        # 3, one of the kernel's tiles and 8 that come and go
+        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 12 * 11**2)
+
+    def test_matrices_of_the_inputs_fit(self):
+        X, y = draw()
+        assert MultiTaskGPRegressor(max_iter=0).fit(X, y).inference_ == "kronecker"
+        with pytest.raises(InsufficientMemoryError, match="with 30 samples needs"):
+            MultiTaskGPRegressor(max_iter=0, inference="dense").fit(X, y)
+
+    def test_too_many_inputs(self):
+        X, y = draw(12)
+        with pytest.raises(InsufficientMemoryError, match="with 12 inputs of each ta"):
+            MultiTaskGPRegressor(max_iter=0).fit(X, y)
+
+    def test_a_task_of_too_many_samples(self):
+        X, y = draw()
+        model = MultiTaskGPRegressor(max_iter=0, rank=1).fit(X, y)
+        model.add_task(NEW[:1], TARGETS[:1])
+        with pytest.raises(InsufficientMemoryError, match="with 13 inputs of each ta"):
+            model.add_task(NEW, TARGETS)
+
+    def test_cells_that_are_missing(self):
+        """They are told where dense inference is for want of them alone."""
+        X, y = draw()
+        match = r"with 29 samples .*available\. 1 cell is missing of 10 inputs of 3 tas"
+        with pytest.raises(InsufficientMemoryError, match=match):
+            MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+        for model in (
+            MultiTaskGPRegressor(max_iter=0, inference="dense"),
+            MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0),
+        ):
+            with pytest.raises(InsufficientMemoryError, match=r"available\. Set inf"):
+                model.fit(X[1:], y[1:])
+
+
+class TestIncompleteData:
+    @pytest.fixture(autouse=True)
+    def few_are_many(self, monkeypatch):
+        monkeypatch.setattr(_base, "MANY", 28)
+
+    def test_warning(self):
+        X, y = draw()
+        match = r"1 cell is missing of 10 .* dense, of 29 samples\. See the user guid"
+        with pytest.warns(IncompleteDataWarning, match=match):
+            model = MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+        assert model.inference_ == "dense"
+
+    def test_no_warning(self, monkeypatch):
+        X, y = draw()
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", IncompleteDataWarning)
+            MultiTaskGPRegressor(max_iter=0).fit(X, y)
+            MultiTaskGPRegressor(max_iter=0, inference="dense").fit(X[1:], y[1:])
+            MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0).fit(X[1:], y[1:])
+            monkeypatch.setattr(_base, "MANY", 29)
+            MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])

@@ -1,0 +1,139 @@
+import time
+from itertools import pairwise
+
+import building
+import numpy as np
+import pytest
+from drawn import (
+    FACTOR,
+    NOISE,
+    RANKS,
+    TRUTH,
+    M,
+    configure,
+    draw,
+    is_stationary,
+    mode_at,
+    start_of,
+)
+
+from skmtgp.learning import climbing, problem
+from skmtgp.learning.climbing import climb, refine
+from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.stages import learn_fixed
+from skmtgp.model.task_covariance import identity, low_rank, ones
+
+
+class TestCoarseToFine:
+    @pytest.fixture
+    def small(self, monkeypatch):
+        """The coarsest level has 12 rows."""
+        monkeypatch.setattr(problem, "COARSE", 12)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
+        monkeypatch.setattr(problem, "REFINEMENT", 2.0)
+
+    @pytest.mark.parametrize("n_samples", [3, 10, 18, 35, 36])
+    def test_thinned(self, data, n_samples):
+        few = data.thinned(n_samples)
+        assert n_samples <= len(few.y) <= n_samples + M - 1
+        counts = np.bincount(few.tasks, minlength=M)
+        assert counts.min() >= 1
+        assert np.ptp(counts) <= 1  # all tasks have as many rows
+        assert (np.diff(few.tasks) >= 0).all()
+        where = [np.flatnonzero(data.y == y).item() for y in few.y]
+        np.testing.assert_array_equal(data.X[where], few.X)
+        np.testing.assert_array_equal(data.tasks[where], few.tasks)
+        assert len(set(where)) == len(where)
+
+    def test_every_task_is_kept(self):
+        tasks = np.repeat([0, 1, 2], [1, 2, 97])
+        X = np.arange(100.0)[:, None]
+        few = building.data(X, tasks, X[:, 0], 3).thinned(10)
+        np.testing.assert_array_equal(np.bincount(few.tasks), [1, 1, 10])
+
+    @pytest.mark.parametrize("part", ["thinned", "drawn"])
+    def test_time_does_not_grow_with_the_tasks_times_the_rows(self, part):
+        n, n_tasks = 200_000, 20_000
+        tasks = np.arange(n) // (n // n_tasks)
+        data = building.data(np.zeros((n, 1)), tasks, np.zeros(n), n_tasks)
+        begin = time.process_time()
+        some = getattr(data, part)(40_000)
+        assert time.process_time() - begin < 2.0  # 10 s, were it so
+        np.testing.assert_array_equal(np.bincount(some.tasks), 2)
+
+    @pytest.mark.usefixtures("small")
+    def test_levels_are_nested(self, data):
+        levels = data.levels()
+        assert [len(level.y) for level in levels] == [12, 21, 36]
+        assert levels[-1] is data
+        for few, more in pairwise(levels):
+            assert set(few.y) < set(more.y)
+
+    @pytest.mark.parametrize(
+        ("n", "M", "sizes"),
+        [
+            (280, 14, [280]),
+            (599, 14, [599]),
+            (896, 14, [300, 896]),
+            (2800, 14, [300, 916, 2800]),
+            (5600, 100, [2000, 5600]),
+        ],
+    )
+    def test_sizes_of_levels(self, n, M, sizes):
+        tasks = np.sort(np.arange(n) % M)
+        data = building.data(np.zeros((n, 1)), tasks, np.zeros(n), M)
+        found = [len(level.y) for level in data.levels()]
+        np.testing.assert_allclose(found, sizes, atol=M)
+        assert len(found) == len(sizes)
+
+    @pytest.mark.usefixtures("small")
+    def test_refine_ends_at_a_mode_of_all_rows(self, data):
+        settings, form = configure(tol=1e-6, max_iter=1000), low_rank(M, 2)
+        coarse = data.levels()[0]
+        first = climb(coarse, settings, form, start_of(settings, form))
+        mode = refine(data, settings, form, first)
+        assert mode.n_samples == len(data.y)
+        assert mode.n_iter > first.n_iter
+        assert mode.n_evaluations > first.n_evaluations
+        assert mode.seconds > first.seconds
+        assert is_stationary(data, settings, form, mode.theta)
+
+    @pytest.mark.usefixtures("small")
+    def test_refine_starts_with_noise_that_is_not_too_small(self, data, monkeypatch):
+        starts = []
+        settings, form = configure(), low_rank(M, 2)
+        mode = mode_at(
+            data, settings, form, np.r_[start_of(settings, form)[:-1], -22.0]
+        )
+
+        def stay(level, settings, form, theta, **options):
+            starts.append((len(level.y), theta[-1], *options))
+            return mode
+
+        monkeypatch.setattr(climbing, "climb", stay)
+        refine(data, settings, form, mode)
+        held = np.log(1e-5)
+        assert starts == [(21, held, "relaxed", "held"), (21, -22.0), (36, held)]
+        assert mode.theta[-1] == -22.0
+
+    @pytest.mark.usefixtures("small")
+    @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+    def test_learn_fixed(self, data, form):
+        settings = configure(tol=1e-6, max_iter=1000)
+        mode = learn_fixed(data, settings, form)
+        assert mode.n_samples == 36
+        assert is_stationary(data, settings, form, mode.theta)
+
+    def test_learn_ranks(self, monkeypatch):
+        monkeypatch.setattr(problem, "COARSE", 36)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
+        data, settings = draw(FACTOR @ FACTOR.T, per_task=30), configure()
+        assert len(data.levels()) == 2
+        [modes] = learn_ranks([(data, settings)], RANKS)
+        values = [mode.value for mode in modes]
+        assert (np.diff(values) >= 0.0).all()
+        for form, mode in zip(RANKS, modes, strict=True):
+            value = settings.likelihood(data, form).value(mode.theta)
+            np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+        theta = np.concatenate([TRUTH, FACTOR.ravel(), [np.log(NOISE)]])
+        assert values[1] > settings.likelihood(data, RANKS[1]).value(theta)

@@ -1,0 +1,167 @@
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from drawn import (
+    FACTOR,
+    NOISE,
+    RANKS,
+    TRUTH,
+    M,
+    configure,
+    draw,
+)
+from samples import Listener
+
+from skmtgp import MultiTaskGPRegressor
+from skmtgp.learning import climbing, problem, ranks
+from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.stages import first_stage, full_rank_start, perturbed, second_stage
+from skmtgp.model.task_covariance import identity, low_rank, ones
+
+
+@pytest.fixture(scope="module")
+def pairs(data):
+    other = draw(FACTOR @ FACTOR.T, seed=1)
+    return [(data, configure()), (other, configure(log_noise=np.full(M, -2.0)))]
+
+
+@pytest.fixture(scope="module")
+def learned(pairs):
+    return learn_ranks(pairs, RANKS)
+
+
+class TestLearnRanks:
+    def test_no_worse_than_the_truth(self, pairs, learned):
+        for (data, settings), modes in zip(pairs, learned, strict=True):
+            n_noise = len(settings.log_noise)
+            noise = np.full(n_noise, np.log(NOISE))
+            theta = np.concatenate([TRUTH, FACTOR.ravel(), noise])
+            truth = settings.likelihood(data, RANKS[1]).value(theta)
+            assert modes[1].value > truth
+
+    def test_values_do_not_fall_with_the_rank(self, learned):
+        for modes in learned:
+            assert (np.diff([mode.value for mode in modes]) >= 0.0).all()
+
+    def test_values_are_those_of_the_parameters(self, pairs, learned):
+        for (data, settings), modes in zip(pairs, learned, strict=True):
+            for form, mode in zip(RANKS, modes, strict=True):
+                value = settings.likelihood(data, form).value(mode.theta)
+                np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+
+    def test_outputs_are_learned_separately(self, pairs, learned):
+        alone = learn_ranks(pairs[1:], RANKS)
+        self.assert_same(alone, learned[1:])
+
+    @pytest.mark.parametrize("n_jobs", [1, 2])
+    def test_processes_do_not_matter(self, pairs, learned, n_jobs):
+        self.assert_same(learn_ranks(pairs, RANKS, n_jobs=n_jobs), learned)
+
+    def assert_same(self, one, other):
+        for modes, others in zip(one, other, strict=True):
+            for a, b in zip(modes, others, strict=True):
+                assert a.value == b.value
+                np.testing.assert_array_equal(a.theta, b.theta)
+                assert a[2:5] == b[2:5]
+
+    def test_starts(self, data, monkeypatch):
+        followed = []
+
+        def follow(jobs, **options):
+            followed.extend(starts for *_, starts in jobs)
+            return second_stage(jobs, **options)
+
+        monkeypatch.setattr(ranks, "second_stage", follow)
+        settings = configure(max_iter=3)
+        learn_ranks([(data, settings)], RANKS[:2], seeds=(5, 6))
+        plain = [first_stage(data, settings, form) for form in (identity(M), ones(M))]
+        full = full_rank_start(data, settings, plain[0])
+        expected = [*plain, full, perturbed(plain[0], 6)]
+        for starts in followed:
+            for start, other in zip(starts, expected, strict=True):
+                np.testing.assert_array_equal(start.kernel_theta, other.kernel_theta)
+                np.testing.assert_array_equal(start.K_rho, other.K_rho)
+        assert len(followed) == 2
+
+    @pytest.mark.parametrize("n_jobs", [1, 2])
+    def test_report(self, pairs, n_jobs):
+        pairs = [
+            (data, replace(settings, max_iter=1, name=f"output {j} of 2"))
+            for j, (data, settings) in enumerate(pairs, start=1)
+        ]
+        listener = Listener()
+        learn_ranks(pairs, RANKS, n_jobs=n_jobs, progress=listener)
+        pattern = (
+            r"output (\d) of 2, rank (\d): "
+            r"log marginal likelihood -?\d+\.\d\d \(scaled\) of 36 rows after \d+ "
+            r"iterations"
+        )
+        of_stage = "(, the best of 2 starts|, shaken|, without levels first): log"
+        pattern = pattern.replace(": log", of_stage)
+        assert listener.lines[0] is None  # the first of two starts
+        lines = [line for line in listener.lines if line]
+        found = [re.fullmatch(pattern, line).groups() for line in lines]
+        stages = ", the best of 2 starts", ", shaken", ", without levels first"
+        assert found == [(j, r, stage) for stage in stages for j in "12" for r in "123"]
+        assert listener.stages == [("starts", 12), ("learning", 6), ("levels", 6)]
+
+    def test_report_of_all_rows(self, monkeypatch):
+        monkeypatch.setattr(problem, "COARSE", 36)
+        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
+        pair = draw(FACTOR @ FACTOR.T, per_task=30), configure(max_iter=1)
+        listener = Listener()
+        learn_ranks([pair], RANKS[:1], progress=listener)
+        lines = [line.split(" log ")[0] for line in listener.lines if line]
+        stages = [
+            "the best of 2 starts",
+            "shaken",
+            "without levels first",
+            "from all rows",
+        ]
+        assert [line.split(", ")[-1] for line in lines] == [f"{s}:" for s in stages]
+
+    def test_report_of_each_climb(self, data, capsys, monkeypatch):
+        monkeypatch.setattr(climbing, "REPORT_EVERY", 5)
+        settings = configure(max_iter=12, name="torque", verbose=2)
+        learn_ranks([(data, settings)], RANKS[1:2])
+        lines = capsys.readouterr().out.splitlines()
+        pattern = (
+            r"\[skmtgp\] torque, (rank 2|fixed task covariance), 36 rows, "
+            r"iteration (\d+): log marginal likelihood -?\d+\.\d\d, "
+            r"noise variance \d\.\de[+-]\d\d of the target's"
+            r"(: no more gain|: budget spent|: no digits left|)"
+        )
+        found = [re.fullmatch(pattern, line) for line in lines]
+        assert all(found)
+        groups = [match.groups() for match in found]
+        assert ("rank 2", "5", "") in groups
+        assert ("rank 2", "12", ": budget spent") in groups
+        assert groups[0][0] == "fixed task covariance"
+
+    def test_quiet(self, pairs, capsys):
+        pairs = [(pairs[0][0], configure(max_iter=1))]
+        learn_ranks(pairs, [low_rank(M, 1)])
+        assert capsys.readouterr() == ("", "")
+
+    def test_one_task(self):
+        data = draw(np.ones((1, 1)), M=1, per_task=20)
+        settings, form = configure(), low_rank(1, 1)
+        [[mode]] = learn_ranks([(data, settings)], [form])
+        truth = np.r_[TRUTH, 1.0, np.log(NOISE)]
+        assert mode.value > settings.likelihood(data, form).value(truth)
+
+
+@pytest.mark.parametrize(("rank", "size"), [(3, 2.0), (6, 1.0)])
+def test_what_varies_little_is_not_noise(rank, size):
+    """A sine is small beside the levels of the tasks, and large beside the noise."""
+    rng = np.random.default_rng(0)
+    task, x = np.repeat(np.arange(6), 40), rng.uniform(0.0, 6.0, 240)
+    amplitudes = np.array([1.0, 0.9, 1.1, 1.2, 0.8, 1.0])
+    y = size * np.array([10, 35, 22, 80, 55, 41])[task] + amplitudes[task] * np.sin(x)
+    X, y = np.column_stack([x, task]), y + 0.05 * rng.standard_normal(240)
+    test = np.arange(240) % 4 == 0
+    model = MultiTaskGPRegressor(rank=rank).fit(X[~test], y[~test])
+    error = model.predict(X[test]) - y[test]
+    assert np.sqrt(np.square(error).mean()) < 0.1

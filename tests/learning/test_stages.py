@@ -1,0 +1,204 @@
+import tracemalloc
+from dataclasses import replace
+
+import building
+import numpy as np
+import pytest
+import textbook
+from drawn import (
+    FACTOR,
+    KERNEL,
+    NOISE,
+    TRUTH,
+    M,
+    configure,
+    draw,
+    is_stationary,
+    start_of,
+)
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from skmtgp.learning import stages
+from skmtgp.learning.climbing import annealed, climb, shake
+from skmtgp.learning.stages import (
+    Start,
+    augmented_task_covariance,
+    first_stage,
+    full_rank_start,
+    learn_fixed,
+    perturbed,
+    second_stage,
+)
+from skmtgp.model.task_covariance import identity, low_rank, ones
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+@pytest.mark.parametrize("n_noise", [1, M])
+def test_learn_fixed_is_no_worse_than_the_truth(form, seed, n_noise):
+    data = draw(form.matrix(np.empty(0)), seed)
+    settings = configure(log_noise=np.full(n_noise, np.log(0.1)))
+    mode = learn_fixed(data, settings, form)
+    truth = np.r_[TRUTH, np.full(n_noise, np.log(NOISE))]
+    assert mode.value >= settings.likelihood(data, form).value(truth)
+    assert is_stationary(data, settings, form, mode.theta)
+
+
+def literal_augmented_task_covariance(data, kernel, K_rho, noise):
+    """Section 3.2, word by word."""
+    X_hat = []  # "distinct x-configurations observed over all M contexts"
+    for x in data.X.tolist():
+        if x not in X_hat:
+            X_hat.append(x)
+    N, M = len(X_hat), data.n_tasks
+    T_aug = np.empty((N, M))
+    for i, x in enumerate(X_hat):
+        for m in range(M):
+            observed = data.y[(x == data.X).all(axis=1) & (data.tasks == m)]
+            T_aug[i, m] = (
+                np.mean(observed)
+                if len(observed)
+                else textbook.posterior(
+                    kernel, K_rho, noise, data.X, data.tasks, data.y, [x], [m]
+                )[0].item()
+            )
+    eta_squared = np.trace(T_aug.T @ T_aug) / (M * N)
+    K_x = kernel(np.array(X_hat))
+    return T_aug.T @ np.linalg.inv(K_x + eta_squared * np.eye(N)) @ T_aug / N
+
+
+class TestAugmentedTaskCovariance:
+    def posterior(self, data, form, kernel=KERNEL):
+        likelihood = building.dense(kernel, form, data.X, data.tasks, data.y)
+        return likelihood.posterior(np.r_[kernel.theta, np.log(0.1)])
+
+    @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+    @pytest.mark.parametrize("kernel", [KERNEL, RBF() + WhiteKernel(0.2)], ids=repr)
+    @pytest.mark.parametrize("rows", ["shared", "all shared", "distinct", "repeated"])
+    def test_section_3_2(self, data, form, kernel, rows):
+        X = data.X.copy()
+        if rows == "all shared":
+            X = np.tile(X[:12], (3, 1))
+        elif rows == "distinct":
+            X += np.linspace(0.0, 0.1, len(X))[:, None]
+        elif rows == "repeated":  # several observations of a task at one x
+            X[1] = X[0]
+        data = replace(data, X=X)
+        actual = augmented_task_covariance(data, self.posterior(data, form, kernel))
+        K_rho = form.matrix(np.empty(0))
+        expected = literal_augmented_task_covariance(data, kernel, K_rho, 0.1)
+        np.testing.assert_allclose(actual, expected, rtol=1e-9)
+
+    def test_trace_where_the_kernel_vanishes(self, data):
+        # "so that tr(K_aug^rho) = M if K_1^x were the zero matrix"
+        kernel = ConstantKernel(1e-14) * RBF()
+        posterior = self.posterior(data, ones(M), kernel)
+        trace = np.trace(augmented_task_covariance(data, posterior))
+        np.testing.assert_allclose(trace, M, rtol=1e-10)
+
+    def test_rank_is_not_that_of_the_initial_choice(self, data):
+        K_rho = augmented_task_covariance(data, self.posterior(data, ones(M)))
+        values = np.linalg.eigvalsh(K_rho)
+        assert values[0] > 0.01 * values[-1]
+
+    def test_memory(self):
+        """Few matrices between inputs and tasks, of which there may be as many."""
+        n, rng = 400, np.random.default_rng(0)
+        data = building.data(rng.uniform(size=(n, 2)), np.arange(n), np.ones(n), n)
+        posterior = self.posterior(data, identity(n), RBF())
+        tracemalloc.start()
+        augmented_task_covariance(data, posterior)
+        _, peak = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert peak < 4.5 * 8 * n**2
+
+    def test_does_not_change_the_data(self, data):
+        y = data.y.copy()
+        augmented_task_covariance(data, self.posterior(data, ones(M)))
+        np.testing.assert_array_equal(data.y, y)
+
+
+@pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
+def test_first_stage(data, form):
+    settings = configure()
+    start = first_stage(data, settings, form)
+    theta = start_of(settings, form)
+    mode = climb(data, settings, form, theta, relaxed=True)
+    np.testing.assert_array_equal(start.kernel_theta, mode.theta[:6])
+    expected = literal_augmented_task_covariance(
+        data,
+        KERNEL.clone_with_theta(mode.theta[:6]),
+        form.matrix(np.empty(0)),
+        np.exp(mode.theta[-1]),
+    )
+    np.testing.assert_allclose(start.K_rho, expected, rtol=1e-7)
+
+
+def test_second_stage_follows_every_start_and_keeps_the_best(data):
+    settings, form = configure(max_iter=20), low_rank(M, 2)
+    starts = [
+        Start(KERNEL.theta, np.ones((M, M))),
+        Start(TRUTH, FACTOR @ FACTOR.T),
+        Start(KERNEL.theta + 1.0, np.eye(M)),
+    ]
+    each = second_stage([(data, settings, form, [start]) for start in starts])
+    [best] = second_stage([(data, settings, form, starts)])
+    alone = max(each, key=lambda mode: mode.value)
+    assert best.value == alone.value
+    assert best.n_evaluations > alone.n_evaluations  # the other starts' count too
+    first = np.concatenate(
+        [TRUTH, form.parameters(FACTOR @ FACTOR.T), settings.log_noise]
+    )
+    expected = annealed(data, settings, form, first)
+    expected = shake(data, settings, form, expected, 2)
+    np.testing.assert_array_equal(each[1].theta, expected.theta)
+
+
+@pytest.mark.parametrize("shakes", [0, 1, 3])
+def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
+    shaken = []
+
+    def count(data, settings, form, mode, times):
+        shaken.append((mode.value, times))
+        return mode
+
+    monkeypatch.setattr(stages, "shake", count)
+    settings, form = configure(max_iter=20), low_rank(M, 2)
+    starts = [Start(TRUTH, FACTOR @ FACTOR.T), Start(KERNEL.theta, np.eye(M))]
+    alone = [
+        annealed(data, settings, form, start.theta(settings, form)) for start in starts
+    ]
+    second_stage([(data, settings, form, starts)], shakes=shakes)
+    [(value, times)] = shaken
+    assert times == shakes
+    assert value >= max(mode.value for mode in alone)
+
+
+def test_perturbed():
+    start = Start(KERNEL.theta, FACTOR @ FACTOR.T)
+    one, same, other = perturbed(start, 0), perturbed(start, 0), perturbed(start, 1)
+    np.testing.assert_array_equal(one.K_rho, same.K_rho)
+    np.testing.assert_array_equal(one.kernel_theta, same.kernel_theta)
+    assert not np.allclose(one.kernel_theta, other.kernel_theta)
+    assert not np.allclose(one.kernel_theta, start.kernel_theta)
+    np.testing.assert_array_equal(start.kernel_theta, KERNEL.theta)
+    assert np.linalg.matrix_rank(one.K_rho) == 2
+    assert np.linalg.eigvalsh(one.K_rho)[0] > -1e-12
+
+
+def test_full_rank_start(data):
+    """Its K_1 is that of a model of full rank, better than the one it begins with."""
+    settings = configure()
+    start = first_stage(data, settings, identity(M))
+    full, form = full_rank_start(data, settings, start), low_rank(M, M)
+    likelihood = settings.likelihood(data, form)
+
+    def value(K_rho, kernel):
+        rho = form.parameters(K_rho)
+        noises = [[log_noise] for log_noise in np.linspace(-8.0, 0.0, 17)]
+        thetas = [np.concatenate([kernel, rho, noise]) for noise in noises]
+        return max(likelihood.value(theta) for theta in thetas)
+
+    assert np.linalg.matrix_rank(full.K_rho) == M
+    before = value(np.eye(M), start.kernel_theta)
+    assert value(full.K_rho, full.kernel_theta) > before + 1.0

@@ -1,0 +1,220 @@
+"""The fitted model, its predictions, and the course of fit."""
+
+import numpy as np
+import pytest
+from multitask_models import MODELS, QUICK
+from samples import draw, log_densities
+from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    multitask,
+)
+from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.learning import paper, problem, ranks
+from skmtgp.learning.paper import learn_simultaneously, learn_staged
+from skmtgp.learning.ranks import learn_ranks
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+@pytest.fixture(params=[None, 2], ids=["one output", "two outputs"])
+def data(request):
+    return draw(n_outputs=request.param)
+
+
+@pytest.fixture(params=MODELS.values(), ids=MODELS)
+def model(request, data):
+    return MultiTaskGPRegressor(**request.param, **QUICK).fit(*data)
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """A model that tests share and leave alone."""
+    with pytest.warns(ConvergenceWarning):
+        return MultiTaskGPRegressor(rank=2, **QUICK).fit(*draw())
+
+
+LEARNERS = {
+    "annealed": learn_ranks,
+    "staged": learn_staged,
+    "simultaneous": learn_simultaneously,
+}
+
+
+class TestLearning:
+    @pytest.mark.parametrize("learning", LEARNERS)
+    @pytest.mark.parametrize("truncation", ["eigen", "cholesky"])
+    def test_learner_and_truncation_are_those_asked_for(
+        self, data, monkeypatch, learning, truncation
+    ):
+        called = []
+
+        def spying(name):
+            def spy(pairs, forms, **options):
+                called.append((name, [settings.truncation for _, settings in pairs]))
+                return LEARNERS[name](pairs, forms, **options)
+
+            return spy
+
+        for name, learner in LEARNERS.items():
+            monkeypatch.setattr(multitask, learner.__name__, spying(name))
+        MultiTaskGPRegressor(learning=learning, truncation=truncation, **QUICK).fit(
+            *data
+        )
+        assert called == [(learning, [truncation] * (data[1].size // len(data[1])))]
+
+    def test_default(self, fitted):
+        model = MultiTaskGPRegressor(
+            rank=2, learning="annealed", truncation="eigen", **QUICK
+        )
+        np.testing.assert_array_equal(model.fit(*draw()).theta_, fitted.theta_)
+
+    @pytest.mark.parametrize("learning", ["annealed", "staged"])
+    def test_truncation_changes_where_learning_begins(self, learning):
+        eigen, cholesky = (
+            MultiTaskGPRegressor(rank=1, learning=learning, truncation=how, max_iter=0)
+            .fit(*draw())
+            .task_covariance_
+            for how in ("eigen", "cholesky")
+        )
+        assert not np.allclose(eigen, cholesky)
+
+    @pytest.mark.parametrize("learning", LEARNERS)
+    @pytest.mark.parametrize("params", [{}, {"rank": 2, "diagonal": True}])
+    def test_attributes_reproduce_the_likelihood(self, data, learning, params):
+        model = MultiTaskGPRegressor(learning=learning, **params, **QUICK).fit(*data)
+        expected = log_densities(model, *data)
+        np.testing.assert_allclose(model.log_marginal_likelihoods_, expected, rtol=1e-9)
+
+    @pytest.mark.parametrize("learning", LEARNERS)
+    def test_random_state_determines_the_mode(self, learning):
+        model = MultiTaskGPRegressor(rank=2, learning=learning, **QUICK)
+        one, same, other = (
+            clone(model).set_params(random_state=seed).fit(*draw()).theta_
+            for seed in (0, 0, 1)
+        )
+        np.testing.assert_array_equal(one, same)
+        assert np.array_equal(one, other) == (learning != "simultaneous")
+
+    @pytest.mark.parametrize("learning", ["staged", "simultaneous"])
+    def test_more_starts_never_hurt(self, learning):
+        spent, values = [], []
+        for n in (0, 1, 3):
+            model = MultiTaskGPRegressor(
+                rank=2,
+                learning=learning,
+                n_restarts_optimizer=n,
+                random_state=0,
+                **QUICK,
+            ).fit(*draw())
+            spent.append(model.n_evaluations_)
+            values.append(model.log_marginal_likelihood_value_)
+        assert (np.diff(spent) > 0).all()
+        assert (np.diff(values) >= 0.0).all()
+
+    def test_all_find_the_mode_where_there_is_but_one(self):
+        values = [
+            MultiTaskGPRegressor(rank=2, learning=learning, random_state=0)
+            .fit(*draw(per_task=20))
+            .log_marginal_likelihood_value_
+            for learning in LEARNERS
+        ]
+        np.testing.assert_allclose(values, max(values), atol=0.05)
+
+    def test_search_learns_as_its_estimator_does(self):
+        for learning in LEARNERS:
+            model = MultiTaskGPRegressor(
+                learning=learning, truncation="cholesky", random_state=0, **QUICK
+            )
+            best = RankSearchIC(model, ranks=[2]).fit(*draw()).best_estimator_
+            alone = clone(model).set_params(rank=2).fit(*draw())
+            np.testing.assert_array_equal(best.theta_, alone.theta_)
+            assert (best.learning, best.truncation) == (learning, "cholesky")
+
+    @pytest.mark.parametrize("name", ["learning", "truncation"])
+    def test_bad_value(self, name):
+        model = MultiTaskGPRegressor(**{name: "bad"})
+        with pytest.raises(ValueError, match=rf"'{name}' .* must be a str among"):
+            model.fit(*draw())
+
+
+class TestEvaluations:
+    """n_evaluations_ is what fit spent: likelihoods with their gradients."""
+
+    @pytest.fixture
+    def count(self, monkeypatch):
+        calls, plain = [], DenseLikelihood.value_and_grad
+
+        def counting(self, theta):
+            calls.append(len(self.y))
+            return plain(self, theta)
+
+        monkeypatch.setattr(DenseLikelihood, "value_and_grad", counting)
+        return calls
+
+    @pytest.fixture(params=[False, True], ids=["all rows", "coarse to fine"])
+    def levels(self, request, monkeypatch):
+        if request.param:
+            monkeypatch.setattr(problem, "COARSE", 12)
+            monkeypatch.setattr(problem, "COARSE_PER_TASK", 4)
+            monkeypatch.setattr(problem, "REFINEMENT", 2.0)
+        return request.param
+
+    @pytest.mark.parametrize(
+        "model",
+        [
+            MultiTaskGPRegressor(),
+            MultiTaskGPRegressor(diagonal=True, noise="per_task", rank=1),
+            MultiTaskGPRegressor(n_restarts_optimizer=2, random_state=0),
+            MultiTaskGPRegressor(learning="staged", rank=2),
+            MultiTaskGPRegressor(learning="staged", n_restarts_optimizer=2, rank=2),
+            MultiTaskGPRegressor(learning="simultaneous", n_restarts_optimizer=1),
+            IndependentGP(),
+            PooledGP(diagonal=True),
+            SingleTaskGP(),
+        ],
+        ids=repr,
+    )
+    def test_of_a_model(self, model, data, count, levels):
+        model = clone(model).set_params(max_iter=8).fit(*data)
+        assert model.n_evaluations_ == len(count) > 5
+        whole = getattr(model, "learning", "") in ("staged", "simultaneous")
+        if not isinstance(model, SingleTaskGP):  # ten rows are too few for levels
+            assert (len(set(count)) > 1) == (levels and not whole)
+
+    @pytest.mark.usefixtures("levels")
+    @pytest.mark.parametrize("learning", LEARNERS)
+    def test_of_a_search(self, data, count, monkeypatch, learning):
+        """What the ranks share is counted for each."""
+        shared = []
+
+        def counted(plain):
+            def shares(*args, **options):
+                before = len(count)
+                starts = plain(*args, **options)
+                shared.append(len(count) - before)
+                return starts
+
+            return shares
+
+        make_starts, hidden_starts = counted(ranks.make_starts), ranks.hidden_starts
+        for module in (ranks, paper):
+            monkeypatch.setattr(module, "make_starts", make_starts)
+        monkeypatch.setattr(ranks, "hidden_starts", counted(hidden_starts))
+        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=8)
+        search = RankSearchIC(model, ranks=(1, 2, 3), keep_estimators=True).fit(*data)
+        total = sum(model.n_evaluations_ for model in search.estimators_)
+        assert total - 2 * sum(shared) == len(count)
+        assert search.best_estimator_.n_evaluations_ < len(count)
+
+    @pytest.mark.parametrize("learning", LEARNERS)
+    def test_of_a_single_rank(self, data, count, learning):
+        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=8)
+        search = RankSearchIC(model, ranks=[2]).fit(*data)
+        assert search.best_estimator_.n_evaluations_ == len(count)

@@ -22,6 +22,8 @@ from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["RankSearchIC", "TaskStratifiedKFold"]
 
+MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
+
 
 class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     r"""Multi-task GP whose rank is chosen by an information criterion.
@@ -41,8 +43,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     ----------
     estimator : MultiTaskGPRegressor, default=None
         The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
-    ranks : sequence of int, default=(2, 4, 5, 6, 8, 10)
-        Ranks to compare. Those above the number of tasks count as that number.
+    ranks : sequence of int, default=None
+        Ranks to compare. Those above the number of tasks count as that number. 0 is one
+        function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
+        the number of tasks; the paper has (2, 4, 5, 6, 8, 10).
     criterion : {"bic", "aic", "hqc"}, default="bic"
         Which criterion chooses.
     keep_estimators : bool, default=False
@@ -99,7 +103,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     _parameter_constraints = {
         "estimator": [MultiTaskGPRegressor, None],
-        "ranks": ["array-like"],
+        "ranks": ["array-like", None],
         "criterion": [StrOptions({"bic", "aic", "hqc"})],
         "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
@@ -110,7 +114,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         self,
         estimator: MultiTaskGPRegressor | None = None,
         *,
-        ranks: ArrayLike = (2, 4, 5, 6, 8, 10),
+        ranks: ArrayLike | None = None,
         criterion: Literal["bic", "aic", "hqc"] = "bic",
         keep_estimators: bool = False,
         n_jobs: int | None = None,
@@ -192,13 +196,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return max(self.verbose, getattr(self.estimator, "verbose", 0))
 
     def _check_ranks(self, n_tasks):
+        if self.ranks is None:
+            return list(range(min(n_tasks, MOST_RANK) + 1))
         ranks = np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
             raise ValueError(
                 f"ranks={self.ranks!r} must be a sequence of one or more integers."
             )
-        if ranks.min() < 1:
-            raise ValueError(f"ranks={self.ranks!r} must be 1 or more.")
+        if ranks.min() < 0:
+            raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")
         return np.unique(np.minimum(ranks, n_tasks)).tolist()
 
     def _model(self):
@@ -336,7 +342,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
 def _fitted(model, training, rank, problems, modes):
     """A copy of the model that has learned these modes."""
-    model = copy(model).set_params(rank=rank)
+    model = copy(model).set_params(rank=rank, shared=model.shared or rank == 0)
     model._store(training, problems, modes)
     return model
 

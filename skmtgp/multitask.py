@@ -216,7 +216,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     _parameter_constraints = {
         **BaseMultiTaskGP._parameter_constraints,
-        "rank": [Interval(Integral, 1, None, closed="left"), None],
+        "rank": [Interval(Integral, 0, None, closed="left"), None],
+        "shared": ["boolean"],
         "diagonal": ["boolean"],
         "task_levels": ["boolean"],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
@@ -230,6 +231,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         kernel: Kernel | None = None,
         *,
         rank: int | None = None,
+        shared: bool = False,
         diagonal: bool = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
@@ -252,6 +254,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     ) -> None:
         self.kernel = kernel
         self.rank = rank
+        self.shared = shared
         self.diagonal = diagonal
         self.task_levels = task_levels
         self.task_feature = task_feature
@@ -278,16 +281,22 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
+        if self.rank == 0 and not self.shared:
+            raise ValueError(
+                "rank=0 leaves tasks nothing in common: set shared=True, for one "
+                "function of all of them, or rank=1 or more."
+            )
         form = self._form(M, self._rank(M))
         (modes,) = self._learn_ranks(problems, [form], progress)
         return [problem.with_form(form) for problem in problems], modes
 
     def _form(self, n_tasks, rank):
         """The form of K^rho."""
-        return low_rank(n_tasks, rank, self.diagonal)
+        shared = self.shared or rank == 0
+        return low_rank(n_tasks, rank, self.diagonal, shared)
 
     def _rank(self, n_tasks):
-        return self.rank or n_tasks
+        return n_tasks if self.rank is None else self.rank
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer

@@ -33,19 +33,30 @@ class BorderLikelihood:
         Whether there is a w.
     level : float, default=0.0
         Variance of its level.
+    shared : float, default=None
+        What the novel task has of a function that all tasks share alike, if they do;
+        `factor` is then without it.
 
     Attributes
     ----------
     means : ndarray of shape (rank, n_samples)
         Posterior means of the latent functions at X.
+    y : ndarray of shape (n_samples,)
+        Targets, less the mean of the function that all share.
     """
 
-    def __init__(self, posterior, factor, X, y, noise, own, level=0.0):
+    def __init__(self, posterior, factor, X, y, noise, own, level=0.0, shared=None):
         self.rank, self.own, self.y = factor.shape[1], own, y
         self.noise, self.level = noise, level
         self.K_x = posterior.kernel(X)
+        self.fixed = np.array([] if shared is None else [shared])
+        factor = np.hstack([np.tile(self.fixed, (len(factor), 1)), factor])
         # halves: C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
-        self.means, self.halves = posterior.latent(X, factor)
+        means, halves = posterior.latent(X, factor)
+        of_fixed, self.means = np.split(means, [len(self.fixed)])
+        self.y = y - self.fixed @ of_fixed
+        self.half_of_fixed = np.tensordot(self.fixed, halves[: len(self.fixed)], axes=1)
+        self.halves = halves[len(self.fixed) :]
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
@@ -98,7 +109,9 @@ class BorderLikelihood:
 
     def _covariance(self, row):
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
-        half = np.tensordot(row[: self.rank], self.halves, axes=1)
-        S = (row @ row) * self.K_x - half.T @ half + self.level
+        half = self.half_of_fixed
+        half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
+        amplitude = row @ row + self.fixed @ self.fixed
+        S = amplitude * self.K_x - half.T @ half + self.level
         S.flat[:: len(S) + 1] += self.noise
         return S, half

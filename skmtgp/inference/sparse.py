@@ -244,7 +244,9 @@ def check_latent(form):
     form : FixedTaskCovariance, LowRank or another
         Form of K^rho, perhaps inside of others.
     """
-    inner = getattr(form, "form", form)
+    inner = form
+    while hasattr(inner, "form"):
+        inner = inner.form
     missing = [name for name in LATENT if not hasattr(inner, name)]
     if missing:
         raise ValueError(

@@ -66,8 +66,12 @@ def _embed(lower, higher, mode):
     The best new columns are along the leading eigenvectors of dL / dK^rho; their
     length is the best of a few.
     """
-    D = lower.likelihood().task_gradient(mode.theta)
     form, prior = lower.prior.task_covariance, higher.prior
+    if form.shared != prior.task_covariance.shared:  # 1 1^T is of rank 1
+        K_rho = lower.prior.K_rho_at(mode.theta)
+        same = prior.with_rho(mode.theta, prior.task_covariance.parameters(K_rho))
+        return same, same
+    D = lower.likelihood().task_gradient(mode.theta)
     added = prior.task_covariance.rank - form.rank
     with limit_threads(len(D)):
         columns = np.linalg.eigh(D)[1][:, -added:]

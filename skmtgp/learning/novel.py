@@ -15,7 +15,6 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
-from skmtgp.model.task_covariance import WithDiagonal
 
 
 def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, budget):
@@ -58,8 +57,10 @@ def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, 
     _check_extensible(prior.task_covariance)
     values = prior.values(theta)
     factor = prior.task_covariance.columns(values.rho)
+    shared = prior.shared_loading(theta)
     noise = np.exp(prior.log_noise_at(theta).mean())  # if the tasks have one each
-    border = BorderLikelihood(posterior, factor, X, y, noise, own, values.level)
+    known = {"level": values.level, "shared": shared}
+    border = BorderLikelihood(posterior, factor, X, y, noise, own, **known)
     with limit_threads(len(y)):
         best = learn_border(border, factor, budget, informed=informed)
         value = border.value(best.x)
@@ -71,7 +72,9 @@ def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, 
 
 def _check_extensible(form):
     """Raise a ValueError where a form of K^rho cannot get one more task."""
-    inner = form.form if isinstance(form, WithDiagonal) else form
+    inner = form
+    while hasattr(inner, "form"):
+        inner = inner.form
     missing = [name for name in ("columns", "bordered") if not hasattr(inner, name)]
     if missing:
         raise ValueError(

@@ -169,6 +169,17 @@ class Prior:
         """Logarithms of the noise variances at theta, of shape (n_noise,)."""
         return self._split(theta)[3]
 
+    def shared_loading(self, theta):
+        """What each task has of a function that all share alike; None without one."""
+        form = self.task_covariance
+        if not form.shared:
+            return None
+        return form.unseen(self._split(theta)[1])[0][0]
+
+    def unseen(self, theta):
+        """A task without data at theta, see `WithShared.unseen`; None if unknown."""
+        return self.task_covariance.unseen(self._split(theta)[1])
+
     def theta(
         self, *, kernel=None, K_rho=None, log_noise=None, like=None, truncation="eigen"
     ):

@@ -16,6 +16,7 @@ from skmtgp._numerics.parallel import limit_threads
 
 FACTOR_BOUND = 10.0
 KAPPA_BOUNDS = (1e-16, 1e4)
+SHARED_BOUNDS = (1e-12, FACTOR_BOUND**2)
 
 
 class OfTasks(NamedTuple):
@@ -46,6 +47,7 @@ class FixedTaskCovariance:
     """
 
     n_parameters = n_free = n_kappa = 0
+    shared = False
 
     def __init__(self, matrix):
         self._matrix = matrix
@@ -67,6 +69,12 @@ class FixedTaskCovariance:
         values, vectors = np.linalg.eigh(self._matrix)
         kept = values > 1e-12 * values[-1]
         return lower_trapezoid(vectors[:, kept] * np.sqrt(values[kept]))
+
+    def unseen(self, parameters):
+        """A task without data, if all are one function: see WithShared.unseen."""
+        if (self._matrix != self._matrix[0, 0]).any():
+            return None
+        return self._matrix[0, :1], 0.0
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from D = dL / dK^rho."""
@@ -99,7 +107,7 @@ class LowRank:
     n_tasks : int
         Number of tasks M.
     rank : int
-        Rank r of F F^T, 1 to M.
+        Rank r of F F^T, 0 to M.
 
     Attributes
     ----------
@@ -118,6 +126,7 @@ class LowRank:
     """
 
     n_kappa = 0
+    shared = False
 
     def __init__(self, n_tasks, rank):
         self.n_tasks, self.rank = n_tasks, rank
@@ -153,6 +162,9 @@ class LowRank:
     def factor(self, parameters):
         """F rotated to a lower trapezoid, of shape (n_tasks, rank)."""
         return lower_trapezoid(self.columns(parameters))
+
+    def unseen(self, parameters):
+        """A task without data: None, for it may be any function."""
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
@@ -219,32 +231,145 @@ class LowRank:
         return LowRank(*F.shape), F.ravel()
 
 
-class WithDiagonal:
-    """Another task covariance + diag(kappa), kappa one positive number for each task.
+class Enlarged:
+    """Another task covariance and something more, whose logarithms come last.
 
     Parameters
     ----------
-    form : FixedTaskCovariance or LowRank
-        The other one. Its parameters come first, the logarithms of kappa last.
+    form : FixedTaskCovariance, LowRank or another
+        The other one. Its parameters come first.
+    n_more : int
+        How many positive numbers come last.
     """
 
-    def __init__(self, form):
-        self.form, self.n_tasks = form, form.n_tasks
-        self.n_kappa = form.n_tasks
-        self.n_parameters = form.n_parameters + form.n_tasks
-        self.n_free = form.n_free + form.n_tasks
-
-    def __str__(self):
-        return f"{self.form} and diagonal"
+    def __init__(self, form, n_more):
+        self.form, self.n_tasks, self.n_more = form, form.n_tasks, n_more
+        self.n_parameters = form.n_parameters + n_more
+        self.n_free = form.n_free + n_more
 
     @property
     def rank(self):
         """Rank of the other one."""
         return self.form.rank
 
+    @property
+    def shared(self):
+        """Whether one function of all tasks is part of it."""
+        return self.form.shared
+
     def _split(self, parameters):
-        parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
-        return parameters, np.exp(log_kappa)
+        parameters, logarithms = np.split(parameters, [self.form.n_parameters])
+        return parameters, np.exp(logarithms)
+
+    def _with_same(self, of_form, parameters):
+        """Parameters of the other one, and the last of these."""
+        return np.concatenate([of_form, parameters[self.form.n_parameters :]])
+
+    def columns(self, parameters):
+        """The other one's F as it is learned, of shape (n_tasks, rank)."""
+        return self.form.columns(self._split(parameters)[0])
+
+    def factor(self, parameters):
+        """The other one's factor, of shape (n_tasks, rank)."""
+        return self.form.factor(self._split(parameters)[0])
+
+    def grown(self, parameters, columns):
+        """Parameters of the model of a higher rank: F with these columns added."""
+        grown = self.form.grown(self._split(parameters)[0], columns)
+        return self._with_same(grown, parameters)
+
+
+class WithShared(Enlarged):
+    """Another task covariance + a 1 1^T: a function that all tasks share alike.
+
+    Parameters
+    ----------
+    form : LowRank
+        The other one. Its parameters come first, the logarithm of a last.
+    """
+
+    n_kappa, shared = 0, True
+
+    def __init__(self, form):
+        super().__init__(form, 1)
+
+    def __str__(self):
+        return f"shared and {self.form}" if self.rank else "shared"
+
+    def bounds(self, scale):
+        """Bounds of the parameters, of shape (n_parameters, 2)."""
+        shared = np.log(np.multiply(SHARED_BOUNDS, scale**2))
+        return np.vstack([self.form.bounds(scale), shared])
+
+    def matrix(self, parameters):
+        """K^rho, of shape (n_tasks, n_tasks)."""
+        parameters, [a] = self._split(parameters)
+        return self.form.matrix(parameters) + a
+
+    def unseen(self, parameters):
+        """A task without data, by what all share and what varies among them.
+
+        Returns
+        -------
+        loadings : ndarray of shape (n_common,)
+            Of the functions that all tasks share alike.
+        own : float
+            Variance of what it has beside these: the average over the tasks.
+        """
+        parameters, a = self._split(parameters)
+        return np.sqrt(a), np.diagonal(self.form.matrix(parameters)).mean()
+
+    def latent(self, parameters):
+        """F and kappa: a column of sqrt(a), then the other one's."""
+        parameters, a = self._split(parameters)
+        F, kappa = self.form.latent(parameters)
+        return np.column_stack([np.full(self.n_tasks, np.sqrt(a)), F]), kappa
+
+    def pull_back(self, parameters, D):
+        """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
+        parameters, a = self._split(parameters)
+        return np.concatenate([self.form.pull_back(parameters, D), a * D.sum()])
+
+    def pull_back_latent(self, parameters, d_F, d_kappa):
+        """Gradient of the parameters, from those of F and kappa."""
+        parameters, a = self._split(parameters)
+        gradient = self.form.pull_back_latent(parameters, d_F[:, 1:], d_kappa)
+        return np.concatenate([gradient, 0.5 * np.sqrt(a) * d_F[:, 0].sum()])
+
+    def derivatives(self, parameters):
+        """Derivatives of K^rho: the other one's, and a matrix."""
+        parameters, [a] = self._split(parameters)
+        yield from self.form.derivatives(parameters)
+        yield np.full((self.n_tasks, self.n_tasks), a)
+
+    def parameters(self, K, truncation="eigen"):
+        """Parameters from K: a is the mean beside its diagonal, but not all of it."""
+        total, M = np.trace(K) / len(K), len(K)
+        beside = (K.sum() - np.trace(K)) / max(1, M * (M - 1))
+        a = np.clip(beside, 1e-2 * total + np.finfo(float).tiny, None)
+        return np.append(self.form.parameters(K - a, truncation), np.log(a))
+
+    def bordered(self, parameters, row, own, position):
+        """The model of one more task, which shares the same function."""
+        form, inner = self.form.bordered(self._split(parameters)[0], row, own, position)
+        return WithShared(form), self._with_same(inner, parameters)
+
+
+class WithDiagonal(Enlarged):
+    """Another task covariance + diag(kappa), kappa one positive number for each task.
+
+    Parameters
+    ----------
+    form : FixedTaskCovariance, LowRank or WithShared
+        The other one. Its parameters come first, the logarithms of kappa last.
+    """
+
+    def __init__(self, form):
+        super().__init__(form, form.n_tasks)
+        self.n_kappa = form.n_tasks
+
+    def __str__(self):
+        return f"{self.form} and diagonal"
 
     def bounds(self, scale):
         """Bounds of the parameters, of shape (n_parameters, 2)."""
@@ -256,13 +381,11 @@ class WithDiagonal:
         parameters, kappa = self._split(parameters)
         return self.form.matrix(parameters) + np.diag(kappa)
 
-    def columns(self, parameters):
-        """The other one's F as it is learned, of shape (n_tasks, rank)."""
-        return self.form.columns(self._split(parameters)[0])
-
-    def factor(self, parameters):
-        """The other one's factor, of shape (n_tasks, rank)."""
-        return self.form.factor(self._split(parameters)[0])
+    def unseen(self, parameters):
+        """A task without data: the other one's, and the mean of kappa."""
+        parameters, kappa = self._split(parameters)
+        known = self.form.unseen(parameters)
+        return known and (known[0], known[1] + kappa.mean())
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
@@ -296,11 +419,6 @@ class WithDiagonal:
         floor = 1e-6 * np.trace(K) / len(K) + np.finfo(float).tiny
         return np.concatenate([parameters, np.log(np.maximum(rest, floor))])
 
-    def grown(self, parameters, columns):
-        """Parameters of the model of a higher rank: F with these columns added."""
-        parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
-        return np.concatenate([self.form.grown(parameters, columns), log_kappa])
-
     def with_smallest(self, parameters, scale):
         """Parameters of the other one with the smallest diagonal of their bounds."""
         smallest = self.bounds(scale)[-self.n_kappa :, 0]
@@ -326,9 +444,10 @@ def ones(n_tasks, diagonal=False):
     return WithDiagonal(form) if diagonal else form
 
 
-def low_rank(n_tasks, rank, diagonal=False):
-    """K^rho = F F^T of the given rank (mGP)."""
+def low_rank(n_tasks, rank, diagonal=False, shared=False):
+    """K^rho = F F^T of the given rank (mGP), perhaps with a function that all share."""
     form = LowRank(n_tasks, rank)
+    form = WithShared(form) if shared else form
     return WithDiagonal(form) if diagonal else form
 
 
@@ -337,7 +456,7 @@ def leading_eigenvectors(K, rank):
     with limit_threads(len(K)):
         values, vectors = np.linalg.eigh(K)
     F = vectors * np.sqrt(np.maximum(values, 0.0))
-    return F[:, : -rank - 1 : -1]
+    return F[:, ::-1][:, :rank]
 
 
 def leading_columns(K, rank):
@@ -365,6 +484,8 @@ def lower_trapezoid(F):
     L : ndarray of shape (n_tasks, rank)
         The factor of the incomplete Cholesky decomposition.
     """
+    if not F.shape[1]:
+        return F
     L = np.linalg.qr(F.T, mode="r").T
     signs = np.where(np.diagonal(L) < 0.0, -1.0, 1.0)
     return np.tril(L * signs)

@@ -363,6 +363,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     def _form_for_screening(self, n_tasks):
         return ones(n_tasks, self.diagonal)
 
+    def _shares(self):
+        return True
+
     def __init__(
         self,
         kernel: Kernel | None = None,

@@ -128,12 +128,16 @@ def check_new_task(estimator, X, y):
     return features, label, y.reshape(len(y), -1)
 
 
-def check_test(estimator, X):
-    """Features and positions of the tasks in `tasks_`, from what the user passed."""
+def check_test(estimator, X, *, unseen=False):
+    """Features and positions of the tasks in `tasks_`, from what the user passed.
+
+    If other tasks may be `unseen`, theirs are beyond.
+    """
     refuse_dask("X", X, BY_PARTITIONS)
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
     can_join = hasattr(estimator, "add_task")
-    return features, encode_tasks(labels, estimator.tasks_, can_join=can_join)
+    options = {"can_join": can_join, "unseen": unseen}
+    return features, encode_tasks(labels, estimator.tasks_, **options)
 
 
 def _split(estimator, table):

@@ -225,7 +225,7 @@ def _dtype(labels):
     return np.uint64 if labels[0] >= 0 and labels[-1] >= 2**63 else np.int64
 
 
-def encode_tasks(labels, tasks, *, can_join=False):
+def encode_tasks(labels, tasks, *, can_join=False, unseen=False):
     """Index in `tasks` of each row's label.
 
     Parameters
@@ -236,11 +236,13 @@ def encode_tasks(labels, tasks, *, can_join=False):
         Known tasks, sorted.
     can_join : bool, default=False
         Whether the model has a method ``add_task``, which the error then names.
+    unseen : bool, default=False
+        Whether the model knows what to say of other tasks.
 
     Returns
     -------
     codes : ndarray of shape (n_samples,)
-        0 to n_tasks - 1.
+        0 to n_tasks - 1, and from n_tasks on those of other tasks.
 
     Raises
     ------
@@ -255,6 +257,9 @@ def encode_tasks(labels, tasks, *, can_join=False):
         "strings" if of.dtype.kind == "U" else "numbers" for of in (unknown, tasks)
     ]
     differ = kinds[0] != kinds[1]
+    if unseen and not differ:
+        found[found < 0] = len(tasks) + np.arange(len(unknown))
+        return found[labels.codes]
     what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
     why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
     join = ", or let it join with add_task" * can_join

@@ -182,17 +182,41 @@ class FittedGP(PosteriorMixin, Estimator):
                 f"arrays, or to a part of the rows that fits in memory. {PARALLEL}"
             )
 
+    def _knows_unseen(self):
+        """Whether one function of all tasks says what to expect of another one."""
+        return not self._units.per_task and self._shares()
+
+    def _shares(self):
+        """Whether all tasks share a function alike."""
+        return getattr(self, "shared", False)
+
+    def _posteriors_for(self, codes):
+        """The posteriors, with tasks that were never seen if there are any."""
+        n_unseen = max(0, codes.max(initial=0) + 1 - len(self.tasks_))
+        if not n_unseen:
+            return self._posteriors
+        parts = np.split(self.theta_, len(self._likelihoods))
+        return [
+            posterior.with_unseen(*likelihood.prior.unseen(theta), n_unseen)
+            for posterior, likelihood, theta in zip(
+                self._posteriors, self._likelihoods, parts, strict=True
+            )
+        ]
+
     def _means(self, features, codes):
-        means = np.stack([p.mean(features, codes) for p in self._posteriors], axis=1)
+        posteriors = self._posteriors_for(codes)
+        means = np.stack([p.mean(features, codes) for p in posteriors], axis=1)
         return self._units.unscaled(means, codes)
 
     def _variances(self, features, codes, include_noise):
-        variances = [p.variance(features, codes) for p in self._posteriors]
+        posteriors = self._posteriors_for(codes)
+        variances = [p.variance(features, codes) for p in posteriors]
         variances = np.stack(variances, axis=1) * np.square(self._scales(codes))
         return variances + (self._noise(codes) if include_noise else 0.0)
 
     def _covariances(self, features, codes, include_noise):
-        covariances = [p.covariance(features, codes) for p in self._posteriors]
+        posteriors = self._posteriors_for(codes)
+        covariances = [p.covariance(features, codes) for p in posteriors]
         scale = self._scales(codes)
         covariances = np.stack(covariances, axis=2) * (scale[:, None] * scale)
         if include_noise:
@@ -205,10 +229,15 @@ class FittedGP(PosteriorMixin, Estimator):
         return self._units.of_rows(self._units.scale, codes)
 
     def _noise(self, codes):
-        """Noise variances, of shape (n_samples, n_outputs)."""
+        """Noise variances, of shape (n_samples, n_outputs).
+
+        A task that was never seen has the geometric mean of the others'.
+        """
         noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
-        per_task = noise.shape[1] > 1
-        return noise.T[codes] if per_task else np.repeat(noise.T, len(codes), axis=0)
+        if noise.shape[1] == 1:
+            return np.repeat(noise.T, len(codes), axis=0)
+        usual = np.exp(np.log(noise).mean(axis=1, keepdims=True))
+        return np.hstack([noise, usual]).T[np.minimum(codes, noise.shape[1])]
 
     # what is kept of a fit
 

@@ -97,7 +97,7 @@ class PosteriorMixin(RegressorMixin):
             raise ValueError("Set return_std or return_cov, not both.")
         check_is_fitted(self)
         model = self._model()
-        features, codes = check_test(model, X)
+        features, codes = check_test(model, X, unseen=model._knows_unseen())
         mean = model._join(model._means(features, codes))
         if return_std:
             with limit_threads(model._side):
@@ -146,7 +146,7 @@ class PosteriorMixin(RegressorMixin):
         rng = check_random_state(random_state)
         check_is_fitted(self)
         model = self._model()
-        features, codes = check_test(model, X)
+        features, codes = check_test(model, X, unseen=model._knows_unseen())
         with limit_threads(max(model._side, len(features))):
             draws, noise_std = model._draws(features, codes, n_samples, rng)
         if include_noise:
@@ -164,6 +164,10 @@ class PosteriorMixin(RegressorMixin):
                 for mean, cov in outputs
             ]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
+
+    def _knows_unseen(self):
+        """Whether it can predict a task that it never saw."""
+        return False
 
     def _join(self, values):
         """Without the axis of the outputs where y was one-dimensional."""

@@ -167,7 +167,11 @@ class DensePosterior(Posterior):
         half = self.cholesky.half_solve(likelihood.y)
         self.log_likelihood = likelihood.log_density(self.cholesky, half)
         self.alpha = self.cholesky.half_solve(half, transposed=True)
-        self._set_means(self.K_rho[:, self.tasks] * self.alpha)
+        self._set_means()
+
+    def _weigh_tasks(self):
+        """Of k^x at each training input in the mean of each task."""
+        return self.K_rho[:, self.tasks] * self.alpha
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""

@@ -141,7 +141,17 @@ class ExtendedPosterior(Posterior):
         weighed = np.tensordot(of_new, self._cross_to_base(), axes=1)
         self.A = base.A - base.eigen.solve(weighed)
         self.alpha[self.old], self.alpha[self.new] = base.by_row(self.A), of_new
-        self._set_means(self._weights(self.K_rho))
+        self._set_means()
+
+    def _weigh_tasks(self):
+        """Of k^x at each training input in the mean of each task."""
+        return self._weights(self.K_rho)
+
+    def with_unseen(self, common, own, n_unseen):
+        """The same that knows tasks without data, too, the last ones."""
+        posterior = super().with_unseen(common, own, n_unseen)
+        posterior.base = self.base.with_unseen(common, own, n_unseen)
+        return posterior
 
     def _weights(self, loadings):
         """Of k^x at each training input, for sums of tasks or of latent functions."""

@@ -207,7 +207,11 @@ class KroneckerPosterior(Posterior):
         self.alpha = self.by_row(self.A)
         # f has no part along eigenvectors of eigenvalue zero, but alpha a large one
         self.of_f = eigen.rotate_back(alpha * (eigen.values > 1.0))
-        self._set_means(self.K_rho[:, self.observed] @ self.of_f.T)
+        self._set_means()
+
+    def _weigh_tasks(self):
+        """Of k^x at each input in the mean of each task."""
+        return self.K_rho[:, self.observed] @ self.of_f.T
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""

@@ -1,6 +1,7 @@
 """What the posteriors share: means in tiles, variances, leave-one-out."""
 
 from abc import ABC, abstractmethod
+from copy import copy
 
 import numpy as np
 
@@ -192,11 +193,37 @@ class Posterior(ABC):
         K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)
 
-    def _set_means(self, weights):
-        """What the means are made of; `alpha` is there already."""
-        self.weights = weights
+    @abstractmethod
+    def _weigh_tasks(self):
+        """`weights`, from `K_rho`."""
+
+    def _set_means(self):
+        """What the means are made of, from `alpha` and `K_rho`."""
+        self.weights = self._weigh_tasks()
         of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
         self.levels = self.level * of_tasks
+
+    def with_unseen(self, common, own, n_unseen):
+        """The same that knows tasks without data, too, the last ones.
+
+        Parameters
+        ----------
+        common : ndarray of shape (n_common,)
+            Their loadings, and those of all tasks, of functions that all share alike.
+        own : float
+            Variance of what each has beside these.
+        n_unseen : int
+            How many they are.
+
+        Returns
+        -------
+        posterior : Posterior
+            This one stays as it is.
+        """
+        posterior = copy(self)
+        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
+        posterior._set_means()
+        return posterior
 
     def _weigh(self, cross, rows, weights):
         """K^x(X[rows], X_train) times the weights, which are in rows, in tiles."""
@@ -206,6 +233,16 @@ class Posterior(ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
+
+
+def bordered(K_rho, common, own, n_unseen):
+    """K^rho with tasks that share functions with all, and nothing else."""
+    n_tasks = len(K_rho)
+    found = np.full((n_tasks + n_unseen,) * 2, common @ common)
+    found[:n_tasks, :n_tasks] = K_rho
+    unseen = np.arange(n_tasks, len(found))
+    found[unseen, unseen] += own
+    return found
 
 
 def freedom_of_noise(likelihood, posterior):

@@ -1,8 +1,11 @@
 """The posterior of sparse inference."""
 
+from copy import copy
+
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.posterior import bordered
 from skmtgp.inference.sums import sum_residuals
 from skmtgp.inference.variances import (
     diagonal,
@@ -125,6 +128,22 @@ class SparsePosterior:
             Sigma, of_task = covariances.Sigma[task], covariances.less(phi, task, rows)
             spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
         return spread + covariances.of_level[tasks]
+
+    def with_unseen(self, common, own, n_unseen):
+        """The same that knows tasks without data, too, the last ones.
+
+        See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
+        """
+        posterior = copy(self)
+        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
+        posterior.covariances = self.covariances.with_unseen(common, own, n_unseen)
+        omega = posterior.covariances.F[-n_unseen:] @ self.V
+        posterior.omega = np.vstack([self.omega, omega])
+        solve = self.features.cholesky.half_solve
+        weights = solve(omega.T, transposed=True).T
+        posterior.weights = np.vstack([self.weights, weights])
+        posterior.levels = np.append(self.levels, np.zeros(n_unseen))
+        return posterior
 
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""

@@ -12,6 +12,7 @@ and perhaps a level c_m of variance v, which is integrated out first. Nothing he
 depends on the number of rows.
 """
 
+from copy import copy
 from typing import NamedTuple
 
 import numpy as np
@@ -216,7 +217,7 @@ class Covariances:
     def __init__(self, weights):
         self.F, self.kappa, self.keep = weights.F, weights.kappa, weights.keep
         self.taken = weights.share[:, None] * weights.sums.phi
-        self.of_level = weights.share * weights.noise
+        self.of_level, self.level = weights.share * weights.noise, weights.level
         rank, m = weights.V.shape
         inverse = invert(weights.cholesky).reshape(rank, m, rank, m)
         self.inverse = np.ascontiguousarray(inverse.swapaxes(1, 2))
@@ -235,6 +236,20 @@ class Covariances:
         """Variances of c_m, whatever omega_m is."""
         along = np.einsum("mij,mj->mi", self.Sigma, self.taken)
         return self.of_level + np.einsum("mi,mi->m", along, self.taken)
+
+    def with_unseen(self, common, own, n_unseen):
+        """The same with tasks without data, which share functions with all."""
+        known, m = len(self.F), self.Sigma.shape[1]
+        F = np.zeros((known + n_unseen, self.F.shape[1]))
+        F[:known], F[known:, : len(common)] = self.F, common
+        other, unseen = copy(self), np.arange(known, len(F))
+        other.F, other.kappa = F, np.append(self.kappa, np.full(n_unseen, own))
+        other.keep = self.keep | dict.fromkeys(unseen, np.eye(m))
+        Sigma = other.shared(unseen) + own * np.eye(m)
+        other.Sigma = np.concatenate([self.Sigma, Sigma])
+        other.taken = np.vstack([self.taken, np.zeros((n_unseen, m))])
+        other.of_level = np.append(self.of_level, np.full(n_unseen, self.level))
+        return other
 
     def less(self, phi, task, rows):
         """Features of some rows of a task, less what its level takes of them."""

@@ -104,7 +104,9 @@ def make_inverse_dynamics_regressor(
     estimator : estimator, default=None
         The model: MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
         BayesianLinearRegression, or a RankSearchIC of one of the first. None is
-        ``RankSearchIC()``, the paper's mGP-BIC. It is cloned; where it has a kernel
+        the paper's mGP-BIC: ``RankSearchIC(MultiTaskGPRegressor(task_levels=False,
+        normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10))``. An
+        estimator that is given keeps its own settings. It is cloned; where it has a kernel
         that is None it gets :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and its
         own `task_feature` becomes -1, where the features put the load.
     n_joints : int, default=6
@@ -138,10 +140,16 @@ def make_inverse_dynamics_regressor(
     >>> model[-1].max_iter
     10
     """
-    regressor = RankSearchIC() if estimator is None else clone(estimator)
+    regressor = _paper_model() if estimator is None else clone(estimator)
     _set_kernel(regressor, inverse_dynamics_kernel(n_joints))
     features = InverseDynamicsFeatures(n_joints, task_feature=task_feature)
     return Pipeline([("features", features), ("regressor", regressor)])
+
+
+def _paper_model():
+    """mGP-BIC of section 6: one mean, one unit and one noise variance for all loads."""
+    settings = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+    return RankSearchIC(MultiTaskGPRegressor(**settings), ranks=(2, 4, 5, 6, 8, 10))
 
 
 def _set_kernel(regressor, kernel):

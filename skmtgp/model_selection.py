@@ -155,7 +155,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _fit(self, X, y, progress):
         model = self._learner()
-        training = model._read(X, y)
+        training = model._read(X, y, progress)
         n_tasks = len(training.tasks)
         ranks = self._check_ranks(n_tasks)
         model.set_params(rank=ranks[-1])

@@ -106,9 +106,9 @@ def make_inverse_dynamics_regressor(
         BayesianLinearRegression, or a RankSearchIC of one of the first. None is
         the paper's mGP-BIC: ``RankSearchIC(MultiTaskGPRegressor(task_levels=False,
         normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10))``. An
-        estimator that is given keeps its own settings. It is cloned; where it has a kernel
-        that is None it gets :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and its
-        own `task_feature` becomes -1, where the features put the load.
+        estimator that is given keeps its own settings. It is cloned; where it has a
+        kernel that is None it gets :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and
+        its own `task_feature` becomes -1, where the features put the load.
     n_joints : int, default=6
         Number of joints J.
     task_feature : int or str, default=-1

@@ -21,7 +21,6 @@ from skmtgp._estimators.fitted import FittedGP
 from skmtgp._estimators.training import Training, default_kernel
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
-from skmtgp._support.guide import INFERENCE
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import (
     Interval,
@@ -29,17 +28,14 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
-from skmtgp._support.warnings import warn
-from skmtgp.exceptions import IncompleteDataWarning
 from skmtgp.inference.engine import Demand, Engine
-from skmtgp.inference.engines import ENGINES, choose, leaves_rows, why_dense
+from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.problem import Budget, Problem
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import identity
 
-MANY = 5000  # rows, whose dense inference takes long
 FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targets'
 # Its least where each task was taken off its own mean: learned from such targets it
 # would be zero, as if the means were known. This is the prior of unit information.
@@ -98,7 +94,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
-            training = self._read(X, y)
+            training = self._read(X, y, progress)
             problems = self._problems(training)
             with limit_threads(side(problems)):
                 problems, modes = self._learn(problems, progress)
@@ -121,11 +117,17 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """How many latent functions the tasks share."""
         return 1
 
-    def _read(self, X, y):
+    def _read(self, X, y, progress):
         """The training data, checked, encoded and scaled."""
         stay = is_dask(X, y) and leaves_rows(self.inference)
         check = check_partitions if stay else check_training
-        return self._scale(*check(self, X, y))
+        training = self._scale(*check(self, X, y))
+        report = "auto" in (self.normalize_y, self.noise) and progress(
+            "units", 1, lambda _, chosen: f"units and noise of the tasks: {chosen}"
+        )
+        if report:
+            report(0, training.chosen)
+        return training
 
     def _scale(self, features, codes, tasks, Y):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
@@ -211,12 +213,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         )
 
     def _check_memory(self, engine, training, prior, n_ranks, n_kept):
-        """Whether memory suffices, and whether the data deserve a faster method."""
+        """Whether memory suffices."""
         (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
-        by_auto = self.inference == "auto" and not engine.uses_design
-        features, rank = training.features, self._rank(n_tasks)
-        why = why_dense(prior.kernel, features, training.codes) if by_auto else ""
-        climbs = n_outputs * self._n_climbs(n_ranks)
+        climbs, rank = n_outputs * self._n_climbs(n_ranks), self._rank(n_tasks)
         demand = Demand(
             n,
             n_tasks,
@@ -225,14 +224,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             n_climbs=at_a_time(self.n_jobs, climbs if engine.exact else n_outputs),
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
-            why=why,
         )
-        engine.check_memory(demand, TileMemory(prior.kernel, np.asarray(features[:1])))
-        if why and n > MANY:
-            warn(
-                f"{why} As it is, inference is dense, of {n} samples. {INFERENCE}",
-                IncompleteDataWarning,
-            )
+        x = np.asarray(training.features[:1])
+        engine.check_memory(demand, TileMemory(prior.kernel, x))
 
     def _check_noise_bounds(self):
         bounds = self.noise_variance_bounds

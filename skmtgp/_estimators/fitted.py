@@ -171,7 +171,7 @@ class FittedGP(PosteriorMixin, Estimator):
             self.y_train_.reshape(len(self.y_train_), -1),
             self._single_output,
             self._units,
-            self._noise_kind,
+            self.noise_,
         )
 
     def _check_rows(self):
@@ -260,8 +260,11 @@ class FittedGP(PosteriorMixin, Estimator):
             likelihood.posterior(mode.theta)
             for likelihood, mode in zip(likelihoods, modes, strict=True)
         ]
-        self._units, self._noise_kind = training.units, training.noise
+        self._units = training.units
         self._single_output = training.single_output
+        units = "per_task" if training.units.per_task else "shared"
+        self.normalize_y_ = units if self.normalize_y else False
+        self.noise_ = training.noise
         self._log_jacobian = training.units.log_jacobian(training.counts)
         self.tasks_ = training.tasks
         self._store_rows(training)
@@ -299,7 +302,7 @@ class FittedGP(PosteriorMixin, Estimator):
         self.kernel_ = kernels[0] if self._single_output else list(kernels)
         self.task_covariance_, self.task_factor_ = self._of_outputs(rho, factor)
         level = _of_all_tasks(level)
-        noise = noise if self._noise_kind == "per_task" else _of_all_tasks(noise)
+        noise = noise if self.noise_ == "per_task" else _of_all_tasks(noise)
         self.level_variance_, self.noise_variance_ = self._of_outputs(level, noise)
         centre, scale = map(_of_all_tasks, self._units)
         scale = scale if self.normalize_y else np.ones_like(scale)
@@ -348,7 +351,7 @@ class FittedGP(PosteriorMixin, Estimator):
                 self._likelihoods, self._posteriors, modes, strict=True
             )
         ]
-        tasks = self.tasks_ if self._noise_kind == "per_task" else None
+        tasks = self.tasks_ if self.noise_ == "per_task" else None
         warn_of_noise(np.array(told), tasks)
 
 

@@ -78,6 +78,13 @@ class Training:
         """Number of rows of each task."""
         return count_tasks(self.codes, len(self.tasks))
 
+    @property
+    def chosen(self):
+        """Units and noise, in words."""
+        units = "units of their own" if self.units.per_task else "the same units"
+        noises = {"shared": "one noise variance", "per_task": "a noise variance each"}
+        return f"{units}, {noises[self.noise]}"
+
     def order(self, engine):
         """The rows as the engine takes them: sorted by task, or all as they are."""
         return np.argsort(self.codes, kind="stable") if engine.sorts else AS_THEY_ARE

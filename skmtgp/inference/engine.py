@@ -31,8 +31,6 @@ class Demand:
         with some of the rows, exact ones of those.
     n_parameters : int
         Parameters that tasks have.
-    why : str
-        What the engine was chosen for, if there is something to say about it.
     alone : bool
         Whether the rows are of one task already.
     """
@@ -45,7 +43,6 @@ class Demand:
     n_climbs: int = 1
     n_exact_climbs: int = 1
     n_parameters: int = 0
-    why: str = ""
     alone: bool = False
 
 

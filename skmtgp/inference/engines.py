@@ -5,6 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from skmtgp._data.complete import check_complete, nearly_complete
+from skmtgp._support.guide import INFERENCE
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import IncompleteDataWarning
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.engine import (
     Engine,
@@ -23,13 +26,35 @@ from skmtgp.inference.sparse import SparseBound, check_latent
 
 
 class Dense(Engine):
-    """Exact inference with any data."""
+    """Exact inference with any data.
+
+    Parameters
+    ----------
+    why : str, default=""
+        What little keeps the data from a faster engine.
+    """
 
     name = "dense"
 
+    def __init__(self, why=""):
+        self.why = why
+
     def check_memory(self, demand, tiles):
-        """Raise an InsufficientMemoryError where memory does not suffice."""
-        check_memory(demand, tiles, demand.n_samples, rows="samples", n_matrices=1)
+        """Raise an InsufficientMemoryError where memory does not suffice.
+
+        Warns of data that are all but complete, and many.
+        """
+        n = demand.n_samples
+        check_memory(demand, tiles, n, rows="samples", n_matrices=1, why=self.why)
+        if self.why and n > MANY:
+            warn(
+                f"{self.why} As it is, inference is dense, of {n} samples. {INFERENCE}",
+                IncompleteDataWarning,
+            )
+
+    def check_joining(self, demand, tiles, n_before, n_new):
+        """The same where a task joins."""
+        Dense().check_memory(demand, tiles)
 
     def likelihood(self, prior, data):
         """The likelihood of the data."""
@@ -140,6 +165,7 @@ class Sparse(Engine):
         return max(n_rows, data.n_tasks)
 
 
+MANY = 5000  # rows, whose dense inference takes long
 ENGINES = {"dense": Dense, "kronecker": Kronecker, "sparse": Sparse}
 
 
@@ -166,10 +192,14 @@ def choose(inference, prior, data, **options):
     """
     if isinstance(inference, Engine):
         return inference
-    if inference == "auto":
-        return Kronecker() if _is_product(prior, data) else Dense()
-    engine = ENGINES[inference]
-    return engine(**options) if engine is Sparse else engine()
+    if inference != "auto":
+        engine = ENGINES[inference]
+        return engine(**options) if engine is Sparse else engine()
+    if len(data.tasks) == 1 or not depends_on_inputs_only(prior.kernel, data.features):
+        return Dense()
+    if data.design is not None:
+        return Kronecker()
+    return Dense(nearly_complete(data.features, data.codes))
 
 
 def alone(inference, **options):
@@ -184,16 +214,3 @@ def leaves_rows(inference):
         "sorts",
         True,
     )
-
-
-def _is_product(prior, data):
-    """Whether the covariance is a Kronecker product, of two tasks or more."""
-    complete = len(data.tasks) > 1 and data.design is not None
-    return complete and depends_on_inputs_only(prior.kernel, data.features)
-
-
-def why_dense(kernel, features, codes):
-    """What little keeps "auto" from "kronecker"; empty where it is not little."""
-    if not depends_on_inputs_only(kernel, features):
-        return ""
-    return nearly_complete(features, codes)

@@ -75,7 +75,7 @@ class TileMemory:
         return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size))
 
 
-def check_memory(demand, tiles, n_rows, *, rows, n_matrices):
+def check_memory(demand, tiles, n_rows, *, rows, n_matrices, why=""):
     """Raise an InsufficientMemoryError where exact covariances cannot be held.
 
     Parameters
@@ -90,6 +90,8 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices):
         What they are.
     n_matrices : int
         How many of them a likelihood takes beside the tiles.
+    why : str, default=""
+        What keeps the data from an engine that takes less.
     """
     of_climbs = _matrices(n_rows, n_matrices * demand.n_climbs)
     of_climbs += tiles.of_triangle(n_rows, demand.n_climbs)
@@ -100,7 +102,7 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices):
     check_available(
         of_rows + of_tasks,
         f"Exact inference with {n_rows} {rows}{tasks}{_at_a_time(demand.n_climbs)}",
-        f"{demand.why} "
+        f"{why} "
         "Set inference='sparse', which approximates by inducing inputs, "
         f"{'lower n_jobs, ' if demand.n_climbs > 1 else ''}fit fewer samples, or "
         f"{'' if demand.alone else single}a BayesianLinearRegression, which has none.",

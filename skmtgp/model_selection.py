@@ -13,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
+from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
@@ -164,11 +165,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         forms = [model._form(n_tasks, rank) for rank in ranks]
         with limit_threads(side(problems)):
             modes = model._learn_ranks(problems, forms, progress)
-            self._keep(model, training, problems, forms, modes)
+            of_forms = [[of.with_form(form) for of in problems] for form in forms]
+            decided = decide_noise(model, training, of_forms, modes)
+            self._keep(model, forms, *decided)
 
-    def _keep(self, model, training, problems, forms, modes):
+    def _keep(self, model, forms, training, of_forms, modes):
         """Set the fitted attributes."""
-        of_forms = [[problem.with_form(form) for problem in problems] for form in forms]
         self.results_ = _results(training, of_forms, modes)
         best = int(np.argmin(self.results_[self.criterion]))
         self.best_rank_ = forms[best].rank

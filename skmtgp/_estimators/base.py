@@ -15,7 +15,7 @@ from sklearn.gaussian_process.kernels import Kernel
 from skmtgp._data.checks import FEW_ROWS, check_training, warn_of_constants
 from skmtgp._data.dask import is_dask
 from skmtgp._data.partitions import check_partitions
-from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._estimators.training import Training, default_kernel
@@ -97,7 +97,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             training = self._read(X, y, progress)
             problems = self._problems(training)
             with limit_threads(side(problems)):
-                problems, modes = self._learn(problems, progress)
+                learned = self._learn(problems, progress)
+                decided = decide_noise(self, training, *([of] for of in learned))
+                training, [problems], [modes] = decided
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
         return self

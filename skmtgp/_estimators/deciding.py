@@ -5,14 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from skmtgp._estimators.units import Units, shared_units, units_of_tasks
-from skmtgp._numerics.parallel import limit_threads
-from skmtgp.learning.climbing import climb
+from skmtgp._numerics.parallel import limit_threads, run
+from skmtgp.learning.nesting import nest
 from skmtgp.learning.screening import (
+    criterion,
     differ_in_noise,
     differ_in_size,
-    price,
     score,
     screen,
+    with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
 
@@ -79,14 +80,9 @@ def _screened(model, training, noises):
     found = [screen(problem) for problem in _small(model, small)]
     best = _score(small, found), training, noises[0]
     if len(noises) > 1 and any(differ_in_noise(*of) for of in found):
-        small = replace(small, noise=noises[1])
-        found = [
-            _with_noise(problem, *of)
-            for problem, of in zip(_small(model, small), found, strict=True)
-        ]
-        best = max(
-            best, (_score(small, found), training, noises[1]), key=lambda b: b[0]
-        )
+        found = [with_own_noise(*of) for of in found]
+        other = _score(small, found), training, noises[1]
+        best = max(best, other, key=lambda of: of[0])
     return best
 
 
@@ -108,24 +104,62 @@ def _small(model, training):
     return exact_part(problems, [form])
 
 
-def _with_noise(problem, other, mode):
-    """The mode of a problem with noise for each task, from one with shared noise."""
-    problem = problem.with_data(other.data)
-    log_noise = other.prior.log_noise_at(mode.theta)[0]
-    theta = problem.prior.theta(
-        kernel=other.prior.values(mode.theta).kernel,
-        K_rho=other.prior.K_rho_at(mode.theta),
-        log_noise=log_noise,
-    )
-    return problem, climb(problem, theta, relaxed=True)
-
-
 def _score(training, found):
     """Summed over the outputs."""
-    n_constants = sum(len(np.unique(of)) - 1 for of in training.units.scale)
-    if not found[0][0].prior.levels:  # else the means are those of a prior
-        n_constants *= 2
-    scores = [
-        score(*of, scale) for of, scale in zip(found, training.units.scale, strict=True)
-    ]
-    return float(np.sum(scores)) - price(n_constants, len(found[0][0].data))
+    pairs = zip(found, training.units.scale, strict=True)
+    return float(sum(score(*of, scale) for of, scale in pairs))
+
+
+def decide_noise(model, training, problems, modes):
+    """What was learned, or the same with noise for each task if that is worth it.
+
+    What the small model cannot tell from its functions, the large one may.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Its parameter `noise` says whether to ask.
+    training : Training
+        As decided so far.
+    problems : list of list of Problem
+        For each form of K^rho, ascending, and each output.
+    modes : list of list of Mode
+        Their modes.
+
+    Returns
+    -------
+    training, problems, modes
+        With the noise that is chosen.
+    """
+    asks = len(_noises(model, training)) > 1 and training.noise == "shared"
+    if not asks or not problems[0][0].engine.exact:
+        return training, problems, modes
+    before = _criteria(problems, modes)
+    best = int(np.argmax(before))
+    if not any(map(differ_in_noise, problems[best], modes[best])):
+        return training, problems, modes
+    others, learned = _with_own_noise(problems, modes, model.n_jobs)
+    if _criteria(others, learned).max() > before[best]:
+        return replace(training, noise="per_task"), others, learned
+    return training, problems, modes
+
+
+def _with_own_noise(problems, modes, n_jobs):
+    """Problems and modes with noise for each task; values do not fall with the rank."""
+    of_outputs = zip(*problems, strict=True), zip(*modes, strict=True)
+    jobs = [(list(of), list(found)) for of, found in zip(*of_outputs, strict=True)]
+    learned = run(_of_all_forms, jobs, n_jobs=n_jobs)
+    return [list(zip(*of, strict=True)) for of in zip(*learned, strict=True)]
+
+
+def _of_all_forms(problems, modes):
+    found = [with_own_noise(*of) for of in zip(problems, modes, strict=True)]
+    problems = [problem for problem, _ in found]
+    return problems, nest(problems, [mode for _, mode in found])
+
+
+def _criteria(problems, modes):
+    """Of each form, summed over the outputs."""
+    return np.array(
+        [sum(map(criterion, *of)) for of in zip(problems, modes, strict=True)]
+    )

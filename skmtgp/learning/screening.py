@@ -14,6 +14,8 @@ Data that speak for nothing but common units are not asked at length:
   task would gain.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
@@ -96,16 +98,52 @@ def differ_in_noise(problem, mode):
     told = freedom > 1e-3
     ratio = np.maximum(squares[told] / freedom[told], 1e-10)
     gain = 0.5 * freedom[told] @ (ratio - 1.0 - np.log(ratio))
-    return bool(gain > 0.25 * price(problem.data.n_tasks - 1, len(problem.data)))
+    return bool(gain > 0.25 * price_of_tasks(problem.data))
+
+
+def with_own_noise(problem, mode):
+    """The problem with a noise variance for each task, learned on from a mode.
+
+    Parameters
+    ----------
+    problem : Problem
+        With shared noise.
+    mode : Mode
+        Its mode.
+
+    Returns
+    -------
+    problem : Problem
+        With noise for each task.
+    mode : Mode
+        Not worse.
+    """
+    prior, theta = problem.prior.with_own_noise(mode.theta)
+    problem = replace(problem, prior=prior)
+    return problem, mode.then(climb(problem, theta))
 
 
 def price(n_parameters, n):
-    """Nats that parameters are worth, by BIC."""
+    """Nats that parameters are worth which n rows tell, by BIC."""
     return 0.5 * n_parameters * np.log(n)
 
 
+def price_of_tasks(data):
+    """Nats that a parameter for each task is worth: only its own rows tell it."""
+    counts = _of_tasks(data, np.ones(len(data)))
+    return 0.5 * np.log(np.maximum(counts, 1.0)).sum()
+
+
+def criterion(problem, mode):
+    """Likelihood less what hyperparameters are worth, eq. 8 but for noise of tasks."""
+    prior, data = problem.prior, problem.data
+    n_noise = 0 if prior.noise_is_fixed else prior.n_noise
+    of_noise = price_of_tasks(data) if n_noise > 1 else price(n_noise, len(data))
+    return mode.value - price(prior.n_hyperparameters - n_noise, len(data)) - of_noise
+
+
 def score(problem, mode, scale):
-    """Log likelihood of y in its own units, less what hyperparameters are worth.
+    """The criterion of y in its own units, less what the units are worth.
 
     Parameters
     ----------
@@ -121,6 +159,9 @@ def score(problem, mode, scale):
     score : float
     """
     data = problem.data
-    counts = _of_tasks(data, np.ones(len(data)))
-    value = mode.value - counts @ np.log(np.broadcast_to(scale, len(counts)))
-    return value - price(problem.prior.n_hyperparameters, len(data))
+    scale = np.broadcast_to(scale, data.n_tasks)
+    found = criterion(problem, mode) - _of_tasks(data, np.log(scale)[data.tasks]).sum()
+    if (scale == scale[0]).all():
+        return found
+    # a scale for each task, and a mean where it is not that of a prior
+    return found - price_of_tasks(data) * (1 if problem.prior.levels else 2)

@@ -303,6 +303,25 @@ class Prior:
         prior = replace(self, task_covariance=form, n_noise=len(log_noise))
         return prior, np.concatenate([kernel, rho, level, log_noise])
 
+    def with_own_noise(self, theta):
+        """The prior with a noise variance for each task, and its theta: all the same.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            With shared noise.
+
+        Returns
+        -------
+        prior : Prior
+            With a noise variance for each task.
+        theta : ndarray of shape (prior.n_theta,)
+            Of the same covariance.
+        """
+        *parts, log_noise = self._split(theta)
+        prior = replace(self, n_noise=self.n_tasks)
+        return prior, np.concatenate([*parts, np.full(self.n_tasks, log_noise)])
+
     # the way to the units of y
 
     def in_units(self, theta, scale):

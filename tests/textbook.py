@@ -1,7 +1,7 @@
 """Gaussian processes by the book: small, plain and independent of skmtgp.
 
 Rasmussen and Williams (2006), eqs. 2.23 to 2.30, with the covariance of eq. 6. `level`
-is the variance of the tasks' levels, which are part of f, and `noise` that of the noise:
+is the variance of the tasks' levels, which are part of f, `noise` that of the noise:
 one number, or one for each task. The ``exact_*`` functions do it again with fifty
 digits.
 """

@@ -136,17 +136,17 @@ class KroneckerEigen:
 
     def log_det_by_K_rho(self):
         """Of log|K| by K^rho, of shape (n_observed, n_observed)."""
-        inner = np.diag((self.L[:, None] / self.values).sum(axis=0))
+        by_K_rho = self.W * (self.L[:, None] / self.values).sum(axis=0) @ self.W.T
         if self.levels:
-            inner -= self.levels.overlaps(self.L)
-        return self.W @ inner @ self.W.T
+            by_K_rho -= self.W @ self.levels.overlaps(self.L) @ self.W.T
+        return by_K_rho
 
     def log_det_by_noise(self):
         """Of log|K| by the noise variances, of shape (n_observed,)."""
         of_noise = np.square(self.W) @ (1.0 / self.values).sum(axis=0)
         if self.levels:
             inner = self.levels.overlaps(np.ones_like(self.L))
-            of_noise -= np.einsum("mj,jk,mk->m", self.W, inner, self.W)
+            of_noise -= np.einsum("mj,mj->m", self.W @ inner, self.W)
         return of_noise
 
     def log_det_by_level(self):
@@ -175,17 +175,18 @@ class Levels:
     """
 
     def __init__(self, eigen, variance):
-        self.eigen, self.variance, W = eigen, variance, eigen.W
+        # no eigen itself: its memory is free with its last reference, without a cycle
+        self.variance, self.values, self.W = variance, eigen.values, eigen.W
         self.h = eigen.U.sum(axis=0)
-        u = self.h[:, None] / np.sqrt(eigen.values)
+        u = self.h[:, None] / np.sqrt(self.values)
         size = np.linalg.norm(u, axis=0)
         self.unit = u / np.maximum(size, np.finfo(float).tiny)
         # v B^T B = V diag(s^2) V^T
-        self.P, s, Vt = np.linalg.svd(np.sqrt(variance) * size[:, None] * W.T)
+        self.P, s, Vt = np.linalg.svd(np.sqrt(variance) * size[:, None] * self.W.T)
         self.squares = np.square(s)
         self.covariance = variance * (Vt.T / (1.0 + self.squares)) @ Vt
-        self.between = W.T @ self.covariance @ W
-        self.Q = eigen.U @ (self.h[:, None] / eigen.values)
+        self.between = self.W.T @ self.covariance @ self.W
+        self.Q = eigen.U @ (self.h[:, None] / self.values)
 
     def shrink(self, half):
         """(I + v B B^T)^{-1/2} times coefficients relative to the root."""
@@ -204,15 +205,16 @@ class Levels:
 
     def inverse_diagonal(self):
         """What they take off the diagonal of K^{-1}, (n_inputs, n_observed)."""
-        W = self.eigen.W
-        by_task = self.Q @ (W[:, :, None] * self.between * W[:, None])
-        return np.einsum("mik,ik->im", by_task, self.Q)
+        taken = np.empty((len(self.Q), len(self.between)))
+        for m, w in enumerate(self.W):  # no arrays of n_observed^3 numbers
+            told = self.Q * w
+            taken[:, m] = np.einsum("ij,ij->i", told @ self.between, told)
+        return taken
 
     def overlaps(self, weights):
         """`between` times sum_i w_i h_i^2 / ((L_i S_j + 1)(L_i S_k + 1)), by j, k."""
-        values = self.eigen.values
-        scaled = (weights * np.square(self.h))[:, None] / values
-        return self.between * (scaled.T @ (1.0 / values))
+        scaled = (weights * np.square(self.h))[:, None] / self.values
+        return self.between * (scaled.T @ (1.0 / self.values))
 
     def told(self, along_x, along_tasks):
         """What means say of unit levels: 1^T K^{-1} cov(y, f(x)) without levels.
@@ -229,5 +231,5 @@ class Levels:
         told : ndarray of shape (n_samples, n_observed)
             For the level of each observed task.
         """
-        along = (along_x * self.h) @ (1.0 / self.eigen.values)
-        return (along * along_tasks.T) @ self.eigen.W.T
+        along = (along_x * self.h) @ (1.0 / self.values)
+        return (along * along_tasks.T) @ self.W.T

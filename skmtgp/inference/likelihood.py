@@ -128,7 +128,8 @@ class Likelihood(ABC):
         self.release()  # the derivatives need as much memory
         form, rho = self.prior.task_covariance, self.prior.values(theta).rho
         of_rho = list(form.derivatives(rho))
-        n, n_matrices = len(self.X), self.prior.node.n_dims + len(of_rho) + 2
+        n_matrices = self.prior.node.n_dims + len(of_rho) + self.prior.levels + 1
+        n = len(self.X)
         most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):

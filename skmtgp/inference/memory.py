@@ -8,8 +8,9 @@ from skmtgp.inference.tiles import TILE
 from skmtgp.model._nodes import count_arrays, count_elements
 
 WORK = 8  # arrays of a tile that come and go, at most
-# Matrices between tasks: of each climb, with where it starts, and of each posterior
-OF_CLIMB, OF_POSTERIOR = 12, 4
+# Matrices between tasks, with levels: of each climb, with where it starts, and of each
+# posterior
+OF_CLIMB, OF_POSTERIOR = 15, 7
 
 
 class TileMemory:

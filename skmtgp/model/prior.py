@@ -10,7 +10,7 @@ parameters of K^rho, log v, the logarithms of the noise variances. What is where
 is known here alone.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -106,6 +106,9 @@ class Prior:
 
     def __str__(self):
         return str(self.task_covariance) + (", with levels" if self.levels else "")
+
+    def __getstate__(self):  # what is cached is quickly made again
+        return {of.name: getattr(self, of.name) for of in fields(self)}
 
     @cached_property
     def node(self):

@@ -70,10 +70,10 @@ def parameters(kernel, form, n_noise=1, seed=0):
 
 def parts(likelihood, theta):
     """What theta stands for: the kernel, K^rho and the noise variances."""
-    n_kernel = likelihood.kernel.n_dims
-    n_rho = likelihood.task_covariance.n_parameters
-    kernel = likelihood.kernel.clone_with_theta(theta[:n_kernel])
-    K_rho = likelihood.task_covariance.matrix(theta[n_kernel : n_kernel + n_rho])
+    n_kernel = likelihood.prior.kernel.n_dims
+    n_rho = likelihood.prior.task_covariance.n_parameters
+    kernel = likelihood.prior.kernel.clone_with_theta(theta[:n_kernel])
+    K_rho = likelihood.prior.task_covariance.matrix(theta[n_kernel : n_kernel + n_rho])
     return kernel, K_rho, np.exp(theta[n_kernel + n_rho :])
 
 

@@ -15,14 +15,19 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
+from skmtgp._data.data import Data
 from skmtgp._estimators import base as _base
+from skmtgp._estimators.training import Training
+from skmtgp._estimators.units import shared_units
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import IncompleteDataWarning, InsufficientMemoryError
-from skmtgp.inference.choice import choose, depends_on_inputs_only, extended
+from skmtgp.inference import memory
 from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.engine import depends_on_inputs_only
+from skmtgp.inference.engines import ENGINES, choose
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.kernels import Columns
-from skmtgp.model.task_covariance import low_rank
+from skmtgp.model.task_covariance import identity, low_rank
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -58,8 +63,15 @@ every_white = pytest.mark.parametrize("kernel", WHITE.values(), ids=WHITE)
 
 class TestChoice:
     def choose(self, inference, X, kernel=PURE[0]):
+        """The name of the engine, which takes the data."""
         tasks, codes = np.unique(X[:, -1].astype(int), return_inverse=True)
-        return choose(inference, kernel, X[:, :-1], codes, tasks)
+        Y = np.zeros((len(X), 1))
+        units = shared_units(Y, centred=False, scaled=False)
+        training = Training(X[:, :-1], codes, tasks, Y, True, units)
+        prior = building.prior(kernel, identity(len(tasks)))
+        engine = choose(inference, prior, training)
+        engine.check(prior, *training.data(engine), tasks)
+        return engine.name
 
     @pytest.mark.parametrize("inference", ["auto", "kronecker"])
     @pytest.mark.parametrize("kernel", PURE)
@@ -180,23 +192,27 @@ def test_kernels_with_noise_are_refused(kernel):
     assert model.set_params(inference="auto").fit(X, y).inference_ == "dense"
 
 
-def test_extended_keeps_to_the_method():
+def test_tasks_join_by_the_same_method():
     X, y = draw()
     order = np.argsort(X[:, -1], kind="stable")
-    tasks, form = np.searchsorted(LABELS, X[order, -1]), low_rank(3, 1)
-    data, more = (X[order, :2], tasks, y[order]), low_rank(4, 1)
+    tasks, kernel = np.searchsorted(LABELS, X[order, -1]), RBF()
+    rows = X[order, :2], tasks, y[order]
+    prior, more = (building.prior(kernel, low_rank(m, 1)) for m in (3, 4))
     new = X[0, :2], 3, 0.0
-    grown = [np.append(a, [b], axis=0) for a, b in zip(data, new, strict=True)]
-    for build, expected in [
-        (building.dense, DenseLikelihood),
-        (building.kronecker, ExtendedLikelihood),
+    grown = [np.append(a, [b], axis=0) for a, b in zip(rows, new, strict=True)]
+    for name, expected in [
+        ("dense", DenseLikelihood),
+        ("kronecker", ExtendedLikelihood),
     ]:
-        found = extended(build(RBF(), form, *data), more, *grown, 1, 3, RBF())
+        engine = ENGINES[name]()
+        likelihood = engine.likelihood(prior, building.data(*rows, 3))
+        found = engine.joined(likelihood, more, Data(*grown, 4), 3, kernel)
         assert type(found) is expected
     new = X[0, :2], 0, 1.0  # before the others
     grown[1] = grown[1] + 1
     again = [np.insert(a, 0, b, axis=0) for a, b in zip(grown, new, strict=True)]
-    found = extended(found, low_rank(5, 1), *again, 1, 0, RBF())
+    more = building.prior(kernel, low_rank(5, 1))
+    found = engine.joined(found, more, Data(*again, 5), 0, kernel)
     assert found.novel == [4, 0]
 
 
@@ -204,7 +220,7 @@ class TestMemory:
     @pytest.fixture(autouse=True)
     def little(self, monkeypatch):
         for between_tasks in ("OF_CLIMB", "OF_POSTERIOR"):
-            monkeypatch.setattr(_memory, between_tasks, 0)
+            monkeypatch.setattr(memory, between_tasks, 0)
         # 3, one of the kernel's tiles and 8 that come and go
         monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 12 * 11**2)
 

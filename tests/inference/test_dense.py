@@ -94,7 +94,7 @@ class TestMemory:
         return building.dense(KERNELS[request.param], low_rank(M, 2), *draw())
 
     def test_evaluations_do_not_disturb_each_other(self, likelihood):
-        theta = parameters(likelihood.kernel, likelihood.task_covariance)
+        theta = parameters(likelihood.prior.kernel, likelihood.prior.task_covariance)
         value, gradient = likelihood.value_and_grad(theta)
         kept = gradient.copy()
         factor = likelihood.posterior(theta).cholesky.factor
@@ -108,7 +108,7 @@ class TestMemory:
         np.testing.assert_array_equal(again[1], gradient)
 
     def test_evaluations_at_once(self, likelihood):
-        theta = parameters(likelihood.kernel, likelihood.task_covariance)
+        theta = parameters(likelihood.prior.kernel, likelihood.prior.task_covariance)
         thetas = [theta + 0.01 * k for k in range(8)]
         expected = [likelihood.value_and_grad(t) for t in thetas]
         with ThreadPoolExecutor(4) as pool:
@@ -126,7 +126,7 @@ class TestMemory:
 
     def test_is_not_pickled_and_can_be_released(self, likelihood):
         size = len(pickle.dumps(likelihood))
-        theta = parameters(likelihood.kernel, likelihood.task_covariance)
+        theta = parameters(likelihood.prior.kernel, likelihood.prior.task_covariance)
         value = likelihood.value(theta)
         assert len(pickle.dumps(likelihood)) == size
         assert pickle.loads(pickle.dumps(likelihood)).value(theta) == value

@@ -87,7 +87,7 @@ class OneByOne(LowRank):
 def test_forms_may_give_a_matrix_for_each_parameter(wrap, n_noise):
     of_data, theta = many_tasks(5, 2, n_noise, diagonal=wrap is WithDiagonal)
     expected = of_data.fisher_information(theta)
-    of_data.task_covariance = wrap(OneByOne(5, 2))
+    of_data.prior = of_data.prior.with_form(wrap(OneByOne(5, 2)))
     found = of_data.fisher_information(theta)
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
 

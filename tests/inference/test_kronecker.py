@@ -80,8 +80,8 @@ def both(kernel, form, n_noise=1, data=None):
 def parts(likelihood, theta):
     """What theta stands for: the kernel, K^rho and the noise variances."""
     kernel, rho, log_noise = building.parts(likelihood, theta)
-    kernel = likelihood.kernel.clone_with_theta(kernel)
-    return kernel, likelihood.task_covariance.matrix(rho), np.exp(log_noise)
+    kernel = likelihood.prior.kernel.clone_with_theta(kernel)
+    return kernel, likelihood.prior.task_covariance.matrix(rho), np.exp(log_noise)
 
 
 def textbook_value(likelihood, theta):

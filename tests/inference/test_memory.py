@@ -22,6 +22,8 @@ from skmtgp import MultiTaskGPRegressor
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory, sparse
+from skmtgp.inference.engine import Demand
+from skmtgp.inference.engines import Dense, Kronecker
 from skmtgp.inference.memory import TileMemory
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.model._nodes import compile_kernel, count_arrays
@@ -83,19 +85,29 @@ def peak(likelihood, theta):
     return most
 
 
+def count(monkeypatch, engine, likelihood):
+    """Bytes that an engine counts for a likelihood, but for those between tasks."""
+    counted, kernel = [], likelihood.prior.kernel
+    monkeypatch.setattr(memory, "_of_tasks", lambda *_: 0.0)
+    monkeypatch.setattr(memory, "check_available", lambda of, *_: counted.append(of))
+    tiles = TileMemory(kernel, likelihood.X[:1])
+    engine.check_memory(Demand(len(likelihood.X), M), tiles)
+    return counted[0]
+
+
 @each_kernel
 def test_arrays(kernel, n_arrays):
     assert count_arrays(kernel, np.zeros((1, 3))) == n_arrays
 
 
 @pytest.mark.parametrize(
-    ("engine", "n"), [(building.dense, 1200), (building.kronecker, 700)]
+    ("engine", "build", "n"),
+    [(Dense(), building.dense, 1200), (Kronecker(), building.kronecker, 700)],
 )
 @each_kernel
-def test_exact_inference(engine, n, kernel, n_arrays):
-    likelihood, theta = problem(engine, kernel, n)
-    tiles = TileMemory(kernel, likelihood.X[:1]).of_triangle(n, 1)
-    counted = 8.0 * n**2 * _memory.MATRICES[likelihood.inference] + tiles
+def test_exact_inference(engine, build, n, kernel, n_arrays, monkeypatch):
+    likelihood, theta = problem(build, kernel, n)
+    counted = count(monkeypatch, engine, likelihood)
     found = peak(likelihood, theta)
     assert found <= counted <= (1.7 if "OwnRBF" in repr(kernel) else 1.3) * found
 
@@ -155,10 +167,10 @@ def test_kernels_with_more_arrays_need_more(monkeypatch):
     n, many = 4800, KERNELS["sum of four"][0]
     available = 8.0 * n**2 * 3.0
     monkeypatch.setattr(_memory, "available_memory", lambda: available)
-    x = np.zeros((1, 3))
-    _memory.check_memory(n, 1, tiles=TileMemory(RBF(), x))
+    x, check = np.zeros((1, 3)), partial(Dense().check_memory, Demand(n))
+    check(TileMemory(RBF(), x))
     with pytest.raises(InsufficientMemoryError, match=r"4800 samples needs about 0\.6"):
-        _memory.check_memory(n, 1, tiles=TileMemory(many, x))
+        check(TileMemory(many, x))
 
 
 class TestManyTasks:
@@ -182,7 +194,9 @@ class TestManyTasks:
         model = MultiTaskGPRegressor(RBF(), max_iter=1, **options)
         X, y = np.column_stack([x, tasks]), np.sin(x) * rng.standard_normal(n)
         counted = []
-        monkeypatch.setattr(_memory, "_check", lambda of, *_: counted.append(of))
+        monkeypatch.setattr(
+            memory, "check_available", lambda of, *_: counted.append(of)
+        )
         tracemalloc.start()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -195,18 +209,17 @@ class TestManyTasks:
         """Of thousands of parameters a hundred copies may be more than all else."""
         monkeypatch.setattr(_memory, "available_memory", lambda: 2.0**30)
         tiles = TileMemory(RBF(), np.zeros((1, 1)))
-        check = partial(_memory.check_memory, 2000, 1, tiles=tiles, n_tasks=1000)
-        check(n_parameters=2000)
+        Dense().check_memory(Demand(2000, 1000, n_parameters=2000), tiles)
         match = "2000 samples and 1000 tasks needs about"
         with pytest.raises(InsufficientMemoryError, match=match):
-            check(n_parameters=1_000_000)
+            Dense().check_memory(Demand(2000, 1000, n_parameters=1_000_000), tiles)
 
     def test_tasks_of_one_input(self, monkeypatch):
         monkeypatch.setattr(_memory, "available_memory", lambda: 2.0**30)
         rng, n_tasks = np.random.default_rng(0), 20_000
         X = np.column_stack([np.zeros(n_tasks), np.arange(n_tasks)])
         model = MultiTaskGPRegressor(rank=1, inference="kronecker")
-        match = r"with 1 inputs of each task and 20000 tasks needs about 35\.\d GiB"
+        match = r"with 1 inputs of each task and 20000 tasks needs about 44\.\d GiB"
         with (
             pytest.warns(UserWarning, match="20000 tasks of 20000 rows"),
             pytest.raises(InsufficientMemoryError, match=match),
@@ -215,7 +228,8 @@ class TestManyTasks:
 
     @pytest.mark.parametrize("n_climbs", [1, 3])
     def test_of_climbs_and_posteriors(self, n_climbs):
-        one = _memory._of_tasks(50, 0, 1, 1)
-        assert one == 8.0 * 12 * 50**2
-        assert _memory._of_tasks(50, 0, n_climbs, 1) == n_climbs * one
-        assert _memory._of_tasks(50, 0, 1, 30) == 10 * one
+        few, many = Demand(0, 50), Demand(0, 50, n_kept=30)
+        one = memory._of_tasks(few, 1, 0)
+        assert one == 8.0 * 15 * 50**2
+        assert memory._of_tasks(few, n_climbs, 0) == n_climbs * one
+        assert memory._of_tasks(many, 1, 0) == 14 * one

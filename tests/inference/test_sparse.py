@@ -36,8 +36,8 @@ def parts(bound, theta):
     """What theta stands for: the kernel, K^rho and the noise of each row."""
     kernel, rho, log_noise = building.parts(bound, theta)
     noise = np.broadcast_to(np.exp(log_noise), M)[bound.tasks]
-    K_rho = bound.task_covariance.matrix(rho)
-    return bound.kernel.clone_with_theta(kernel), K_rho, noise
+    K_rho = bound.prior.task_covariance.matrix(rho)
+    return bound.prior.kernel.clone_with_theta(kernel), K_rho, noise
 
 
 def explained(kernel, K_rho, X, tasks, Z, *other):
@@ -101,7 +101,7 @@ def test_gradient_by_inducing_inputs(name, form):
 def test_no_gradient_by_inducing_inputs(name):
     bound = make(EVERY[name], ones(M))
     with pytest.raises(ValueError, match=r"not known of kernel=ExpSine.* See the user"):
-        bound.value_and_grads(parameters(bound.kernel, ones(M)))
+        bound.value_and_grads(parameters(bound.prior.kernel, ones(M)))
 
 
 @every_noise_free_kernel
@@ -225,7 +225,7 @@ def test_fisher_information_of_some_rows(monkeypatch):
 
 def test_pickles():
     bound = make(KERNELS["paper"], low_rank(M, 2, diagonal=True))
-    theta = parameters(bound.kernel, bound.task_covariance)
+    theta = parameters(bound.prior.kernel, bound.prior.task_covariance)
     bound.release()
     assert pickle.loads(pickle.dumps(bound)).value(theta) == bound.value(theta)
     posterior = bound.posterior(theta)

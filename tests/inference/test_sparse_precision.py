@@ -18,6 +18,7 @@ from sparse_bounds import (
 from skmtgp.exceptions import JitterWarning
 from skmtgp.inference import features, sparse
 from skmtgp.inference.inducing import greedy_variance
+from skmtgp.inference.sums import ResidualSums
 from skmtgp.inference.weights import Covariances
 from skmtgp.model.task_covariance import low_rank, ones
 
@@ -112,12 +113,12 @@ def test_many_rows_and_few_inducing_inputs_take_one_thread(twice, monkeypatch):
         return contextlib.nullcontext()
 
     monkeypatch.setattr(sparse, "limit_threads", limit_threads)
-    twice.value_and_grad(parameters(twice.kernel, twice.task_covariance))
+    twice.value_and_grad(parameters(twice.prior.kernel, twice.prior.task_covariance))
     assert sizes == [len(twice.Z)]
 
 
 def test_singular_inducing_covariance(twice):
-    theta = parameters(twice.kernel, twice.task_covariance)
+    theta = parameters(twice.prior.kernel, twice.prior.task_covariance)
     once = make(RBF(0.8), low_rank(M, 2))
     value, gradient = twice.value_and_grad(theta)
     expected = once.value_and_grad(theta)
@@ -132,7 +133,7 @@ def test_more_jitter_than_usual_is_told(twice, monkeypatch):
     monkeypatch.setattr(features, "ROUNDING", 1e-19)  # too little for a singular K_ZZ
     message = r"covariance of the 12 inducing inputs .* was added .* See the user guide"
     with pytest.warns(JitterWarning, match=message):
-        twice.posterior(parameters(twice.kernel, twice.task_covariance))
+        twice.posterior(parameters(twice.prior.kernel, twice.prior.task_covariance))
 
 
 @pytest.mark.parametrize("n_features", [1, 2])
@@ -162,18 +163,18 @@ def test_jitter_is_part_of_the_model(monkeypatch):
     # its derivative is in the gradient, and the bound remains one
     monkeypatch.setattr(features, "ROUNDING", 0.02)
     bound = make(ConstantKernel(1.3) * RBF(0.8), low_rank(M, 2))
-    theta = parameters(bound.kernel, bound.task_covariance)
+    theta = parameters(bound.prior.kernel, bound.prior.task_covariance)
     by_differences = textbook.derivative(bound.value, theta)
     value, gradient = bound.value_and_grad(theta)
     np.testing.assert_allclose(gradient, by_differences, rtol=1e-7, atol=1e-7)
-    assert value < dense(bound.kernel, bound.task_covariance).value(theta)
+    assert value < dense(bound.prior.kernel, bound.prior.task_covariance).value(theta)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("position", [0, 1, 5, 9])
 def test_parameters_that_are_not_finite(bad, position):
     bound = make(ConstantKernel(), low_rank(M, 2))
-    theta = parameters(bound.kernel, bound.task_covariance)
+    theta = parameters(bound.prior.kernel, bound.prior.task_covariance)
     theta[position] = bad
     with np.errstate(invalid="ignore"):
         value, gradient, d_Z = bound.value_and_grads(theta)
@@ -187,11 +188,11 @@ def test_weights_cannot_be_refined_without_their_factor():
     bound = make(RBF(1.2), low_rank(M, 2))
     theta = parameters(RBF(1.2), low_rank(M, 2))
     _, weights = bound.forward(theta)
-    errors = np.ones_like(weights.own)
-    weights.refined(errors)
+    sums = ResidualSums(np.ones(M), np.ones_like(weights.own), np.ones(M))
+    weights.refined(sums)
     Covariances(weights)
     with pytest.raises(RuntimeError, match="solve before `invert`"):
-        weights.refined(errors)
+        weights.refined(sums)
 
 
 def test_variance_is_never_negative(monkeypatch):

@@ -21,9 +21,9 @@ class TestSums:
 
     def test_forward(self, bound):
         theta = building.parts(
-            bound, parameters(bound.kernel, bound.task_covariance, M)
+            bound, parameters(bound.prior.kernel, bound.prior.task_covariance, M)
         )[0]
-        features = Features(bound.kernel, bound.node, theta, bound.Z)
+        features = Features(bound.prior.kernel, bound.prior.node, theta, bound.Z)
         blocks = list(bound.blocks())
         whole = sum_features(features, M, blocks)
         halves = (
@@ -35,7 +35,7 @@ class TestSums:
         self.check(whole + none, whole)
 
     def test_backward(self, bound):
-        theta = parameters(bound.kernel, bound.task_covariance, M)
+        theta = parameters(bound.prior.kernel, bound.prior.task_covariance, M)
         phi, weights = bound.forward(theta)
         adjoint, blocks = Gradients(weights).adjoint(), list(bound.blocks())
         whole, one, two = (
@@ -52,7 +52,7 @@ class TestSums:
             )
 
     def test_are_small(self, bound):
-        theta = parameters(bound.kernel, bound.task_covariance, M)
+        theta = parameters(bound.prior.kernel, bound.prior.task_covariance, M)
         phi, weights = bound.forward(theta)
         m, adjoint = len(bound.Z), Gradients(weights).adjoint()
         for sums in (weights.sums, sum_gradients(phi, adjoint, bound.blocks())):

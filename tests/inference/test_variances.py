@@ -12,7 +12,7 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, SingleTaskGP
-from skmtgp._estimators import base as _base
+from skmtgp._estimators import base, fitted
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     JitterWarning,
@@ -177,8 +177,8 @@ class TestPredictions:
 
     @pytest.fixture(autouse=True)
     def trusted(self, monkeypatch):
-        for name in ("check_kernel", "check_covariance"):
-            monkeypatch.setattr(_base, name, lambda *args: None)
+        monkeypatch.setattr(base, "check_kernel", lambda *args: None)
+        monkeypatch.setattr(fitted, "check_covariance", lambda *args: None)
 
     @pytest.fixture(params=[MultiTaskGPRegressor, PooledGP, SingleTaskGP])
     def model(self, request):

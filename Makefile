@@ -17,16 +17,17 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test coverage test-oldest fuzz lint docs dist bench \
-    bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
+.PHONY: help demo demo-short test test-long coverage test-oldest fuzz lint docs dist \
+    bench bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
     paper-page clean
 
 help:
 	@echo 'make demo         learn a robot arm under many loads and compare the models'
 	@echo 'make demo-short   the same, smaller'
-	@echo 'make test         run all tests'
-	@echo 'make coverage     the same, and which lines and branches they miss'
-	@echo 'make test-oldest  the same with the oldest supported versions, on Python 3.11'
+	@echo 'make test         run all tests but the long ones: minutes'
+	@echo 'make test-long    the long ones: clusters, whole data, hard modes'
+	@echo 'make coverage     all tests, and which lines and branches they miss'
+	@echo 'make test-oldest  make test with the oldest supported versions, on Python 3.11'
 	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint         check style and formatting'
 	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
@@ -49,8 +50,14 @@ demo: $(VENV)/ready-to-run
 demo-short: $(VENV)/ready-to-run
 	$(BIN)/python examples/puma560_loads.py --short
 
+# Tests of a file stay together, and share what is fitted for them, until a worker idles.
+PYTEST := $(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
+
 test: $(VENV)/ready-to-test
-	$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) $(PYTESTFLAGS)
+	$(PYTEST) $(PYTESTFLAGS)
+
+test-long: $(VENV)/ready-to-test
+	$(PYTEST) -m long $(PYTESTFLAGS)
 
 # coverage's own percentage counts lines and branches together.
 PERCENT := import json, sys; t = json.load(sys.stdin)["totals"]; \
@@ -59,7 +66,7 @@ PERCENT := import json, sys; t = json.load(sys.stdin)["totals"]; \
         t["covered_branches"] / t["num_branches"]))
 
 coverage: $(VENV)/ready-to-test
-	$(ONE_THREAD) $(BIN)/python -m pytest --cov --cov-report= -n $(WORKERS) $(PYTESTFLAGS)
+	$(PYTEST) -m 'long or not long' --cov --cov-report= $(PYTESTFLAGS)
 	@$(BIN)/coverage json -q -o - | $(BIN)/python -c '$(PERCENT)'
 	$(BIN)/coverage report --fail-under=95
 

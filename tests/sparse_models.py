@@ -21,13 +21,13 @@ def draw(n=N, seed=0, n_outputs=None):
 
 
 SPARSE = {"inference": "sparse", "n_inducing": 20, "n_exact": 60, "max_iter": 15}
+STAGED = {"learning": "staged", **SPARSE}  # from one start
 GPS = {
     "MultiTaskGPRegressor": MultiTaskGPRegressor(rank=2, **SPARSE),
-    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **SPARSE),
-    "per task": MultiTaskGPRegressor(rank=2, noise="per_task", **SPARSE),
-    "staged": MultiTaskGPRegressor(rank=2, learning="staged", **SPARSE),
-    "k-means": MultiTaskGPRegressor(rank=2, inducing_inputs="k-means", **SPARSE),
-    "optimised": MultiTaskGPRegressor(rank=2, inducing_inputs="optimised", **SPARSE),
+    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **STAGED),
+    "per task": MultiTaskGPRegressor(rank=2, noise="per_task", **STAGED),
+    "k-means": MultiTaskGPRegressor(rank=2, inducing_inputs="k-means", **STAGED),
+    "optimised": MultiTaskGPRegressor(rank=2, inducing_inputs="optimised", **STAGED),
     "IndependentGP": IndependentGP(**SPARSE),
     "PooledGP": PooledGP(**SPARSE),
 }

@@ -1,6 +1,6 @@
 """What hypothesis draws: data of any scale, kernels, models; and what rounding may do.
 
-``MORE_EXAMPLES=10 pytest tests/test_properties*`` looks ten times as long.
+``MORE_EXAMPLES=10 pytest tests -k properties`` looks ten times as long.
 """
 
 import io
@@ -202,6 +202,8 @@ def gps(draw, spread, kinds):
     if kind is not SingleTaskGP:
         noise = draw(st.sampled_from(["shared", "per_task"]))
         model.set_params(noise=noise, diagonal=draw(st.booleans()))
+    if kind in (MultiTaskGPRegressor, RankSearchIC):
+        model.set_params(learning=draw(st.sampled_from(["staged", "annealed"])))
     if kind is MultiTaskGPRegressor:
         model.set_params(rank=draw(st.sampled_from([1, None])))
     return RankSearchIC(model, ranks=(1, 2)) if kind is RankSearchIC else model

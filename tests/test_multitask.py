@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import textbook
-from multitask_models import MODELS, QUICK
+from multitask_models import MODELS, QUICK, learned
 from samples import draw, log_densities, outputs, posteriors, split
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
@@ -16,13 +16,18 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 
 
 @pytest.fixture(params=[None, 2], ids=["one output", "two outputs"])
-def data(request):
-    return draw(n_outputs=request.param)
+def n_outputs(request):
+    return request.param
 
 
-@pytest.fixture(params=MODELS.values(), ids=MODELS)
-def model(request, data):
-    return MultiTaskGPRegressor(**request.param, **QUICK).fit(*data)
+@pytest.fixture
+def data(n_outputs):
+    return draw(n_outputs=n_outputs)
+
+
+@pytest.fixture(params=MODELS)
+def model(request, n_outputs):
+    return learned(request.param, n_outputs)
 
 
 @pytest.fixture(scope="module")

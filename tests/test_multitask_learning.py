@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from multitask_models import MODELS, QUICK
+from multitask_models import QUICK
 from samples import draw, log_densities
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -26,11 +26,6 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 @pytest.fixture(params=[None, 2], ids=["one output", "two outputs"])
 def data(request):
     return draw(n_outputs=request.param)
-
-
-@pytest.fixture(params=MODELS.values(), ids=MODELS)
-def model(request, data):
-    return MultiTaskGPRegressor(**request.param, **QUICK).fit(*data)
 
 
 @pytest.fixture(scope="module")
@@ -182,7 +177,7 @@ class TestEvaluations:
         ids=repr,
     )
     def test_of_a_model(self, model, data, count, levels):
-        model = clone(model).set_params(max_iter=8).fit(*data)
+        model = clone(model).set_params(max_iter=3).fit(*data)
         assert model.n_evaluations_ == len(count) > 5
         whole = getattr(model, "learning", "") in ("staged", "simultaneous")
         if not isinstance(model, SingleTaskGP):  # ten rows are too few for levels
@@ -207,7 +202,7 @@ class TestEvaluations:
         for module in (ranks, paper):
             monkeypatch.setattr(module, "make_starts", make_starts)
         monkeypatch.setattr(ranks, "hidden_starts", counted(hidden_starts))
-        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=8)
+        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=3)
         search = RankSearchIC(model, ranks=(1, 2, 3), keep_estimators=True).fit(*data)
         total = sum(model.n_evaluations_ for model in search.estimators_)
         assert total - 2 * sum(shared) == len(count)
@@ -215,6 +210,6 @@ class TestEvaluations:
 
     @pytest.mark.parametrize("learning", LEARNERS)
     def test_of_a_single_rank(self, data, count, learning):
-        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=8)
+        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=3)
         search = RankSearchIC(model, ranks=[2]).fit(*data)
         assert search.best_estimator_.n_evaluations_ == len(count)

@@ -29,9 +29,10 @@ LOADS = {"n_per_load": 8, "loads": [1, 2, 5]}
 X, Y = load_puma560(**LOADS, return_X_y=True)
 FRAME, TARGETS = load_puma560(**LOADS, return_X_y=True, as_frame=True)
 QUICK = {"max_iter": 3}
+STAGED = {"learning": "staged", **QUICK}  # from one start
 ESTIMATORS = {
-    "mGP": MultiTaskGPRegressor(rank=2, **QUICK),
-    "mGP-BIC": RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2)),
+    "mGP": MultiTaskGPRegressor(rank=2, **STAGED),
+    "mGP-BIC": RankSearchIC(MultiTaskGPRegressor(**STAGED), ranks=(1, 2)),
     "iGP": IndependentGP(**QUICK),
     "pGP": PooledGP(**QUICK),
     "sGP": SingleTaskGP(**QUICK),

@@ -97,11 +97,13 @@ class TestBound:
     def test_same_as_in_memory(self, chunks, n_noise):
         assert_same_bound(*bounds(chunks, n_noise))
 
+    @pytest.mark.long
     def test_on_a_cluster(self, client):
         here, far, theta = bounds(ROWS)
         assert_same_bound(here, far, theta)
         assert far.value(theta) == far.value(theta)  # whoever is done first
 
+    @pytest.mark.long
     def test_large_arguments(self, client, monkeypatch):
         """Dask's warning of a large graph would come in each step."""
         key = "distributed.admin.large-graph-warning-threshold"
@@ -147,7 +149,9 @@ class TestFit:
         expected = clone(model).fit(X, y)
         assert_same_model(model.fit(*on_dask(X, y)), expected, X)
 
-    @pytest.mark.parametrize("n_outputs", [None, 2])
+    @pytest.mark.parametrize(
+        "n_outputs", [None, pytest.param(2, marks=pytest.mark.long)]
+    )
     def test_to_the_end(self, n_outputs):
         """What rounding grows to in a whole fit: measured 8e-12 and 6e-10 at most."""
         X, y = draw(N, n_outputs=n_outputs)
@@ -158,6 +162,7 @@ class TestFit:
         assert_allclose(*values, rtol=0.0, atol=1e-9)
         assert_allclose(found.predict(X), expected.predict(X), rtol=0.0, atol=1e-6)
 
+    @pytest.mark.long
     def test_outputs_on_a_cluster(self, client):
         X, y = draw(N, n_outputs=2)
         model = clone(QUICK).fit(*on_dask(X, y))
@@ -350,6 +355,7 @@ def spring(module, name, path, calls):
     setattr(module, name, fatal)
 
 
+@pytest.mark.long
 def test_death_of_a_worker(client, tmp_path):
     """In the middle of a fit; its partitions are made again by the other one."""
     X, y = draw(N)

@@ -215,6 +215,7 @@ def test_damage_is_warned_about_and_mended(tmp_path, tiny, damage):
     assert tiny == [4, 4]
 
 
+@pytest.mark.long
 def test_a_damaged_whole_is_mended(tmp_path, data_home):
     path = _whole.stored_path(tmp_path, 0)
     content = bytearray(_whole.stored_path(data_home, 0).read_bytes())
@@ -330,6 +331,7 @@ print(store.digest({"x": puma.data, "y": puma.target}))
 """
 
 
+@pytest.mark.long
 def test_two_processes_at_once(tmp_path, fetch):
     command = [sys.executable, "-c", FETCH, tmp_path]
     runs = [

@@ -29,7 +29,7 @@ def loads():
 
 @pytest.mark.parametrize("friction", [True, False])
 def test_torques_are_those_of_newton_and_euler(loads, friction):
-    states = random_states(60)
+    states = random_states(12)
     for _, load in loads.iterrows():
         made = inverse_dynamics(*states, load=load[INERTIAL], friction=friction)
         body = reference.cuboid(load)

@@ -18,15 +18,16 @@ from skmtgp import (
 )
 from skmtgp.model_selection import TaskStratifiedKFold
 
-QUICK = {"max_iter": 3}
+QUICK = {"max_iter": 1}
+STAGED = {"learning": "staged", **QUICK}  # from one start
 ESTIMATORS = {
     "MultiTaskGPRegressor": MultiTaskGPRegressor(**QUICK),
-    "sparse": MultiTaskGPRegressor(inference="sparse", n_inducing=10, **QUICK),
+    "sparse": MultiTaskGPRegressor(inference="sparse", n_inducing=10, **STAGED),
     "IndependentGP": IndependentGP(**QUICK),
     "PooledGP": PooledGP(**QUICK),
     "SingleTaskGP": SingleTaskGP(**QUICK),
     "BayesianLinearRegression": BayesianLinearRegression(),
-    "RankSearchIC": RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2)),
+    "RankSearchIC": RankSearchIC(MultiTaskGPRegressor(**STAGED), ranks=(1, 2)),
 }
 
 X, Y = draw(per_task=8, n_outputs=2)

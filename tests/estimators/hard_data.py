@@ -1,5 +1,7 @@
 """All estimators, and small data for hard cases."""
 
+import functools
+
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -13,12 +15,13 @@ from skmtgp import (
     SingleTaskGP,
 )
 
+STAGED = MultiTaskGPRegressor(learning="staged")  # from one start: quicker
 GPS = {
     "MultiTaskGPRegressor": MultiTaskGPRegressor(),
     "IndependentGP": IndependentGP(),
     "PooledGP": PooledGP(),
     "SingleTaskGP": SingleTaskGP(),
-    "RankSearchIC": RankSearchIC(ranks=(1, 2)),
+    "RankSearchIC": RankSearchIC(STAGED, ranks=(1, 2)),
 }
 SHARED = {name: GPS[name] for name in list(GPS)[:3]}  # all rows in one matrix
 ALL = GPS | {"BayesianLinearRegression": BayesianLinearRegression()}
@@ -45,12 +48,18 @@ def with_params(model, **params):
     """A clone with other parameters, those of the estimator inside a search."""
     model = clone(model)
     if isinstance(model, RankSearchIC):
-        return model.set_params(estimator=MultiTaskGPRegressor(**params))
+        return model.set_params(estimator=clone(STAGED).set_params(**params))
     return model.set_params(**params)
 
 
 def fitted(model, X, y, **params):
     return with_params(model, **params).fit(X, y)
+
+
+@functools.cache
+def learned(model):
+    """Fitted to X and Y; not to be changed."""
+    return fitted(model, X, Y)
 
 
 def assert_sound(model, X):

@@ -30,7 +30,9 @@ ESTIMATORS = {
     "IndependentGP": IndependentGP(**QUICK),
     "PooledGP": PooledGP(**QUICK),
     "SingleTaskGP": SingleTaskGP(**QUICK),
-    "RankSearchIC": RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=(1, 2)),
+    "RankSearchIC": RankSearchIC(
+        MultiTaskGPRegressor(learning="staged", **QUICK), ranks=(1, 2)
+    ),
 }
 LABELS = {
     "int": ([3, 1, 2], None),
@@ -74,8 +76,16 @@ def estimator(request):
     return clone(request.param)
 
 
-@pytest.mark.parametrize("features", ["float64", "Float64", "float32", "object"])
-@pytest.mark.parametrize("labels", LABELS)
+FEATURES = ["float64", "Float64", "float32", "object"]
+# every two of an estimator, a type of labels and a type of features
+TYPES = [
+    pytest.param(clone(of), labels, FEATURES[(i + j) % 4], id=f"{name}-{labels}")
+    for i, (name, of) in enumerate(ESTIMATORS.items())
+    for j, labels in enumerate(LABELS)
+]
+
+
+@pytest.mark.parametrize(("estimator", "labels", "features"), TYPES)
 def test_frames(estimator, labels, features):
     table = frame(labels, features)
     found = estimator.fit(table, y).predict(table)

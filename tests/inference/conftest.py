@@ -8,7 +8,7 @@ from skmtgp.inference import tiles
 from skmtgp.model.task_covariance import ones
 
 
-@pytest.fixture(params=[7, 288], ids=["small tiles", "one tile"])
+@pytest.fixture
 def tile(request, monkeypatch):
     monkeypatch.setattr(tiles, "TILE", request.param)
 

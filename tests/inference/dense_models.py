@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import textbook
+from pairs import in_pairs
 from sklearn.gaussian_process.kernels import (
     RBF,
     ConstantKernel,
@@ -44,8 +45,12 @@ FORMS = {
     "full rank": low_rank(M, M),
 }
 every_kernel = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
-every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
 every_noise = pytest.mark.parametrize("n_noise", [1, M], ids=["shared", "per task"])
+MODELS = {"kernel": KERNELS, "form": FORMS, "n_noise": {"shared": 1, "per task": M}}
+every_model = in_pairs(**MODELS)
+every_model_and_tile = in_pairs(
+    "tile", **MODELS, tile={"small tiles": 7, "one tile": 288}
+)
 
 
 class Sample(NamedTuple):

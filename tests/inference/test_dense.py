@@ -11,8 +11,9 @@ from dense_models import (
     D,
     M,
     draw,
-    every_form,
     every_kernel,
+    every_model,
+    every_model_and_tile,
     every_noise,
     parameters,
     parts,
@@ -28,11 +29,8 @@ from skmtgp.model.task_covariance import low_rank, ones
 LOG_2_PI = np.log(2.0 * np.pi)
 
 
-@pytest.mark.usefixtures("tile")
-@every_kernel
-@every_form
-@every_noise
-def test_value(kernel, form, n_noise):
+@every_model_and_tile
+def test_value(kernel, form, n_noise, tile):
     likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     value, _ = likelihood.value_and_grad(theta)
@@ -40,11 +38,8 @@ def test_value(kernel, form, n_noise):
     assert likelihood.value(theta) == value
 
 
-@pytest.mark.usefixtures("tile")
-@every_kernel
-@every_form
-@every_noise
-def test_gradient(kernel, form, n_noise):
+@every_model_and_tile
+def test_gradient(kernel, form, n_noise, tile):
     likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)
     gradient = likelihood.value_and_grad(theta)[1]
@@ -169,9 +164,7 @@ def test_split():
     assert lengths == [4, 8, 4]
 
 
-@every_kernel
-@every_form
-@every_noise
+@every_model
 def test_fisher_information(kernel, form, n_noise):
     likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)

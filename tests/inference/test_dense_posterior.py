@@ -9,9 +9,9 @@ from dense_models import (
     D,
     M,
     draw,
-    every_form,
     every_kernel,
-    every_noise,
+    every_model,
+    every_model_and_tile,
     new_rows,
     parameters,
     parts,
@@ -24,11 +24,8 @@ from skmtgp.inference import tiles
 from skmtgp.model.task_covariance import low_rank, ones
 
 
-@pytest.mark.usefixtures("tile")
-@every_kernel
-@every_form
-@every_noise
-def test_posterior(kernel, form, n_noise):
+@every_model_and_tile
+def test_posterior(kernel, form, n_noise, tile):
     likelihood, (Z, tasks) = building.dense(kernel, form, *draw(), n_noise), new_rows()
     theta = parameters(kernel, form, n_noise)
     posterior = likelihood.posterior(theta)
@@ -118,9 +115,7 @@ def textbook_left_out(likelihood, theta):
     return np.transpose([(mean.item(), cov.item()) for mean, cov in found])
 
 
-@every_kernel
-@every_form
-@every_noise
+@every_model
 def test_leave_one_out(kernel, form, n_noise):
     likelihood = building.dense(kernel, form, *draw(), n_noise)
     theta = parameters(kernel, form, n_noise)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import textbook
 from hypothesis import given, settings
+from pairs import in_pairs
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
-from test_kronecker import ARD, CLOSE, KERNELS, D, every_kernel, parameters, parts
+from test_kronecker import ARD, CLOSE, KERNELS, D, parameters, parts
 
 from skmtgp.exceptions import JitterWarning
 from skmtgp.model.task_covariance import low_rank
@@ -22,8 +23,9 @@ FORMS = {
     "rank 2, diagonal": low_rank(M, 2, diagonal=True),
     "full rank": low_rank(M, M),
 }
-every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
-every_noise = pytest.mark.parametrize("n_noise", [1, M], ids=["shared", "per task"])
+NOISES = {"shared": 1, "per task": M}
+every_model = in_pairs(kernel=KERNELS, form=FORMS, n_noise=NOISES)
+every_noise = pytest.mark.parametrize("n_noise", NOISES.values(), ids=NOISES)
 
 
 def draw(seed=0, n_inputs=N, n_tasks=M, novel=None):
@@ -51,9 +53,7 @@ def new_rows():
     return Z, np.array([2, 0, 4, 3, 1, 2, 3, 1])
 
 
-@every_kernel
-@every_form
-@every_noise
+@every_model
 class TestAgainstDense:
     def test_value_and_gradient(self, kernel, form, n_noise):
         likelihood, dense, theta = both(kernel, form, n_noise)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import textbook
 from hypothesis import given, settings
+from pairs import in_pairs
 from sklearn.gaussian_process.kernels import (
     RBF,
     ConstantKernel,
@@ -19,7 +20,6 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp.exceptions import NotPositiveDefiniteError
-from skmtgp.inference import tiles
 from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
@@ -42,9 +42,13 @@ FORMS = {
     "full rank": low_rank(M, M),
 }
 CLOSE = {"rtol": 1e-10, "atol": 1e-11}
-every_kernel = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
-every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
-every_noise = pytest.mark.parametrize("n_noise", [1, M], ids=["shared", "per task"])
+every_model = in_pairs(
+    "tile",
+    kernel=KERNELS,
+    form=FORMS,
+    n_noise={"shared": 1, "per task": M},
+    tile={"small tiles": 3, "one tile": 240},
+)
 
 
 def draw(seed=0, n_inputs=N, n_tasks=M):
@@ -89,17 +93,9 @@ def textbook_value(likelihood, theta):
     return textbook.log_marginal_likelihood(K, likelihood.y)
 
 
-@pytest.fixture(params=[3, 240], ids=["small tiles", "one tile"])
-def tile(request, monkeypatch):
-    monkeypatch.setattr(tiles, "TILE", request.param)
-
-
-@pytest.mark.usefixtures("tile")
-@every_kernel
-@every_form
-@every_noise
+@every_model
 class TestLikelihood:
-    def test_textbook(self, kernel, form, n_noise):
+    def test_textbook(self, kernel, form, n_noise, tile):
         likelihood, _, theta = both(kernel, form, n_noise)
         value, gradient = likelihood.value_and_grad(theta)
         np.testing.assert_allclose(value, textbook_value(likelihood, theta), rtol=1e-11)
@@ -107,7 +103,7 @@ class TestLikelihood:
         expected = textbook.derivative(lambda t: textbook_value(likelihood, t), theta)
         np.testing.assert_allclose(gradient, expected, rtol=1e-7, atol=1e-7)
 
-    def test_dense(self, kernel, form, n_noise):
+    def test_dense(self, kernel, form, n_noise, tile):
         likelihood, dense, theta = both(kernel, form, n_noise)
         (value, gradient), expected = (
             each.value_and_grad(theta) for each in (likelihood, dense)
@@ -118,7 +114,7 @@ class TestLikelihood:
         np.testing.assert_array_equal(D, D.T)
         np.testing.assert_allclose(D, dense.task_gradient(theta), **CLOSE)
 
-    def test_posterior(self, kernel, form, n_noise):
+    def test_posterior(self, kernel, form, n_noise, tile):
         likelihood, dense, theta = both(kernel, form, n_noise)
         posterior, (Z, tasks) = likelihood.posterior(theta), new_rows()
         given = likelihood.X, likelihood.tasks, likelihood.y
@@ -137,16 +133,14 @@ class TestLikelihood:
         of_tasks = posterior.mean_of_tasks(Z, np.arange(M))
         np.testing.assert_allclose(of_tasks[np.arange(8), tasks], mean, **CLOSE)
 
-    @pytest.mark.parametrize("include_noise", [False, True])
-    def test_leave_one_out(self, kernel, form, n_noise, include_noise):
-        found, expected = (
-            likelihood.posterior(theta).leave_one_out(include_noise)
-            for *likelihoods, theta in [both(kernel, form, n_noise)]
-            for likelihood in likelihoods
-        )
-        np.testing.assert_allclose(found, expected, **CLOSE)
+    def test_leave_one_out(self, kernel, form, n_noise, tile):
+        *likelihoods, theta = both(kernel, form, n_noise)
+        posteriors = [likelihood.posterior(theta) for likelihood in likelihoods]
+        for include_noise in (False, True):
+            found, expected = (of.leave_one_out(include_noise) for of in posteriors)
+            np.testing.assert_allclose(found, expected, **CLOSE)
 
-    def test_latent_functions(self, kernel, form, n_noise):
+    def test_latent_functions(self, kernel, form, n_noise, tile):
         F, (Z, _) = np.random.default_rng(1).standard_normal((M, 2)), new_rows()
         (means, halves), expected = (
             likelihood.posterior(theta).latent(Z, F)

@@ -4,6 +4,7 @@ import building
 import numpy as np
 import pytest
 import textbook
+from pairs import in_pairs
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from sparse_bounds import (
     ARD,
@@ -25,11 +26,10 @@ from skmtgp.model.task_covariance import low_rank, ones
 
 LEARNABLE = [name for name in EVERY if "unknown" not in name]
 every_kernel = pytest.mark.parametrize("kernel", EVERY.values(), ids=EVERY.keys())
-every_noise_free_kernel = pytest.mark.parametrize(
-    "kernel", KERNELS.values(), ids=KERNELS.keys()
-)
-every_form = pytest.mark.parametrize("form", FORMS.values(), ids=FORMS.keys())
-every_noise = pytest.mark.parametrize("n_noise", [1, M], ids=["shared", "per task"])
+NOISES = {"shared": 1, "per task": M}
+every_noise = pytest.mark.parametrize("n_noise", NOISES.values(), ids=NOISES)
+every_model = in_pairs(kernel=EVERY, form=FORMS, n_noise=NOISES)
+every_noise_free_model = in_pairs(kernel=KERNELS, form=FORMS, n_noise=NOISES)
 
 
 def parts(bound, theta):
@@ -65,9 +65,7 @@ def textbook_posterior(kernel, K_rho, noise, sample, Z, X_new, tasks_new):
     return cross.T @ np.linalg.solve(K, y), prior - cross.T @ np.linalg.solve(K, cross)
 
 
-@every_kernel
-@every_form
-@every_noise
+@every_model
 def test_value_and_gradient(kernel, form, n_noise):
     bound, theta = make(kernel, form, n_noise), parameters(kernel, form, n_noise)
 
@@ -104,9 +102,7 @@ def test_no_gradient_by_inducing_inputs(name):
         bound.value_and_grads(parameters(bound.prior.kernel, ones(M)))
 
 
-@every_noise_free_kernel
-@every_form
-@every_noise
+@every_noise_free_model
 def test_exact_where_all_inputs_are_inducing(kernel, form, n_noise):
     exact, theta = dense(kernel, form, n_noise), parameters(kernel, form, n_noise)
     bound = make(kernel, form, n_noise, Z=draw().X[:-3])
@@ -135,9 +131,7 @@ def test_task_gradient(kernel, n_noise):
     np.testing.assert_allclose(actual, expected, rtol=1e-6, atol=1e-6)
 
 
-@every_kernel
-@every_form
-@every_noise
+@every_model
 def test_posterior(kernel, form, n_noise):
     bound, (X, tasks) = make(kernel, form, n_noise), new_rows()
     theta = parameters(kernel, form, n_noise)

@@ -39,7 +39,7 @@ def test_a_diagonal_does_not_cost_likelihood(data, fine, monkeypatch):
     if fine:
         monkeypatch.setattr(problem, "COARSE", 18)
         monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
-    pairs = [(data, configure(max_iter=50))]
+    pairs = [(data, configure(max_iter=15))]
     [without] = learn_ranks(pairs, RANKS)
     forms = [low_rank(M, r, diagonal=True) for r in (1, 2, 3)]
     [modes] = learn_ranks(pairs, forms)

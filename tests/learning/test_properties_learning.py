@@ -46,8 +46,6 @@ def test_likelihood_does_not_fall_with_the_rank(table, diagonal):
     of_models = [m.log_marginal_likelihood_value_ for m in search.estimators_]
     for values in (of_modes, of_models):
         assert (np.diff(values) >= -TOL).all()
-    full = clone(model).fit(table.X, table.y).log_marginal_likelihood_value_
-    print("FULL", full - max(of_models), M)
 
 
 @examples(15)

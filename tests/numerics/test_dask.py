@@ -47,7 +47,10 @@ FITS = {
     "cells of ranks": GridSearchCV(RANKS, {"criterion": ["bic", "aic"]}, cv=CV),
 }
 X, Y = draw(n_outputs=2)
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.long,  # processes begin
+]
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,14 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
+from skmtgp._numerics import one_thread
 from skmtgp._numerics.one_thread import OneThread
+
+FOLDER = str(Path(one_thread.__file__).parent)
 
 
 class Library:
@@ -171,7 +175,7 @@ def test_threads_for_pieces_of_work(limit):
 )
 def test_fork(who, inside):
     """A child is limited as the one thread is that it goes on with."""
-    command = [sys.executable, "-W", "ignore", "-c", FORK, who]
+    command = [sys.executable, "-W", "ignore", "-c", FORK, who, FOLDER]
     done = subprocess.run(
         command, capture_output=True, text=True, timeout=60, check=False
     )
@@ -180,7 +184,8 @@ def test_fork(who, inside):
 
 FORK = """
 import contextlib, os, sys, threading
-from skmtgp._numerics.one_thread import OneThread
+sys.path.insert(0, sys.argv[2])  # imported alone, which takes less time
+from one_thread import OneThread
 
 class Library:
     num_threads = 4

@@ -25,6 +25,7 @@ pytestmark = pytest.mark.filterwarnings(  # the budget of the fits is small
     "ignore::sklearn.exceptions.ConvergenceWarning"
 )
 QUICK = {"max_iter": 3, "n_inducing": 6, "n_exact": 20}
+STAGED = {"learning": "staged", **QUICK}  # from one start
 KERNELS = {
     "alone": Brownian(),
     "fixed": Brownian(1.0, "fixed"),
@@ -81,7 +82,7 @@ class TestKernel:
     @each_kernel
     @each_inference
     def test_registered_and_not(self, monkeypatch, kernel, inference):
-        of = {"kernel": kernel, "inference": inference, "rank": 1, **QUICK}
+        of = {"kernel": kernel, "inference": inference, "rank": 1, **STAGED}
         plain = assert_works(MultiTaskGPRegressor(**of))
         monkeypatch.setitem(NODES, Brownian, BrownianNode)
         fast = assert_works(MultiTaskGPRegressor(**of))

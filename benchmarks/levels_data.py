@@ -124,13 +124,13 @@ def sensors(seed, unit=1.0):
 def schools(seed):
     """139 schools of five pupils: a level of each, one function of 27 inputs.
 
-    Free: the function is drawn, length-scale 5, deviation 1, inputs are normal; levels
+    Free: the function is drawn, length-scale 4, deviation 1, inputs are normal; levels
     have a deviation of 0.2, noise of 0.8. Ten more pupils of each are predicted.
     """
     rng = np.random.default_rng(seed)
     task = np.tile(np.repeat(np.arange(139), 5), 3)
     n, x = 695, rng.standard_normal((3 * 695, 27))
-    g = smooth(x, 5.0, 1, rng)[:, 0]
+    g = smooth(x, 4.0, 1, rng)[:, 0]
     levels = 0.2 * rng.standard_normal(139)
     f = levels[task] + (g - g.mean()) / g.std()
     X, y = np.column_stack([x, task]), f[:n] + 0.8 * rng.standard_normal(n)

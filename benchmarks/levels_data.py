@@ -13,6 +13,7 @@ from sklearn.gaussian_process.kernels import RBF
 
 JITTER = 1e-8  # of the covariance of a smooth function, to draw from it
 METALS = ["Cd", "Ni", "Zn"]
+FREQUENCY = 1.2  # of the sites' sines
 N_JURA = 259  # rows where all metals are known; Ni and Zn are at 100 more
 
 
@@ -55,15 +56,15 @@ def smooth(x, length_scale, n_functions, rng):
 def sites(seed=0, *, times=1.0, units=False):
     """Six sites, 50 rows each: levels from -5 to 40, signals of deviation 1.5.
 
-    Free: a sine of one of two features, `FREQUENCY` per unit, with a phase of each
-    site's own, so that the signals are of rank 2; noise of 0.4. `times` multiplies the
-    levels, `units` measures each site in a unit of its own, 1 to 1000.
+    Free: a sine of each of two features on [0, 6], with a phase of each site's own, so
+    that the signals are of rank 2; noise of 0.3. `times` multiplies the levels, `units`
+    measures each site in a unit of its own, 1 to 1000.
     """
     rng = np.random.default_rng(1000 + seed)
     x, site = rng.uniform(0.0, 6.0, (300, 2)), np.repeat(np.arange(6), 50)
     phase = rng.uniform(0.0, 2.0 * np.pi, 6)
-    f = np.sin(3.0 * x[:, 0] + phase[site])
-    signal = f * 1.5 / f.std() + 0.4 * rng.standard_normal(300)
+    f = np.sin(FREQUENCY * x + phase[site, None]).sum(axis=1)
+    signal = f * 1.5 / f.std() + 0.3 * rng.standard_normal(300)
     levels = np.linspace(-5.0, 40.0, 6)
     unit = np.logspace(0.0, 3.0, 6)[rng.permutation(6)] if units else np.ones(6)
     X = np.column_stack([x, site])
@@ -73,8 +74,8 @@ def sites(seed=0, *, times=1.0, units=False):
 def short_tasks(seed):
     """Twelve tasks of eight rows, levels of deviation 4, functions of deviation 1.
 
-    Free: each task's function is a combination of two smooth ones (length-scale 1 on
-    [0, 6]), rows are one in each eighth of the range, noise is 0.1.
+    Free: each task's function is a combination of two smooth ones (length-scale 0.8 on
+    [0, 6]), rows are one in each eighth of the range, noise is 0.06.
     """
     rng = np.random.default_rng(seed)
     task, test = np.repeat(np.arange(12), 8), np.repeat(np.arange(12), 50)
@@ -84,8 +85,8 @@ def short_tasks(seed):
     t = np.concatenate([task, test])
     levels = 4.0 * rng.standard_normal(12)
     weights = rng.standard_normal((12, 2)) / np.sqrt(2.0)
-    f = levels[t] + np.sum(smooth(x[:, None], 1.0, 2, rng) * weights[t], axis=1)
-    X, y = np.column_stack([x, t]), f[:96] + 0.1 * rng.standard_normal(96)
+    f = levels[t] + np.sum(smooth(x[:, None], 0.8, 2, rng) * weights[t], axis=1)
+    X, y = np.column_stack([x, t]), f[:96] + 0.06 * rng.standard_normal(96)
     return Draw(X[:96], y, X[96:], f[96:], levels)
 
 

@@ -13,7 +13,7 @@ from sklearn.gaussian_process.kernels import RBF
 
 JITTER = 1e-8  # of the covariance of a smooth function, to draw from it
 METALS = ["Cd", "Ni", "Zn"]
-FREQUENCY = 1.2  # of the sites' sines
+FREQUENCY = 1.0  # of the sites' sines
 N_JURA = 259  # rows where all metals are known; Ni and Zn are at 100 more
 
 
@@ -56,13 +56,13 @@ def smooth(x, length_scale, n_functions, rng):
 def sites(seed=0, *, times=1.0, units=False):
     """Six sites, 50 rows each: levels from -5 to 40, signals of deviation 1.5.
 
-    Free: a sine of each of two features on [0, 6], with a phase of each site's own, so
-    that the signals are of rank 2; noise of 0.3. `times` multiplies the levels, `units`
+    Free: a sine of each of two features on [0, 6], with phases of the sites a sixth of
+    a period apart, so that the signals are of rank 2; noise of 0.3. `times` multiplies the levels, `units`
     measures each site in a unit of its own, 1 to 1000.
     """
     rng = np.random.default_rng(1000 + seed)
     x, site = rng.uniform(0.0, 6.0, (300, 2)), np.repeat(np.arange(6), 50)
-    phase = rng.uniform(0.0, 2.0 * np.pi, 6)
+    phase = rng.permutation(6) * np.pi / 3.0
     f = np.sin(FREQUENCY * x + phase[site, None]).sum(axis=1)
     signal = f * 1.5 / f.std() + 0.3 * rng.standard_normal(300)
     levels = np.linspace(-5.0, 40.0, 6)
@@ -75,7 +75,7 @@ def short_tasks(seed):
     """Twelve tasks of eight rows, levels of deviation 4, functions of deviation 1.
 
     Free: each task's function is a combination of two smooth ones (length-scale 0.8 on
-    [0, 6]), rows are one in each eighth of the range, noise is 0.06.
+    [0, 6]), rows are one in each eighth of the range, noise is 0.05.
     """
     rng = np.random.default_rng(seed)
     task, test = np.repeat(np.arange(12), 8), np.repeat(np.arange(12), 50)
@@ -86,7 +86,7 @@ def short_tasks(seed):
     levels = 4.0 * rng.standard_normal(12)
     weights = rng.standard_normal((12, 2)) / np.sqrt(2.0)
     f = levels[t] + np.sum(smooth(x[:, None], 0.8, 2, rng) * weights[t], axis=1)
-    X, y = np.column_stack([x, t]), f[:96] + 0.06 * rng.standard_normal(96)
+    X, y = np.column_stack([x, t]), f[:96] + 0.05 * rng.standard_normal(96)
     return Draw(X[:96], y, X[96:], f[96:], levels)
 
 

@@ -57,8 +57,8 @@ def sites(seed=0, *, times=1.0, units=False):
     """Six sites, 50 rows each: levels from -5 to 40, signals of deviation 1.5.
 
     Free: a sine of each of two features on [0, 6], with phases of the sites a sixth of
-    a period apart, so that the signals are of rank 2; noise of 0.3. `times` multiplies the levels, `units`
-    measures each site in a unit of its own, 1 to 1000.
+    a period apart, so that the signals are of rank 2; noise of 0.3. `times` multiplies
+    the levels, `units` measures each site in a unit of its own, 1 to 1000.
     """
     rng = np.random.default_rng(1000 + seed)
     x, site = rng.uniform(0.0, 6.0, (300, 2)), np.repeat(np.arange(6), 50)

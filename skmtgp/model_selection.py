@@ -19,6 +19,7 @@ from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["RankSearchIC", "TaskStratifiedKFold"]
@@ -47,7 +48,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     ranks : sequence of int, default=None
         Ranks to compare. Those above the number of tasks count as that number. 0 is one
         function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
-        the number of tasks; the paper has (2, 4, 5, 6, 8, 10).
+        the number of tasks, as long as a task covariance has no more free parameters
+        than half the samples; the paper has (2, 4, 5, 6, 8, 10).
     criterion : {"bic", "aic", "hqc"}, default="bic"
         Which criterion chooses.
     keep_estimators : bool, default=False
@@ -158,7 +160,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model = self._learner()
         training = model._read(X, y, progress)
         n_tasks = len(training.tasks)
-        ranks = self._check_ranks(n_tasks)
+        ranks = self._check_ranks(n_tasks, len(training.Y))
         model.set_params(rank=ranks[-1])
         n_kept = len(ranks) if self.keep_estimators else 1
         problems = model._problems(training, len(ranks), n_kept)
@@ -197,9 +199,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _verbosity(self):
         return max(self.verbose, getattr(self.estimator, "verbose", 0))
 
-    def _check_ranks(self, n_tasks):
+    def _check_ranks(self, n_tasks, n):
         if self.ranks is None:
-            return list(range(min(n_tasks, MOST_RANK) + 1))
+            ranks = range(min(n_tasks, MOST_RANK) + 1)
+            return [r for r in ranks if r < 2 or low_rank(n_tasks, r).n_free <= n / 2]
         ranks = np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
             raise ValueError(

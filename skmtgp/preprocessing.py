@@ -13,7 +13,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import refuse_dask
-from skmtgp._data.labels import EXACT
+from skmtgp._data.labels import FIRST_INEXACT
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._support.progress import fitting
@@ -242,6 +242,6 @@ def _as_column(labels):
     tasks = labels.tasks
     if tasks.dtype.kind != "U":
         numbers = tasks.astype(np.float64)
-        if (np.abs(numbers) < EXACT).all():
+        if (np.abs(numbers) < FIRST_INEXACT).all():
             return numbers[labels.codes]
     return tasks.astype(object)[labels.codes]

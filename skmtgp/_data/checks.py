@@ -21,7 +21,7 @@ from skmtgp.exceptions import (
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
-ROWS = 100_000  # of which the standard deviation is taken at once
+AT_ONCE = 100_000  # of which the standard deviation is taken at once
 BY_PARTITIONS = (
     "Predict where they are: X.map_partitions(model.predict, meta=('output', float)), "
     "or of an array X.map_blocks(model.predict, drop_axis=1, dtype=float). Otherwise "
@@ -188,10 +188,10 @@ def largest_of(values):
 
 def deviation_of(values):
     """Standard deviation of each column; of many rows, a part at a time."""
-    if len(values) <= ROWS or is_dask(values):
+    if len(values) <= AT_ONCE or is_dask(values):
         return np.asarray(values.std(axis=0))
     scaler = StandardScaler()
-    for rows in gen_batches(len(values), ROWS):
+    for rows in gen_batches(len(values), AT_ONCE):
         scaler.partial_fit(values[rows])
     return np.sqrt(scaler.var_)
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from skmtgp._data.drawing import draw_rows
+from skmtgp._data.subsets import draw_rows
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ import pandas as pd
 
 from skmtgp._data.numbers import as_array
 
-EXACT = np.float64(2.0**53)  # float64 tells the integers below it from all others
+FIRST_INEXACT = np.float64(
+    2.0**53
+)  # float64 tells the integers below it from all others
 CONVERT = (
     "Does task_feature name the task column? If so, make its labels strings, with "
     ".astype(str) for example."

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import validate_data
 
-from skmtgp._data.labels import EXACT, check_labels
+from skmtgp._data.labels import FIRST_INEXACT, check_labels
 from skmtgp._data.numbers import as_frame, check_numbers, column_names
 
 
@@ -132,7 +132,7 @@ def _keep_types(X):
     if not all(issubclass(kind, (numbers.Real, np.bool_)) for kind in kinds):
         return objects
     array = np.asarray(X)
-    rounded = array.dtype.kind == "f" and (np.abs(array) >= EXACT).any()
+    rounded = array.dtype.kind == "f" and (np.abs(array) >= FIRST_INEXACT).any()
     return objects if rounded else array
 
 

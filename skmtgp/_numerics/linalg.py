@@ -9,7 +9,7 @@ from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
-ROUNDING = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
+NEGLIGIBLE = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
 INDEFINITE = 1e-6  # of the largest eigenvalue: more than that
 RESOLVED = 10.0 * np.finfo(np.float64).eps  # of what it is part of: less is rounding
 
@@ -168,4 +168,4 @@ def eigh_semidefinite(K):
         raise NotPositiveDefiniteError(str(error)) from error
     if values[0] < -INDEFINITE * values[-1]:
         raise NotPositiveDefiniteError(f"eigenvalue {values[0]:.1e} is negative")
-    return np.where(values < ROUNDING * values[-1], 0.0, values), vectors
+    return np.where(values < NEGLIGIBLE * values[-1], 0.0, values), vectors

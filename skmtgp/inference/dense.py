@@ -122,7 +122,7 @@ class DenseLikelihood(TiledLikelihood):
         d_kernel, d_level = np.zeros(self.prior.kernel.n_dims), 0.0
         D = np.zeros(K_rho.shape)
         for (rows, cols), (d_tile, H, d_level_of_tile) in zip(
-            self.pairs, self._map_tiles(contract, tapes), strict=True
+            self.blocks, self._map_tiles(contract, tapes), strict=True
         ):
             d_kernel += d_tile
             d_level += d_level_of_tile

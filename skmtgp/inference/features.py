@@ -13,7 +13,7 @@ from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.model._nodes import contract_inputs
 
 DIAGONAL = 64  # rows of a tile of which only the diagonal counts
-ROUNDING = 3e-17  # of its diagonal, m times: what is always added to K_ZZ
+LEAST_JITTER = 3e-17  # of its diagonal, m times: what is always added to K_ZZ
 MOST_JITTERS = 12  # each ten times the last
 
 
@@ -64,7 +64,7 @@ class Features:
 
     def warn_of_jitter(self):
         """Say what was added to K_ZZ, if that was more than always."""
-        if self.jitter > ROUNDING * len(self):
+        if self.jitter > LEAST_JITTER * len(self):
             warn(
                 f"The covariance of the {len(self)} inducing inputs is not positive "
                 f"definite in floating point; {self.jitter:.0e} of its mean diagonal "
@@ -116,7 +116,7 @@ class Features:
 def _factorise(K):
     """The factor of K, and the least relative jitter with which there is one."""
     unit = np.diagonal(K).mean() * np.eye(len(K))
-    for jitter in ROUNDING * len(K) * 10.0 ** np.arange(MOST_JITTERS):
+    for jitter in LEAST_JITTER * len(K) * 10.0 ** np.arange(MOST_JITTERS):
         try:
             return Cholesky(np.asfortranarray(K + jitter * unit)), jitter
         except NotPositiveDefiniteError:

@@ -25,7 +25,7 @@ class TiledLikelihood(Likelihood):
 
     Attributes
     ----------
-    pairs : list of (slice, slice)
+    blocks : list of (slice, slice)
         Rows and columns of each tile.
     """
 
@@ -34,7 +34,7 @@ class TiledLikelihood(Likelihood):
         self.inputs, n = inputs, len(inputs)
         edges = np.linspace(0, n, -(-n // TILE) + 1)
         self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        self.pairs = [(a, b) for i, a in enumerate(self.tiles) for b in self.tiles[i:]]
+        self.blocks = [(a, b) for i, a in enumerate(self.tiles) for b in self.tiles[i:]]
         side = max(tile.stop - tile.start for tile in self.tiles)
         self.upper = np.triu(np.ones((side, side)), 1)
         np.fill_diagonal(self.upper, 0.5)
@@ -69,7 +69,7 @@ class TiledLikelihood(Likelihood):
         try:
             workspace = self._spare.pop()
         except IndexError:  # none, or another thread has taken the last
-            workspace = Workspace(self.pairs)
+            workspace = Workspace(self.blocks)
         try:
             yield workspace
         finally:
@@ -93,15 +93,15 @@ class TiledLikelihood(Likelihood):
             put(K_x, rows, cols)
             return (K_x, tape) if arrays else None
 
-        memory = memory or [None] * len(self.pairs)
+        memory = memory or [None] * len(self.blocks)
         jobs = [
-            (*pair, arrays) for pair, arrays in zip(self.pairs, memory, strict=True)
+            (*block, arrays) for block, arrays in zip(self.blocks, memory, strict=True)
         ]
         return map_threads(fill, jobs)
 
     def _map_tiles(self, function, kept):
         """``function(rows, cols, K_x, tape)`` of each tile."""
-        jobs = [(*pair, *of) for pair, of in zip(self.pairs, kept, strict=True)]
+        jobs = [(*block, *of) for block, of in zip(self.blocks, kept, strict=True)]
         return map_threads(function, jobs)
 
     def _halve(self, G, rows, cols):
@@ -115,7 +115,7 @@ class Workspace:
 
     Parameters
     ----------
-    pairs : list of (slice, slice)
+    blocks : list of (slice, slice)
         Rows and columns of each tile, the last tile at the last row.
 
     Attributes
@@ -126,9 +126,9 @@ class Workspace:
         Places for what the gradient needs of each tile.
     """
 
-    def __init__(self, pairs):
-        self.K = np.empty((pairs[-1][0].stop,) * 2)
-        self.tiles = [Arrays((a.stop - a.start, b.stop - b.start)) for a, b in pairs]
+    def __init__(self, blocks):
+        self.K = np.empty((blocks[-1][0].stop,) * 2)
+        self.tiles = [Arrays((a.stop - a.start, b.stop - b.start)) for a, b in blocks]
 
 
 class Arrays:

@@ -26,7 +26,7 @@ def invert(cholesky):
     return lower + np.tril(lower, -1).T
 
 
-def pairs_of(F):
+def products_of(F):
     """F_{m alpha} F_{m beta}, of shape (n_tasks, rank^2)."""
     return np.einsum("ma,mb->mab", F, F).reshape(len(F), -1)
 
@@ -79,8 +79,8 @@ class Weights:
         self.K_diagonal = np.square(F).sum(axis=1) + kappa
         self.T, t, self.log_det = self._integrate_own()
         (n_tasks, rank), m = F.shape, t.shape[1]
-        pairs = pairs_of(F).T @ self.T.reshape(n_tasks, -1)
-        A = pairs.reshape(rank, rank, m, m).swapaxes(1, 2).reshape(rank * m, -1)
+        products = products_of(F).T @ self.T.reshape(n_tasks, -1)
+        A = products.reshape(rank, rank, m, m).swapaxes(1, 2).reshape(rank * m, -1)
         A.flat[:: len(A) + 1] += 1.0
         self.cholesky = Cholesky(A.T)
         self.log_det += self.cholesky.log_det()
@@ -229,7 +229,7 @@ class Covariances:
     def shared(self, tasks):
         """Covariances of F_m . v."""
         rank, _, m, _ = self.inverse.shape
-        B = pairs_of(self.F[tasks]) @ self.inverse.reshape(rank * rank, -1)
+        B = products_of(self.F[tasks]) @ self.inverse.reshape(rank * rank, -1)
         return B.reshape(-1, m, m)
 
     def level_variances(self):

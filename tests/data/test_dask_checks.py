@@ -19,7 +19,7 @@ from skmtgp import (
     make_inverse_dynamics_regressor,
 )
 from skmtgp._data.dask import is_dask
-from skmtgp._data.drawing import draw_rows
+from skmtgp._data.subsets import draw_rows
 from skmtgp.exceptions import UnderflowWarning
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.preprocessing import InverseDynamicsFeatures

@@ -35,7 +35,7 @@ def exact(model, size):
     chosen = np.random.default_rng(0).permutation(len(bound.y))[:size]
     chosen = chosen[np.argsort(bound.tasks[chosen], kind="stable")]
     data = (part[chosen] for part in (bound.X, bound.tasks, bound.y))
-    likelihood = DenseLikelihood(bound.kernel, bound.task_covariance, *data)
+    likelihood = DenseLikelihood(bound.prior, *data)
     other._posteriors = [likelihood.posterior(model.theta_)]
     return other
 

@@ -26,6 +26,7 @@ import dask
 import dask.array as da
 import numpy as np
 from distributed import Client, LocalCluster
+from settings import PAPER
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
@@ -163,9 +164,7 @@ def main():
             inference="sparse",
             n_inducing=m,
             max_iter=options.max_iter,
-            task_levels=False,
-            normalize_y="shared",
-            noise="shared",
+            **PAPER,
         )
         begin = perf_counter()
         with counted_passes() as passes:

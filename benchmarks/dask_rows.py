@@ -26,12 +26,14 @@ import dask
 import dask.array as da
 import numpy as np
 from distributed import Client, LocalCluster
+from settings import PAPER
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
 from skmtgp.inference.weights import Gradients
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 
 N_FEATURES, N_TASKS, RANK, MIB = 6, 5, 2, 2.0**20
@@ -61,7 +63,7 @@ def bound_of(rows, Z):
     kernel, form = RBF(np.full(N_FEATURES, 2.0)), low_rank(N_TASKS, RANK)
     rho = form.parameters(np.eye(N_TASKS) + 0.1)
     theta = np.concatenate([kernel.theta, rho, [np.log(0.01)]])
-    return SparseBound(kernel, form, X, tasks, y, Z), theta
+    return SparseBound(Prior(kernel, form), X, tasks, y, Z), theta
 
 
 def sizes(rows, Z):
@@ -162,6 +164,7 @@ def main():
             inference="sparse",
             n_inducing=m,
             max_iter=options.max_iter,
+            **PAPER,
         )
         begin = perf_counter()
         with counted_passes() as passes:

@@ -19,6 +19,7 @@ from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
@@ -30,8 +31,8 @@ HEAD = "   n  sigma^2  draws  method         nats below    above  units below  a
 METHODS = {
     "dense": DenseLikelihood,
     "kronecker": KroneckerLikelihood,
-    "sparse, all": lambda *data: SparseBound(*data, data[2]),
-    "sparse, found": lambda *data: SparseBound(*data, found(data[2])),
+    "sparse, all": lambda *data: SparseBound(*data, data[1]),
+    "sparse, found": lambda *data: SparseBound(*data, found(data[1])),
 }
 
 
@@ -51,7 +52,7 @@ def errors(n, noise, length, d, seed):
     exact = exact_log_marginal_likelihood(F @ F.T, np.exp(theta[-1]), *data)
     if exact < -n / 2:  # the model does not fit: far from what is learned
         return [np.nan] * len(METHODS)
-    made = (make(RBF(), form, *data) for make in METHODS.values())
+    made = (make(Prior(RBF(), form), *data) for make in METHODS.values())
     return [likelihood.value(theta) - exact for likelihood in made]
 
 

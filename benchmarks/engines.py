@@ -33,7 +33,7 @@ def make(engine, n_inputs):
     problem, theta = make_problem(n_inputs, N_TASKS)
     n_inducing = ENGINES[engine][1]
     if n_inducing is not None:
-        X = problem[2]
+        X = problem[1]
         return SparseBound(*problem, X[np.arange(n_inducing) % len(X)]), theta
     kinds = {"dense": DenseLikelihood, "kronecker": KroneckerLikelihood}
     return kinds[engine](*problem), theta

@@ -15,6 +15,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import ARDLinear
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
 
 AT = {"n": 1400, "tasks": 14, "features": 18, "rank": 4}
@@ -47,7 +48,8 @@ def make(n, tasks, features, rank, seed=0):
     rbf = RBF(np.full(features, np.sqrt(8.0 * features)))
     kernel = ARDLinear(np.ones(features)) + ConstantKernel() * rbf
     form = LowRank(tasks, rank)
-    likelihood = DenseLikelihood(kernel, form, X, task, rng.standard_normal(n))
+    y = rng.standard_normal(n)
+    likelihood = DenseLikelihood(Prior(kernel, form), X, task, y)
     F = rng.standard_normal(form.n_parameters) / np.sqrt(rank)
     return likelihood, np.concatenate([kernel.theta, F, [np.log(0.1)]])
 

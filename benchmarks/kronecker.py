@@ -17,29 +17,28 @@ from threadpoolctl import threadpool_limits
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
 
 RANK = 4
 
 
 def make_problem(n_inputs, n_tasks, seed=0):
-    """Complete random data with a kernel and a form, and where to evaluate them."""
+    """A prior with complete random data, and where to evaluate them."""
     rng = np.random.default_rng(seed)
     x = rng.standard_normal((n_inputs, 18))
     X = np.tile(np.hstack([x, np.sign(x[:, 6:12])]), (n_tasks, 1))
     tasks, y = np.repeat(np.arange(n_tasks), n_inputs), rng.standard_normal(len(X))
     kernel, form = inverse_dynamics_kernel(6), LowRank(n_tasks, min(RANK, n_tasks))
     theta = [kernel.theta, rng.standard_normal(form.n_parameters), [np.log(1e-2)]]
-    return (kernel, form, X, tasks, y), np.concatenate(theta)
+    return (Prior(kernel, form), X, tasks, y), np.concatenate(theta)
 
 
 def measure(n_inputs, n_tasks, most, repeats):
     """Best times of eigh, value and gradient, value, dense value and gradient."""
     problem, theta = make_problem(n_inputs, n_tasks)
     likelihood = KroneckerLikelihood(*problem)
-    K_x = likelihood.kernel.clone_with_theta(likelihood.split(theta)[0])(
-        likelihood.inputs
-    )
+    K_x = likelihood.prior.kernel_at(theta)(likelihood.inputs)
     dense = DenseLikelihood(*problem) if len(problem[-1]) <= most else None
     rows = [
         (

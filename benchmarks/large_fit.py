@@ -8,6 +8,8 @@ import argparse
 import time
 import warnings
 
+from settings import PAPER
+
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
 from skmtgp.datasets import fetch_puma560
 from skmtgp.metrics import normalized_mean_squared_error
@@ -27,7 +29,8 @@ def main():
     options = {"loads": LOADS, "return_X_y": True, "random_state": 0}
     X, y = fetch_puma560(n_per_load=arguments.n_per_load, **options)
     X_test, y_test = fetch_puma560(subset="extrapolation", n_per_load=1000, **options)
-    model = MultiTaskGPRegressor(rank=arguments.rank, verbose=arguments.verbose)
+    rank, verbose = arguments.rank, arguments.verbose
+    model = MultiTaskGPRegressor(rank=rank, verbose=verbose, **PAPER)
     begin = time.perf_counter()
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")

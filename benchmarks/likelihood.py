@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
 
 N_TASKS, RANK = 14, 4
@@ -31,7 +32,8 @@ def make_problem(n, seed=0):
     X = np.hstack([x, np.sign(x[:, 6:12])])
     tasks = np.sort(np.arange(n) % N_TASKS)
     kernel, form = inverse_dynamics_kernel(6), LowRank(N_TASKS, RANK)
-    likelihood = DenseLikelihood(kernel, form, X, tasks, rng.standard_normal(n))
+    y = rng.standard_normal(n)
+    likelihood = DenseLikelihood(Prior(kernel, form), X, tasks, y)
     F = rng.standard_normal(form.n_parameters)
     return likelihood, np.concatenate([kernel.theta, F, [np.log(1e-2)]])
 

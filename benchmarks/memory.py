@@ -12,6 +12,7 @@ import sys
 import warnings
 
 import numpy as np
+from settings import PAPER
 from sklearn.exceptions import ConvergenceWarning
 
 from skmtgp import MultiTaskGPRegressor
@@ -31,7 +32,8 @@ def used(n):
     x = rng.standard_normal((n, 18))
     X = np.column_stack([x, np.sign(x[:, 6:12]), np.arange(n) % N_TASKS])
     y = np.sin(x).sum(axis=1) * (1.0 + X[:, -1])
-    model = MultiTaskGPRegressor(inverse_dynamics_kernel(6), rank=RANK, max_iter=2)
+    kernel = inverse_dynamics_kernel(6)
+    model = MultiTaskGPRegressor(kernel, rank=RANK, max_iter=2, **PAPER)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model.fit(X[:28], y[:28])  # libraries are loaded, threads started

@@ -10,6 +10,7 @@ import argparse
 from copy import copy
 
 import numpy as np
+from settings import PAPER
 from sklearn.pipeline import make_pipeline
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -35,7 +36,7 @@ def exact(model, size):
     chosen = np.random.default_rng(0).permutation(len(bound.y))[:size]
     chosen = chosen[np.argsort(bound.tasks[chosen], kind="stable")]
     data = (part[chosen] for part in (bound.X, bound.tasks, bound.y))
-    likelihood = DenseLikelihood(bound.kernel, bound.task_covariance, *data)
+    likelihood = DenseLikelihood(bound.prior, *data)
     other._posteriors = [likelihood.posterior(model.theta_)]
     return other
 
@@ -64,9 +65,8 @@ def main():
     print(HEAD)
     for joint in arguments.joints:
         X, y = rows("train", joint, arguments.n_per_load)
-        model = MultiTaskGPRegressor(
-            rank=5, inference="sparse", max_iter=arguments.max_iter
-        )
+        options = PAPER | {"inference": "sparse", "max_iter": arguments.max_iter}
+        model = MultiTaskGPRegressor(rank=5, **options)
         features, model = make_inverse_dynamics_regressor(model).fit(X, y)
         for size in arguments.sizes:
             some = make_pipeline(features, exact(model, size))

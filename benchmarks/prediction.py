@@ -17,6 +17,7 @@ import tracemalloc
 from time import perf_counter
 
 import numpy as np
+from settings import PAPER
 from sklearn.utils.validation import check_array, validate_data
 from threadpoolctl import threadpool_limits
 
@@ -35,7 +36,7 @@ def make_model(n, seed=0):
     tasks = rng.permutation(np.arange(2 * n) % N_TASKS)
     X = np.column_stack([x, np.sign(x[:, 6:12]), tasks])
     kernel = inverse_dynamics_kernel(6)
-    model = MultiTaskGPRegressor(kernel, rank=RANK, max_iter=0)
+    model = MultiTaskGPRegressor(kernel, rank=RANK, max_iter=0, **PAPER)
     return model.fit(X[:n], np.sin(x[:n, 0]) + tasks[:n]), X[n:]
 
 

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
 
 N_TASKS, RANK, MIB = 14, 4, 2.0**20
@@ -28,7 +29,7 @@ def make(n, m, seed=0):
     np.sign(X[:, :6], out=X[:, 18:])
     kernel, form = inverse_dynamics_kernel(6), LowRank(N_TASKS, RANK)
     tasks, y = np.arange(n) % N_TASKS, rng.standard_normal(n)
-    bound = SparseBound(kernel, form, X, tasks, y, X[:m].copy())
+    bound = SparseBound(Prior(kernel, form), X, tasks, y, X[:m].copy())
     F = rng.standard_normal(form.n_parameters)
     return bound, np.concatenate([kernel.theta, F, [np.log(1e-2)]])
 

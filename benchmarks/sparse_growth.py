@@ -20,6 +20,7 @@ from skmtgp.datasets import fetch_puma560
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
@@ -76,7 +77,7 @@ def measure(m, n, few):
     F = np.random.default_rng(0).standard_normal(form.n_parameters)
     theta = np.concatenate([kernel.theta, F, [np.log(1e-2)]])
     data = all_rows().first(n)
-    bound = SparseBound(kernel, form, *data, inducing_inputs(m, few))
+    bound = SparseBound(Prior(kernel, form), *data, inducing_inputs(m, few))
     return cost(lambda: bound.value_and_grad(theta))
 
 

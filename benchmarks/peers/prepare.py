@@ -1,15 +1,18 @@
 """The problems: data, scaling and the common starting point, and the test sets."""
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from problem import FACTOR, N_X, NOISE, Parameters, Problem
 
+from skmtgp._data.data import Data
 from skmtgp.datasets import fetch_puma560
+from skmtgp.inference.engines import Dense
 from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.learning.problem import Data, Settings
+from skmtgp.learning import problem as learning
 from skmtgp.learning.stages import first_stage, second_stage
+from skmtgp.learning.tuning import TUNING
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import identity, low_rank, ones
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
@@ -58,27 +61,46 @@ def load_case(n_per_load, joint, draw, test_rows=TEST_ROWS):
 
 def make_problem(train):
     """Training data with the start from which this package's best mode comes."""
-    kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, RANK)
-    data = Data(train.u, train.tasks, train.y, N_TASKS)
-    settings = Settings(
-        kernel=kernel,
-        scale=1.0,
-        log_noise=np.log([START_NOISE]),
-        log_noise_bounds=tuple(np.log(NOISE)),
-        max_iter=CLIMB,
-        tol=1e-2,
-    )
-    starts = [first_stage(data, settings, f(N_TASKS)) for f in (identity, ones)]
-    climb = replace(settings, max_iter=CLIMB if len(train.y) < SMALL else SHORT_CLIMB)
-    modes = second_stage([(data, climb, form, [start]) for start in starts])
+    form = low_rank(N_TASKS, RANK)
+    forms = [fixed(N_TASKS) for fixed in (identity, ones)]
+    starts = [first_stage(to_learn(train, fixed)) for fixed in forms]
+    problem = to_learn(train, form, CLIMB if len(train.y) < SMALL else SHORT_CLIMB)
+    jobs = [(problem, [start]) for start in starts]
+    modes = second_stage(jobs, shakes=TUNING.shakes)
     best = starts[int(np.argmax([mode.value for mode in modes]))]
     F = np.clip(form.parameters(best.K_rho), *FACTOR).reshape(N_TASKS, RANK)
-    return Problem(*train, F, to_parameters(kernel, best.kernel_theta, F))
+    return Problem(*train, F, to_parameters(best.kernel_theta, F))
 
 
-def to_parameters(kernel, theta, F, noise=START_NOISE):
-    """The comparison's parameters from the kernel's theta."""
-    kernel = kernel.clone_with_theta(theta)
+def to_learn(train, form, max_iter=CLIMB, engine=None):
+    """What this package learns: the paper's model of the scaled targets.
+
+    Parameters
+    ----------
+    train : Rows
+        Training data.
+    form : FixedTaskCovariance or LowRank
+        Form of K^rho.
+    max_iter : int, default=CLIMB
+        Most iterations of each climb.
+    engine : Engine, default=None
+        How the likelihood is computed. None is dense.
+    """
+    prior = Prior(
+        inverse_dynamics_kernel(N_X // 3),
+        form,
+        log_noise=float(np.log(START_NOISE)),
+        log_noise_bounds=tuple(np.log(NOISE)),
+    )
+    budget = learning.Budget(max_iter, tol=1e-2)
+    data = Data(*train, N_TASKS)
+    return learning.Problem(prior, data, engine or Dense(), budget)
+
+
+def to_parameters(theta, F, noise=START_NOISE):
+    """The comparison's parameters from theta of k^x; None is where that starts."""
+    kernel = inverse_dynamics_kernel(N_X // 3)
+    kernel = kernel if theta is None else kernel.clone_with_theta(theta)
     linear, smooth = kernel.k1, kernel.k2
     return Parameters(
         smooth.k2.kernel.length_scale,
@@ -97,5 +119,4 @@ def random_problem(n, seed=0):
     u = np.hstack([x, np.sign(x[:, 6:12])])
     tasks = np.sort(np.arange(n) % N_TASKS)
     y, F = rng.standard_normal(n), rng.standard_normal((N_TASKS, RANK))
-    kernel = inverse_dynamics_kernel(N_X // 3)
-    return Problem(u, tasks, y, F, to_parameters(kernel, kernel.theta, F))
+    return Problem(u, tasks, y, F, to_parameters(None, F))

@@ -11,7 +11,10 @@ import skmtgp
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank, WithDiagonal
+
+PAPER = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
 
 
 class Adapter:
@@ -32,7 +35,7 @@ class Adapter:
 
     def make_likelihood(self, *data):
         """The objective."""
-        return DenseLikelihood(self.kernel, self.form, *data)
+        return DenseLikelihood(Prior(self.kernel, self.form), *data)
 
     def theta_at_start(self):
         """The start in this package's order: kernel, F, noise."""
@@ -57,14 +60,13 @@ class Adapter:
 
         def recorded(likelihood, theta):
             value, gradient = inner(likelihood, theta)
-            ours = isinstance(likelihood.task_covariance, forms)
+            ours = isinstance(likelihood.prior.task_covariance, forms)
             whole = len(likelihood.y) == self.n
             recorder(value if ours and whole else -np.inf)
             return value, gradient
 
-        model = MultiTaskGPRegressor(
-            self.kernel, rank=self.form.rank, diagonal=self.diagonal
-        )
+        options = PAPER | {"rank": self.form.rank, "diagonal": self.diagonal}
+        model = MultiTaskGPRegressor(self.kernel, **options)
         DenseLikelihood.value_and_grad = recorded
         try:
             with warnings.catch_warnings(record=True) as caught:

@@ -4,6 +4,7 @@ from adapter import main
 from skmtgp_adapter import Adapter
 
 from skmtgp.inference.sparse import SparseBound
+from skmtgp.model.prior import Prior
 
 
 class SparseAdapter(Adapter):
@@ -11,7 +12,7 @@ class SparseAdapter(Adapter):
 
     def make_likelihood(self, *data):
         """The objective."""
-        return SparseBound(self.kernel, self.form, *data, self.problem.Z)
+        return SparseBound(Prior(self.kernel, self.form), *data, self.problem.Z)
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from problem import NOISE
 from results import RESULTS, Table, commit, write_machine
 from run import command_line
 from sklearn.pipeline import make_pipeline
+from skmtgp_adapter import PAPER
 from threadpoolctl import threadpool_limits
 
 import skmtgp
@@ -48,6 +49,7 @@ def fit(key, arguments):
         n_exact=key["n_exact"],
         noise_variance_bounds=(key["noise_floor"], NOISE[1]),
         max_iter=arguments.max_iter,
+        **PAPER,
     )
     if len(ranks) > 1:
         model = RankSearchIC(model, ranks=ranks, keep_estimators=True)

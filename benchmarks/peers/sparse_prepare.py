@@ -4,15 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 from inducing import with_tasks
-from prepare import CLIMB, N_TASKS, START_NOISE, random_problem, to_parameters
-from problem import N_X, NOISE, Problem
+from prepare import CLIMB, N_TASKS, random_problem, to_learn, to_parameters
+from problem import NOISE, Problem
 from reference import covariance
 from sparse_reference import prior_variance
 
-from skmtgp import MultiTaskGPRegressor
+from skmtgp.inference.engines import Sparse
 from skmtgp.inference.inducing import greedy_variance
-from skmtgp.kernels import inverse_dynamics_kernel
-from skmtgp.learning.problem import Data, Settings
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.summarised import begin_at, exact_part
 from skmtgp.model.task_covariance import leading_eigenvectors, low_rank
@@ -79,26 +77,16 @@ def start_of(train, m, rank, max_iter=CLIMB):
     are chosen, with the noise variance that has the highest bound. It is kept off its
     own lower bound, where the peers' transforms have no gradient.
     """
-    kernel, form = inverse_dynamics_kernel(N_X // 3), low_rank(N_TASKS, rank)
-    data = Data(train.u, train.tasks, train.y, N_TASKS)
-    settings = Settings(
-        kernel=kernel,
-        scale=1.0,
-        log_noise=np.log([START_NOISE]),
-        log_noise_bounds=tuple(np.log(NOISE)),
-        max_iter=max_iter,
-        tol=1e-2,
-        inference="sparse",
-        n_exact=MultiTaskGPRegressor().n_exact,
-    )
-    (mode,) = learn_ranks(exact_part([(data, settings)], [form]), [form])[0]
+    form = low_rank(N_TASKS, rank)
+    learned = to_learn(train, form, max_iter, Sparse(n_inducing=m))
+    (mode,) = learn_ranks(exact_part([learned], [form]), [form])[0]
 
     def problem_at(theta):
-        kernel_theta, F = np.split(theta[:-1], [kernel.n_dims])
-        F = F.reshape(N_TASKS, rank)
-        noise = np.maximum(np.exp(theta[-1]), LEAST_NOISE)
-        return Problem(*train, F, to_parameters(kernel, kernel_theta, F, noise))
+        values = learned.prior.values(theta)
+        F = values.rho.reshape(N_TASKS, rank)
+        noise = np.maximum(values.noise[0], LEAST_NOISE)
+        return Problem(*train, F, to_parameters(values.kernel, F, noise))
 
     problem = part_problem(problem_at(mode.theta), m)
-    theta = begin_at(replace(data, Z=problem.Z), settings, form, mode)
+    theta = begin_at(learned.with_data(replace(learned.data, Z=problem.Z)), mode)
     return problem._replace(start=problem_at(theta).start)

@@ -41,7 +41,7 @@ from sparse_prepare import (
 from sparse_reference import SparsePosterior
 from threadpoolctl import threadpool_limits
 
-from skmtgp.learning.summarised import ROUNDS
+from skmtgp.learning.tuning import TUNING
 
 PEERS = ("gpytorch", "gpflow")
 SIZES, INDUCING, LOADS = (10_000, 56_000), (500, 1000, 1500), 14
@@ -136,12 +136,12 @@ class SparseRunner(Runner):
                         self.fit_one(row)
 
     def fit_one(self, key):
-        """One package on one problem; its inducing points are chosen ROUNDS times."""
+        """One package on one problem; each round has new inducing points."""
         problem, rounds = load_problem(self.fit_problem(key)), []
         package, settings = key["package"], key["settings"]
         path = PROBLEMS / f"sparse-round-{package}-{settings}.npz"
-        budget = self.arguments.budget / ROUNDS
-        for _ in range(ROUNDS):
+        budget = self.arguments.budget / TUNING.rounds
+        for _ in range(TUNING.rounds):
             save(problem, path)
             parameters, _, report = self.adapt(package, settings, "fit", path, budget)
             if parameters is None:

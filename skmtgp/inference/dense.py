@@ -119,7 +119,7 @@ class DenseLikelihood(TiledLikelihood):
             G *= self._between(K_rho, rows, cols)
             return bound.contract(G, tape, rows, cols), H, d_level
 
-        d_kernel, d_level = np.zeros(self.prior.kernel.n_dims), 0.0
+        d_kernel, d_level = np.zeros(self.prior.node.n_dims), 0.0
         D = np.zeros(K_rho.shape)
         for (rows, cols), (d_tile, H, d_level_of_tile) in zip(
             self.blocks, self._map_tiles(contract, tapes), strict=True

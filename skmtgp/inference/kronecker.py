@@ -102,7 +102,7 @@ class EigenLikelihood(TiledLikelihood):
             return bound.contract(G, tape, rows, cols)
 
         parts = self._map_tiles(contract, tapes)
-        return sum(parts, np.zeros(self.prior.kernel.n_dims))
+        return sum(parts, np.zeros(self.prior.node.n_dims))
 
 
 class KroneckerLikelihood(EigenLikelihood):

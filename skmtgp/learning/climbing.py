@@ -1,6 +1,5 @@
 """One climb of the marginal likelihood, from a starting point to a mode."""
 
-from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -33,7 +32,7 @@ def climb(problem, theta, *, relaxed=False, held=None):
         Its value is without the penalty.
     """
     likelihood, budget = problem.likelihood(), problem.budget
-    penalise = partial(_penalty, problem, relaxed)
+    penalise = _penalty(problem, relaxed)
     lower, upper = _bounds(problem, theta, held)
     tol = max(budget.tol, problem.tuning.relaxed_tol) if relaxed else budget.tol
     begin = perf_counter()
@@ -85,13 +84,18 @@ def _metric(likelihood):
     return metric
 
 
-def _penalty(problem, relaxed, theta):
-    """What holds the parameters of k^x near their start if relaxed; its gradient."""
-    away, of_kernel = np.zeros_like(theta), problem.prior.of_kernel
-    if relaxed:
-        away[of_kernel] = theta[of_kernel] - problem.prior.kernel.theta
-    slope = problem.tuning.relaxed**-2 * away
-    return 0.5 * (away @ slope), slope
+def _penalty(problem, relaxed):
+    """What holds the parameters of k^x near their start if relaxed, and its slope."""
+    start, of_kernel = problem.prior.kernel.theta, problem.prior.of_kernel
+
+    def penalise(theta):
+        away = np.zeros_like(theta)
+        if relaxed:
+            away[of_kernel] = theta[of_kernel] - start
+        slope = problem.tuning.relaxed**-2 * away
+        return 0.5 * (away @ slope), slope
+
+    return penalise
 
 
 def information_or_zero(likelihood, theta):

@@ -12,6 +12,7 @@ is known here alone.
 
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -120,11 +121,17 @@ class Prior:
         """Number of tasks M."""
         return self.task_covariance.n_tasks
 
-    @property
+    @cached_property
     def _sizes(self):
-        """Of the parts of theta, in their order."""
+        """Of the parts of theta, in their order; scikit-learn takes time for n_dims."""
         n_rho = self.task_covariance.n_parameters
         return self.kernel.n_dims, n_rho, int(self.levels), self.n_noise
+
+    @cached_property
+    def _slices(self):
+        """Where the parts of theta are, in their order."""
+        ends = np.cumsum(self._sizes).tolist()
+        return [slice(*ends_of) for ends_of in pairwise([0, *ends])]
 
     @property
     def n_theta(self):
@@ -141,7 +148,7 @@ class Prior:
     # theta and its parts
 
     def _split(self, theta):
-        return np.split(theta, np.cumsum(self._sizes)[:-1])
+        return [theta[part] for part in self._slices]
 
     def values(self, theta):
         """What theta stands for.

@@ -32,11 +32,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
-        + \Bigl(\sum_j d_j + \tfrac J2 r (2 M + 1 - r) + J\Bigr) \log n
+        + \Bigl(\sum_j d_j + \tfrac J2 r (2 M + 1 - r) + J e\Bigr) \log n
 
     over J outputs and M tasks, with :math:`L_{jr}` the likelihood learned for output j
-    at rank r, :math:`d_j` the number of hyperparameters of its kernel and n the number
-    of observations, those of all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
+    at rank r, :math:`d_j` the number of hyperparameters of its kernel, e the number of
+    the others that each output has (1 or M of the noise, 1 of levels, 1 of a function
+    that all tasks share, M of a diagonal) and n the number of observations, those of
+    all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
     and 2 log log n in place of log n.
 
     Parameters
@@ -45,8 +47,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
     ranks : sequence of int, default=None
         Ranks to compare. Those above the number of tasks count as that number. 0 is one
-        function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
-        the number of tasks; the paper has (2, 4, 5, 6, 8, 10).
+        function of all tasks: ``rank=0, shared=True``, whatever `shared` the estimator
+        has. None is 0, 1, 2, ... up to 6, or to the number of tasks if that is less;
+        the paper has (2, 4, 5, 6, 8, 10).
     criterion : {"bic", "aic", "hqc"}, default="bic"
         Which criterion chooses.
     keep_estimators : bool, default=False
@@ -84,9 +87,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     Notes
     -----
     Section 4 and eq. 8 of Chai, Williams, Klanke and Vijayakumar (2008). The stages of
-    learning that do not depend on the rank are done once. Where the estimator's
-    `learning` is "annealed" no rank ends below a lower one, see
-    :mod:`skmtgp.learning`.
+    learning that do not depend on the rank are done once, and all ranks have the same
+    units and noise. Where the estimator's `learning` is "annealed" no rank ends below a
+    lower one, see :mod:`skmtgp.learning`. Where rank 0 is chosen, tasks that `fit` has
+    not seen are predicted too, if the units are shared.
 
     Examples
     --------

@@ -47,9 +47,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
     ranks : sequence of int, default=None
         Ranks to compare. Those above the number of tasks count as that number. 0 is one
-        function of all tasks: ``rank=0, shared=True``, whatever `shared` the estimator
-        has. None is 0, 1, 2, ... up to 6, or to the number of tasks if that is less;
-        the paper has (2, 4, 5, 6, 8, 10).
+        function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
+        the number of tasks, as long as a task covariance has no more free parameters
+        than half the samples; the paper has (2, 4, 5, 6, 8, 10).
     criterion : {"bic", "aic", "hqc"}, default="bic"
         Which criterion chooses.
     keep_estimators : bool, default=False

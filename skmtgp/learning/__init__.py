@@ -1,11 +1,11 @@
 """Learning: maximising the marginal likelihood.
 
-``problem`` has what is learned and the modes, ``tuning`` the constants. ``screening``
-asks a small model for units and noise of the tasks. ``climbing`` follows one start to a
-mode, ``stages`` is the paper's section 3, ``hidden`` has starts for functions that
-levels hide, ``ranks`` learns several ranks, which help each other by ``nesting``, and
-``summarised`` goes on from there with inducing inputs. ``paper`` is section 3 without
-our additions, ``novel`` adds a task to a model. What goes beyond the paper:
+``problem`` has what is learned and the modes that are found, ``tuning`` the constants.
+``screening`` asks a small model in which units, and with which noise, to learn.
+``climbing`` follows one start to a mode, ``stages`` is the paper's section 3, ``ranks``
+learns several ranks, which help each other by ``nesting``, and ``summarised`` goes on
+from there with inducing inputs. ``paper`` is section 3 without our additions, ``novel``
+adds a task to a model. What goes beyond the paper:
 
 - *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
 - *Annealed*: the noise variance is held up, at first.

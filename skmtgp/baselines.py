@@ -52,8 +52,9 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
 class IndependentGP(_FixedTaskCovarianceGP):
     r"""Independent Gaussian processes of the tasks that share their kernel, iGP.
 
-    The multi-task model of eq. 6 with :math:`K^\rho = I`: tasks tell each other nothing
-    but the hyperparameters, which are learned from all of them.
+    The multi-task model of eq. 6 with :math:`K^\rho = I`, and a level of each task:
+    tasks tell each other nothing but the hyperparameters, which are learned from all of
+    them.
 
     Parameters
     ----------
@@ -65,24 +66,36 @@ class IndependentGP(_FixedTaskCovarianceGP):
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, one variance for each
         task: how much more the functions of some tasks vary than those of others.
+    task_levels : bool, default=True
+        Whether each task has a level: a constant that is added to its function, drawn
+        from N(0, v). The variance v is learned. Levels are integrated out exactly.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
-    noise : {"shared", "per_task"}, default="shared"
-        Whether the tasks share one noise variance or have one each.
+    noise : {"auto", "shared", "per_task"}, default="auto"
+        Whether the tasks share one noise variance or have one each. "auto" asks the
+        data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target.
+        Where learning starts, relative to the variance of the target, of each task if
+        they have units of their own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the variance of the target.
-    normalize_y : bool, default=True
-        Whether to take each output off its mean and to divide it by its standard
-        deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        Bounds of the noise variance, relative to the same.
+    normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
+        Units in which the targets are learned. "shared", or True, takes an output off
+        the mean of all its targets and divides it by their standard deviation, with
+        `task_levels` by that around the means of the tasks. "per_task" takes each task
+        off its own mean and divides it by its own deviation; one of one or two rows, or
+        of equal targets, by the geometric mean of the others' deviations. "auto" asks
+        the data, see :class:`MultiTaskGPRegressor`. With False the model's mean is
+        zero.
+    inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
         complete data: every task observed at the same inputs, once each. "auto" is
         "kronecker" where the data are complete, "dense" elsewhere; both are exact.
         "sparse" approximates, for data too large for them: a lower bound on the
         likelihood by inducing inputs takes its place.
+        An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
+        method of your own.
     n_inducing : int, default=500
         Number of inducing inputs, only for "sparse": more are closer to exact, and
         take time with their square or, many of them, their cube.
@@ -116,32 +129,48 @@ class IndependentGP(_FixedTaskCovarianceGP):
     kernel_ : Kernel, or list of n_outputs of them
         The kernel as learned.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
-        The identity (plus the diagonal) times the squared scale of y.
+        The identity (plus the diagonal) times the squared scale of y, of each task
+        where they have units of their own.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
+    level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
+        Variance of the levels around `y_mean_`, in squared units of y; 0 without
+        `task_levels`. One for each task where they have units of their own.
+    task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
+        Level of each task given the data, in units of y with `y_mean_` included, and
+        its standard deviation. Without `task_levels` they are `y_mean_` and 0.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Noise variance in squared units of y.
-    y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
-        Mean and standard deviation that `normalize_y` uses.
+        Noise variance in squared units of y. One for each task where they have noise
+        or units of their own.
+    y_mean_, y_scale_ : float or ndarray of shape ([n_outputs,] [n_tasks])
+        What was taken off the targets, and what they were divided by. One for each task
+        where they have units of their own. 0 and 1 without `normalize_y`.
+    normalize_y_ : {"per_task", "shared"} or False
+        The units that were used, chosen if `normalize_y` is "auto".
+    noise_ : {"shared", "per_task"}
+        The noise that was used, chosen if `noise` is "auto".
     log_marginal_likelihood_value_ : float
         Log density of y in its own units (a lower bound of it where inference is
         sparse), summed over the outputs.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
-        Number of hyperparameters of the kernels, the diagonals and the noise.
+        Number of hyperparameters of the kernels, the diagonals, the levels (1 for all
+        tasks) and the noise.
     theta_ : ndarray of shape (n_theta,)
-        Theta of the kernel, logarithms of the diagonal and of the noise variances of
-        the scaled target, for each output. A target is scaled by `y_scale_`; without
-        `normalize_y` it is scaled by its root mean square if the kernel is the default.
+        Theta of the kernel, logarithms of the diagonal, of the levels' variance and of
+        the noise variances of the scaled target, for each output. A target is scaled by
+        `y_scale_`; without `normalize_y`, if the kernel is the default, by its root
+        mean square, with `task_levels` by the deviation around the means of the tasks.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
         Likelihoods and gradients that learning took, summed over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
-    inference_ : {"dense", "kronecker", "sparse"}
-        How the likelihood is computed.
+    inference_ : str
+        How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
+        an engine of your own.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
         The inducing inputs; a list of n_outputs of them where y has two dimensions.
         Fewer than `n_inducing` where more would add nothing. Only if inference is
@@ -165,7 +194,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
     Notes
     -----
     Chai, Williams, Klanke and Vijayakumar (2008), section 6: "a collection of
-    independent GPs for the contexts, but sharing kernel parameters".
+    independent GPs for the contexts, but sharing kernel parameters". The paper's has
+    ``task_levels=False, normalize_y="shared", noise="shared"``.
 
     Examples
     --------
@@ -229,7 +259,7 @@ class PooledGP(_FixedTaskCovarianceGP):
     r"""One Gaussian process for the samples of all tasks, pGP.
 
     The multi-task model of eq. 6 with :math:`K^\rho = 1 1^T`: the tasks are taken to be
-    one and the same function.
+    one and the same function. It predicts tasks that `fit` has not seen, too.
 
     Parameters
     ----------
@@ -243,22 +273,27 @@ class PooledGP(_FixedTaskCovarianceGP):
         task: how much its function deviates from the common one.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
-    noise : {"shared", "per_task"}, default="shared"
-        Whether the tasks share one noise variance or have one each.
+    noise : {"auto", "shared", "per_task"}, default="auto"
+        Whether the tasks share one noise variance or have one each. "auto" asks the
+        data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target.
+        Where learning starts, relative to the variance of the target, of each task if
+        they have units of their own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the variance of the target.
-    normalize_y : bool, default=True
+        Bounds of the noise variance, relative to the same.
+    normalize_y : {"shared"} or bool, default="shared"
         Whether to take each output off its mean and to divide it by its standard
-        deviation before learning. The model's mean is zero otherwise.
-    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        deviation before learning. "shared" is True. With False the model's mean is
+        zero. One function has one level and one unit: those of all tasks.
+    inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
         complete data: every task observed at the same inputs, once each. "auto" is
         "kronecker" where the data are complete, "dense" elsewhere; both are exact.
         "sparse" approximates, for data too large for them: a lower bound on the
         likelihood by inducing inputs takes its place.
+        An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
+        method of your own.
     n_inducing : int, default=500
         Number of inducing inputs, only for "sparse": more are closer to exact, and
         take time with their square or, many of them, their cube.
@@ -296,9 +331,19 @@ class PooledGP(_FixedTaskCovarianceGP):
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Noise variance in squared units of y.
+        Noise variance in squared units of y. One for each task where they have noise
+        of their own.
     y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
-        Mean and standard deviation that `normalize_y` uses.
+        What was taken off the targets, and what they were divided by. 0 and 1 without
+        `normalize_y`.
+    normalize_y_ : {"shared"} or False
+        The units that were used.
+    level_variance_ : float or ndarray of shape (n_outputs,)
+        0: the function has no levels.
+    task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
+        `y_mean_` and 0, for each task.
+    noise_ : {"shared", "per_task"}
+        The noise that was used, chosen if `noise` is "auto".
     log_marginal_likelihood_value_ : float
         Log density of y in its own units (a lower bound of it where inference is
         sparse), summed over the outputs.
@@ -316,8 +361,9 @@ class PooledGP(_FixedTaskCovarianceGP):
         Likelihoods and gradients that learning took, summed over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
-    inference_ : {"dense", "kronecker", "sparse"}
-        How the likelihood is computed.
+    inference_ : str
+        How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
+        an engine of your own.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
         The inducing inputs; a list of n_outputs of them where y has two dimensions.
         Fewer than `n_inducing` where more would add nothing. Only if inference is
@@ -341,7 +387,8 @@ class PooledGP(_FixedTaskCovarianceGP):
     Notes
     -----
     Chai, Williams, Klanke and Vijayakumar (2008), section 6: "a single GP for each
-    joint that learns by pooling all training data from all the contexts".
+    joint that learns by pooling all training data from all the contexts". The paper's
+    has ``noise="shared"``.
 
     Examples
     --------

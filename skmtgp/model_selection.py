@@ -34,11 +34,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
-        + \Bigl(\sum_j d_j + \tfrac J2 r (2 M + 1 - r) + J\Bigr) \log n
+        + \Bigl(\sum_j d_j + \tfrac J2 r (2 M + 1 - r) + J e\Bigr) \log n
 
     over J outputs and M tasks, with :math:`L_{jr}` the likelihood learned for output j
-    at rank r, :math:`d_j` the number of hyperparameters of its kernel and n the number
-    of observations, those of all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
+    at rank r, :math:`d_j` the number of hyperparameters of its kernel, e the number of
+    the others that each output has (1 or M of the noise, 1 of levels, 1 of a function
+    that all tasks share, M of a diagonal) and n the number of observations, those of
+    all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
     and 2 log log n in place of log n.
 
     Parameters
@@ -87,9 +89,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     Notes
     -----
     Section 4 and eq. 8 of Chai, Williams, Klanke and Vijayakumar (2008). The stages of
-    learning that do not depend on the rank are done once. Where the estimator's
-    `learning` is "annealed" no rank ends below a lower one, see
-    :mod:`skmtgp.learning`.
+    learning that do not depend on the rank are done once, and all ranks have the same
+    units and noise. Where the estimator's `learning` is "annealed" no rank ends below a
+    lower one, see :mod:`skmtgp.learning`. Where rank 0 is chosen, tasks that `fit` has
+    not seen are predicted too, if the units are shared.
 
     Examples
     --------

@@ -33,12 +33,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     a row belongs to. For each output alone,
 
     .. math::
-        \mathrm{cov}(f^m(x), f^{m'}(x')) = K^\rho_{mm'}\, k^x(x, x'), \qquad
-        t^m(x) \sim \mathcal N(f^m(x), \sigma^2)
+        \mathrm{cov}(f^m(x), f^{m'}(x'))
+        = v\, \delta_{mm'} + K^\rho_{mm'}\, k^x(x, x'), \qquad
+        t^m(x) \sim \mathcal N(f^m(x), \sigma_m^2)
 
-    with a positive semi-definite task covariance :math:`K^\rho` of the given rank, a
-    kernel :math:`k^x` over the inputs and a noise variance, all of them learned by
-    maximising the marginal likelihood. Any task may be observed at any inputs.
+    with levels of the tasks of variance v, a positive semi-definite task covariance
+    :math:`K^\rho` of the given rank, a kernel :math:`k^x` over the inputs and noise
+    variances, all of them learned by maximising the marginal likelihood. Any task may
+    be observed at any inputs.
 
     Parameters
     ----------
@@ -49,30 +51,45 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         one length-scale for each feature, started and bounded relative to the feature's
         standard deviation; the task covariance is its amplitude.
     rank : int, default=None
-        Rank of the task covariance, 1 to the number of tasks. None is full rank.
+        Rank of the task covariance, 1 to the number of tasks. None is full rank. 0
+        needs `shared`: one function of all tasks and, with `task_levels`, a level of
+        each, for many tasks of a handful of rows.
+    shared : bool, default=False
+        Whether all tasks share one function alike, and differ from it by functions of
+        the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
+        seen is then predicted by what all share.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance: variation that a task
         shares with no other.
+    task_levels : bool, default=True
+        Whether each task has a level: a constant that is added to its function, drawn
+        from N(0, v). The variance v is learned. Levels are integrated out exactly.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
-    noise : {"shared", "per_task"}, default="shared"
-        Whether the tasks share one noise variance or have one each.
+    noise : {"auto", "shared", "per_task"}, default="auto"
+        Whether the tasks share one noise variance or have one each. "auto" asks the
+        data, see Notes.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target.
+        Where learning starts, relative to the variance of the target, of each task if
+        they have units of their own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the variance of the target.
-    normalize_y : bool, default=True
-        Whether to take each output off its mean and to divide it by its standard
-        deviation before learning. The model's mean is zero otherwise. The mean is that
-        of all tasks: where they have different levels, these take one rank more, or
-        the targets of each task have to be centred beforehand.
-    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        Bounds of the noise variance, relative to the same.
+    normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
+        Units in which the targets are learned. "shared", or True, takes an output off
+        the mean of all its targets and divides it by their standard deviation, with
+        `task_levels` by that around the means of the tasks. "per_task" takes each task
+        off its own mean and divides it by its own deviation; one of one or two rows, or
+        of equal targets, by the geometric mean of the others' deviations. "auto" asks
+        the data, see Notes. With False the model's mean is zero.
+    inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
         complete data: every task observed at the same inputs, once each. "auto" is
         "kronecker" where the data are complete, "dense" elsewhere; both are exact.
         "sparse" approximates, for data too large for them: a lower bound on the
         likelihood by inducing inputs takes its place.
+        An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
+        method of your own.
     n_inducing : int, default=500
         Number of inducing inputs, only for "sparse": more are closer to exact, and
         take time with their square or, many of them, their cube.
@@ -121,13 +138,27 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     kernel_ : Kernel, or list of n_outputs of them
         :math:`k^x` as learned.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
-        :math:`K^\rho` as learned, in squared units of y.
+        :math:`K^\rho` as learned, in squared units of y: those of either task where
+        they have units of their own.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
-        Its lower trapezoidal factor: ``L @ L.T``, without the diagonal.
+        Its lower trapezoidal factor: ``L @ L.T``, without the diagonal and without the
+        function that all share.
+    level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
+        Variance of the levels around `y_mean_`, in squared units of y; 0 without
+        `task_levels`. One for each task where they have units of their own.
+    task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
+        Level of each task given the data, in units of y with `y_mean_` included, and
+        its standard deviation. Without `task_levels` they are `y_mean_` and 0.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Noise variance in squared units of y.
-    y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
-        Mean and standard deviation that `normalize_y` uses.
+        Noise variance in squared units of y. One for each task where they have noise
+        or units of their own.
+    y_mean_, y_scale_ : float or ndarray of shape ([n_outputs,] [n_tasks])
+        What was taken off the targets, and what they were divided by. One for each task
+        where they have units of their own. 0 and 1 without `normalize_y`.
+    normalize_y_ : {"per_task", "shared"} or False
+        The units that were used, chosen if `normalize_y` is "auto".
+    noise_ : {"shared", "per_task"}
+        The noise that was used, chosen if `noise` is "auto".
     log_marginal_likelihood_value_ : float
         Log density of y in its own units (a lower bound of it where inference is
         sparse), summed over the outputs.
@@ -135,17 +166,21 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters as eq. 8 counts them, summed over the outputs: those
-        of the kernel, r (2 M + 1 - r) / 2 of the task covariance, and the noise. The
-        scale of the task covariance and an amplitude of the kernel count both, as in
-        the paper.
+        of the kernel, r (2 M + 1 - r) / 2 of the task covariance, 1 of a function that
+        all share, M of a diagonal, 1 of all levels, and the noise. The scale of the
+        task covariance and an amplitude of the kernel count both, as in the paper.
+        Means and deviations that `normalize_y` takes do not count.
     theta_ : ndarray of shape (n_theta,)
         All parameters as learned, for each output: the kernel's theta, the factor of
-        the task covariance of the scaled output row by row, logarithms of its diagonal,
-        logarithms of the noise variances of the scaled output. An output is scaled by
-        `y_scale_`, without `normalize_y` by its root mean square. The factor is a
-        rotation of `task_factor_`: ``L @ Q``, with the same ``L @ L.T``.
+        the task covariance row by row, the logarithm of the variance a of the function
+        that all share, logarithms of the diagonal, the logarithm of the levels'
+        variance, logarithms of the noise variances, each if the model has it. All are
+        of the scaled output. It is scaled by `y_scale_`; without `normalize_y` by its
+        root mean square, with `task_levels` by the deviation around the means of the
+        tasks. The factor is a rotation of `task_factor_`: ``L @ Q``, with the same
+        ``L @ L.T``.
     rank_ : int
-        Rank of the task covariance.
+        Rank of the task covariance, a function that all share not counted.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
@@ -154,8 +189,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         share counts for each of them.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
-    inference_ : {"dense", "kronecker", "sparse"}
-        How the likelihood is computed.
+    inference_ : str
+        How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
+        an engine of your own.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
         The inducing inputs; a list of n_outputs of them where y has two dimensions.
         Fewer than `n_inducing` where more would add nothing. Only if inference is
@@ -181,11 +217,26 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     Notes
     -----
-    The model is eq. 6 of [1]_, the rank-constrained model of its section 3, learned in
-    stages as there, with additions that :mod:`skmtgp.learning` describes. In units of
-    y, ``y - y_mean_`` has covariance ``task_covariance_[t, t'] * kernel_(X, X')``, plus
-    ``noise_variance_`` for a sample with itself. Time grows with the cube of the number
-    of samples, memory with its square.
+    The model is eq. 6 of [1]_, the rank-constrained model of its section 3, with levels
+    and units of the tasks. ``task_levels=False, normalize_y="shared", noise="shared"``
+    is the paper's. It is learned in stages as there, with additions that
+    :mod:`skmtgp.learning` describes. In units of y and for tasks t, t' of the samples,
+    ``y - y_mean_[t]`` is normal with mean zero and covariance
+    ``level_variance_ * (t == t') + task_covariance_[t, t'] * kernel_(X, X')``, plus
+    ``noise_variance_`` for a sample with itself. Where one of these has a number for
+    each task, it is that of t. Time grows with the cube of the number of samples,
+    memory with its square.
+
+    What "auto" means for `normalize_y` and `noise`, the data say before learning. A
+    small model is asked: tasks that have nothing in common but :math:`k^x`, with an
+    amplitude and a level each, learned from a few hundred rows. Its likelihoods of y,
+    in shared units and in those of each task, with shared noise and with noise of each
+    task, are compared after half the logarithm of the number of rows was taken off for
+    each parameter; for one that a task has, of the number of its own rows. Units
+    are shared without asking if the deviations of the tasks' targets differ by no more
+    than chance. Noise of each task is only tried if it promises to gain; where exact
+    inference has learned with shared noise, it is asked once more of what was learned.
+    With `max_iter` 0 both are shared, and noise that is "fixed" is.
 
     With complete data of N inputs and M tasks they grow with :math:`N^3` and
     :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra,
@@ -325,10 +376,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     ) -> Self:
         """The model with one more task, of which a few samples are enough.
 
-        The kernel, the noise variance and the covariance of the tasks so far are kept;
-        only the new border of the task covariance is learned, from the marginal
-        likelihood of all samples: as many numbers as the rank, and if `rank` is None or
-        with `diagonal` one more.
+        The kernel, the variances of noise and levels, the units and the covariance of
+        the tasks so far are kept; only the new border of the task covariance is
+        learned, from the marginal likelihood of all samples: as many numbers as the
+        rank, and if `rank` is None or with `diagonal` one more. The level of the new
+        task follows from its samples and the levels' variance.
 
         Parameters
         ----------
@@ -357,9 +409,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         Notes
         -----
-        Section 3.3 of the paper, but for the prior. With `noise` "per_task" the new
-        task gets the geometric mean of the others' noise variances. `y_mean_` and
-        `y_scale_` are kept. `n_iter_` and `n_evaluations_` are those of the border.
+        Section 3.3 of the paper, but for the prior, and for levels. Where the tasks
+        have noise variances of their own, the new one gets their geometric mean. Where
+        they have units of their own, it is taken off the mean of its samples and
+        divided by their deviation, of one or two samples by the geometric mean of the
+        others'. `n_iter_` and `n_evaluations_` are those of the border.
 
         Examples
         --------

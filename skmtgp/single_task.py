@@ -46,19 +46,22 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target.
+        Where learning starts, relative to the variance of the task's target. Each task
+        has a noise variance of its own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the variance of the target.
+        Bounds of the noise variance, relative to the same.
     normalize_y : bool, default=True
         Whether to take each output off its mean and to divide it by its standard
-        deviation before learning, for each task separately. The model's mean is zero
-        otherwise.
-    inference : {"auto", "dense", "kronecker", "sparse"}, default="auto"
+        deviation before learning, for each task separately: each has its own level and
+        unit. "auto", "per_task" and "shared" are True. With False the model's mean is
+        zero.
+    inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "auto" is "dense", a Cholesky decomposition of
         each task's covariance; "kronecker" is an eigen-decomposition, which takes
         longer for one task alone and needs distinct inputs. Both are exact. "sparse"
         approximates, for tasks too large for them: a lower bound on the likelihood by
-        inducing inputs takes its place.
+        inducing inputs takes its place. An instance of a subclass of
+        :class:`~skmtgp.inference.engine.Engine` is a method of your own.
     n_inducing : int, default=500
         Number of inducing inputs of each task, only for "sparse".
     inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
@@ -105,8 +108,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
         Likelihoods and gradients that learning took, summed over tasks and outputs.
-    inference_ : {"dense", "kronecker", "sparse"}
-        How the likelihood is computed.
+    inference_ : str
+        How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
+        an engine of your own.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)

@@ -90,8 +90,17 @@ class PosteriorMixin(RegressorMixin):
         TypeError
             If X is a Dask collection.
         ValueError
-            If a task was not seen in fit, or if both `return_std` and `return_cov` are
-            asked for.
+            If a task was not seen in fit and cannot be predicted, or if both
+            `return_std` and `return_cov` are asked for.
+
+        Notes
+        -----
+        A task that `fit` has not seen can be predicted by a PooledGP, and by a
+        MultiTaskGPRegressor with ``shared=True`` where `normalize_y_` is not
+        "per_task": by what all tasks share. Its uncertainty has what tasks differ by:
+        the variances of the levels and, on average, of the rest of
+        `task_covariance_`. With noise of each task it has the geometric mean of the
+        noise variances.
         """
         if return_std and return_cov:
             raise ValueError("Set return_std or return_cov, not both.")
@@ -140,7 +149,7 @@ class PosteriorMixin(RegressorMixin):
         TypeError
             If X is a Dask collection.
         ValueError
-            If a task was not seen in fit.
+            If a task was not seen in fit and cannot be predicted, see `predict`.
         """
         check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)

@@ -29,7 +29,7 @@ def problem_of(gp, X, y):
 def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     X, y = noisy()
     y = np.sin(X[:, 0]) + noise * np.random.default_rng(1).standard_normal(len(y))
-    gp = PooledGP(RBF(1.0), normalize_y=False, **SPARSE)
+    gp = PooledGP(RBF(1.0), normalize_y=False, noise="shared", **SPARSE)
     problem = problem_of(gp, X, y)
     Z = greedy_variance(RBF(1.0), problem.data.X, 20)
     problem = problem.with_data(replace(problem.data, Z=Z))
@@ -66,7 +66,7 @@ def test_gain_under_which_climbs_of_the_bound_end(monkeypatch, gain, tol, expect
     ("noise", "expected"), [(1e-10, 1e-8), (1e-6, 1e-5), (1e-4, 1e-4)]
 )
 def test_the_second_climb_begins_with_a_little_more_noise(noise, expected):
-    gp = PooledGP(RBF(1.0), normalize_y=False, **SPARSE)
+    gp = PooledGP(RBF(1.0), normalize_y=False, noise="shared", **SPARSE)
     X, y = noisy()
     problem = problem_of(gp, X, y / np.sqrt(np.mean(y**2)))
     Z = problem.data.X[:5]

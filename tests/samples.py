@@ -1,7 +1,10 @@
 """Small data of related tasks, and the fitted model written out by hand."""
 
+from typing import NamedTuple
+
 import numpy as np
 import textbook
+from sklearn.gaussian_process.kernels import Kernel
 
 
 def draw(per_task=10, n_tasks=3, n_outputs=None, seed=0):
@@ -22,46 +25,62 @@ def split(X):
     return X[:, :-1], X[:, -1].astype(int)
 
 
+class Output(NamedTuple):
+    """What a model has learned for an output, in units of y.
+
+    The noise, the mean and the variance of the levels are one number, or one for each
+    task.
+    """
+
+    kernel: Kernel
+    K_rho: np.ndarray
+    noise: np.ndarray
+    centre: np.ndarray
+    level: np.ndarray
+
+    def covariance(self, x, tasks):
+        """Of the targets."""
+        model = self.kernel, self.K_rho, self.noise
+        return textbook.covariance(*model, x, tasks, self.level)
+
+    def log_density(self, x, tasks, y):
+        rest = y - textbook.of_rows(self.centre, tasks)
+        return textbook.log_marginal_likelihood(self.covariance(x, tasks), rest)
+
+    def posterior(self, x, tasks, y, Z, tasks_of_Z):
+        """Mean and covariance of f(Z)."""
+        rest = y - textbook.of_rows(self.centre, tasks)
+        model, given = self[:3], (x, tasks, rest)
+        mean, cov = textbook.posterior(*model, *given, Z, tasks_of_Z, self.level)
+        return mean + textbook.of_rows(self.centre, tasks_of_Z), cov
+
+
+LEARNED = "kernel_", "task_covariance_", "noise_variance_", "y_mean_", "level_variance_"
+
+
 def outputs(model):
-    """Kernel, K^rho, noise and mean of each output, in units of y."""
-    if isinstance(model.kernel_, list):
-        return list(
-            zip(
-                model.kernel_,
-                model.task_covariance_,
-                model.noise_variance_,
-                model.y_mean_,
-                strict=True,
-            )
-        )
-    names = "kernel_", "task_covariance_", "noise_variance_", "y_mean_"
-    return [tuple(getattr(model, name) for name in names)]
+    """What it has learned for each output."""
+    learned = [getattr(model, name) for name in LEARNED]
+    several = isinstance(model.kernel_, list)
+    return [
+        Output(*of) for of in (zip(*learned, strict=True) if several else [learned])
+    ]
 
 
 def log_densities(model, X, y):
     """log p(y) of each output."""
-    x, tasks = split(X)
     return [
-        textbook.log_marginal_likelihood(
-            textbook.covariance(kernel, K_rho, noise, x, tasks), t - mean
-        )
-        for (kernel, K_rho, noise, mean), t in zip(
-            outputs(model), y.reshape(len(y), -1).T, strict=True
-        )
+        output.log_density(*split(X), t)
+        for output, t in zip(outputs(model), y.reshape(len(y), -1).T, strict=True)
     ]
 
 
 def posteriors(model, X, y, Z):
     """Mean and covariance of f(Z) of each output."""
-    found = []
-    for (kernel, K_rho, noise, centre), t in zip(
-        outputs(model), y.reshape(len(y), -1).T, strict=True
-    ):
-        mean, cov = textbook.posterior(
-            kernel, K_rho, noise, *split(X), t - centre, *split(Z)
-        )
-        found.append((mean + centre, cov))
-    return found
+    return [
+        output.posterior(*split(X), t, *split(Z))
+        for output, t in zip(outputs(model), y.reshape(len(y), -1).T, strict=True)
+    ]
 
 
 class Listener:

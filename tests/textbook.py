@@ -1,7 +1,9 @@
 """Gaussian processes by the book: small, plain and independent of skmtgp.
 
-Rasmussen and Williams (2006), eqs. 2.23 to 2.30, with the covariance of eq. 6. The
-``exact_*`` functions do it again with fifty digits.
+Rasmussen and Williams (2006), eqs. 2.23 to 2.30, with the covariance of eq. 6. `level`
+is the variance of the tasks' levels, which are part of f, and `noise` that of the noise:
+one number, or one for each task. The ``exact_*`` functions do it again with fifty
+digits.
 """
 
 from decimal import Decimal, getcontext
@@ -11,21 +13,28 @@ import numpy as np
 getcontext().prec = 50
 
 
-def cross_covariance(kernel, K_rho, X, tasks, Z, tasks_of_Z):
+def of_rows(of_tasks, tasks):
+    """For each row, from one number or one for each task."""
+    of_tasks = np.ravel(of_tasks)
+    return of_tasks[tasks] if len(of_tasks) > 1 else np.repeat(of_tasks, len(tasks))
+
+
+def cross_covariance(kernel, K_rho, X, tasks, Z, tasks_of_Z, level=0.0):
     """cov(f(X), f(Z))."""
-    return K_rho[np.ix_(tasks, tasks_of_Z)] * kernel(X, Z)
+    levels = of_rows(level, tasks)[:, None] * np.equal.outer(tasks, tasks_of_Z)
+    return K_rho[np.ix_(tasks, tasks_of_Z)] * kernel(X, Z) + levels
 
 
-def prior_covariance(kernel, K_rho, X, tasks):
+def prior_covariance(kernel, K_rho, X, tasks, level=0.0):
     """cov(f(X))."""
-    return K_rho[np.ix_(tasks, tasks)] * kernel(X)
+    levels = of_rows(level, tasks)[:, None] * np.equal.outer(tasks, tasks)
+    return K_rho[np.ix_(tasks, tasks)] * kernel(X) + levels
 
 
-def covariance(kernel, K_rho, noise, X, tasks):
-    """cov(y); `noise` is one variance or one for each task."""
-    noise = np.ravel(noise)
-    noise = noise[tasks] if len(noise) > 1 else np.repeat(noise, len(tasks))
-    return prior_covariance(kernel, K_rho, X, tasks) + np.diag(noise)
+def covariance(kernel, K_rho, noise, X, tasks, level=0.0):
+    """cov(y)."""
+    K = prior_covariance(kernel, K_rho, X, tasks, level)
+    return K + np.diag(of_rows(noise, tasks))
 
 
 def log_marginal_likelihood(K, y):
@@ -35,11 +44,11 @@ def log_marginal_likelihood(K, y):
     return -0.5 * (y @ np.linalg.solve(K, y) + log_det + len(y) * np.log(2.0 * np.pi))
 
 
-def posterior(kernel, K_rho, noise, X, tasks, y, Z, tasks_of_Z):
+def posterior(kernel, K_rho, noise, X, tasks, y, Z, tasks_of_Z, level=0.0):
     """Mean and covariance of f(Z) given y."""
-    K = covariance(kernel, K_rho, noise, X, tasks)
-    K_star = cross_covariance(kernel, K_rho, X, tasks, Z, tasks_of_Z)
-    prior = prior_covariance(kernel, K_rho, Z, tasks_of_Z)
+    K = covariance(kernel, K_rho, noise, X, tasks, level)
+    K_star = cross_covariance(kernel, K_rho, X, tasks, Z, tasks_of_Z, level)
+    prior = prior_covariance(kernel, K_rho, Z, tasks_of_Z, level)
     mean = K_star.T @ np.linalg.solve(K, y)
     return mean, prior - K_star.T @ np.linalg.solve(K, K_star)
 

@@ -15,6 +15,7 @@ from skmtgp.learning.ranks import learn_ranks
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M = 6
+SHARED = {"normalize_y": "shared", "noise": "shared"}
 
 
 def sites(seed, frequency, n_features, *, second=False, n=300):
@@ -61,9 +62,18 @@ def data():
 )
 def test_sites(seed, frequency, n_features, second, expected):
     X, y = sites(seed, frequency, n_features, second=second)
-    model = MultiTaskGPRegressor(rank=3).fit(X, y)
+    model = MultiTaskGPRegressor(rank=3, task_levels=False, **SHARED).fit(X, y)
     assert model.log_marginal_likelihood_value_ > expected - 1.0
     assert model.noise_variance_ < 1.0  # the signals have 2.25
+
+
+# Without hidden starts they ended 308 and 112 nats lower.
+@pytest.mark.parametrize(("second", "expected"), [(False, -138.1), (True, -307.9)])
+def test_sites_where_levels_are_in_the_model(second, expected):
+    X, y = sites(1, 4.0, 3, second=second)
+    model = MultiTaskGPRegressor(rank=3, **SHARED).fit(X, y)
+    assert model.log_marginal_likelihood_value_ > expected - 1.0
+    assert 0.05 < model.noise_variance_ < 0.2  # it is 0.09
 
 
 @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])

@@ -150,8 +150,10 @@ class TestLearnRanks:
         assert mode.value > problem.likelihood().value(truth)
 
 
-@pytest.mark.parametrize(("rank", "size"), [(3, 2.0), (6, 1.0)])
-def test_what_varies_little_is_not_noise(rank, size):
+@pytest.mark.parametrize(
+    ("rank", "size", "levels"), [(3, 2.0, False), (6, 1.0, False), (2, 2.0, True)]
+)
+def test_what_varies_little_is_not_noise(rank, size, levels):
     """A sine is small beside the levels of the tasks, and large beside the noise."""
     rng = np.random.default_rng(0)
     task, x = np.repeat(np.arange(6), 40), rng.uniform(0.0, 6.0, 240)
@@ -159,6 +161,9 @@ def test_what_varies_little_is_not_noise(rank, size):
     y = size * np.array([10, 35, 22, 80, 55, 41])[task] + amplitudes[task] * np.sin(x)
     X, y = np.column_stack([x, task]), y + 0.05 * rng.standard_normal(240)
     test = np.arange(240) % 4 == 0
-    model = MultiTaskGPRegressor(rank=rank).fit(X[~test], y[~test])
+    model = MultiTaskGPRegressor(
+        rank=rank, task_levels=levels, normalize_y="shared", noise="shared"
+    )
+    model.fit(X[~test], y[~test])
     error = model.predict(X[test]) - y[test]
     assert np.sqrt(np.square(error).mean()) < 0.1

@@ -151,7 +151,7 @@ class TestTaskCovariance:
     @pytest.mark.parametrize("diagonal", [False, True])
     def test_sparse_is_refused(self, no_climbs, estimator, diagonal):
         model = estimator(inference="sparse", diagonal=diagonal, **ALIKE)
-        match = r"not known of Exchangeable\. Set inference='dense', or 'kronecker'"
+        match = "but Exchangeable has no latent and no pull_back_latent. Give the class"
         with pytest.raises(ValueError, match=match):
             model.fit(*draw())
 

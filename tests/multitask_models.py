@@ -8,15 +8,20 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from skmtgp import MultiTaskGPRegressor
 
 QUICK = {"max_iter": 5}
+PAPER = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+SHARED = {"normalize_y": "shared", "noise": "shared"}
 MODELS = {
-    "full rank": {},
-    "rank 1": {"rank": 1},
-    "rank 2": {"rank": 2},
-    "diagonal": {"rank": 2, "diagonal": True},
-    "noise of each task": {"rank": 2, "noise": "per_task"},
-    "not normalised": {"rank": 2, "normalize_y": False},
-    "all": {"diagonal": True, "noise": "per_task", "normalize_y": False},
-    "amplitude": {"kernel": ConstantKernel(2.0) * RBF([1.0, 3.0])},
+    "full rank": PAPER,
+    "rank 1": PAPER | {"rank": 1},
+    "rank 2": PAPER | {"rank": 2},
+    "diagonal": PAPER | {"rank": 2, "diagonal": True},
+    "noise of each task": PAPER | {"rank": 2, "noise": "per_task"},
+    "not normalised": PAPER | {"rank": 2, "normalize_y": False},
+    "all": PAPER | {"diagonal": True, "noise": "per_task", "normalize_y": False},
+    "amplitude": PAPER | {"kernel": ConstantKernel(2.0) * RBF([1.0, 3.0])},
+    "levels": SHARED | {"rank": 1},
+    "units of each task": {"normalize_y": "per_task", "noise": "shared"},
+    "defaults": {},
 }
 
 

@@ -46,7 +46,7 @@ def test_pooled_is_scikit_learns():
 
 def test_independent_is_one_of_scikit_learns_for_each_task():
     (x, tasks), (z, tasks_of_Z) = split(X), split(Z)
-    model = IndependentGP(**FIXED).fit(X, y)
+    model = IndependentGP(task_levels=False, **FIXED).fit(X, y)
     mean, std = model.predict(Z, return_std=True)
     scale, value = y.std(), 0.0
     for m in range(3):
@@ -74,13 +74,14 @@ def test_attributes_reproduce_likelihood_and_predictions(cls, target, noise, dia
         variances = std.reshape(len(Z), -1)[:, j] ** 2
         np.testing.assert_allclose(variances, np.diag(K), atol=1e-9 * K.max())
     n_noise = 3 if noise == "per_task" else 1
-    per_output = 3 + n_noise + (3 if diagonal else 0)
+    levels = cls is IndependentGP  # one function has one level
+    per_output = 3 + n_noise + (3 if diagonal else 0) + levels
     assert model.n_hyperparameters_ == len(expected) * per_output
 
 
 def test_task_covariances():
     square = y.var()
-    alone = IndependentGP(max_iter=0).fit(X, y)
+    alone = IndependentGP(max_iter=0, task_levels=False).fit(X, y)
     np.testing.assert_allclose(alone.task_covariance_, square * np.eye(3))
     np.testing.assert_allclose(alone.task_factor_, np.sqrt(square) * np.eye(3))
     pooled = PooledGP(max_iter=0).fit(X, y)

@@ -3,6 +3,7 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
+from multitask_models import PAPER
 from samples import draw, log_densities
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
@@ -16,7 +17,7 @@ from skmtgp import (
 )
 from skmtgp.learning import ranks
 
-MODEL = MultiTaskGPRegressor(max_iter=3)
+MODEL = MultiTaskGPRegressor(**PAPER, max_iter=3)
 CRITERIA = ("bic", "aic", "hqc")
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -45,6 +46,8 @@ def likelihoods(search):
         ({"kernel": ConstantKernel(2.0, "fixed") * RBF(1.0)}, 1, 1),
         ({"diagonal": True, "noise": "per_task"}, 2, 8),
         ({"noise_variance_bounds": "fixed"}, 2, 0),
+        ({"task_levels": True}, 2, 2),
+        ({"task_levels": True, "normalize_y": "per_task"}, 2, 2),
     ],
 )
 def test_criteria_are_those_of_eq_8(data, params, d_j, of_tasks):
@@ -93,8 +96,8 @@ def test_best_estimator_is_that_of_the_results(search, data):
 def test_criterion_chooses(data, monkeypatch, criterion, chosen):
     best = {"bic": 1, "aic": 3, "hqc": 2}
 
-    def disagreeing(model, training, forms, objectives, modes):
-        ranks = np.array([form.rank for form in forms])
+    def disagreeing(training, of_forms, modes):
+        ranks = np.array([of[0].prior.task_covariance.rank for of in of_forms])
         return {"rank": ranks, **{c: np.abs(ranks - r) for c, r in best.items()}}
 
     monkeypatch.setattr(model_selection, "_results", disagreeing)

@@ -1,9 +1,11 @@
 """The fitted model, its predictions, and the course of fit."""
 
+import warnings
+
 import numpy as np
 import pytest
 import textbook
-from multitask_models import MODELS, QUICK, learned
+from multitask_models import MODELS, PAPER, QUICK, SHARED, learned
 from samples import draw, log_densities, outputs, posteriors, split
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
@@ -34,7 +36,7 @@ def model(request, n_outputs):
 def fitted():
     """A model that tests share and leave alone."""
     with pytest.warns(ConvergenceWarning):
-        return MultiTaskGPRegressor(rank=2, **QUICK).fit(*draw())
+        return MultiTaskGPRegressor(rank=2, **PAPER, **QUICK).fit(*draw())
 
 
 def test_attributes_reproduce_the_likelihood(model, data):
@@ -48,7 +50,7 @@ def test_attributes_reproduce_the_likelihood(model, data):
 
 def test_attributes_reproduce_the_likelihood_of_scipy():
     X, y = draw()
-    model = MultiTaskGPRegressor(rank=2, **QUICK).fit(X, y)
+    model = MultiTaskGPRegressor(rank=2, **PAPER, **QUICK).fit(X, y)
     x, t = split(X)
     K = model.task_covariance_[np.ix_(t, t)] * model.kernel_(x)
     K += model.noise_variance_ * np.eye(len(y))
@@ -83,7 +85,7 @@ def test_uncertainty_of_an_observation(model):
         model.predict(Z, return_cov=True, include_noise=flag) for flag in (False, True)
     ]
     tasks = split(Z)[1]
-    noise = [np.broadcast_to(part[2], 3)[tasks] for part in outputs(model)]
+    noise = [np.broadcast_to(part.noise, 3)[tasks] for part in outputs(model)]
     added = np.squeeze(np.transpose(noise)) if std.ndim == 1 else np.transpose(noise)
     np.testing.assert_allclose(noisy**2 - std**2, added, rtol=1e-6)
     rows = np.arange(len(Z))
@@ -95,7 +97,8 @@ def test_factor_is_a_lower_trapezoid_of_the_task_covariance(model):
     rank = model.rank or 3
     assert model.rank_ == rank
     factors = model.task_factor_.reshape(-1, 3, rank)
-    for (_, K_rho, *_), L in zip(outputs(model), factors, strict=True):
+    for output, L in zip(outputs(model), factors, strict=True):
+        K_rho = output.K_rho
         assert (L[np.triu_indices(3, 1, rank)] == 0.0).all()
         assert (np.diagonal(L) >= 0.0).all()
         rest = K_rho - L @ L.T
@@ -105,29 +108,40 @@ def test_factor_is_a_lower_trapezoid_of_the_task_covariance(model):
 
 
 def test_theta_is_as_documented(model):
-    rank, scales = model.rank_, np.atleast_1d(model.y_scale_)
+    rank, n_outputs = model.rank_, len(outputs(model))
+    scales = np.reshape(model.y_scale_, (n_outputs, -1))
     if not model.normalize_y:
-        scales = np.atleast_1d(np.sqrt(np.square(model.y_train_).mean(axis=0)))
-    parts = np.split(model.theta_, len(scales))
-    for theta, scale, (kernel, K_rho, noise, _) in zip(
-        parts, scales, outputs(model), strict=True
-    ):
-        d, n_noise = kernel.n_dims, np.size(noise)
-        np.testing.assert_allclose(theta[:d], kernel.theta, rtol=1e-12)
-        F = theta[d : d + 3 * rank].reshape(3, rank)
-        kappa = np.exp(theta[d + 3 * rank : -n_noise]) if model.diagonal else None
-        np.testing.assert_allclose(
-            K_rho, textbook.low_rank(F, kappa) * scale**2, atol=1e-12 * scale**2
+        square = np.square(model.y_train_).mean(axis=0)
+        scales = np.sqrt(square).reshape(n_outputs, 1)
+    parts = np.split(model.theta_, n_outputs)
+    for theta, scale, output in zip(parts, scales, outputs(model), strict=True):
+        n_kappa, n_noise = 3 * model.diagonal, 1
+        if model.noise == "per_task":
+            n_noise = 3
+        sizes = output.kernel.n_dims, 3 * rank, n_kappa, int(model.task_levels), n_noise
+        *parts, rest = np.split(theta, np.cumsum(sizes))
+        kernel, F, log_kappa, log_level, log_noise = parts
+        assert not len(rest)
+        np.testing.assert_allclose(kernel, output.kernel.theta, rtol=1e-12)
+        K_rho = textbook.low_rank(
+            F.reshape(3, rank), np.exp(log_kappa) if n_kappa else None
         )
-        np.testing.assert_allclose(noise, np.exp(theta[-n_noise:]) * scale**2)
+        scales = np.broadcast_to(scale, 3)
+        K_rho *= np.multiply.outer(scales, scales)
+        close = {"atol": 1e-12 * np.square(scale).max()}
+        np.testing.assert_allclose(output.K_rho, K_rho, **close)
+        np.testing.assert_allclose(output.noise, np.exp(log_noise) * scale**2)
+        level = np.exp(log_level) if model.task_levels else np.zeros(1)
+        np.testing.assert_allclose(output.level, level * scale**2)
 
 
 def test_number_of_hyperparameters_is_that_of_eq_8(model):
     M, r = 3, model.rank_
     per_output = (
-        outputs(model)[0][0].n_dims
+        outputs(model)[0].kernel.n_dims
         + r * (2 * M + 1 - r) // 2
         + (M if model.diagonal else 0)
+        + model.task_levels
         + (M if model.noise == "per_task" else 1)
     )
     assert model.n_hyperparameters_ == per_output * len(outputs(model))
@@ -145,7 +159,7 @@ def test_gradient_of_the_likelihood(model):
 
 def test_single_and_several_outputs_are_the_same_models():
     X, Y = draw(n_outputs=2)
-    model = MultiTaskGPRegressor(rank=2, **QUICK)
+    model = MultiTaskGPRegressor(rank=2, **SHARED, **QUICK)
     both, Z = clone(model).fit(X, Y), draw(seed=1)[0]
     for j, y in enumerate(Y.T):
         alone = clone(model).fit(X, y)
@@ -238,7 +252,7 @@ def test_noise_that_is_fixed():
         noise_variance=0.05, noise_variance_bounds="fixed", **QUICK
     ).fit(X, y)
     assert model.noise_variance_ == pytest.approx(0.05 * y.var())
-    assert model.n_hyperparameters_ == 2 + 6
+    assert model.n_hyperparameters_ == 2 + 6 + 1
     assert model.n_iter_ > 0
 
 
@@ -256,7 +270,7 @@ def test_noise_stays_within_its_bounds(normalize_y):
 
 def test_mean_and_scale():
     X, Y = draw(n_outputs=2)
-    model = MultiTaskGPRegressor(max_iter=0).fit(X, Y)
+    model = MultiTaskGPRegressor(max_iter=0, task_levels=False).fit(X, Y)
     np.testing.assert_allclose(model.y_mean_, Y.mean(axis=0))
     np.testing.assert_allclose(model.y_scale_, Y.std(axis=0))
     model.set_params(normalize_y=False).fit(X, Y[:, 0])
@@ -306,16 +320,19 @@ class TestCompleteData:
     """Section 2.3: "one can exploit the Kronecker-product structure [3, eq. 2]"."""
 
     @pytest.mark.parametrize(
-        "options", [{}, {"rank": 1}, {"rank": 2, "diagonal": True}]
+        "options",
+        [{}, {"rank": 1}, {"rank": 2, "diagonal": True}, {"task_levels": True}],
     )
     def test_kronecker_product(self, options):
         """Sigma = K^rho (x) K^x + sigma^2 I, f-bar = (k^f_l (x) k^x_*)^T Sigma^-1 y."""
         X, y = complete()
         order = np.random.default_rng(1).permutation(len(y))  # any order of the rows
-        model = MultiTaskGPRegressor(**options, **QUICK).fit(X[order], y[order])
+        model = MultiTaskGPRegressor(**PAPER | options, **QUICK)
+        model.fit(X[order], y[order])
         assert model.complete_ is True
-        x, K_rho = X[:7, :2], model.task_covariance_
+        x, K_rho, level = X[:7, :2], model.task_covariance_, model.level_variance_
         Sigma = np.kron(K_rho, model.kernel_(x)) + model.noise_variance_ * np.eye(21)
+        Sigma += level * np.kron(np.eye(3), np.ones((7, 7)))
         centred = y - model.y_mean_
         value = textbook.log_marginal_likelihood(Sigma, centred)
         assert model.log_marginal_likelihood_value_ == pytest.approx(value, rel=1e-9)
@@ -323,9 +340,10 @@ class TestCompleteData:
         mean, std = model.predict(Z, return_std=True)
         for z, task, f, s in zip(*split(Z), mean, std, strict=True):
             k = np.kron(K_rho[task], model.kernel_(x, z[None])[:, 0])
+            k += level * np.repeat(np.arange(3) == task, 7)
             f_bar = k @ np.linalg.solve(Sigma, centred)
             np.testing.assert_allclose(f - model.y_mean_, f_bar, rtol=1e-6)
-            prior = K_rho[task, task] * model.kernel_(z[None]).item()
+            prior = K_rho[task, task] * model.kernel_(z[None]).item() + level
             variance = prior - k @ np.linalg.solve(Sigma, k)
             np.testing.assert_allclose(s**2, variance, atol=1e-8 * prior)
 

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from multitask_models import QUICK
+from multitask_models import PAPER, QUICK, SHARED
 from samples import draw, split
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 def fitted():
     """A model that tests share and leave alone."""
     with pytest.warns(ConvergenceWarning):
-        return MultiTaskGPRegressor(rank=2, **QUICK).fit(*draw())
+        return MultiTaskGPRegressor(rank=2, **PAPER, **QUICK).fit(*draw())
 
 
 @pytest.mark.parametrize("labels", [["c", "a", "b"], [7, -1, 3]])
@@ -151,7 +151,8 @@ def test_parameters_are_not_changed_by_fit():
 def test_two_jobs_find_what_one_does():
     X, y = draw(n_outputs=2)
     one, two = (
-        MultiTaskGPRegressor(rank=2, n_jobs=k, **QUICK).fit(X, y) for k in (1, 2)
+        MultiTaskGPRegressor(rank=2, n_jobs=k, **SHARED, **QUICK).fit(X, y)
+        for k in (1, 2)
     )
     np.testing.assert_allclose(two.theta_, one.theta_, rtol=1e-6, atol=1e-8)
 
@@ -178,7 +179,7 @@ def test_restarts_are_drawn_from_the_random_state(monkeypatch):
         return learn_ranks(*args, **kwargs)
 
     monkeypatch.setattr(multitask, "learn_ranks", spy)
-    model = MultiTaskGPRegressor(rank=1, n_restarts_optimizer=3, **QUICK)
+    model = MultiTaskGPRegressor(rank=1, n_restarts_optimizer=3, **PAPER, **QUICK)
     first, again, _ = (
         clone(model).set_params(random_state=s).fit(*draw()) for s in (0, 0, 1)
     )
@@ -216,21 +217,22 @@ def test_too_few_iterations_are_reported():
 
 
 def test_missing_digits_are_reported(monkeypatch):
-    def stalled(pairs, forms, **options):
-        modes = learn_ranks(pairs, forms, **options)
+    def stalled(problems, forms, **options):
+        modes = learn_ranks(problems, forms, **options)
         return [[m._replace(stalled=True) for m in of_output] for of_output in modes]
 
     monkeypatch.setattr(multitask, "learn_ranks", stalled)
     match = r"Learning of output \[1, 2\] ended for lack of digits.* See the user guide"
     with pytest.warns(PrecisionWarning, match=match):
-        MultiTaskGPRegressor(rank=1).fit(*draw(n_outputs=2))
+        MultiTaskGPRegressor(rank=1, **SHARED).fit(*draw(n_outputs=2))
 
 
 @pytest.mark.filterwarnings("error")
 def test_enough_iterations_are_not_reported():
     X, y = draw()
-    model = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1).fit(X, y)
-    before = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, max_iter=0).fit(X, y)
+    model = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, **PAPER)
+    before = clone(model).set_params(max_iter=0).fit(X, y)
+    model.fit(X, y)
     gain = model.log_marginal_likelihood_value_ - before.log_marginal_likelihood_value_
     assert gain > 1.0
     assert 0 < model.n_iter_ < model.max_iter

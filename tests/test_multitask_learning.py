@@ -1,8 +1,10 @@
 """The fitted model, its predictions, and the course of fit."""
 
+from functools import partial
+
 import numpy as np
 import pytest
-from multitask_models import QUICK
+from multitask_models import PAPER, QUICK, SHARED
 from samples import draw, log_densities
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -15,10 +17,13 @@ from skmtgp import (
     SingleTaskGP,
     multitask,
 )
+from skmtgp._estimators import base
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.learning import paper, problem, ranks
+from skmtgp.learning import paper, ranks
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
+from skmtgp.learning.problem import Problem
 from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.tuning import Tuning
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -32,7 +37,7 @@ def data(request):
 def fitted():
     """A model that tests share and leave alone."""
     with pytest.warns(ConvergenceWarning):
-        return MultiTaskGPRegressor(rank=2, **QUICK).fit(*draw())
+        return MultiTaskGPRegressor(rank=2, **PAPER, **QUICK).fit(*draw())
 
 
 LEARNERS = {
@@ -51,22 +56,22 @@ class TestLearning:
         called = []
 
         def spying(name):
-            def spy(pairs, forms, **options):
-                called.append((name, [settings.truncation for _, settings in pairs]))
-                return LEARNERS[name](pairs, forms, **options)
+            def spy(problems, forms, **options):
+                asked = [problem.budget.truncation for problem in problems]
+                called.append((name, asked))
+                return LEARNERS[name](problems, forms, **options)
 
             return spy
 
         for name, learner in LEARNERS.items():
             monkeypatch.setattr(multitask, learner.__name__, spying(name))
-        MultiTaskGPRegressor(learning=learning, truncation=truncation, **QUICK).fit(
-            *data
-        )
+        options = {"learning": learning, "truncation": truncation, **QUICK}
+        MultiTaskGPRegressor(**options, **PAPER).fit(*data)
         assert called == [(learning, [truncation] * (data[1].size // len(data[1])))]
 
     def test_default(self, fitted):
         model = MultiTaskGPRegressor(
-            rank=2, learning="annealed", truncation="eigen", **QUICK
+            rank=2, learning="annealed", truncation="eigen", **PAPER, **QUICK
         )
         np.testing.assert_array_equal(model.fit(*draw()).theta_, fitted.theta_)
 
@@ -81,7 +86,11 @@ class TestLearning:
         assert not np.allclose(eigen, cholesky)
 
     @pytest.mark.parametrize("learning", LEARNERS)
-    @pytest.mark.parametrize("params", [{}, {"rank": 2, "diagonal": True}])
+    @pytest.mark.parametrize(
+        "params",
+        [PAPER, PAPER | {"rank": 2, "diagonal": True}, SHARED | {"rank": 2}],
+        ids=["full rank", "diagonal", "levels"],
+    )
     def test_attributes_reproduce_the_likelihood(self, data, learning, params):
         model = MultiTaskGPRegressor(learning=learning, **params, **QUICK).fit(*data)
         expected = log_densities(model, *data)
@@ -89,7 +98,7 @@ class TestLearning:
 
     @pytest.mark.parametrize("learning", LEARNERS)
     def test_random_state_determines_the_mode(self, learning):
-        model = MultiTaskGPRegressor(rank=2, learning=learning, **QUICK)
+        model = MultiTaskGPRegressor(rank=2, learning=learning, **SHARED, **QUICK)
         one, same, other = (
             clone(model).set_params(random_state=seed).fit(*draw()).theta_
             for seed in (0, 0, 1)
@@ -106,6 +115,7 @@ class TestLearning:
                 learning=learning,
                 n_restarts_optimizer=n,
                 random_state=0,
+                **SHARED,
                 **QUICK,
             ).fit(*draw())
             spent.append(model.n_evaluations_)
@@ -115,7 +125,7 @@ class TestLearning:
 
     def test_all_find_the_mode_where_there_is_but_one(self):
         values = [
-            MultiTaskGPRegressor(rank=2, learning=learning, random_state=0)
+            MultiTaskGPRegressor(rank=2, learning=learning, random_state=0, **PAPER)
             .fit(*draw(per_task=20))
             .log_marginal_likelihood_value_
             for learning in LEARNERS
@@ -125,7 +135,11 @@ class TestLearning:
     def test_search_learns_as_its_estimator_does(self):
         for learning in LEARNERS:
             model = MultiTaskGPRegressor(
-                learning=learning, truncation="cholesky", random_state=0, **QUICK
+                learning=learning,
+                truncation="cholesky",
+                random_state=0,
+                **SHARED,
+                **QUICK,
             )
             best = RankSearchIC(model, ranks=[2]).fit(*draw()).best_estimator_
             alone = clone(model).set_params(rank=2).fit(*draw())
@@ -137,6 +151,10 @@ class TestLearning:
         model = MultiTaskGPRegressor(**{name: "bad"})
         with pytest.raises(ValueError, match=rf"'{name}' .* must be a str among"):
             model.fit(*draw())
+
+
+PER_TASK = PAPER | {"noise": "per_task"}
+STAGED = {"learning": "staged", "rank": 2}
 
 
 class TestEvaluations:
@@ -156,22 +174,24 @@ class TestEvaluations:
     @pytest.fixture(params=[False, True], ids=["all rows", "coarse to fine"])
     def levels(self, request, monkeypatch):
         if request.param:
-            monkeypatch.setattr(problem, "COARSE", 12)
-            monkeypatch.setattr(problem, "COARSE_PER_TASK", 4)
-            monkeypatch.setattr(problem, "REFINEMENT", 2.0)
+            tuning = Tuning(coarse=12, coarse_per_task=4, refinement=2.0)
+            monkeypatch.setattr(base, "Problem", partial(Problem, tuning=tuning))
         return request.param
 
     @pytest.mark.parametrize(
         "model",
         [
-            MultiTaskGPRegressor(),
-            MultiTaskGPRegressor(diagonal=True, noise="per_task", rank=1),
-            MultiTaskGPRegressor(n_restarts_optimizer=2, random_state=0),
-            MultiTaskGPRegressor(learning="staged", rank=2),
-            MultiTaskGPRegressor(learning="staged", n_restarts_optimizer=2, rank=2),
-            MultiTaskGPRegressor(learning="simultaneous", n_restarts_optimizer=1),
-            IndependentGP(),
-            PooledGP(diagonal=True),
+            MultiTaskGPRegressor(**PAPER),
+            MultiTaskGPRegressor(**SHARED),
+            MultiTaskGPRegressor(**PER_TASK, diagonal=True, rank=1),
+            MultiTaskGPRegressor(**PAPER, n_restarts_optimizer=2, random_state=0),
+            MultiTaskGPRegressor(**PAPER, **STAGED),
+            MultiTaskGPRegressor(**PAPER, **STAGED, n_restarts_optimizer=2),
+            MultiTaskGPRegressor(
+                **PAPER, learning="simultaneous", n_restarts_optimizer=1
+            ),
+            IndependentGP(**SHARED),
+            PooledGP(noise="shared", diagonal=True),
             SingleTaskGP(),
         ],
         ids=repr,
@@ -202,7 +222,8 @@ class TestEvaluations:
         for module in (ranks, paper):
             monkeypatch.setattr(module, "make_starts", make_starts)
         monkeypatch.setattr(ranks, "hidden_starts", counted(hidden_starts))
-        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=3)
+        options = {"learning": learning, "random_state": 0, "max_iter": 3}
+        model = MultiTaskGPRegressor(**options, **SHARED)
         search = RankSearchIC(model, ranks=(1, 2, 3), keep_estimators=True).fit(*data)
         total = sum(model.n_evaluations_ for model in search.estimators_)
         assert total - 2 * sum(shared) == len(count)
@@ -210,6 +231,7 @@ class TestEvaluations:
 
     @pytest.mark.parametrize("learning", LEARNERS)
     def test_of_a_single_rank(self, data, count, learning):
-        model = MultiTaskGPRegressor(learning=learning, random_state=0, max_iter=3)
+        options = {"learning": learning, "random_state": 0, "max_iter": 3}
+        model = MultiTaskGPRegressor(**options, **SHARED)
         search = RankSearchIC(model, ranks=[2]).fit(*data)
         assert search.best_estimator_.n_evaluations_ == len(count)

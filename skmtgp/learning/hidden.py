@@ -1,8 +1,8 @@
 r"""Starts for functions that the levels of the tasks hide.
 
 Where levels differ by far more than the functions vary around them, the functions look
-like noise from most starts, and climbs end where they are taken for it. Here the levels
-are taken off first, by the mean of each task:
+like noise from most starts, and climbs end where they are taken for it, even if levels
+are in the model. Here they are taken off first, by the mean of each task:
 
 1. theta^x and sigma^2 are learned from what is left, with K_0^rho = I and with 1 1^T,
    each from the likeliest of several theta_0^x.
@@ -29,7 +29,7 @@ UNUSED = 3.0  # of those of all features but one
 
 def may_hide(problem, modes):
     """Whether levels may hide functions: from modes of step 1 without these starts."""
-    if problem.prior.levels or problem.budget.max_iter == 0:
+    if problem.budget.max_iter == 0:
         return False
     told = len(problem.data) >= FEWEST * problem.data.n_tasks
     return told and all(problem.is_noisy(mode) for mode in modes)
@@ -53,11 +53,13 @@ def hidden_start(problem):
     variance = np.square(rest.data.y).mean()
     theta = max(_candidates(problem.prior, variance), key=likelihood.value)
     likelihood.release()
-    mode = climb(rest, theta)
+    mode, prior = climb(rest, theta), problem.prior
+    kernel, log_noise = prior.values(mode.theta).kernel, prior.log_noise_at(mode.theta)
+    # the rest has no levels: where they are in the model, they begin anew
+    mode = mode._replace(theta=problem.theta(kernel=kernel, log_noise=log_noise))
     posterior = problem.likelihood().posterior(mode.theta)
     K_rho = augmented_task_covariance(problem.data, posterior)
-    kernel = problem.prior.values(mode.theta).kernel
-    return Start(kernel, K_rho, mode, problem.prior.log_noise_at(mode.theta))
+    return Start(kernel, K_rho, mode, log_noise)
 
 
 def _without_levels(data):

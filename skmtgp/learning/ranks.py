@@ -183,9 +183,8 @@ def make_starts(problems, n_jobs, *, relaxed=True):
 def hidden_starts(problems, starts, n_jobs):
     """Starts for functions that levels may hide, for each output.
 
-    None where levels are in the model, where noise explains next to nothing of the
-    targets at the other starts, or where the tasks have so few rows that their means
-    take most of what they tell.
+    None where noise explains next to nothing of the targets at the other starts, or
+    where the tasks have so few rows that their means take most of what they tell.
     """
     hiding = [
         may_hide(problem, [start.mode for start in of])

@@ -28,20 +28,23 @@ def draw(K_rho, seed=0, per_task=12, kernel=None, M=M):
     return building.data(X, tasks, C @ rng.standard_normal(len(X)), M)
 
 
-def configure(**changes):
-    return building.settings(**{"kernel": KERNEL} | changes)
+def pose(data, form=None, **changes):
+    """What to learn; K^rho = I where the form is not given, since learners give it."""
+    kernel, form = changes.pop("kernel", KERNEL), form or identity(data.n_tasks)
+    return building.problem(kernel, form, data, **changes)
 
 
-def start_of(settings, form, seed=0):
-    rho = 0.5 * np.random.default_rng(seed).standard_normal(form.n_parameters)
-    return np.concatenate([settings.kernel.theta, rho, settings.log_noise])
+def start_of(problem, seed=0):
+    form, rng = problem.prior.task_covariance, np.random.default_rng(seed)
+    rho = 0.5 * rng.standard_normal(form.n_parameters)
+    return problem.prior.with_rho(problem.theta(), rho)
 
 
-def is_stationary(data, settings, form, theta):
+def is_stationary(problem, theta):
     """Whether no step within the bounds gains much, by the Fisher information."""
-    likelihood = settings.likelihood(data, form)
+    likelihood = problem.likelihood()
     gradient = likelihood.value_and_grad(theta)[1]
-    lower, upper = settings.bounds(form)
+    lower, upper = problem.prior.bounds()
     free = (lower < theta) & (theta < upper)
     information = likelihood.fisher_information(theta)[np.ix_(free, free)]
     information += 1e-6 * np.eye(free.sum())
@@ -54,9 +57,9 @@ every_form = pytest.mark.parametrize(
 )
 
 
-def mode_at(data, settings, form, theta):
-    value = settings.likelihood(data, form).value(theta)
-    return Mode(theta, value, 7, 8, True, False, 0.5, len(data.y))
+def mode_at(problem, theta):
+    value = problem.likelihood().value(theta)
+    return Mode(theta, value, 7, 8, True, False, 0.5, len(problem.data))
 
 
 RANKS = [low_rank(M, 1), low_rank(M, 2), low_rank(M, 3)]

@@ -8,15 +8,15 @@ from drawn import (
     KERNEL,
     RANKS,
     M,
-    configure,
     every_form,
     is_stationary,
     mode_at,
+    pose,
     start_of,
 )
 
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.learning import climbing, nesting, problem, stages
+from skmtgp.learning import climbing, nesting, stages
 from skmtgp.learning.climbing import climb, shake
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.ranks import learn_ranks
@@ -28,24 +28,23 @@ def test_a_diagonal_does_not_cost_likelihood(data, fine, monkeypatch):
     """Even if no climb of the model with a diagonal finds anything."""
 
     def lost(way):
-        def follow(data, settings, form, theta, **options):
-            budget = replace(settings, max_iter=0) if form.n_kappa else settings
-            return way(data, budget, form, theta, **options)
+        def follow(problem, theta, **options):
+            if problem.prior.task_covariance.n_kappa:
+                problem = replace(problem, budget=replace(problem.budget, max_iter=0))
+            return way(problem, theta, **options)
 
         return follow
 
     for module in (stages, climbing, nesting):
         monkeypatch.setattr(module, "climb", lost(climb))
-    if fine:
-        monkeypatch.setattr(problem, "COARSE", 18)
-        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
-    pairs = [(data, configure(max_iter=15))]
-    [without] = learn_ranks(pairs, RANKS)
+    few = {"coarse": 18, "coarse_per_task": 2} if fine else {}
+    problem = pose(data, max_iter=15, **few)
+    [without] = learn_ranks([problem], RANKS)
     forms = [low_rank(M, r, diagonal=True) for r in (1, 2, 3)]
-    [modes] = learn_ranks(pairs, forms)
+    [modes] = learn_ranks([problem], forms)
     for form, mode, simpler in zip(forms, modes, without, strict=True):
         assert mode.value > simpler.value - 1e-7
-        found = pairs[0][1].likelihood(data, form).value(mode.theta)
+        found = problem.with_form(form).likelihood().value(mode.theta)
         np.testing.assert_allclose(mode.value, found, rtol=1e-12)
         assert mode.n_evaluations > simpler.n_evaluations
         assert mode.n_samples == 36
@@ -56,11 +55,11 @@ def test_a_diagonal_that_matters_is_found_where_noise_is_tiny():
     tasks, X = np.repeat(np.arange(M), 12), rng.uniform(-2.0, 2.0, (36, 2))
     own = np.sin(4.0 * X[:, 0]) * np.array([0.0, 0.0, 0.05])[tasks]
     y = np.cos(X[:, 0]) * np.array([1.0, -0.5, 0.7])[tasks] + own
-    data, settings = building.data(X, tasks, y - y.mean(), M), configure(tol=1e-2)
+    problem = pose(building.data(X, tasks, y - y.mean(), M), tol=1e-2)
     found = {}
     for diagonal in (False, True):
         form = low_rank(M, 1, diagonal)
-        [[mode]] = learn_ranks([(data, settings)], [form])
+        [[mode]] = learn_ranks([problem], [form])
         found[diagonal] = mode.value
     assert found[True] > found[False] + 5.0
 
@@ -69,37 +68,37 @@ class TestClimb:
     @every_form
     @pytest.mark.parametrize("seed", range(3))
     def test_never_ends_below_its_start(self, data, form, seed):
-        settings = configure(max_iter=10)
-        theta = start_of(settings, form, seed)
-        mode = climb(data, settings, form, theta)
-        value = settings.likelihood(data, form).value
+        problem = pose(data, form, max_iter=10)
+        theta = start_of(problem, seed)
+        mode = climb(problem, theta)
+        value = problem.likelihood().value
         assert mode.value > value(theta)
         np.testing.assert_allclose(mode.value, value(mode.theta), rtol=1e-12)
-        lower, upper = settings.bounds(form)
+        lower, upper = problem.prior.bounds()
         assert (lower <= mode.theta).all()
         assert (mode.theta <= upper).all()
 
     @every_form
     def test_ends_at_a_mode(self, data, form):
-        settings = configure(tol=1e-6, max_iter=1000)
-        mode = climb(data, settings, form, start_of(settings, form))
+        problem = pose(data, form, tol=1e-6, max_iter=1000)
+        mode = climb(problem, start_of(problem))
         assert mode.converged
-        assert is_stationary(data, settings, form, mode.theta)
-        assert not is_stationary(data, settings, form, start_of(settings, form))
+        assert is_stationary(problem, mode.theta)
+        assert not is_stationary(problem, start_of(problem))
 
     def test_budget(self, data):
-        settings, form = configure(max_iter=3), low_rank(M, 2)
-        mode = climb(data, settings, form, start_of(settings, form))
+        problem = pose(data, low_rank(M, 2), max_iter=3)
+        mode = climb(problem, start_of(problem))
         assert mode.n_iter == 3 < mode.n_evaluations
         assert not mode.converged
         assert mode.seconds > 0.0
 
     def test_start_beyond_the_bounds(self, data):
-        settings, form = configure(max_iter=5), ones(M)
+        problem = pose(data, ones(M), max_iter=5)
         theta = np.r_[np.full(6, 50.0), 50.0]
-        mode = climb(data, settings, form, theta)
-        clipped = np.clip(theta, *settings.bounds(form))
-        assert mode.value > settings.likelihood(data, form).value(clipped)
+        mode = climb(problem, theta)
+        clipped = np.clip(theta, *problem.prior.bounds())
+        assert mode.value > problem.likelihood().value(clipped)
 
     @pytest.mark.parametrize("relaxed", [False, True])
     def test_start_where_the_likelihood_fails(self, data, monkeypatch, relaxed):
@@ -107,23 +106,21 @@ class TestClimb:
             return -np.inf, np.full(len(theta), np.nan)
 
         monkeypatch.setattr(DenseLikelihood, "value_and_grad", fail)
-        settings = configure()
-        theta = start_of(settings, ones(M))
-        mode = climb(data, settings, ones(M), theta, relaxed=relaxed)
+        problem = pose(data, ones(M))
+        mode = climb(problem, start_of(problem), relaxed=relaxed)
         assert mode.value == -np.inf
         assert not mode.converged
 
-    def test_relaxed_climb_climbs_the_penalised_likelihood(self, data, monkeypatch):
-        monkeypatch.setattr(climbing, "RELAXED", 0.3)
-        settings, form = configure(), identity(M)
-        likelihood = settings.likelihood(data, form)
+    def test_relaxed_climb_climbs_the_penalised_likelihood(self, data):
+        problem = pose(data, identity(M), relaxed=0.3)
+        likelihood = problem.likelihood()
 
         def penalised(theta):
             away = theta[:6] - KERNEL.theta
             return likelihood.value(theta) - 0.5 * away @ away / 0.3**2
 
-        theta = start_of(settings, form) + 0.5
-        mode = climb(data, settings, form, theta, relaxed=True)
+        theta = start_of(problem) + 0.5
+        mode = climb(problem, theta, relaxed=True)
         assert penalised(mode.theta) > penalised(theta)
         np.testing.assert_allclose(mode.value, likelihood.value(mode.theta), rtol=1e-12)
         slope = textbook.derivative(penalised, mode.theta)
@@ -133,11 +130,10 @@ class TestClimb:
             < np.abs(textbook.derivative(penalised, theta)).max()
         )
 
-    def test_penalty_holds_the_kernel_alone(self, data, monkeypatch):
-        monkeypatch.setattr(climbing, "RELAXED", 1e-5)
-        settings, form = configure(), low_rank(M, 2)
-        theta = start_of(settings, form)
-        mode = climb(data, settings, form, theta, relaxed=True)
+    def test_penalty_holds_the_kernel_alone(self, data):
+        problem = pose(data, low_rank(M, 2), relaxed=1e-5)
+        theta = start_of(problem)
+        mode = climb(problem, theta, relaxed=True)
         away = np.abs(mode.theta - theta)
         assert away[:6].max() < 1e-6
         assert away[6:-1].min() > 1e-3
@@ -146,37 +142,38 @@ class TestClimb:
 
 class TestShake:
     @pytest.fixture
-    def mode(self, data):
+    def problem(self, data):
+        return pose(data, low_rank(M, 2))
+
+    @pytest.fixture
+    def mode(self, problem):
         """A poor one: almost no noise, and the kernel as it was."""
-        settings, form = configure(), low_rank(M, 2)
-        theta = np.append(start_of(settings, form)[:-1], -16.0)
-        return mode_at(data, settings, form, theta)
+        return mode_at(problem, np.append(start_of(problem)[:-1], -16.0))
 
     @pytest.mark.parametrize("times", [0, 1, 2])
     def test_never_worse(self, data, mode, times):
-        settings, form = configure(tol=1e-6, max_iter=1000), low_rank(M, 2)
-        best = shake(data, settings, form, mode, times)
+        problem = pose(data, low_rank(M, 2), tol=1e-6, max_iter=1000)
+        best = shake(problem, mode, times)
         assert best.value > mode.value + 1.0 or times == 0
-        value = settings.likelihood(data, form).value(best.theta)
+        value = problem.likelihood().value(best.theta)
         np.testing.assert_allclose(best.value, value, rtol=1e-10)
         if times:
-            assert is_stationary(data, settings, form, best.theta)
+            assert is_stationary(problem, best.theta)
             assert best.seconds > mode.seconds
             assert best.n_iter > mode.n_iter
 
     def test_each_begins_where_the_last_ended_and_the_best_counts(
-        self, data, mode, monkeypatch
+        self, problem, mode, monkeypatch
     ):
-        starts, settings, form = [], configure(), low_rank(M, 2)
-        values = iter([-90.0, -50.0, -70.0])
+        starts, values = [], iter([-90.0, -50.0, -70.0])
 
-        def jump(data, settings, form, theta):
+        def jump(problem, theta):
             starts.append(theta[-1])
             theta = np.append(theta[:-1], -15.0 - len(starts))
             return Mode(theta, next(values), 7, 8, True, False, 1.0, 36)
 
         monkeypatch.setattr(climbing, "climb", jump)
-        best = shake(data, settings, form, mode._replace(value=-80.0), 3)
+        best = shake(problem, mode._replace(value=-80.0), 3)
         assert starts == [np.log(1e-5)] * 3
         assert best.value == -50.0
         assert best.theta[-1] == -17.0
@@ -184,11 +181,12 @@ class TestShake:
         assert best.seconds == mode.seconds + 3.0
         assert best.n_evaluations == mode.n_evaluations + 24
 
-    def test_noise_of_noisy_data_is_held_down_at_first(self, data, mode, monkeypatch):
-        begun, settings, form = [], configure(), low_rank(M, 2)
-        values = iter([-99.0, -50.0, -98.0, -60.0])
+    def test_noise_of_noisy_data_is_held_down_at_first(
+        self, problem, mode, monkeypatch
+    ):
+        begun, values = [], iter([-99.0, -50.0, -98.0, -60.0])
 
-        def jump(data, settings, form, theta, *, relaxed=False, held=None):
+        def jump(problem, theta, *, relaxed=False, held=None):
             begun.append((round(np.exp(theta[-1]), 9), relaxed, held))
             theta = np.append(theta[:-1], np.log(0.01 if held else 0.02))
             return Mode(theta, next(values), 7, 8, True, False, 1.0, 36)
@@ -196,23 +194,23 @@ class TestShake:
         monkeypatch.setattr(climbing, "climb", jump)
         theta = np.append(mode.theta[:-1], np.log(0.1))
         noisy = mode._replace(theta=theta, value=-80.0)
-        best = shake(data, settings, form, noisy, 2)
+        best = shake(problem, noisy, 2)
         low, lower = (1e-4, True, "down"), (2e-3, True, "down")
         assert begun == [low, (0.01, False, None), lower, (0.01, False, None)]
         assert best.value == -50.0
         assert best.n_iter == mode.n_iter + 14
         assert best.n_evaluations == mode.n_evaluations + 32
 
-    def test_noise_that_is_held_down_does_not_rise(self, data, mode):
-        settings, form = configure(), low_rank(M, 2)
+    def test_noise_that_is_held_down_does_not_rise(self, problem, mode):
         theta = np.append(mode.theta[:-1], np.log(1e-4))
-        low = climb(data, settings, form, theta, held="down")
+        low = climb(problem, theta, held="down")
         assert low.theta[-1] <= np.log(1e-4)
-        assert climb(data, settings, form, theta).theta[-1] > np.log(1e-4)
+        assert climb(problem, theta).theta[-1] > np.log(1e-4)
 
     def test_fixed_noise_is_not_lowered(self, data, mode, monkeypatch):
         monkeypatch.setattr(climbing, "climb", lambda *_, **__: pytest.fail("climbed"))
         noise = np.log(0.1)
-        fixed = configure(log_noise=np.array([noise]), log_noise_bounds=(noise, noise))
+        given = {"log_noise": noise, "log_noise_bounds": (noise, noise)}
+        fixed = pose(data, low_rank(M, 2), **given)
         noisy = mode._replace(theta=np.append(mode.theta[:-1], noise))
-        assert shake(data, fixed, low_rank(M, 2), noisy, 2) == noisy
+        assert shake(fixed, noisy, 2) == noisy

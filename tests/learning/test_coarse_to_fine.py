@@ -10,28 +10,23 @@ from drawn import (
     RANKS,
     TRUTH,
     M,
-    configure,
     draw,
     is_stationary,
     mode_at,
+    pose,
     start_of,
 )
 
-from skmtgp.learning import climbing, problem
+from skmtgp.learning import climbing
 from skmtgp.learning.climbing import climb, refine
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.stages import learn_fixed
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
+SMALL = {"coarse": 12, "coarse_per_task": 2, "refinement": 2.0}
+
 
 class TestCoarseToFine:
-    @pytest.fixture
-    def small(self, monkeypatch):
-        """The coarsest level has 12 rows."""
-        monkeypatch.setattr(problem, "COARSE", 12)
-        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
-        monkeypatch.setattr(problem, "REFINEMENT", 2.0)
-
     @pytest.mark.parametrize("n_samples", [3, 10, 18, 35, 36])
     def test_thinned(self, data, n_samples):
         few = data.thinned(n_samples)
@@ -61,13 +56,13 @@ class TestCoarseToFine:
         assert time.process_time() - begin < 2.0  # 10 s, were it so
         np.testing.assert_array_equal(np.bincount(some.tasks), 2)
 
-    @pytest.mark.usefixtures("small")
-    def test_levels_are_nested(self, data):
-        levels = data.levels()
-        assert [len(level.y) for level in levels] == [12, 21, 36]
-        assert levels[-1] is data
-        for few, more in pairwise(levels):
-            assert set(few.y) < set(more.y)
+    def test_problems_are_nested(self, data):
+        problem = pose(data, **SMALL)
+        problems = problem.coarse_to_fine()
+        assert [len(each.data) for each in problems] == [12, 21, 36]
+        assert problems[-1] is problem
+        for few, more in pairwise(problems):
+            assert set(few.data.y) < set(more.data.y)
 
     @pytest.mark.parametrize(
         ("n", "M", "sizes"),
@@ -79,61 +74,54 @@ class TestCoarseToFine:
             (5600, 100, [2000, 5600]),
         ],
     )
-    def test_sizes_of_levels(self, n, M, sizes):
+    def test_sizes(self, n, M, sizes):
         tasks = np.sort(np.arange(n) % M)
         data = building.data(np.zeros((n, 1)), tasks, np.zeros(n), M)
-        found = [len(level.y) for level in data.levels()]
+        found = [len(each.data) for each in pose(data).coarse_to_fine()]
         np.testing.assert_allclose(found, sizes, atol=M)
         assert len(found) == len(sizes)
 
-    @pytest.mark.usefixtures("small")
     def test_refine_ends_at_a_mode_of_all_rows(self, data):
-        settings, form = configure(tol=1e-6, max_iter=1000), low_rank(M, 2)
-        coarse = data.levels()[0]
-        first = climb(coarse, settings, form, start_of(settings, form))
-        mode = refine(data, settings, form, first)
+        problem = pose(data, low_rank(M, 2), tol=1e-6, max_iter=1000, **SMALL)
+        coarse = problem.coarse_to_fine()[0]
+        first = climb(coarse, start_of(problem))
+        mode = refine(problem, first)
         assert mode.n_samples == len(data.y)
         assert mode.n_iter > first.n_iter
         assert mode.n_evaluations > first.n_evaluations
         assert mode.seconds > first.seconds
-        assert is_stationary(data, settings, form, mode.theta)
+        assert is_stationary(problem, mode.theta)
 
-    @pytest.mark.usefixtures("small")
     def test_refine_starts_with_noise_that_is_not_too_small(self, data, monkeypatch):
-        starts = []
-        settings, form = configure(), low_rank(M, 2)
-        mode = mode_at(
-            data, settings, form, np.r_[start_of(settings, form)[:-1], -22.0]
-        )
+        starts, problem = [], pose(data, low_rank(M, 2), **SMALL)
+        mode = mode_at(problem, np.r_[start_of(problem)[:-1], -22.0])
 
-        def stay(level, settings, form, theta, **options):
-            starts.append((len(level.y), theta[-1], *options))
+        def stay(problem, theta, **options):
+            starts.append((len(problem.data), theta[-1], *options))
             return mode
 
         monkeypatch.setattr(climbing, "climb", stay)
-        refine(data, settings, form, mode)
+        refine(problem, mode)
         held = np.log(1e-5)
         assert starts == [(21, held, "relaxed", "held"), (21, -22.0), (36, held)]
         assert mode.theta[-1] == -22.0
 
-    @pytest.mark.usefixtures("small")
     @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
     def test_learn_fixed(self, data, form):
-        settings = configure(tol=1e-6, max_iter=1000)
-        mode = learn_fixed(data, settings, form)
+        problem = pose(data, form, tol=1e-6, max_iter=1000, **SMALL)
+        mode = learn_fixed(problem)
         assert mode.n_samples == 36
-        assert is_stationary(data, settings, form, mode.theta)
+        assert is_stationary(problem, mode.theta)
 
-    def test_learn_ranks(self, monkeypatch):
-        monkeypatch.setattr(problem, "COARSE", 36)
-        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
-        data, settings = draw(FACTOR @ FACTOR.T, per_task=30), configure()
-        assert len(data.levels()) == 2
-        [modes] = learn_ranks([(data, settings)], RANKS)
+    def test_learn_ranks(self):
+        data = draw(FACTOR @ FACTOR.T, per_task=30)
+        problem = pose(data, coarse=36, coarse_per_task=2)
+        assert len(problem.coarse_to_fine()) == 2
+        [modes] = learn_ranks([problem], RANKS)
         values = [mode.value for mode in modes]
         assert (np.diff(values) >= 0.0).all()
         for form, mode in zip(RANKS, modes, strict=True):
-            value = settings.likelihood(data, form).value(mode.theta)
+            value = problem.with_form(form).likelihood().value(mode.theta)
             np.testing.assert_allclose(mode.value, value, rtol=1e-10)
         theta = np.concatenate([TRUTH, FACTOR.ravel(), [np.log(NOISE)]])
-        assert values[1] > settings.likelihood(data, RANKS[1]).value(theta)
+        assert values[1] > problem.with_form(RANKS[1]).likelihood().value(theta)

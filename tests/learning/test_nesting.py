@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from drawn import M, configure, is_stationary, mode_at, start_of
+from drawn import M, is_stationary, mode_at, pose, start_of
 
 from skmtgp.learning import nesting
 from skmtgp.learning.climbing import climb
@@ -13,14 +13,20 @@ def forms(request):
     return [low_rank(M, rank, request.param) for rank in (1, 2, 3)]
 
 
+def pose_each(data, forms, **changes):
+    return [pose(data, form, **changes) for form in forms]
+
+
+def poor(problem):
+    """A mode of noise alone."""
+    return mode_at(problem, np.r_[start_of(problem)[:-1], 5.0])
+
+
 @pytest.fixture(scope="module")
 def modes(data, forms):
-    settings = configure()
-    good = climb(data, settings, forms[0], start_of(settings, forms[0]))
-    bad = [
-        mode_at(data, settings, form, np.r_[start_of(settings, form)[:-1], 5.0])
-        for form in forms[1:]
-    ]
+    first, *others = pose_each(data, forms)
+    good = climb(first, start_of(first))
+    bad = [poor(problem) for problem in others]
     assert all(mode.value < good.value for mode in bad)
     return [good, *bad]
 
@@ -31,41 +37,41 @@ class TestNest:
     @pytest.mark.parametrize("max_iter", [0, 1, 200])
     @pytest.mark.parametrize("ranks", [(0, 1, 2), (0, 2)], ids=["steps", "leap"])
     def test_values_do_not_fall(self, data, forms, modes, max_iter, ranks):
-        settings = configure(max_iter=max_iter)
         forms, modes = [forms[k] for k in ranks], [modes[k] for k in ranks]
+        problems = pose_each(data, forms, max_iter=max_iter)
         before = list(modes)
-        nested = nest(data, settings, forms, modes)
+        nested = nest(problems, modes)
         assert all(a is b for a, b in zip(modes, before, strict=True))
         assert nested[0] is modes[0]
         assert (np.diff([mode.value for mode in nested]) >= 0.0).all()
-        for form, mode in zip(forms, nested, strict=True):
-            value = settings.likelihood(data, form).value(mode.theta)
+        for problem, mode in zip(problems, nested, strict=True):
+            value = problem.likelihood().value(mode.theta)
             np.testing.assert_allclose(mode.value, value, rtol=1e-10)
 
     def test_higher_rank_is_learned_from_the_lower_one(self, data, forms, modes):
-        settings = configure(tol=1e-6, max_iter=1000)
-        nested = nest(data, settings, forms[:2], modes[:2])
+        problems = pose_each(data, forms[:2], tol=1e-6, max_iter=1000)
+        nested = nest(problems, modes[:2])
         assert nested[1].value > nested[0].value + 1.0
         assert nested[1].seconds > modes[1].seconds
         assert nested[1].n_iter > modes[0].n_iter > 0  # the way to it began there
-        assert is_stationary(data, settings, forms[1], nested[1].theta)
+        assert is_stationary(problems[1], nested[1].theta)
 
     def test_new_columns_are_those_that_the_gradient_asks_for(self, data, forms, modes):
-        settings = configure(max_iter=0)  # the start alone
-        nested = nest(data, settings, forms[:2], modes[:2])
+        problems = pose_each(data, forms[:2], max_iter=0)  # the start alone
+        nested = nest(problems, modes[:2])
         assert nested[1].value > nested[0].value + 0.01
 
     def test_the_lower_mode_is_the_last_resort(self, data, forms, modes, monkeypatch):
         monkeypatch.setattr(nesting, "climb", lambda *args: modes[1])
-        nested = nest(data, configure(), forms[:2], modes[:2])
+        problems = pose_each(data, forms[:2])
+        nested = nest(problems, modes[:2])
         assert nested[1].value == modes[0].value
-        likelihood = configure().likelihood(data, forms[1])
-        value = likelihood.value(nested[1].theta)
+        value = problems[1].likelihood().value(nested[1].theta)
         np.testing.assert_allclose(value, modes[0].value, rtol=1e-12)
 
     def test_good_modes_are_kept(self, data, forms, modes):
         rising = [mode._replace(value=float(k)) for k, mode in enumerate(modes)]
-        nested = nest(data, configure(), forms, rising)
+        nested = nest(pose_each(data, forms), rising)
         assert all(a is b for a, b in zip(nested, rising, strict=True))
 
 
@@ -74,41 +80,38 @@ class TestDescend:
 
     @pytest.fixture
     def rising(self, data, forms):
-        settings = configure()
-        good = climb(data, settings, forms[2], start_of(settings, forms[2]))
-        bad = [
-            mode_at(data, settings, form, np.r_[start_of(settings, form)[:-1], 5.0])
-            for form in forms[:2]
-        ]
+        *others, last = pose_each(data, forms)
+        good = climb(last, start_of(last))
+        bad = [poor(problem) for problem in others]
         assert all(mode.value < good.value for mode in bad)
         return [*bad, good]
 
     def test_lower_ranks_are_learned_from_the_higher_one(self, data, forms, rising):
-        settings = configure(tol=1e-6, max_iter=1000)
+        problems = pose_each(data, forms, tol=1e-6, max_iter=1000)
         before = list(rising)
-        better = descend(data, settings, forms, rising)
+        better = descend(problems, rising)
         assert all(a is b for a, b in zip(rising, before, strict=True))
         assert better[2] is rising[2]
-        for form, mode, old in zip(forms[:2], better, rising, strict=False):
+        for problem, mode, old in zip(problems[:2], better, rising, strict=False):
             assert mode.value > old.value + 1.0
             assert mode.seconds > old.seconds
-            assert is_stationary(data, settings, form, mode.theta)
-            value = settings.likelihood(data, form).value(mode.theta)
+            assert is_stationary(problem, mode.theta)
+            value = problem.likelihood().value(mode.theta)
             np.testing.assert_allclose(mode.value, value, rtol=1e-10)
 
     def test_iterations_are_those_of_the_way(self, data, forms, rising, monkeypatch):
         again = rising[1]._replace(value=1e9, n_iter=7)
         monkeypatch.setattr(nesting, "climb", lambda *args: again)
-        lower, highest = descend(data, configure(), forms[1:], rising[1:])
+        lower, highest = descend(pose_each(data, forms[1:]), rising[1:])
         assert lower.n_iter == highest.n_iter + 7 > 7
 
     def test_none_is_worse(self, data, forms, rising, monkeypatch):
         worst = rising[0]._replace(value=-1e9)
         monkeypatch.setattr(nesting, "climb", lambda *args: worst)
-        better = descend(data, configure(), forms, rising)
+        better = descend(pose_each(data, forms), rising)
         assert [m.value for m in better] == [m.value for m in rising]
 
     def test_good_modes_are_kept(self, data, forms, rising):
         falling = [mode._replace(value=-float(k)) for k, mode in enumerate(rising)]
-        better = descend(data, configure(), forms, falling)
+        better = descend(pose_each(data, forms), falling)
         assert all(a is b for a, b in zip(better, falling, strict=True))

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import building
 import numpy as np
 import pytest
@@ -6,14 +8,16 @@ from scipy.stats import multivariate_t
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.inference.choice import extended
+from skmtgp.inference.engines import Dense
 from skmtgp.learning import novel
-from skmtgp.learning.novel import Rows, add_task, learn_border
+from skmtgp.learning.novel import Population, learn_border, learn_novel
+from skmtgp.learning.problem import Budget
+from skmtgp.learning.tuning import Tuning
 from skmtgp.model.task_covariance import low_rank
 
 M, RANK, NOISE = 5, 2, 0.01
 KERNEL = ConstantKernel(1.0) * RBF([1.0, 1.5])
-BUDGET = {"max_iter": 1000, "tol": 1e-8}
+BUDGET = Budget(max_iter=1000, tol=1e-8)
 
 
 class Problem:
@@ -44,15 +48,14 @@ class Problem:
         return kind(self.posterior, self.F, self.X_new, self.y_new, noise, own)
 
 
-def learn(problem, own=False, informed=False, **budget):
-    border = problem.border(own)
-    budget = BUDGET | budget
-    return border, learn_border(border, problem.F, informed=informed, **budget)
+def learn(problem, own=False, informed=False, **changes):
+    border, budget = problem.border(own), replace(BUDGET, **changes)
+    return border, learn_border(border, problem.F, budget, informed=informed)
 
 
 def objective(border, F, informed):
     """What is maximised, as a function of the row."""
-    rows = Rows(F, border.own)
+    rows = Population(F, border.own)
 
     def value(row):
         prior = rows.log_prior(rows.coordinates(row))[0] if informed else 0.0
@@ -61,25 +64,28 @@ def objective(border, F, informed):
     return value
 
 
-class TestRows:
+class TestPopulation:
     @pytest.mark.parametrize("shape", [(1, 1), (4, 1), (5, 3), (3, 3), (1, 2)])
     @pytest.mark.parametrize("own", [False, True])
     def test_coordinates(self, shape, own):
         rng = np.random.default_rng(0)
-        rows, u = Rows(rng.normal(size=shape), own), rng.normal(size=shape[1] + own)
+        rows, u = (
+            Population(rng.normal(size=shape), own),
+            rng.normal(size=shape[1] + own),
+        )
         assert len(rows.lower) == len(u)
         np.testing.assert_allclose(rows.coordinates(rows.row(u)), u, atol=1e-8)
 
     def test_the_population_is_that_of_the_rows(self):
         F = np.random.default_rng(0).normal(size=(6, 3))
-        rows = Rows(F, own=False)
+        rows = Population(F, own=False)
         u = np.array([rows.coordinates(row) for row in F])
         np.testing.assert_allclose(u.mean(axis=0), 0.0, atol=1e-12)
         np.testing.assert_allclose(u.T @ u / 6, np.eye(3), atol=1e-5)
 
     def test_w_is_measured_by_the_rows(self):
         F = np.array([[3.0, 4.0], [0.0, 5.0]])
-        rows = Rows(F, own=True)
+        rows = Population(F, own=True)
         np.testing.assert_allclose(rows.row([0.0, 0.0, 2.0]), [1.5, 4.5, 10.0])
         assert rows.row(rows.lower)[-1] == pytest.approx(5e-6)  # it stays positive
 
@@ -87,7 +93,7 @@ class TestRows:
     @pytest.mark.parametrize("own", [False, True])
     def test_prior_is_a_multivariate_t(self, shape, own):
         rng = np.random.default_rng(0)
-        rows, rank = Rows(rng.normal(size=shape), own), shape[1]
+        rows, rank = Population(rng.normal(size=shape), own), shape[1]
         student = multivariate_t(
             np.zeros(rank), np.eye(rank), df=max(shape[0] - rank, 1)
         )
@@ -103,7 +109,7 @@ class TestRows:
 
     def test_rows_that_do_not_vary(self):
         for F in (np.ones((4, 2)), np.zeros((4, 2)), np.array([[1.0, 2.0]])):
-            rows = Rows(F, own=True)
+            rows = Population(F, own=True)
             np.testing.assert_allclose(rows.row(np.zeros(3))[:2], F[0])
             assert np.isfinite(rows.scale).all()
             assert (np.diagonal(rows.scale) > 0.0).all()
@@ -138,7 +144,7 @@ class TestLearnBorder:
     def test_the_gradient_vanishes(self, own, informed, seed):
         problem = Problem(seed=seed)
         border, best = learn(problem, own, informed)
-        rows = Rows(problem.F, own)
+        rows = Population(problem.F, own)
         u = rows.coordinates(best.x)
 
         def gradient(u):
@@ -161,7 +167,7 @@ class TestLearnBorder:
                 return super().value_and_grad(row)
 
         border = problem.border(own, kind=Counting)
-        best = learn_border(border, problem.F, informed=informed, **BUDGET)
+        best = learn_border(border, problem.F, BUDGET, informed=informed)
         assert best.n_evaluations == len(count) > 0
         assert len(best.x) == RANK + own
 
@@ -180,7 +186,7 @@ class TestLearnBorder:
     def test_few_starts_are_followed(self, own, informed, monkeypatch):
         problem = Problem()
         full = learn(problem, own, informed)[1]
-        monkeypatch.setattr(novel, "FOLLOWED", 1)
+        monkeypatch.setattr(novel, "TUNING", Tuning(followed=1))
         quick = learn(problem, own, informed)[1]
         assert quick.value >= full.value - 1e-9
         assert quick.n_evaluations < full.n_evaluations
@@ -189,7 +195,7 @@ class TestLearnBorder:
 def test_samples_without_information_leave_the_mean_of_the_rows():
     problem = Problem()
     border = problem.border(noise=1e12)
-    best = learn_border(border, problem.F, informed=True, **BUDGET)
+    best = learn_border(border, problem.F, BUDGET, informed=True)
     np.testing.assert_allclose(best.x, problem.F.mean(axis=0), atol=1e-5)
 
 
@@ -221,7 +227,7 @@ def test_what_is_the_tasks_own_is_found():
 def test_parameters_of_the_extended_model(position, diagonal, per_task, own, informed):
     own = own or diagonal
     problem = Problem(diagonal=diagonal, per_task=per_task)
-    form, mode = add_task(
+    prior, mode = learn_novel(
         problem.likelihood,
         problem.posterior,
         problem.theta,
@@ -229,10 +235,10 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
         problem.y_new,
         position=position,
         own=own,
-        per_task=per_task,
         informed=informed,
-        **BUDGET,
+        budget=BUDGET,
     )
+    form = prior.task_covariance
     assert form.n_tasks == M + 1
     assert form.rank == RANK + (own and not diagonal)
     assert form.n_kappa == (M + 1 if diagonal else 0)
@@ -240,8 +246,9 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     tasks = np.append(tasks, np.full(8, position))
     order = np.argsort(tasks, kind="stable")
     X, y = np.vstack([problem.X, problem.X_new]), np.append(problem.y, problem.y_new)
-    data, n_noise = (X[order], tasks[order], y[order]), M + 1 if per_task else 1
-    larger = extended(problem.likelihood, form, *data, n_noise, position, KERNEL)
+    data = building.data(X[order], tasks[order], y[order], M + 1)
+    assert prior.n_noise == (M + 1 if per_task else 1)
+    larger = Dense().joined(problem.likelihood, prior, data, position, KERNEL)
     value = larger.value(mode.theta)
     added = value - problem.likelihood.value(problem.theta)
     np.testing.assert_allclose(added, mode.value, rtol=1e-7)

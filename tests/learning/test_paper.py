@@ -5,7 +5,7 @@ import textbook
 from samples import Listener
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp.learning import paper, problem
+from skmtgp.learning import paper
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.stages import (
@@ -34,19 +34,21 @@ def draw(K_rho, seed=0, per_task=10):
     return building.data(X, tasks, C @ rng.standard_normal(len(X)), len(K_rho))
 
 
-def configure(**changes):
-    return building.settings(**{"kernel": KERNEL, "max_iter": 100} | changes)
+def pose(data, **changes):
+    form = identity(data.n_tasks)
+    return building.problem(KERNEL, form, data, **{"max_iter": 100} | changes)
 
 
-def by_hand(data, settings, form, fixed):
+def by_hand(problem, form, fixed):
     """The three steps of section 3, with K_0^rho fixed."""
-    theta = np.concatenate([settings.kernel.theta, settings.log_noise])
-    mode = climb(data, settings, fixed, theta)  # step 1
-    posterior = settings.likelihood(data, fixed).posterior(mode.theta)
-    K_aug = augmented_task_covariance(data, posterior)  # step 2
-    rho = form.parameters(K_aug, settings.truncation)
-    theta = np.concatenate([mode.theta[: KERNEL.n_dims], rho, settings.log_noise])
-    return mode, climb(data, settings, form, theta)  # step 3
+    first, last = problem.with_form(fixed), problem.with_form(form)
+    log_noise = np.full(problem.prior.n_noise, problem.prior.log_noise)
+    mode = climb(first, np.concatenate([KERNEL.theta, log_noise]))  # step 1
+    posterior = first.likelihood().posterior(mode.theta)
+    K_aug = augmented_task_covariance(problem.data, posterior)  # step 2
+    rho = form.parameters(K_aug, problem.budget.truncation)
+    theta = np.concatenate([mode.theta[: KERNEL.n_dims], rho, log_noise])
+    return mode, climb(last, theta)  # step 3
 
 
 def assert_same(mode, other):
@@ -59,13 +61,11 @@ class TestStaged:
     @pytest.mark.parametrize("n_noise", [1, M])
     @pytest.mark.parametrize("truncation", ["eigen", "cholesky"])
     def test_the_three_steps_from_the_likelier_start(self, tasks, n_noise, truncation):
-        data = draw(TASKS[tasks])
-        log_noise = np.full(n_noise, np.log(0.1))
-        settings = configure(truncation=truncation, log_noise=log_noise)
-        [modes] = learn_staged([(data, settings)], FORMS)
+        problem = pose(draw(TASKS[tasks]), truncation=truncation, n_noise=n_noise)
+        [modes] = learn_staged([problem], FORMS)
         for form, mode in zip(FORMS, modes, strict=True):
-            alone, apart = by_hand(data, settings, form, identity(M))
-            alike, together = by_hand(data, settings, form, ones(M))
+            alone, apart = by_hand(problem, form, identity(M))
+            alike, together = by_hand(problem, form, ones(M))
             assert (alike.value > alone.value) == (tasks == "like one")
             expected = together if tasks == "like one" else apart
             assert_same(mode, expected)
@@ -76,9 +76,9 @@ class TestStaged:
     def test_the_likelihood_of_the_start_chooses_not_that_of_the_end(self, monkeypatch):
         """A start that is likelier but leads to a worse mode is followed all the same:
         the heuristic of the paper to the letter."""
-        data, settings = draw(RELATED), configure(max_iter=5)
+        problem = pose(draw(RELATED), max_iter=5)
         starts = [
-            first_stage(data, settings, form(M), relaxed=False)
+            first_stage(problem.with_form(form(M)), relaxed=False)
             for form in (identity, ones)
         ]
         for likelier in (0, 1):
@@ -88,88 +88,85 @@ class TestStaged:
                 for k, start in enumerate(starts)
             ]
 
-            def spy(data, settings, form, theta, followed=followed):
+            def spy(problem, theta, followed=followed):
                 followed.append(theta)
-                return climb(data, settings, form, theta)
+                return climb(problem, theta)
 
             monkeypatch.setattr(paper, "climb", spy)
             monkeypatch.setattr(
                 paper, "make_starts", lambda *_, promoted=promoted, **__: [promoted]
             )
-            learn_staged([(data, settings)], FORMS[:1])
-            expected = starts[likelier].theta(settings, FORMS[0])
+            learn_staged([problem], FORMS[:1])
+            expected = starts[likelier].theta(problem.with_form(FORMS[0]))
             np.testing.assert_array_equal(followed, [expected])
 
-    def test_all_rows_at_once(self, monkeypatch):
-        monkeypatch.setattr(problem, "COARSE", 6)
-        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
-        data, settings = draw(RELATED), configure(max_iter=3)
-        assert len(data.levels()) > 1
+    def test_all_rows_at_once(self):
+        problem = pose(draw(RELATED), max_iter=3, coarse=6, coarse_per_task=2)
+        assert len(problem.coarse_to_fine()) > 1
         for learn in (learn_staged, learn_simultaneously):
-            [[mode]] = learn([(data, settings)], FORMS[:1], seeds=(0,))
-            assert mode.n_samples == len(data.y)
+            [[mode]] = learn([problem], FORMS[:1], seeds=(0,))
+            assert mode.n_samples == len(problem.data)
 
     def test_more_starts(self, monkeypatch):
-        data, settings, form = draw(RELATED), configure(max_iter=20), FORMS[1]
-        one = first_stage(data, settings, identity(M), relaxed=False)
+        problem, form = pose(draw(RELATED), max_iter=20), FORMS[1]
+        one = first_stage(problem.with_form(identity(M)), relaxed=False)
         followed = []
 
-        def spy(data, settings, form, theta):
-            followed.append(climb(data, settings, form, theta))
+        def spy(problem, theta):
+            followed.append(climb(problem, theta))
             return followed[-1]
 
         monkeypatch.setattr(paper, "climb", spy)
-        [[mode]] = learn_staged([(data, settings)], [form], seeds=(5, 6, 7))
+        [[mode]] = learn_staged([problem], [form], seeds=(5, 6, 7))
         assert len(followed) == 4
         assert mode.value == max(found.value for found in followed)
-        full = full_rank_start(data, settings, one)
+        full, formed = full_rank_start(problem, one), problem.with_form(form)
         more = [full, perturbed(one, 6), perturbed(one, 7)]
         for found, start in zip(followed[1:], more, strict=True):
-            expected = climb(data, settings, form, start.theta(settings, form))
-            assert_same(found, expected)
-        other = first_stage(data, settings, ones(M), relaxed=False)
+            assert_same(found, climb(formed, start.theta(formed)))
+        other = first_stage(problem.with_form(ones(M)), relaxed=False)
         spent = [*followed, one.mode, other.mode, full.mode]
         assert mode.n_evaluations == sum(found.n_evaluations for found in spent)
 
     def test_one_task(self):
-        data, settings = draw(np.ones((1, 1)), per_task=20), configure()
-        [[mode]] = learn_staged([(data, settings)], [low_rank(1, 1)])
+        problem, form = pose(draw(np.ones((1, 1)), per_task=20)), low_rank(1, 1)
+        [[mode]] = learn_staged([problem], [form])
         truth = np.r_[np.log([1.0, 0.7, 2.0]), 1.0, np.log(0.01)]
-        value = settings.likelihood(data, low_rank(1, 1)).value(truth)
-        assert mode.value > value
+        assert mode.value > problem.with_form(form).likelihood().value(truth)
 
 
 class TestSimultaneous:
     @pytest.mark.parametrize("form", FORMS, ids=str)
     def test_starts(self, form, monkeypatch):
         """theta_0^x, sigma_0^2 and K_0^rho of the rank of the model, one for each."""
-        data, settings, followed = draw(RELATED), configure(max_iter=3), []
+        problem, followed = pose(draw(RELATED), max_iter=3), []
 
-        def spy(data, settings, form, theta):
+        def spy(problem, theta):
             followed.append(theta)
-            return climb(data, settings, form, theta)
+            return climb(problem, theta)
 
         monkeypatch.setattr(paper, "climb", spy)
-        learn_simultaneously([(data, settings)], [form], seeds=range(4))
-        split = settings.likelihood(data, form).split
+        learn_simultaneously([problem], [form], seeds=range(4))
+        likelihood = problem.with_form(form).likelihood()
         assert len(followed) == 4
+        traces = []
         for theta in followed:
-            kernel, rho, log_noise = split(theta)
+            kernel, rho, log_noise = building.parts(likelihood, theta)
             np.testing.assert_array_equal(kernel, KERNEL.theta)
-            np.testing.assert_array_equal(log_noise, settings.log_noise)
+            np.testing.assert_array_equal(log_noise, problem.prior.log_noise)
             F = form.columns(rho)
             assert np.linalg.matrix_rank(F) == form.rank
-        traces = [np.trace(form.matrix(split(theta)[1])) for theta in followed]
+            traces.append(np.trace(form.matrix(rho)))
         assert len(set(traces)) == 4
         assert 0.2 < np.mean(traces) / M < 3.0  # scaled targets have a variance of 1
 
     def test_the_best_start_counts(self):
-        data, settings, form = draw(RELATED), configure(max_iter=20), FORMS[1]
+        problem, form = pose(draw(RELATED), max_iter=20), FORMS[1]
         each = [
-            learn_simultaneously([(data, settings)], [form], seeds=[seed])[0][0]
+            learn_simultaneously([problem], [form], seeds=[seed])[0][0]
             for seed in (3, 4, 5)
         ]
-        [[mode]] = learn_simultaneously([(data, settings)], [form], seeds=[3, 4, 5])
+        [[mode]] = learn_simultaneously([problem], [form], seeds=[3, 4, 5])
         best = max(each, key=lambda mode: mode.value)
         assert_same(mode, best)
         assert len({found.value for found in each}) > 1
@@ -179,10 +176,9 @@ class TestSimultaneous:
 @pytest.mark.parametrize("learn", [learn_staged, learn_simultaneously])
 class TestBoth:
     def test_ends_at_a_mode_no_worse_than_the_truth(self, learn):
-        data, settings = draw(RELATED), configure(tol=1e-5, max_iter=500)
-        form = low_rank(M, M)
-        [[mode]] = learn([(data, settings)], [form], seeds=range(3))
-        likelihood = settings.likelihood(data, form)
+        problem, form = pose(draw(RELATED), tol=1e-5, max_iter=500), low_rank(M, M)
+        [[mode]] = learn([problem], [form], seeds=range(3))
+        likelihood = problem.with_form(form).likelihood()
         rho = form.parameters(RELATED)
         truth = np.concatenate([np.log([1.0, 0.7, 2.0]), rho, np.log([0.01])])
         assert mode.converged
@@ -190,24 +186,24 @@ class TestBoth:
         np.testing.assert_allclose(mode.value, likelihood.value(mode.theta), rtol=1e-10)
 
     def test_outputs_and_forms_are_learned_separately(self, learn):
-        pairs = [(draw(RELATED, seed), configure(max_iter=10)) for seed in (0, 1)]
-        both = learn(pairs, FORMS, seeds=(1,))
-        for pair, modes in zip(pairs, both, strict=True):
+        problems = [pose(draw(RELATED, seed), max_iter=10) for seed in (0, 1)]
+        both = learn(problems, FORMS, seeds=(1,))
+        for problem, modes in zip(problems, both, strict=True):
             for form, mode in zip(FORMS, modes, strict=True):
-                [[alone]] = learn([pair], [form], seeds=(1,))
+                [[alone]] = learn([problem], [form], seeds=(1,))
                 assert_same(mode, alone)
 
     def test_processes_do_not_matter(self, learn):
-        pairs = [(draw(RELATED), configure(max_iter=3))]
-        [one] = learn(pairs, FORMS[:2], seeds=(1,))
-        [two] = learn(pairs, FORMS[:2], seeds=(1,), n_jobs=2)
+        problems = [pose(draw(RELATED), max_iter=3)]
+        [one] = learn(problems, FORMS[:2], seeds=(1,))
+        [two] = learn(problems, FORMS[:2], seeds=(1,), n_jobs=2)
         for mode, other in zip(one, two, strict=True):
             assert_same(mode, other)
 
     def test_report(self, learn):
-        pairs = [(draw(RELATED), configure(max_iter=1, name="torque"))]
+        problems = [pose(draw(RELATED), max_iter=1, name="torque")]
         listener = Listener()
-        learn(pairs, FORMS[:2], seeds=(1,), progress=listener)
+        learn(problems, FORMS[:2], seeds=(1,), progress=listener)
         lines = [line for line in listener.lines if line]
         starts = [line.split(": log marginal likelihood")[0] for line in lines]
         n = 2 if learn is learn_staged else 1  # its own, and one for each seed

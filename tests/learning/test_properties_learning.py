@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-import textbook
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from samples import split
+from samples import log_densities
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from strategies import examples, tables
@@ -36,10 +35,16 @@ def problems(draw, max_tasks=4):
 
 
 @examples(8)
-@given(tables(per_task=2, max_tasks=4, max_rows=20), st.booleans())
-def test_likelihood_does_not_fall_with_the_rank(table, diagonal):
+@given(tables(per_task=2, max_tasks=4, max_rows=20), st.booleans(), st.booleans())
+def test_likelihood_does_not_fall_with_the_rank(table, diagonal, levels):
     M = len(np.unique(table.tasks))
-    model = MultiTaskGPRegressor(diagonal=diagonal, noise_variance_bounds=(1e-4, 10.0))
+    model = MultiTaskGPRegressor(
+        diagonal=diagonal,
+        task_levels=levels,
+        normalize_y="shared",
+        noise="shared",
+        noise_variance_bounds=(1e-4, 10.0),
+    )
     search = RankSearchIC(model, ranks=range(1, M + 1), keep_estimators=True)
     search.fit(table.X, table.y)
     of_modes = search.results_["log_marginal_likelihood"]
@@ -48,37 +53,38 @@ def test_likelihood_does_not_fall_with_the_rank(table, diagonal):
         assert (np.diff(values) >= -TOL).all()
 
 
+@st.composite
+def kinds(draw):
+    """Of a model with or without levels, in any units."""
+    return {
+        "diagonal": draw(st.booleans()),
+        "task_levels": draw(st.booleans()),
+        "normalize_y": draw(st.sampled_from(["shared", "per_task"])),
+        "noise": draw(st.sampled_from(["shared", "per_task"])),
+        "max_iter": 0,
+    }
+
+
 @examples(15)
-@given(problems(), st.sampled_from(["shared", "per_task"]), st.booleans())
+@given(problems(), kinds())
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
-def test_learning_raises_the_likelihood_that_the_attributes_have(
-    problem, noise, diagonal
-):
+def test_learning_raises_the_likelihood_that_the_attributes_have(problem, options):
     X, y, _ = problem
-    model = MultiTaskGPRegressor(noise=noise, diagonal=diagonal, max_iter=0)
+    model = MultiTaskGPRegressor(**options)
     start = clone(model).fit(X, y).log_marginal_likelihood_value_
     model.set_params(max_iter=5).fit(X, y)
     found = model.log_marginal_likelihood_value_
     assume(np.isfinite(start))
     assert found > start
-    K = textbook.covariance(
-        model.kernel_, model.task_covariance_, model.noise_variance_, *split(X)
-    )
-    expected = textbook.log_marginal_likelihood(K, y - model.y_mean_)
-    assert found == pytest.approx(expected, 1e-6, 1e-6)
+    assert found == pytest.approx(log_densities(model, X, y)[0], 1e-6, 1e-6)
 
 
 @st.composite
 def extensions(draw):
     """A model that is not learned, and samples of a task that it does not know."""
     X, y, Z = draw(problems())
-    model = MultiTaskGPRegressor(
-        KERNEL,
-        rank=draw(st.sampled_from([1, None])),
-        diagonal=draw(st.booleans()),
-        noise=draw(st.sampled_from(["shared", "per_task"])),
-        max_iter=0,
-    )
+    rank = draw(st.sampled_from([1, None]))
+    model = MultiTaskGPRegressor(KERNEL, rank=rank, **draw(kinds()))
     rng = np.random.default_rng(draw(st.integers(0, 10_000)))
     X_new = np.column_stack([rng.normal(size=(5, 2)), np.full(5, 9.0)])
     y_new = np.sin(X_new[:, 0]) + 0.3 * X_new[:, 1] + 0.1 * rng.standard_normal(5)
@@ -138,17 +144,13 @@ def test_what_is_added_is_a_model(extension):
     extended = extend(model, data, new, options)
     K_rho = extended.task_covariance_
     assert np.linalg.eigvalsh(K_rho)[0] >= -1e-12 * np.trace(K_rho)
-    z = Z[Z[:, -1] == 9][:, :-1]
-    prior = K_rho[-1, -1] * extended.kernel_.diag(z)
     Z = Z[Z[:, -1] == 9]
+    level = np.ravel(extended.level_variance_)[-1]
+    prior = K_rho[-1, -1] * extended.kernel_.diag(Z[:, :-1]) + level
     variance = extended.predict(Z, return_std=True)[1] ** 2
     assert (variance <= prior * (1.0 + 1e-12)).all()
-    x = np.vstack([data[0], new[0]])
-    codes = np.searchsorted(extended.tasks_, x[:, -1])
-    K = textbook.covariance(
-        extended.kernel_, K_rho, extended.noise_variance_, x[:, :-1], codes
-    )
-    y = np.append(data[1], new[1]) - extended.y_mean_
-    expected = textbook.log_marginal_likelihood(K, y)
+    X = np.vstack([data[0], new[0]])
+    X[:, -1] = np.searchsorted(extended.tasks_, X[:, -1])
+    [expected] = log_densities(extended, X, np.append(data[1], new[1]))
     found = extended.log_marginal_likelihood_value_
     assert found == pytest.approx(expected, 1e-7, 1e-7)

@@ -9,27 +9,28 @@ from drawn import (
     RANKS,
     TRUTH,
     M,
-    configure,
     draw,
+    pose,
 )
 from samples import Listener
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp.learning import climbing, problem, ranks
+from skmtgp.learning import ranks
+from skmtgp.learning.problem import Budget
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.stages import first_stage, full_rank_start, perturbed, second_stage
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 
 @pytest.fixture(scope="module")
-def pairs(data):
+def problems(data):
     other = draw(FACTOR @ FACTOR.T, seed=1)
-    return [(data, configure()), (other, configure(log_noise=np.full(M, -2.0)))]
+    return [pose(data), pose(other, log_noise=-2.0, n_noise=M)]
 
 
 @pytest.fixture(scope="module")
-def learned(pairs):
-    return learn_ranks(pairs, RANKS)
+def learned(problems):
+    return learn_ranks(problems, RANKS)
 
 
 @pytest.fixture(scope="module")
@@ -44,22 +45,21 @@ def learned_shortly(short):
 
 
 class TestLearnRanks:
-    def test_no_worse_than_the_truth(self, pairs, learned):
-        for (data, settings), modes in zip(pairs, learned, strict=True):
-            n_noise = len(settings.log_noise)
-            noise = np.full(n_noise, np.log(NOISE))
+    def test_no_worse_than_the_truth(self, problems, learned):
+        for problem, modes in zip(problems, learned, strict=True):
+            noise = np.full(problem.prior.n_noise, np.log(NOISE))
             theta = np.concatenate([TRUTH, FACTOR.ravel(), noise])
-            truth = settings.likelihood(data, RANKS[1]).value(theta)
+            truth = problem.with_form(RANKS[1]).likelihood().value(theta)
             assert modes[1].value > truth
 
     def test_values_do_not_fall_with_the_rank(self, learned):
         for modes in learned:
             assert (np.diff([mode.value for mode in modes]) >= 0.0).all()
 
-    def test_values_are_those_of_the_parameters(self, pairs, learned):
-        for (data, settings), modes in zip(pairs, learned, strict=True):
+    def test_values_are_those_of_the_parameters(self, problems, learned):
+        for problem, modes in zip(problems, learned, strict=True):
             for form, mode in zip(RANKS, modes, strict=True):
-                value = settings.likelihood(data, form).value(mode.theta)
+                value = problem.with_form(form).likelihood().value(mode.theta)
                 np.testing.assert_allclose(mode.value, value, rtol=1e-10)
 
     def test_outputs_are_learned_separately(self, short, learned_shortly):
@@ -82,14 +82,14 @@ class TestLearnRanks:
         followed = []
 
         def follow(jobs, **options):
-            followed.extend(starts for *_, starts in jobs)
+            followed.extend(starts for _, starts in jobs)
             return second_stage(jobs, **options)
 
         monkeypatch.setattr(ranks, "second_stage", follow)
-        settings = configure(max_iter=3)
-        learn_ranks([(data, settings)], RANKS[:2], seeds=(5, 6))
-        plain = [first_stage(data, settings, form) for form in (identity(M), ones(M))]
-        full = full_rank_start(data, settings, plain[0])
+        problem = pose(data, max_iter=3)
+        learn_ranks([problem], RANKS[:2], seeds=(5, 6))
+        plain = [first_stage(problem.with_form(form(M))) for form in (identity, ones)]
+        full = full_rank_start(problem, plain[0])
         expected = [*plain, full, perturbed(plain[0], 6)]
         for starts in followed:
             for start, other in zip(starts, expected, strict=True):
@@ -98,13 +98,13 @@ class TestLearnRanks:
         assert len(followed) == 2
 
     @pytest.mark.parametrize("n_jobs", [1, 2])
-    def test_report(self, pairs, n_jobs):
-        pairs = [
-            (data, replace(settings, max_iter=1, name=f"output {j} of 2"))
-            for j, (data, settings) in enumerate(pairs, start=1)
+    def test_report(self, problems, n_jobs):
+        problems = [
+            replace(problem, budget=Budget(1, 1e-3), name=f"output {j} of 2")
+            for j, problem in enumerate(problems, start=1)
         ]
         listener = Listener()
-        learn_ranks(pairs, RANKS, n_jobs=n_jobs, progress=listener)
+        learn_ranks(problems, RANKS, n_jobs=n_jobs, progress=listener)
         pattern = (
             r"output (\d) of 2, rank (\d): "
             r"log marginal likelihood -?\d+\.\d\d \(scaled\) of 36 rows after \d+ "
@@ -119,12 +119,11 @@ class TestLearnRanks:
         assert found == [(j, r, stage) for stage in stages for j in "12" for r in "123"]
         assert listener.stages == [("starts", 12), ("learning", 6), ("levels", 6)]
 
-    def test_report_of_all_rows(self, monkeypatch):
-        monkeypatch.setattr(problem, "COARSE", 36)
-        monkeypatch.setattr(problem, "COARSE_PER_TASK", 2)
-        pair = draw(FACTOR @ FACTOR.T, per_task=30), configure(max_iter=1)
+    def test_report_of_all_rows(self):
+        data, few = draw(FACTOR @ FACTOR.T, per_task=30), {"coarse": 36}
+        problem = pose(data, max_iter=1, coarse_per_task=2, **few)
         listener = Listener()
-        learn_ranks([pair], RANKS[:1], progress=listener)
+        learn_ranks([problem], RANKS[:1], progress=listener)
         lines = [line.split(" log ")[0] for line in listener.lines if line]
         stages = [
             "the best of 2 starts",
@@ -134,10 +133,9 @@ class TestLearnRanks:
         ]
         assert [line.split(", ")[-1] for line in lines] == [f"{s}:" for s in stages]
 
-    def test_report_of_each_climb(self, data, capsys, monkeypatch):
-        monkeypatch.setattr(climbing, "REPORT_EVERY", 5)
-        settings = configure(max_iter=12, name="torque", verbose=2)
-        learn_ranks([(data, settings)], RANKS[1:2])
+    def test_report_of_each_climb(self, data, capsys):
+        problem = pose(data, max_iter=12, name="torque", verbose=2, report_every=5)
+        learn_ranks([problem], RANKS[1:2])
         lines = capsys.readouterr().out.splitlines()
         pattern = (
             r"\[skmtgp\] torque, (rank 2|fixed task covariance), 36 rows, "
@@ -152,23 +150,27 @@ class TestLearnRanks:
         assert ("rank 2", "12", ": budget spent") in groups
         assert groups[0][0] == "fixed task covariance"
 
-    def test_quiet(self, pairs, capsys):
-        pairs = [(pairs[0][0], configure(max_iter=1))]
-        learn_ranks(pairs, [low_rank(M, 1)])
+    def test_quiet(self, data, capsys):
+        learn_ranks([pose(data, max_iter=1)], [low_rank(M, 1)])
         assert capsys.readouterr() == ("", "")
 
     def test_one_task(self):
         data = draw(np.ones((1, 1)), M=1, per_task=20)
-        settings, form = configure(), low_rank(1, 1)
-        [[mode]] = learn_ranks([(data, settings)], [form])
+        problem = pose(data, low_rank(1, 1))
+        [[mode]] = learn_ranks([problem], [low_rank(1, 1)])
         truth = np.r_[TRUTH, 1.0, np.log(NOISE)]
-        assert mode.value > settings.likelihood(data, form).value(truth)
+        assert mode.value > problem.likelihood().value(truth)
 
 
 @pytest.mark.parametrize(
-    ("rank", "size"), [(3, 2.0), pytest.param(6, 1.0, marks=pytest.mark.long)]
+    ("rank", "size", "levels"),
+    [
+        (3, 2.0, False),
+        (2, 2.0, True),
+        pytest.param(6, 1.0, False, marks=pytest.mark.long),
+    ],
 )
-def test_what_varies_little_is_not_noise(rank, size):
+def test_what_varies_little_is_not_noise(rank, size, levels):
     """A sine is small beside the levels of the tasks, and large beside the noise."""
     rng = np.random.default_rng(0)
     task, x = np.repeat(np.arange(6), 40), rng.uniform(0.0, 6.0, 240)
@@ -176,6 +178,9 @@ def test_what_varies_little_is_not_noise(rank, size):
     y = size * np.array([10, 35, 22, 80, 55, 41])[task] + amplitudes[task] * np.sin(x)
     X, y = np.column_stack([x, task]), y + 0.05 * rng.standard_normal(240)
     test = np.arange(240) % 4 == 0
-    model = MultiTaskGPRegressor(rank=rank).fit(X[~test], y[~test])
+    model = MultiTaskGPRegressor(
+        rank=rank, task_levels=levels, normalize_y="shared", noise="shared"
+    )
+    model.fit(X[~test], y[~test])
     error = model.predict(X[test]) - y[test]
     assert np.sqrt(np.square(error).mean()) < 0.1

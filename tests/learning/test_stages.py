@@ -11,9 +11,9 @@ from drawn import (
     NOISE,
     TRUTH,
     M,
-    configure,
     draw,
     is_stationary,
+    pose,
     start_of,
 )
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -37,11 +37,11 @@ from skmtgp.model.task_covariance import identity, low_rank, ones
 @pytest.mark.parametrize("n_noise", [1, M])
 def test_learn_fixed_is_no_worse_than_the_truth(form, seed, n_noise):
     data = draw(form.matrix(np.empty(0)), seed)
-    settings = configure(log_noise=np.full(n_noise, np.log(0.1)))
-    mode = learn_fixed(data, settings, form)
+    problem = pose(data, form, n_noise=n_noise)
+    mode = learn_fixed(problem)
     truth = np.r_[TRUTH, np.full(n_noise, np.log(NOISE))]
-    assert mode.value >= settings.likelihood(data, form).value(truth)
-    assert is_stationary(data, settings, form, mode.theta)
+    assert mode.value >= problem.likelihood().value(truth)
+    assert is_stationary(problem, mode.theta)
 
 
 def literal_augmented_task_covariance(data, kernel, K_rho, noise):
@@ -120,10 +120,9 @@ class TestAugmentedTaskCovariance:
 
 @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
 def test_first_stage(data, form):
-    settings = configure()
-    start = first_stage(data, settings, form)
-    theta = start_of(settings, form)
-    mode = climb(data, settings, form, theta, relaxed=True)
+    problem = pose(data, form)
+    start = first_stage(problem)
+    mode = climb(problem, start_of(problem), relaxed=True)
     np.testing.assert_array_equal(start.kernel_theta, mode.theta[:6])
     expected = literal_augmented_task_covariance(
         data,
@@ -135,22 +134,21 @@ def test_first_stage(data, form):
 
 
 def test_second_stage_follows_every_start_and_keeps_the_best(data):
-    settings, form = configure(max_iter=20), low_rank(M, 2)
+    form = low_rank(M, 2)
+    problem = pose(data, form, max_iter=20)
     starts = [
         Start(KERNEL.theta, np.ones((M, M))),
         Start(TRUTH, FACTOR @ FACTOR.T),
         Start(KERNEL.theta + 1.0, np.eye(M)),
     ]
-    each = second_stage([(data, settings, form, [start]) for start in starts])
-    [best] = second_stage([(data, settings, form, starts)])
+    each = second_stage([(problem, [start]) for start in starts], shakes=3)
+    [best] = second_stage([(problem, starts)], shakes=3)
     alone = max(each, key=lambda mode: mode.value)
     assert best.value == alone.value
     assert best.n_evaluations > alone.n_evaluations  # the other starts' count too
-    first = np.concatenate(
-        [TRUTH, form.parameters(FACTOR @ FACTOR.T), settings.log_noise]
-    )
-    expected = annealed(data, settings, form, first)
-    expected = shake(data, settings, form, expected, 2)
+    rho = form.parameters(FACTOR @ FACTOR.T)
+    first = np.concatenate([TRUTH, rho, [problem.prior.log_noise]])
+    expected = shake(problem, annealed(problem, first), 2)
     np.testing.assert_array_equal(each[1].theta, expected.theta)
 
 
@@ -158,17 +156,15 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
 def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
     shaken = []
 
-    def count(data, settings, form, mode, times):
+    def count(problem, mode, times):
         shaken.append((mode.value, times))
         return mode
 
     monkeypatch.setattr(stages, "shake", count)
-    settings, form = configure(max_iter=20), low_rank(M, 2)
+    problem = pose(data, low_rank(M, 2), max_iter=20)
     starts = [Start(TRUTH, FACTOR @ FACTOR.T), Start(KERNEL.theta, np.eye(M))]
-    alone = [
-        annealed(data, settings, form, start.theta(settings, form)) for start in starts
-    ]
-    second_stage([(data, settings, form, starts)], shakes=shakes)
+    alone = [annealed(problem, start.theta(problem)) for start in starts]
+    second_stage([(problem, starts)], shakes=shakes)
     [(value, times)] = shaken
     assert times == shakes
     assert value >= max(mode.value for mode in alone)
@@ -188,10 +184,12 @@ def test_perturbed():
 
 def test_full_rank_start(data):
     """Its K_1 is that of a model of full rank, better than the one it begins with."""
-    settings = configure()
-    start = first_stage(data, settings, identity(M))
-    full, form = full_rank_start(data, settings, start), low_rank(M, M)
-    likelihood = settings.likelihood(data, form)
+    problem, form = pose(data, identity(M)), low_rank(M, M)
+    start = first_stage(problem)
+    full, likelihood = (
+        full_rank_start(problem, start),
+        problem.with_form(form).likelihood(),
+    )
 
     def value(K_rho, kernel):
         rho = form.parameters(K_rho)

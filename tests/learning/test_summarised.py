@@ -12,24 +12,33 @@ from skmtgp import PooledGP
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
+from skmtgp.learning.stages import learn_fixed
+from skmtgp.learning.tuning import Tuning
 from skmtgp.model.task_covariance import ones
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+
+def problem_of(gp, X, y):
+    """What the model learns of the only output."""
+    [problem] = gp._problems(gp._read(X, y))
+    return problem.with_form(ones(M))
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003, 0.3])
 def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
     X, y = noisy()
     y = np.sin(X[:, 0]) + noise * np.random.default_rng(1).standard_normal(len(y))
-    gp = PooledGP(RBF(1.0), normalize_y=False, **SPARSE)
-    [(data, settings)] = gp._pairs(gp._read(X, y))
-    data = replace(data, Z=greedy_variance(RBF(1.0), data.X, 20))
+    gp = PooledGP(RBF(1.0), normalize_y=False, noise="shared", **SPARSE)
+    problem = problem_of(gp, X, y)
+    Z = greedy_variance(RBF(1.0), problem.data.X, 20)
+    problem = problem.with_data(replace(problem.data, Z=Z))
     few = Mode(np.log([1.0, 1e-10]), 0.0, 0, 0, True, False, 0.0, 60)
-    begun = summarised.begin_at(data, settings, ones(M), few)
+    begun = summarised.begin_at(problem, few)
     assert begun[0] == few.theta[0]
-    value = settings.likelihood(data, ones(M)).value
-    held = settings.with_noise(few.theta, ones(M))
-    others = np.linspace(few.theta, held, summarised.NOISES)
+    value = problem.likelihood().value
+    held = problem.with_noise(few.theta)
+    others = np.linspace(few.theta, held, problem.tuning.noises)
     assert value(begun) == max(map(value, others))
     assert (begun[1] == held[1]) == (noise > 0.0)
 
@@ -41,25 +50,28 @@ def test_the_climb_begins_with_no_more_noise_than_it_must(noise):
 def test_gain_under_which_climbs_of_the_bound_end(monkeypatch, gain, tol, expected):
     tols, climb = [], summarised.climb
 
-    def told(data, settings, *arguments):
-        tols.append(settings.tol)
-        return climb(data, settings, *arguments)
+    def told(problem, *arguments):
+        tols.append(problem.budget.tol)
+        return climb(problem, *arguments)
 
-    monkeypatch.setattr(summarised, "GAIN", gain)
     monkeypatch.setattr(summarised, "climb", told)
-    PooledGP(**SPARSE | {"tol": tol, "max_iter": 1}).fit(*draw())
-    assert_allclose(tols, [expected] * summarised.ROUNDS)
+    problem = problem_of(PooledGP(**SPARSE | {"tol": tol, "max_iter": 1}), *draw())
+    problem = replace(problem, tuning=Tuning(gain=gain))
+    modes = [learn_fixed(part) for part in summarised.exact_part([problem], [ones(M)])]
+    summarised.climb_bounds([problem], modes)
+    assert_allclose(tols, [expected] * problem.tuning.rounds)
 
 
 @pytest.mark.parametrize(
     ("noise", "expected"), [(1e-10, 1e-8), (1e-6, 1e-5), (1e-4, 1e-4)]
 )
 def test_the_second_climb_begins_with_a_little_more_noise(noise, expected):
-    gp = PooledGP(RBF(1.0), normalize_y=False, **SPARSE)
+    gp = PooledGP(RBF(1.0), normalize_y=False, noise="shared", **SPARSE)
     X, y = noisy()
-    [(data, settings)] = gp._pairs(gp._read(X, y / np.sqrt(np.mean(y**2))))
-    mode = Mode(np.log([1.0, noise]), 0.0, 0, 0, True, False, 0.0, 60, data.X[:5])
-    begun = summarised.begin_at(data, settings, ones(M), mode)
+    problem = problem_of(gp, X, y / np.sqrt(np.mean(y**2)))
+    Z = problem.data.X[:5]
+    mode = Mode(np.log([1.0, noise]), 0.0, 0, 0, True, False, 0.0, 60, Z)
+    begun = summarised.begin_at(problem, mode)
     assert_allclose(np.exp(begun), [1.0, expected])
 
 
@@ -67,8 +79,8 @@ def test_the_second_climb_begins_with_a_little_more_noise(noise, expected):
 def test_rows_that_are_learned_from_exactly(n_exact, least):
     """Of each task its share, rounded up."""
     gp = PooledGP(**SPARSE | {"n_exact": n_exact})
-    pairs = gp._pairs(gp._read(*draw()))
-    [(part, _)] = summarised.exact_part(pairs, [ones(M)])
+    [problem] = summarised.exact_part([problem_of(gp, *draw())], [ones(M)])
+    part = problem.data
     assert least <= len(part.y) <= least + M - 1
     assert_array_equal(np.unique(part.tasks), np.arange(M))
     assert part.Z is None

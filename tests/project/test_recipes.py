@@ -26,6 +26,7 @@ pytestmark = pytest.mark.filterwarnings(  # the budget of the fits is small
 )
 QUICK = {"max_iter": 3, "n_inducing": 6, "n_exact": 20}
 STAGED = {"learning": "staged", **QUICK}  # from one start
+ALIKE = QUICK | {"normalize_y": "shared", "noise": "shared"}  # all tasks
 KERNELS = {
     "alone": Brownian(),
     "fixed": Brownian(1.0, "fixed"),
@@ -119,11 +120,11 @@ class ExchangeableTasks(MultiTaskGPRegressor):
 
     form = Exchangeable
 
-    def _learn(self, pairs, progress):
-        form = self.form(pairs[0][0].n_tasks)
+    def _learn(self, problems, progress):
+        form = self.form(problems[0].prior.n_tasks)
         form = WithDiagonal(form) if self.diagonal else form
-        (modes,) = self._learn_ranks(pairs, [form], progress)
-        return form, modes
+        (modes,) = self._learn_ranks(problems, [form], progress)
+        return [problem.with_form(form) for problem in problems], modes
 
 
 class WithLastHeldUp(Exchangeable):
@@ -138,7 +139,7 @@ class TestTaskCovariance:
     @pytest.mark.parametrize("diagonal", [False, True])
     @pytest.mark.parametrize("noise", ["shared", "per_task"])
     def test_exact(self, inference, estimator, diagonal, noise):
-        options = {"diagonal": diagonal, "noise": noise, **QUICK}
+        options = {**ALIKE, "diagonal": diagonal, "noise": noise}
         model = assert_works(estimator(inference=inference, **options))
         K = model.task_covariance_
         assert_allclose(K[0, 1], K[1, 2])
@@ -150,8 +151,8 @@ class TestTaskCovariance:
     @pytest.mark.parametrize("estimator", [ExchangeableGP, ExchangeableTasks])
     @pytest.mark.parametrize("diagonal", [False, True])
     def test_sparse_is_refused(self, no_climbs, estimator, diagonal):
-        model = estimator(inference="sparse", diagonal=diagonal, **QUICK)
-        match = r"not known of Exchangeable\. Set inference='dense', or 'kronecker'"
+        model = estimator(inference="sparse", diagonal=diagonal, **ALIKE)
+        match = "but Exchangeable has no latent and no pull_back_latent. Give the class"
         with pytest.raises(ValueError, match=match):
             model.fit(*draw())
 

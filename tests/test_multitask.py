@@ -1,7 +1,5 @@
 """The fitted model, its predictions, and the course of fit."""
 
-import warnings
-
 import numpy as np
 import pytest
 import textbook

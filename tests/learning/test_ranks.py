@@ -34,9 +34,9 @@ def learned(problems):
 
 
 @pytest.fixture(scope="module")
-def short(pairs):
+def short(problems):
     """Of a few iterations."""
-    return [(data, replace(settings, max_iter=5)) for data, settings in pairs]
+    return [replace(of, budget=replace(of.budget, max_iter=5)) for of in problems]
 
 
 @pytest.fixture(scope="module")

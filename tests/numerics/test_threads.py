@@ -26,10 +26,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._estimators import base as _base
 from skmtgp._numerics import parallel as _parallel
 from skmtgp._numerics.parallel import ONE_THREAD
-from skmtgp.inference import likelihood
+from skmtgp.inference import engines, likelihood
 from skmtgp.inference.tiles import TiledLikelihood
 
 pytestmark = [
@@ -150,7 +149,7 @@ class TestSmallMatricesTakeOneThread:
 
     @every_model
     def test_of_small_data(self, name, monkeypatch):
-        monkeypatch.setattr(_base, "check_differentiable", lambda kernel, x: None)
+        monkeypatch.setattr(engines, "check_differentiable", lambda kernel, x: None)
         with Watch("") as watch:
             use(fitted(name))
         assert not watch.found
@@ -160,11 +159,13 @@ class TestSmallMatricesTakeOneThread:
         """Those beside its likelihood, and the border of a new task."""
         monkeypatch.setattr(_parallel, "SMALL", 12)
         monkeypatch.setattr(likelihood, "FISHER_ROWS", 8)
-        with Watch("_bfgs", "inference/information", "inference/border") as watch:
+        with Watch(
+            "_numerics/bfgs", "inference/information", "inference/border"
+        ) as watch:
             use(fitted("dense"))
         assert not watch.found
         assert len({file for file, *_ in watch.seen}) == 3
-        with Watch("_linalg") as watch:
+        with Watch("_numerics/linalg") as watch:
             fitted("dense")
         assert watch.found  # there are two for large ones
 

@@ -23,6 +23,7 @@ from unittest.mock import patch
 import numpy as np
 import textbook
 from fuzz_inputs import make_estimator, make_problem
+from samples import outputs
 from sklearn.base import clone
 from sklearn.exceptions import (
     ConvergenceWarning,
@@ -109,28 +110,23 @@ class Expected(NamedTuple):
 
 def by_the_book(model, j, X, tasks):
     """Means and variances of output j; None where rounding would count."""
-    several = isinstance(model.kernel_, list)
-    kernel, K_rho, noise, centre = (
-        of[j] if several else of
-        for of in (
-            model.kernel_,
-            model.task_covariance_,
-            model.noise_variance_,
-            model.y_mean_,
-        )
-    )
+    output = outputs(model)[j]
     known, y = model.X_train_, model.y_train_.reshape(len(model.X_train_), -1)[:, j]
-    if kernel.is_stationary():  # scikit-learn divides before it takes differences
+    if (
+        output.kernel.is_stationary()
+    ):  # scikit-learn divides before it takes differences
         X, known = X - known[0], known - known[0]
     rows = known, model.tasks_train_
-    K = textbook.covariance(kernel, K_rho, noise, *rows)
+    K = output.covariance(*rows)
     if not np.isfinite(K).all() or not np.linalg.cond(K) < 1e8:
         return None
-    y = y - centre
-    mean, covariance = textbook.posterior(kernel, K_rho, noise, *rows, y, X, tasks)
-    prior = max(np.diagonal(K).max(), (K_rho[tasks, tasks] * kernel.diag(X)).max())
-    size = np.abs(y).max() + abs(centre) + np.finfo(float).tiny
-    return Expected(mean + centre, np.diagonal(covariance), size, prior)
+    mean, covariance = output.posterior(*rows, y, X, tasks)
+    of_f = output.K_rho[tasks, tasks] * output.kernel.diag(X)
+    of_f += textbook.of_rows(output.level, tasks)
+    size = np.abs(y - textbook.of_rows(output.centre, model.tasks_train_)).max()
+    size += np.abs(output.centre).max() + np.finfo(float).tiny
+    prior = max(np.diagonal(K).max(), of_f.max())
+    return Expected(mean, np.diagonal(covariance), size, prior)
 
 
 def blas_threads():

@@ -285,6 +285,9 @@ def make_kernel(rng, p):
     return kernels[rng.integers(len(kernels))]
 
 
+NOISES = ["auto", "shared", "per_task"]
+
+
 def common_params(rng, problem):
     fixed = {"noise_variance": 10.0 ** rng.uniform(-12, 1)}
     fixed["noise_variance_bounds"] = "fixed"
@@ -307,9 +310,16 @@ def common_params(rng, problem):
     }
 
 
+def level_params(rng):
+    units = ["auto", "auto", "per_task", "shared", False]
+    return {"normalize_y": pick(rng, units), "task_levels": bool(rng.integers(3))}
+
+
 def fixed_model(rng, problem):
     cls = pick(rng, [IndependentGP, PooledGP])
-    own = {"noise": pick(rng, ["shared", "per_task"]), "diagonal": not rng.integers(3)}
+    own = {"noise": pick(rng, NOISES), "diagonal": not rng.integers(3)}
+    if cls is IndependentGP:
+        own |= level_params(rng)
     return cls(**common_params(rng, problem) | own)
 
 
@@ -318,9 +328,10 @@ def single_model(rng, problem):
 
 
 def multi_model(rng, problem):
-    params = common_params(rng, problem) | {
+    params = common_params(rng, problem) | level_params(rng)
+    params |= {
         "rank": pick(rng, [None, 1, 1 + int(rng.integers(problem.n_tasks))]),
-        "noise": pick(rng, ["shared", "per_task"]),
+        "noise": pick(rng, NOISES),
         "diagonal": not rng.integers(4),
         "learning": pick(rng, ["annealed", "staged", "simultaneous"]),
         "truncation": pick(rng, ["eigen", "cholesky"]),

@@ -37,6 +37,7 @@ from skmtgp.model.task_covariance import WithDiagonal, identity, low_rank, ones
 
 WIDE = (1e-40, 1e40)
 NOISE = [1e-6, 1e-3, 0.1]
+LEVELS = [1e-6, 0.1, 30.0]
 FIXED = [IndependentGP, PooledGP, SingleTaskGP]  # K^rho is given
 GPS = [MultiTaskGPRegressor, RankSearchIC, *FIXED]
 STEP = 1e-3  # of finite differences
@@ -152,11 +153,13 @@ class Model(NamedTuple):
     form: object  # of K^rho
     theta: np.ndarray
     n_noise: int
+    levels: bool = False
 
     def likelihood(self, rows=slice(None)):
         """Of some of the rows, or of all."""
         data = (a[rows] for a in (self.table.F, self.table.tasks, self.table.y))
-        return building.dense(self.kernel, self.form, *data, self.n_noise)
+        options = {"n_noise": self.n_noise, "levels": self.levels}
+        return building.dense(self.kernel, self.form, *data, **options)
 
     def posterior(self, rows=slice(None)):
         return self.likelihood(rows).posterior(self.theta)
@@ -169,12 +172,13 @@ class Model(NamedTuple):
         """Of f."""
         Z, tasks = self.places
         posterior = self.posterior(slice(1))
-        return posterior.K_rho[tasks, tasks] * posterior.kernel.diag(Z)
+        of_f = posterior.K_rho[tasks, tasks] * posterior.kernel.diag(Z)
+        return of_f + posterior.level
 
 
 @st.composite
-def engines(draw):
-    """Every form of K^rho, shared noise or not, on any data."""
+def engines(draw, levels=None):
+    """Every form of K^rho, shared noise or not, levels or not, on any data."""
     table = draw(tables()).sorted()
     kernel = ConstantKernel(table.unit**2, WIDE) * draw(kernels(table.spread))
     M = int(table.tasks.max()) + 1
@@ -185,8 +189,10 @@ def engines(draw):
     n_noise = draw(st.sampled_from([1, M]))
     noise = draw(st.sampled_from(NOISE)) * table.unit**2 * (0.5 + rng.random(n_noise))
     rho = rng.standard_normal(form.n_parameters)
-    theta = np.concatenate([kernel.theta, rho, np.log(noise)])
-    return Model(table, kernel, form, theta, n_noise)
+    levels = draw(st.booleans()) if levels is None else levels
+    level = [draw(st.sampled_from(LEVELS)) * table.unit**2] * levels
+    theta = np.concatenate([kernel.theta, rho, np.log(level), np.log(noise)])
+    return Model(table, kernel, form, theta, n_noise, levels)
 
 
 @st.composite

@@ -34,10 +34,9 @@ def decide(model, training):
         With `units` and `noise`.
     """
     noises = _noises(model, training)
-    candidates = [
-        replace(training, units=units, noise=noises[0])
-        for units in _units(model, training)
-    ]
+    with limit_threads(len(training.Y)):
+        units = _units(model, training)
+    candidates = [replace(training, units=of, noise=noises[0]) for of in units]
     if len(candidates) == len(noises) == 1:
         return candidates[0]
     with limit_threads(len(training.Y)):

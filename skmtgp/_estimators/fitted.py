@@ -243,9 +243,6 @@ class FittedGP(PosteriorMixin, Estimator):
 
     def _store(self, training, problems, modes):
         """Set the fitted attributes, in the target's own units."""
-        X = sample_rows(training.features)
-        for problem, mode in zip(problems, modes, strict=True):
-            check_covariance(problem.prior.kernel_at(mode.theta), X)
         likelihoods = [
             problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
             for problem, mode in zip(problems, modes, strict=True)
@@ -254,6 +251,9 @@ class FittedGP(PosteriorMixin, Estimator):
 
     def _store_learned(self, training, engine, likelihoods, modes):
         """The same of likelihoods that are there already."""
+        X = sample_rows(training.features)
+        for likelihood, mode in zip(likelihoods, modes, strict=True):
+            check_covariance(likelihood.prior.kernel_at(mode.theta), X)
         self._engine, self.inference_ = engine, engine.name
         self._likelihoods = likelihoods
         self._posteriors = [

@@ -26,10 +26,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._estimators import base as _base
 from skmtgp._numerics import parallel as _parallel
 from skmtgp._numerics.parallel import ONE_THREAD
-from skmtgp.inference import likelihood
+from skmtgp.inference import engines, likelihood
 from skmtgp.inference.tiles import TiledLikelihood
 
 pytestmark = [
@@ -132,7 +131,7 @@ class TestSmallMatricesTakeOneThread:
 
     @every_model
     def test_of_small_data(self, name, monkeypatch):
-        monkeypatch.setattr(_base, "check_differentiable", lambda kernel, x: None)
+        monkeypatch.setattr(engines, "check_differentiable", lambda kernel, x: None)
         with Watch("") as watch:
             use(fitted(name))
         assert not watch.found

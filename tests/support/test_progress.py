@@ -1,5 +1,8 @@
 """Callbacks of scikit-learn 1.9, which tell of a fit's progress."""
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from samples import draw
@@ -15,7 +18,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp.learning import problem
+from skmtgp._estimators import base
+from skmtgp.learning.problem import Problem
+from skmtgp.learning.tuning import TUNING
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
 callback = pytest.importorskip("sklearn.callback", reason="new in scikit-learn 1.9")
@@ -83,8 +88,8 @@ def test_events(name, n_jobs):
 
 def test_stages_of_large_data(monkeypatch):
     """Coarse data first, then all rows."""
-    monkeypatch.setattr(problem, "COARSE", 15)
-    monkeypatch.setattr(problem, "COARSE_PER_TASK", 1)
+    tuning = replace(TUNING, coarse=15, coarse_per_task=1)
+    monkeypatch.setattr(base, "Problem", partial(Problem, tuning=tuning))
     recorder = Recorder()
     MultiTaskGPRegressor(max_iter=0).set_callbacks(recorder).fit(X, Y[:, 0])
     stages = [e[1] for e in recorder.events if e[0] == "begin" and e[2] == 1]

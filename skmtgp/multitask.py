@@ -473,6 +473,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 data.y[new],
                 position=position,
                 own=self.rank is None or self.diagonal,
+                own_noise=training.noise == "per_task",
                 informed=informed,
                 budget=self._budget(),
             )

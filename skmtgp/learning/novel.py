@@ -17,7 +17,9 @@ from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
 
 
-def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, budget):
+def learn_novel(
+    likelihood, posterior, theta, X, y, *, position, own, own_noise, informed, budget
+):
     """Extend a model by a task of which little is known.
 
     Parameters
@@ -36,6 +38,8 @@ def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, 
         Where it goes among the tasks.
     own : bool
         Whether it may have something that it shares with no other task.
+    own_noise : bool
+        Whether tasks have noise variances of their own.
     informed : bool
         Whether the border has the prior of `Population`; maximum likelihood otherwise.
     budget : Budget
@@ -65,7 +69,8 @@ def learn_novel(likelihood, posterior, theta, X, y, *, position, own, informed, 
         best = learn_border(border, factor, budget, informed=informed)
         value = border.value(best.x)
     row, rest = best.x[: border.rank], best.x[border.rank :]
-    prior, theta = prior.bordered(theta, row, rest[0] if own else None, position)
+    own = rest[0] if own else None
+    prior, theta = prior.bordered(theta, row, own, position, own_noise)
     seconds = perf_counter() - begin
     return prior, Mode(theta, value, *best[2:], seconds, len(y))
 

@@ -288,7 +288,7 @@ class Prior:
         """The same but for the form of K^rho."""
         return replace(self, task_covariance=task_covariance)
 
-    def bordered(self, theta, row, own, position):
+    def bordered(self, theta, row, own, position, own_noise):
         """The prior of one more task and its theta, section 3.3.
 
         Parameters
@@ -296,8 +296,10 @@ class Prior:
         theta : ndarray of shape (n_theta,)
             Of the tasks so far.
         row, own, position
-            See :meth:`LowRank.bordered`. If the tasks have noise variances of their
-            own, the new one gets the geometric mean of the others'.
+            See :meth:`LowRank.bordered`.
+        own_noise : bool
+            Whether tasks have noise variances of their own, of which one task's does
+            not tell. The new one gets the geometric mean of the others'.
 
         Returns
         -------
@@ -308,7 +310,7 @@ class Prior:
         """
         kernel, rho, level, log_noise = self._split(theta)
         form, rho = self.task_covariance.bordered(rho, row, own, position)
-        if self.n_noise > 1:
+        if own_noise:
             log_noise = np.insert(log_noise, position, log_noise.mean())
         prior = replace(self, task_covariance=form, n_noise=len(log_noise))
         return prior, np.concatenate([kernel, rho, level, log_noise])

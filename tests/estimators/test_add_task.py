@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import textbook
 from joining import OLD, PLACES, learner, split
+from multitask_models import PAPER
 from samples import draw, log_densities, outputs, posteriors
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -14,6 +15,7 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp import MultiTaskGPRegressor, multitask
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+UNITS = {"task_levels": True, "normalize_y": "per_task"}
 # parameters, number of outputs, place of the new task, prior
 CASES = {
     "full rank": ({}, None, "last", "tasks"),
@@ -31,6 +33,9 @@ CASES = {
         "tasks",
     ),
     "fixed noise": ({"rank": 1, "noise_variance_bounds": "fixed"}, 2, "middle", None),
+    "levels": ({"rank": 1, "task_levels": True}, None, "middle", "tasks"),
+    "units of each": (UNITS | {"rank": 2}, 2, "first", None),
+    "units and noise of each": (UNITS | {"noise": "per_task"}, None, "last", "tasks"),
 }
 
 
@@ -71,17 +76,25 @@ def test_what_was_learned_is_kept(fitted, extension):
     others = np.delete(np.arange(4), position)
     assert model.tasks_[others].tolist() == OLD
     assert model.kernel_ == fitted.kernel_
-    np.testing.assert_array_equal(model.y_mean_, fitted.y_mean_)
-    np.testing.assert_array_equal(model.y_scale_, fitted.y_scale_)
-    for new, old in zip(outputs(model), outputs(fitted), strict=True):
-        block = new[1][np.ix_(others, others)]
-        np.testing.assert_allclose(block, old[1], rtol=1e-10)
-        if model.noise == "per_task":
-            np.testing.assert_allclose(new[2][others], old[2], rtol=1e-12)
-            mean = np.exp(np.log(old[2]).mean())
-            np.testing.assert_allclose(new[2][position], mean, rtol=1e-12)
+    per_task = model.normalize_y == "per_task"
+    for name in ("y_mean_", "y_scale_"):
+        kept = getattr(model, name)
+        kept = kept[..., others] if per_task else kept
+        np.testing.assert_array_equal(kept, getattr(fitted, name))
+    for j, (new, old) in enumerate(zip(outputs(model), outputs(fitted), strict=True)):
+        block = new.K_rho[np.ix_(others, others)]
+        np.testing.assert_allclose(block, old.K_rho, rtol=1e-10)
+        if model.noise == "per_task" or per_task:
+            np.testing.assert_allclose(new.noise[others], old.noise, rtol=1e-12)
+            unit = np.ones(4)
+            if per_task:
+                unit = np.square(model.y_scale_.reshape(-1, 4)[j])
+            mean = np.exp(np.log(old.noise / unit[others]).mean()) * unit[position]
+            np.testing.assert_allclose(new.noise[position], mean, rtol=1e-12)
         else:
-            assert new[2] == old[2]
+            assert new.noise == old.noise
+        level = new.level[others] if per_task else new.level
+        np.testing.assert_allclose(level, old.level, rtol=1e-12)
 
 
 def test_attributes_reproduce_likelihood_and_predictions(extension):
@@ -118,7 +131,8 @@ def test_factor_and_rank(fitted, extension):
     assert model.rank_ == fitted.rank_ + grown
     assert model.get_params() == fitted.get_params()
     factors = model.task_factor_.reshape(-1, 4, model.rank_)
-    for (_, K_rho, *_), L in zip(outputs(model), factors, strict=True):
+    for output, L in zip(outputs(model), factors, strict=True):
+        K_rho = output.K_rho
         assert np.linalg.eigvalsh(K_rho)[0] > -1e-12 * np.trace(K_rho)
         rest = K_rho - L @ L.T
         rest -= np.diag(np.diag(rest)) * model.diagonal
@@ -129,7 +143,8 @@ def test_number_of_hyperparameters_is_that_of_eq_8(extension):
     model, M, r = extension[0], 4, extension[0].rank_
     fixed = model.noise_variance_bounds == "fixed"
     n_noise = 0 if fixed else M if model.noise == "per_task" else 1
-    each = 2 + r * (2 * M + 1 - r) // 2 + M * model.diagonal + n_noise
+    of_tasks = r * (2 * M + 1 - r) // 2 + M * model.diagonal + model.task_levels
+    each = 2 + of_tasks + n_noise
     assert model.n_hyperparameters_ == each * len(outputs(model))
 
 
@@ -174,7 +189,7 @@ def test_model_is_left_as_it_was_by_a_failure(monkeypatch, patch):
     model = learner(rank=1).fit(X, y)
     before = pickle.dumps(model)
     if patch:
-        monkeypatch.setattr(multitask, "add_task", patch)
+        monkeypatch.setattr(multitask, "learn_novel", patch)
     else:
         y_new = np.full_like(y_new, np.nan)
     with pytest.raises((KeyboardInterrupt, ValueError)):
@@ -192,7 +207,8 @@ def test_data_are_not_changed():
 
 
 @pytest.mark.parametrize(
-    "params", [{}, {"rank": 2, "noise": "per_task"}, {"rank": 1, "diagonal": True}]
+    "params",
+    [{}, {"rank": 2, "noise": "per_task"}, {"rank": 1, "diagonal": True}, UNITS],
 )
 def test_the_position_of_the_task_does_not_matter(params, prior):
     Z = draw(n_tasks=4, per_task=3, seed=1)[0]
@@ -244,7 +260,7 @@ def related(seed=0, n_tasks=6, per_task=15, n_new=40, rank=2, spread=1.0):
 def test_a_combination_of_the_tasks_is_recognised(seed):
     X, y, X_new, y_new, F = related(seed)
     weights = np.linalg.lstsq(F[:-1].T, F[-1], rcond=None)[0]
-    model = MultiTaskGPRegressor(rank=2, normalize_y=False).fit(X, y)
+    model = MultiTaskGPRegressor(rank=2, **PAPER | {"normalize_y": False}).fit(X, y)
     old = model.task_covariance_
     for prior in ("tasks", None):
         K = model.add_task(X_new, y_new, prior=prior).task_covariance_
@@ -257,9 +273,8 @@ def test_the_other_tasks_help_where_there_is_one_sample():
     errors = []
     for seed in range(11):
         X, y, X_new, y_new, _ = related(seed, per_task=8, spread=0.3)
-        model = MultiTaskGPRegressor(
-            RBF([1.0, 1.5], "fixed"), rank=2, normalize_y=False, max_iter=30
-        ).fit(X, y)
+        options = PAPER | {"rank": 2, "normalize_y": False, "max_iter": 30}
+        model = MultiTaskGPRegressor(RBF([1.0, 1.5], "fixed"), **options).fit(X, y)
         few = X_new[:1], y_new[:1]
         extended = [model.add_task(*few, prior=prior) for prior in ("tasks", None)]
         errors.append(
@@ -276,7 +291,7 @@ def test_one_task_after_another(rank, prior):
     X, y, X_new, y_new, _ = related(n_tasks=5, per_task=12, n_new=30)
     negative = 2.0 * y.mean() - y_new
     Z = np.column_stack([X_new[:, :2], np.full(30, 7)])
-    model = MultiTaskGPRegressor(rank=rank).fit(X, y)
+    model = MultiTaskGPRegressor(rank=rank, **PAPER).fit(X, y)
     first, second = (X_new[::2], y_new[::2]), (Z[::2], negative[::2])
     one, other = (
         model.add_task(*a, prior=prior).add_task(*b, prior=prior)

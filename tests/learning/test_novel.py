@@ -235,6 +235,7 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
         problem.y_new,
         position=position,
         own=own,
+        own_noise=per_task,
         informed=informed,
         budget=BUDGET,
     )

@@ -16,13 +16,8 @@ from drawn import (
 )
 
 from skmtgp.inference.dense import DenseLikelihood
-<<<<<<< HEAD
 from skmtgp.learning import climbing, nesting, stages
-from skmtgp.learning.climbing import climb, shake
-=======
-from skmtgp.learning import climbing, nesting, problem, stages
 from skmtgp.learning.climbing import annealed, climb, shake
->>>>>>> tests-rooms
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.model.task_covariance import identity, low_rank, ones
@@ -146,17 +141,17 @@ class TestClimb:
 
 
 def test_annealed_holds_the_noise_up_at_first(data, monkeypatch):
-    settings, form, climbs = configure(max_iter=20), low_rank(M, 2), []
+    problem, climbs = pose(data, low_rank(M, 2), max_iter=20), []
 
     def spy(*arguments, **options):
         climbs.append((arguments[-1], options, climb(*arguments, **options)))
         return climbs[-1][2]
 
     monkeypatch.setattr(climbing, "climb", spy)
-    mode = annealed(data, settings, form, start_of(settings, form) - 5.0)
+    mode = annealed(problem, start_of(problem) - 5.0)
     (_, held, up), (start, free, end) = climbs
     assert held == {"relaxed": True, "held": "up"}
-    assert up.theta[-1] >= settings.log_held
+    assert up.theta[-1] >= problem.log_held
     np.testing.assert_array_equal(start, up.theta)
     assert free == {}
     np.testing.assert_array_equal(mode.theta, end.theta)

@@ -13,7 +13,8 @@ these 280 samples:
 - mGP, the multi-task model, with its rank chosen by BIC,
 
 and predict them on the trajectories that they saw (interpolation) and on all 16
-(extrapolation). Chai, Williams, Klanke and Vijayakumar (2008), section 6, at n = 280.
+(extrapolation). Chai, Williams, Klanke and Vijayakumar (2008), section 6, at n = 280,
+with its settings: one mean, one unit and one noise variance for all loads.
 
 Run ``python examples/puma560_loads.py``; ``--short`` takes two joints and two ranks.
 """
@@ -38,6 +39,7 @@ from skmtgp.metrics import normalized_mean_squared_error
 
 LOADS = range(1, 15)
 N_PER_LOAD = 20
+PAPER = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
 
 
 def load(subset, joints, n_per_load=None):
@@ -53,9 +55,9 @@ def make_models(ranks, n_jobs):
     options = {"n_jobs": n_jobs, "verbose": 1}
     models = {
         "sGP": SingleTaskGP(**options),
-        "iGP": IndependentGP(**options),
-        "pGP": PooledGP(**options),
-        "mGP-BIC": RankSearchIC(MultiTaskGPRegressor(), ranks=ranks, **options),
+        "iGP": IndependentGP(**PAPER, **options),
+        "pGP": PooledGP(noise="shared", **options),
+        "mGP-BIC": RankSearchIC(MultiTaskGPRegressor(**PAPER), ranks=ranks, **options),
     }
     return {name: make_inverse_dynamics_regressor(m) for name, m in models.items()}
 

@@ -23,12 +23,20 @@ X, tau = robot.data, robot.target["tau2"]
 # Two models
 # ----------
 # Both share the kernel of the paper among the loads. The second also learns how the
-# loads are related, with a rank that BIC chooses.
-from skmtgp import IndependentGP, RankSearchIC, make_inverse_dynamics_regressor
+# loads are related, with a rank that BIC chooses. Both have the paper's settings: one
+# mean, one unit and one noise variance for all loads.
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    RankSearchIC,
+    make_inverse_dynamics_regressor,
+)
 
+paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+search = RankSearchIC(MultiTaskGPRegressor(**paper), ranks=(2, 4, 5))
 models = {
-    "iGP": make_inverse_dynamics_regressor(IndependentGP()),
-    "mGP-BIC": make_inverse_dynamics_regressor(RankSearchIC(ranks=(2, 4, 5))),
+    "iGP": make_inverse_dynamics_regressor(IndependentGP(**paper)),
+    "mGP-BIC": make_inverse_dynamics_regressor(search),
 }
 for model in models.values():
     model.fit(X, tau)

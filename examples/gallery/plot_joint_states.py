@@ -10,7 +10,8 @@ joints, 18 numbers. Which of them does a model use?
 # Ten loads
 # ---------
 # 15 samples of each, and the torque of joint 2. The names of the columns of a frame
-# become those of the features.
+# become those of the features. The model has the paper's settings: one mean, one unit
+# and one noise variance for all loads.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -19,7 +20,9 @@ from skmtgp.datasets import load_puma560
 loads = [1, 2, 4, 5, 7, 8, 10, 11, 13, 14]
 robot = load_puma560(n_per_load=15, loads=loads)
 X, tau = pd.DataFrame(robot.data, columns=robot.feature_names), robot.target[:, 1]
-model = make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=5)).fit(X, tau)
+paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+model = make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=5, **paper))
+model.fit(X, tau)
 
 # %%
 # The relevance of each

@@ -14,14 +14,16 @@ Two answers are compared: the new load joins the model of the others
 # ---------------
 # 20 samples of each, and the torque of joint 2 alone. It is linear in the mass of a
 # load and its first moments, four numbers; with the torque of the arm itself that makes
-# rank 5. The model is learned once.
+# rank 5. The model is learned once, with the paper's settings: one mean, one unit and
+# one noise variance for all loads.
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
 from skmtgp.datasets import load_puma560
 
 JOINT = 1  # counted from 0
 known = [1, 3, 5, 7, 9, 11, 13]
 X, tau = load_puma560(n_per_load=20, loads=known, return_X_y=True)
-fleet = make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=5))
+paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+fleet = make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=5, **paper))
 fleet.fit(X, tau[:, JOINT])
 
 # %%

@@ -23,9 +23,10 @@ print(f"{len(X)} samples to learn from, {len(X_test)} to be predicted")
 # %%
 # Four models
 # -----------
-# All have the paper's kernel. They differ in what the loads share: nothing, the kernel,
-# everything, or as much as the data say. A torque is linear in the mass of a load and
-# its first moments; with that of the arm itself this makes rank 5.
+# All have the paper's kernel, and all but the first one mean, one unit and one noise
+# variance for all loads, as in the paper. They differ in what the loads share: nothing,
+# the kernel, everything, or as much as the data say. A torque is linear in the mass of
+# a load and its first moments; with that of the arm itself this makes rank 5.
 import pandas as pd
 
 from skmtgp import (
@@ -37,11 +38,12 @@ from skmtgp import (
 )
 from skmtgp.metrics import normalized_mean_squared_error
 
+paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
 models = {
     "each load alone": SingleTaskGP(),
-    "a shared kernel": IndependentGP(),
-    "one function": PooledGP(),
-    "multi-task, rank 5": MultiTaskGPRegressor(rank=5),
+    "a shared kernel": IndependentGP(**paper),
+    "one function": PooledGP(noise="shared"),
+    "multi-task, rank 5": MultiTaskGPRegressor(rank=5, **paper),
 }
 
 

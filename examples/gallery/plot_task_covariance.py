@@ -10,7 +10,8 @@ about them. What does its task covariance say of the loads?
 # Ten loads
 # ---------
 # 15 samples of each, the torque of joint 2, rank 5. The loads go from 0.2 kg (load 1)
-# to 2.8 kg (load 14).
+# to 2.8 kg (load 14). As in the paper they have one mean, one unit and one noise
+# variance: all that tells them apart is in the task covariance.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -18,7 +19,8 @@ from skmtgp.datasets import load_puma560
 
 loads = [1, 2, 4, 5, 7, 8, 10, 11, 13, 14]
 robot = load_puma560(n_per_load=15, loads=loads)
-model = make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=5))
+paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+model = make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=5, **paper))
 model.fit(pd.DataFrame(robot.data, columns=robot.feature_names), robot.target[:, 1])
 
 # %%

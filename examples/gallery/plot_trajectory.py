@@ -33,16 +33,22 @@ y = robot.target[known, JOINT] + NOISE * rng.standard_normal(len(known))
 # Two models
 # ----------
 # :class:`~skmtgp.IndependentGP` shares the kernel among the loads,
-# :class:`~skmtgp.MultiTaskGPRegressor` also learns how the loads are related.
+# :class:`~skmtgp.MultiTaskGPRegressor` also learns how the loads are related. As in the
+# paper the loads have one mean, one unit and one noise variance.
 from skmtgp import (
     IndependentGP,
     MultiTaskGPRegressor,
     make_inverse_dynamics_regressor,
 )
 
+paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+regressors = {
+    "independent": IndependentGP(**paper),
+    "multi-task, rank 2": MultiTaskGPRegressor(rank=2, **paper),
+}
 models = {
-    "independent": make_inverse_dynamics_regressor(IndependentGP()),
-    "multi-task, rank 2": make_inverse_dynamics_regressor(MultiTaskGPRegressor(rank=2)),
+    name: make_inverse_dynamics_regressor(regressor)
+    for name, regressor in regressors.items()
 }
 for model in models.values():
     model.fit(X, y)

@@ -1,6 +1,7 @@
 """The models, and what is noted of a fit."""
 
 import time
+from functools import partial
 
 from sklearn.pipeline import Pipeline
 
@@ -15,11 +16,13 @@ from skmtgp import (
 )
 
 ALONE = {"LR": BayesianLinearRegression}
+# One mean, one unit and one noise variance for all loads
+PAPER = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
 GAUSSIAN = {
     "sGP": SingleTaskGP,
-    "iGP": IndependentGP,
-    "pGP": PooledGP,
-    "mGP": MultiTaskGPRegressor,
+    "iGP": partial(IndependentGP, **PAPER),
+    "pGP": partial(PooledGP, noise="shared"),
+    "mGP": partial(MultiTaskGPRegressor, **PAPER),
 }
 ATTRIBUTES = (
     "log_marginal_likelihood_value_",
@@ -40,9 +43,8 @@ def make(name, max_iter=None, **options):
 def make_search(ranks, max_iter=None):
     """The multi-task model at several ranks, all of which are kept."""
     options = {} if max_iter is None else {"max_iter": max_iter}
-    search = RankSearchIC(
-        MultiTaskGPRegressor(**options), ranks=list(ranks), keep_estimators=True
-    )
+    model = GAUSSIAN["mGP"](**options)
+    search = RankSearchIC(model, ranks=list(ranks), keep_estimators=True)
     return make_inverse_dynamics_regressor(search)
 
 

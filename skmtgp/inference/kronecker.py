@@ -200,7 +200,8 @@ class KroneckerPosterior(Posterior):
         super().__init__(likelihood, theta)
         self.observed, self.rows = likelihood.observed, likelihood.rows
         self.eigen = eigen = likelihood.eigen(theta)
-        half = eigen.half(eigen.rotate(likelihood.Y))
+        rotated = eigen.rotate(likelihood.Y)
+        half = eigen.half(rotated)
         self.log_likelihood = likelihood.log_density(eigen, half)
         alpha = eigen.alpha(half)
         self.A = eigen.rotate_back(alpha)
@@ -208,6 +209,8 @@ class KroneckerPosterior(Posterior):
         # f has no part along eigenvectors of eigenvalue zero, but alpha a large one
         self.of_f = eigen.rotate_back(alpha * (eigen.values > 1.0))
         self._set_means(self.K_rho[:, self.observed] @ self.of_f.T)
+        if eigen.levels:
+            self.levels[self.observed] = eigen.levels.means(rotated)
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""

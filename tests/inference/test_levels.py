@@ -3,6 +3,9 @@
 cov(y_i, y_j) = v [m_i = m_j] + K^rho k^x + noise, and the levels are part of f.
 """
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 import textbook
@@ -230,6 +233,19 @@ def test_levels_of_next_to_no_variance(engine):
     assert abs(gradient[-1 - M]) < 1e-9
     assert not without.posterior(simpler).levels.any()
     assert not without.posterior(simpler).level_variances().any()
+
+
+def test_memory_is_free_with_the_last_reference():
+    """Matrices of each evaluation do not wait for the collection of cycles."""
+    likelihood, theta = make("kronecker", FORMS["rank 1"])
+    eigen = likelihood.eigen(theta)
+    gone = weakref.ref(eigen)
+    gc.disable()
+    try:
+        del eigen
+        assert gone() is None
+    finally:
+        gc.enable()
 
 
 @every_engine

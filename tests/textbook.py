@@ -75,12 +75,13 @@ def derivative(f, x, step=1e-3):
     return np.array([along(e) for e in step * np.eye(len(x))])
 
 
-def exact_covariance(K_rho, noise, X, tasks, Z, tasks_of_Z):
-    """Rows of Decimals: K^rho exp(-|x - z|^2 / 2), and noise where Z is X."""
+def exact_covariance(K_rho, noise, X, tasks, Z, tasks_of_Z, level=0.0):
+    """Rows of Decimals: K^rho exp(-|x - z|^2 / 2), levels, and noise where Z is X."""
 
     def k(x, m, z, o):
         s = sum((Decimal(a) - Decimal(b)) ** 2 for a, b in zip(x, z, strict=True))
-        return Decimal(K_rho[m, o]) * (-s / 2).exp()
+        of_level = Decimal(level) if m == o else Decimal(0)
+        return Decimal(K_rho[m, o]) * (-s / 2).exp() + of_level
 
     K = [
         [k(x, m, z, o) for z, o in zip(Z.tolist(), tasks_of_Z, strict=True)]
@@ -106,19 +107,19 @@ def exact_solve(K, b):
     return b, log_det
 
 
-def exact_log_marginal_likelihood(K_rho, noise, X, tasks, y):
+def exact_log_marginal_likelihood(K_rho, noise, X, tasks, y, level=0.0):
     """log N(y | 0, K) with k^x = exp(-|x - x'|^2 / 2)."""
-    K = exact_covariance(K_rho, noise, X, tasks, X, tasks)
+    K = exact_covariance(K_rho, noise, X, tasks, X, tasks, level)
     alpha, log_det = exact_solve(K, y.tolist())
     fit = sum(Decimal(t) * a for t, a in zip(y.tolist(), alpha, strict=True))
     return float(-(fit + log_det) / 2) - 0.5 * len(y) * np.log(2.0 * np.pi)
 
 
-def exact_mean(K_rho, noise, X, tasks, y, Z, tasks_of_Z):
+def exact_mean(K_rho, noise, X, tasks, y, Z, tasks_of_Z, level=0.0):
     """Posterior mean of f(Z) with k^x = exp(-|x - x'|^2 / 2)."""
-    K = exact_covariance(K_rho, noise, X, tasks, X, tasks)
+    K = exact_covariance(K_rho, noise, X, tasks, X, tasks, level)
     alpha, _ = exact_solve(K, y.tolist())
-    K_star = exact_covariance(K_rho, noise, Z, tasks_of_Z, X, tasks)
+    K_star = exact_covariance(K_rho, noise, Z, tasks_of_Z, X, tasks, level)
     return np.array(
         [float(sum(k * a for k, a in zip(row, alpha, strict=True))) for row in K_star]
     )

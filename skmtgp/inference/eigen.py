@@ -203,6 +203,13 @@ class Levels:
         """Its derivative by v."""
         return (self.squares / (1.0 + self.squares)).sum() / self.variance
 
+    def means(self, rotated):
+        """Means of the levels, from the coefficients of y.
+
+        Those that v times sums of K^{-1} y give would have v / sigma^2 times its error.
+        """
+        return self.covariance @ (self.W @ (self.h @ (rotated / self.values)))
+
     def inverse_diagonal(self):
         """What they take off the diagonal of K^{-1}, (n_inputs, n_observed)."""
         taken = np.empty((len(self.Q), len(self.between)))

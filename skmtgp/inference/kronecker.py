@@ -200,14 +200,21 @@ class KroneckerPosterior(Posterior):
         super().__init__(likelihood, theta)
         self.observed, self.rows = likelihood.observed, likelihood.rows
         self.eigen = eigen = likelihood.eigen(theta)
-        half = eigen.half(eigen.rotate(likelihood.Y))
+        rotated = eigen.rotate(likelihood.Y)
+        half = eigen.half(rotated)
         self.log_likelihood = likelihood.log_density(eigen, half)
         alpha = eigen.alpha(half)
         self.A = eigen.rotate_back(alpha)
         self.alpha = self.by_row(self.A)
         # f has no part along eigenvectors of eigenvalue zero, but alpha a large one
         self.of_f = eigen.rotate_back(alpha * (eigen.values > 1.0))
+        self.of_levels = eigen.levels.means(rotated) if eigen.levels else 0.0
         self._set_means()
+
+    def _set_means(self):
+        """What the means are made of; levels keep digits as their own means."""
+        super()._set_means()
+        self.levels[self.observed] = self.of_levels
 
     def _weigh_tasks(self):
         """Of k^x at each input in the mean of each task."""

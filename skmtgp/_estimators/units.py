@@ -60,8 +60,10 @@ class Units(NamedTuple):
 
         Where there is none, as of tasks with one row each, the scale stays.
         """
-        mean, square = _moments(Y, codes, n_tasks)
-        counts = count_tasks(codes, n_tasks)
+        return self._around(count_tasks(codes, n_tasks), *_moments(Y, codes, n_tasks))
+
+    def _around(self, counts, mean, square):
+        """The same from the moments of the tasks."""
         spread = np.sqrt(square @ counts / counts.sum())[:, None]
         told = spread > RESOLVED * np.abs(mean).max(axis=1, keepdims=True)
         return self._replace(scale=np.where(told, spread, self.scale))
@@ -110,7 +112,9 @@ def units_of_tasks(Y, codes, n_tasks):
     """The mean and the deviation of each task's targets.
 
     A task of one or two rows, or whose targets are all the same, has the deviation that
-    the others have on average, geometrically.
+    the others have on average, geometrically. If all tasks are like that, it is the
+    deviation of all targets around the means of their tasks or, without any, around the
+    common mean.
 
     Parameters
     ----------
@@ -125,8 +129,8 @@ def units_of_tasks(Y, codes, n_tasks):
     -------
     units : Units
     """
-    shared = shared_units(Y, centred=True, scaled=True)
     n, (mean, square) = count_tasks(codes, n_tasks), _moments(Y, codes, n_tasks)
+    shared = shared_units(Y, centred=True, scaled=True)._around(n, mean, square)
     spread = np.sqrt(square)
     told = (n >= FEWEST) & (spread > RESOLVED * np.abs(mean))
     scale = np.empty_like(mean)
@@ -140,10 +144,15 @@ def units_of_tasks(Y, codes, n_tasks):
 
 def _moments(Y, codes, n_tasks):
     """Mean and variance of the targets of each task, (n_outputs, n_tasks) each."""
-    centre = np.asarray(Y.mean(axis=0))  # no digits are lost to a common mean
-    mean = centre[:, None] + means_of_tasks(Y - centre, codes, n_tasks)
-    rest = Y - Units(mean, mean).of_rows(mean, codes)
-    return mean, means_of_tasks(np.square(rest), codes, n_tasks)
+    mean = means_of_tasks(Y, codes, n_tasks)
+    # what is left of large targets; those of other tasks take no digits
+    mean += means_of_tasks(_without(mean, Y, codes), codes, n_tasks)
+    return mean, means_of_tasks(np.square(_without(mean, Y, codes)), codes, n_tasks)
+
+
+def _without(mean, Y, codes):
+    """Targets, each taken off the mean of its task."""
+    return Y - Units(mean, mean).of_rows(mean, codes)
 
 
 def _of_one(Y, usual):

@@ -130,7 +130,7 @@ def test_singular_inducing_covariance(twice):
 
 
 def test_more_jitter_than_usual_is_told(twice, monkeypatch):
-    monkeypatch.setattr(features, "ROUNDING", 1e-19)  # too little for a singular K_ZZ
+    monkeypatch.setattr(features, "LEAST_JITTER", 1e-19)  # too little for a singular K_ZZ
     message = r"covariance of the 12 inducing inputs .* was added .* See the user guide"
     with pytest.warns(JitterWarning, match=message):
         twice.posterior(parameters(twice.prior.kernel, twice.prior.task_covariance))
@@ -161,7 +161,7 @@ def test_inducing_inputs_that_are_all_alike():
 
 def test_jitter_is_part_of_the_model(monkeypatch):
     # its derivative is in the gradient, and the bound remains one
-    monkeypatch.setattr(features, "ROUNDING", 0.02)
+    monkeypatch.setattr(features, "LEAST_JITTER", 0.02)
     bound = make(ConstantKernel(1.3) * RBF(0.8), low_rank(M, 2))
     theta = parameters(bound.prior.kernel, bound.prior.task_covariance)
     by_differences = textbook.derivative(bound.value, theta)

@@ -179,9 +179,9 @@ class TestManyTasks:
     @pytest.mark.parametrize(
         ("n_rows", "complete", "options"),
         [
-            (1, False, {"rank": 1}),
+            (1, False, {"rank": 1, "noise": "shared"}),
             (2, False, {"rank": 2, "diagonal": True, "noise": "per_task"}),
-            (3, True, {"rank": 1}),
+            (3, True, {"rank": 1, "noise": "shared"}),
         ],
         ids=["one row each", "two rows each", "complete"],
     )

@@ -19,6 +19,7 @@ from skmtgp.inference.posterior import freedom_of_noise, noise_is_told
 from skmtgp.model.task_covariance import low_rank
 
 NOISE = 0.2  # standard deviation
+SHARED = MultiTaskGPRegressor(rank=2, noise="shared")
 MESSAGE = "The rows do not tell the noise variance: the model follows them so closely"
 
 
@@ -66,7 +67,7 @@ class TestDegreesOfFreedom:
 
     @pytest.mark.parametrize(("seed", "told"), [(100, True), (103, False)])
     def test_residuals_suffice_where_there_are_some(self, seed, told, monkeypatch):
-        model = fitted(MultiTaskGPRegressor(rank=2), *draw(3, 5, seed))[0]
+        model = fitted(SHARED, *draw(3, 5, seed))[0]
         [likelihood], [posterior] = model._likelihoods, model._posteriors
         freedom = freedom_of_noise(likelihood, posterior)
         residuals = model.noise_variance_ * np.square(posterior.alpha / 1.0).sum()
@@ -93,7 +94,7 @@ each = pytest.mark.parametrize("model", FITTED.values(), ids=FITTED.keys())
 class TestWarning:
     @pytest.mark.parametrize("seed", [103, 106, 112, 115])
     def test_noise_of_a_few_rows_that_is_lost(self, seed):
-        model, messages = fitted(MultiTaskGPRegressor(rank=2), *draw(3, 5, seed))
+        model, messages = fitted(SHARED, *draw(3, 5, seed))
         assert model.noise_variance_ < 1e-3 * NOISE**2
         assert len(messages) == 1
         assert messages[0].startswith(MESSAGE)

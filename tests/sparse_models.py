@@ -1,6 +1,7 @@
 """Models that learn by inducing inputs, and data for them."""
 
 import numpy as np
+from multitask_models import PAPER
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
 
@@ -21,15 +22,17 @@ def draw(n=N, seed=0, n_outputs=None):
 
 
 SPARSE = {"inference": "sparse", "n_inducing": 20, "n_exact": 60, "max_iter": 15}
+RANK_2 = {"rank": 2, **PAPER, **SPARSE}
 GPS = {
-    "MultiTaskGPRegressor": MultiTaskGPRegressor(rank=2, **SPARSE),
-    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **SPARSE),
-    "per task": MultiTaskGPRegressor(rank=2, noise="per_task", **SPARSE),
-    "staged": MultiTaskGPRegressor(rank=2, learning="staged", **SPARSE),
-    "k-means": MultiTaskGPRegressor(rank=2, inducing_inputs="k-means", **SPARSE),
-    "optimised": MultiTaskGPRegressor(rank=2, inducing_inputs="optimised", **SPARSE),
-    "IndependentGP": IndependentGP(**SPARSE),
-    "PooledGP": PooledGP(**SPARSE),
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(**RANK_2),
+    "levels": MultiTaskGPRegressor(**RANK_2 | {"task_levels": True}),
+    "diagonal": MultiTaskGPRegressor(**RANK_2 | {"rank": 1, "diagonal": True}),
+    "per task": MultiTaskGPRegressor(**RANK_2 | {"noise": "per_task"}),
+    "staged": MultiTaskGPRegressor(learning="staged", **RANK_2),
+    "k-means": MultiTaskGPRegressor(inducing_inputs="k-means", **RANK_2),
+    "optimised": MultiTaskGPRegressor(inducing_inputs="optimised", **RANK_2),
+    "IndependentGP": IndependentGP(**PAPER, **SPARSE),
+    "PooledGP": PooledGP(noise="shared", **SPARSE),
 }
 
 

@@ -1,6 +1,7 @@
 """Models that learn by inducing inputs, and data for them."""
 
 import numpy as np
+from multitask_models import PAPER
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
 
@@ -21,15 +22,17 @@ def draw(n=N, seed=0, n_outputs=None):
 
 
 SPARSE = {"inference": "sparse", "n_inducing": 20, "n_exact": 60, "max_iter": 15}
-STAGED = {"learning": "staged", **SPARSE}  # from one start
+RANK_2 = {"rank": 2, **PAPER, **SPARSE}
+STAGED = RANK_2 | {"learning": "staged"}  # from one start
 GPS = {
-    "MultiTaskGPRegressor": MultiTaskGPRegressor(rank=2, **SPARSE),
-    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **STAGED),
-    "per task": MultiTaskGPRegressor(rank=2, noise="per_task", **STAGED),
-    "k-means": MultiTaskGPRegressor(rank=2, inducing_inputs="k-means", **STAGED),
-    "optimised": MultiTaskGPRegressor(rank=2, inducing_inputs="optimised", **STAGED),
-    "IndependentGP": IndependentGP(**SPARSE),
-    "PooledGP": PooledGP(**SPARSE),
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(**RANK_2),
+    "levels": MultiTaskGPRegressor(**STAGED | {"task_levels": True}),
+    "diagonal": MultiTaskGPRegressor(**STAGED | {"rank": 1, "diagonal": True}),
+    "per task": MultiTaskGPRegressor(**STAGED | {"noise": "per_task"}),
+    "k-means": MultiTaskGPRegressor(inducing_inputs="k-means", **STAGED),
+    "optimised": MultiTaskGPRegressor(inducing_inputs="optimised", **STAGED),
+    "IndependentGP": IndependentGP(**PAPER, **SPARSE),
+    "PooledGP": PooledGP(noise="shared", **SPARSE),
 }
 
 

@@ -205,11 +205,13 @@ def gps(draw, spread, kinds):
         noise_variance=draw(st.sampled_from([1e-4, 1e-2, 1.0])),
         max_iter=0,
     )
+    either = st.sampled_from(["shared", "per_task"])
     if kind is not SingleTaskGP:
-        noise = draw(st.sampled_from(["shared", "per_task"]))
-        model.set_params(noise=noise, diagonal=draw(st.booleans()))
+        model.set_params(noise=draw(either), diagonal=draw(st.booleans()))
     if kind in (MultiTaskGPRegressor, RankSearchIC):
         model.set_params(learning=draw(st.sampled_from(["staged", "annealed"])))
+    if hasattr(model, "task_levels"):
+        model.set_params(normalize_y=draw(either), task_levels=draw(st.booleans()))
     if kind is MultiTaskGPRegressor:
         model.set_params(rank=draw(st.sampled_from([1, None])))
     return RankSearchIC(model, ranks=(1, 2)) if kind is RankSearchIC else model

@@ -193,6 +193,8 @@ class DensePosterior(Posterior):
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""
         n_tasks = len(self.K_rho)
+        if not self.level:
+            return np.zeros(n_tasks)
         half = self.cholesky.half_solve(np.eye(n_tasks)[self.tasks])
         told = np.square(self.level * half).sum(axis=0)
         return np.maximum(self.level - told, 0.0)

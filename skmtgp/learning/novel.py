@@ -64,8 +64,8 @@ def learn_novel(
     shared = prior.shared_loading(theta)
     noise = np.exp(prior.log_noise_at(theta).mean())  # if the tasks have one each
     known = {"level": values.level, "shared": shared}
-    border = BorderLikelihood(posterior, factor, X, y, noise, own, **known)
     with limit_threads(len(y)):
+        border = BorderLikelihood(posterior, factor, X, y, noise, own, **known)
         best = learn_border(border, factor, budget, informed=informed)
         value = border.value(best.x)
     row, rest = best.x[: border.rank], best.x[border.rank :]

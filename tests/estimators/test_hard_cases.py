@@ -293,7 +293,8 @@ class TestTasks:
         tasks, x = np.arange(1000) % 500, rng.uniform(-1.0, 1.0, 1000)
         slopes = rng.normal(size=500)
         y = slopes[tasks] * np.sin(2.0 * x)
-        model = MultiTaskGPRegressor(rank=1, max_iter=2, learning="staged")
+        paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
+        model = MultiTaskGPRegressor(rank=1, max_iter=2, learning="staged", **paper)
         model.fit(columns(x, tasks), y)
         assert model.task_factor_.shape == (500, 1)
         assert_sound(model, columns(x, tasks)[:50])

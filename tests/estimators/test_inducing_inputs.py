@@ -18,6 +18,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp._support.progress import silent
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
@@ -89,19 +90,19 @@ class TestInducingInputs:
     @pytest.mark.parametrize("n_inducing", [3, 12, 40])
     def test_optimised_is_never_below_greedy(self, n_inducing):
         X, y = noisy()
-        pairs = PooledGP(RBF(1.0), **SPARSE)
-        pairs.set_params(n_inducing=n_inducing, inducing_inputs="optimised")
-        [(data, settings)] = pairs._pairs(pairs._read(X, y))
-        form, theta = ones(M), np.log([0.7, 0.2])
+        gp = PooledGP(RBF(1.0), noise="shared", **SPARSE)
+        gp.set_params(n_inducing=n_inducing, inducing_inputs="optimised")
+        [problem] = gp._problems(gp._read(X, y, silent))
+        problem, theta = problem.with_form(ones(M)), np.log([0.7, 0.2])
         mode = Mode(theta, 0.0, 0, 0, True, False, 0.0, 60)
         kernel = RBF(0.7)
         Z = greedy_variance(kernel, X[:, :1], n_inducing)
-        bound = settings.likelihood(replace(data, Z=Z), form)
-        Z, n_evaluations = summarised.inducing_inputs(data, settings, form, mode)
+        bound = problem.with_data(replace(problem.data, Z=Z)).likelihood()
+        Z, n_evaluations = summarised.inducing_inputs(problem, mode)
         assert bound.with_inducing(Z).value(theta) >= bound.value(theta)
         assert n_evaluations > 1
         mode = mode._replace(Z=Z)
-        further, _ = summarised.inducing_inputs(data, settings, form, mode)
+        further, _ = summarised.inducing_inputs(problem, mode)
         values = [bound.with_inducing(some).value(theta) for some in (Z, further)]
         assert values[0] <= values[1]
 

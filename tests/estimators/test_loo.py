@@ -7,6 +7,7 @@ import pytest
 import textbook
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from multitask_models import PAPER
 from samples import draw, outputs, posteriors, split
 from scipy.stats import norm
 from sklearn.base import clone
@@ -27,16 +28,22 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 QUICK = {"max_iter": 5}
 WHITE = ConstantKernel(2.0) * RBF([1.0, 3.0]) + WhiteKernel(0.1)
 ALL = {"diagonal": True, "noise": "per_task", "normalize_y": False}
+SHARED = {"normalize_y": "shared", "noise": "shared"}
+UNITS = {"normalize_y": "per_task", "noise": "per_task"}
 MODELS = {
-    "rank 1": MultiTaskGPRegressor(rank=1),
-    "full rank": MultiTaskGPRegressor(),
-    "noise of each task": MultiTaskGPRegressor(rank=2, noise="per_task"),
-    "diagonal": MultiTaskGPRegressor(rank=2, diagonal=True),
-    "not normalised": MultiTaskGPRegressor(rank=2, normalize_y=False),
-    "white": MultiTaskGPRegressor(WHITE, rank=2),
-    "all": MultiTaskGPRegressor(rank=2, **ALL),
+    "rank 1": MultiTaskGPRegressor(rank=1, **PAPER),
+    "full rank": MultiTaskGPRegressor(**PAPER),
+    "noise of each task": MultiTaskGPRegressor(**PAPER | {"noise": "per_task"}),
+    "diagonal": MultiTaskGPRegressor(rank=2, diagonal=True, **PAPER),
+    "not normalised": MultiTaskGPRegressor(rank=2, **PAPER | {"normalize_y": False}),
+    "white": MultiTaskGPRegressor(WHITE, rank=2, **PAPER),
+    "all": MultiTaskGPRegressor(rank=2, **PAPER | ALL),
+    "levels": MultiTaskGPRegressor(rank=1, **SHARED),
+    "units of each task": MultiTaskGPRegressor(rank=2, **UNITS),
+    "defaults": MultiTaskGPRegressor(),
     "independent": IndependentGP(),
     "independent, all": IndependentGP(**ALL),
+    "independent, units": IndependentGP(**UNITS),
     "pooled": PooledGP(),
     "pooled, all": PooledGP(**ALL),
 }
@@ -71,11 +78,11 @@ def left_out(model, X, y):
 def parts_of_each_row(model, X):
     """Prior variance of f and noise variance, of shape (n_samples, n_outputs)."""
     x, tasks = split(X)
-    prior = [K_rho[tasks, tasks] * k.diag(x) for k, K_rho, *_ in outputs(model)]
-    noise = [
-        np.broadcast_to(noise, len(K_rho))[tasks]
-        for _, K_rho, noise, _ in outputs(model)
+    prior = [
+        of.K_rho[tasks, tasks] * of.kernel.diag(x) + textbook.of_rows(of.level, tasks)
+        for of in outputs(model)
     ]
+    noise = [textbook.of_rows(of.noise, tasks) for of in outputs(model)]
     return np.transpose(prior), np.transpose(noise)
 
 
@@ -85,11 +92,7 @@ def lost(model, X):
     That of 1 / [K^{-1}]_ii too, and the refits' of the same size: their variances have
     it relative to the prior's, from which they are subtracted.
     """
-    x, tasks = split(X)
-    condition = [
-        np.linalg.cond(textbook.covariance(kernel, K_rho, noise, x, tasks))
-        for kernel, K_rho, noise, _ in outputs(model)
-    ]
+    condition = [np.linalg.cond(of.covariance(*split(X))) for of in outputs(model)]
     return len(X) * np.finfo(float).eps * max(condition)
 
 
@@ -160,7 +163,7 @@ class TestOneRowOfATask:
         assert_left_out(kind(**QUICK).fit(*data), *data)
 
     def test_the_other_tasks_predict_it(self, data):
-        model = MultiTaskGPRegressor(rank=1, **QUICK).fit(*data)
+        model = MultiTaskGPRegressor(rank=1, **PAPER, **QUICK).fit(*data)
         mean, std = (part[-1] for part in model.loo_predict())
         prior = parts_of_each_row(model, data[0])[0][-1, 0]
         assert mean != pytest.approx(model.y_mean_, rel=1e-3)
@@ -250,12 +253,11 @@ class TestScores:
     def test_log_loss_is_that_of_the_likelihoods(self, case):
         # eq. 5.10: log p(y_i | the others) = log p(y) - log p(the others)
         model, X, y = case
-        ((kernel, K_rho, noise, centre),) = outputs(model)
-        K = textbook.covariance(kernel, K_rho, noise, *split(X))
+        [output] = outputs(model)
+        x, tasks = split(X)
 
         def log_density(rows):
-            part = K[np.ix_(rows, rows)]
-            return textbook.log_marginal_likelihood(part, y[rows] - centre)
+            return output.log_density(x[rows], tasks[rows], y[rows])
 
         rows = np.arange(len(y))
         expected = [log_density(rows) - log_density(rows[rows != i]) for i in rows]

@@ -18,6 +18,7 @@ from skmtgp import (
 )
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
+from skmtgp.inference import memory as _of_inference
 from skmtgp.inference.memory import TileMemory
 
 pytestmark = pytest.mark.usefixtures("nothing_is_printed")
@@ -28,8 +29,8 @@ class TestMemory:
 
     @pytest.fixture(autouse=True)
     def nothing_between_tasks(self, monkeypatch):
-        monkeypatch.setattr(_memory, "OF_CLIMB", 0)
-        monkeypatch.setattr(_memory, "OF_POSTERIOR", 0)
+        monkeypatch.setattr(_of_inference, "OF_CLIMB", 0)
+        monkeypatch.setattr(_of_inference, "OF_POSTERIOR", 0)
 
     @pytest.fixture
     def large(self):
@@ -100,7 +101,7 @@ class TestMemory:
         monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 24**2 * 25.0)
         many, model = np.column_stack([Y] * 3), MultiTaskGPRegressor(max_iter=0)
         of_two = model.set_params(rank=1, n_jobs=2)
-        assert of_two._pairs(of_two._read(X, many))
+        assert of_two._problems(of_two._read(X, many))
         match = "24 samples, 3 times at once by n_jobs, needs"
         for fit in (
             lambda: PooledGP(max_iter=0, n_jobs=3).fit(X, many),
@@ -110,7 +111,7 @@ class TestMemory:
             with pytest.raises(InsufficientMemoryError, match=match):
                 fit()
         with joblib.parallel_config(backend="sequential"):
-            assert model._pairs(model._read(X, many))
+            assert model._problems(model._read(X, many))
 
     def test_of_sparse_inference(self, monkeypatch):
         """Six for each climb and one for each output, of M + r^2 matrices."""
@@ -121,10 +122,10 @@ class TestMemory:
         tiles = TileMemory(model._kernel(training), training.features[:1])
         needed = 8.0 * 10**2 * (6 * 2 + 2) * (n_tasks + 1) + tiles.of_blocks(10, 24, 2)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
-        assert model._pairs(training)
+        assert model._problems(training)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
         with pytest.raises(InsufficientMemoryError, match="rank 1, 2 times at once"):
-            model._pairs(training)
+            model._problems(training)
 
     def test_of_a_task_that_joins(self, monkeypatch):
         options = {"inference": "sparse", "n_inducing": 10, "max_iter": 0}

@@ -22,9 +22,12 @@ POSTERIOR = {
     f"{TERMS}StationaryNode",
     f"{TERMS}_rbf",
     "skmtgp.model._nodes.differences.Differences",
+    "skmtgp._estimators.units.Units",
     "skmtgp._numerics.linalg.Cholesky",
     "skmtgp.inference.dense.DenseLikelihood",
     "skmtgp.inference.dense.DensePosterior",
+    "skmtgp.inference.engines.Dense",
+    "skmtgp.model.prior.Prior",
 }
 LOW_RANK = {
     *POSTERIOR,
@@ -42,10 +45,12 @@ FIXED = {
     "skmtgp.model.task_covariance.FixedTaskCovariance",
 }
 DENSE = {
+    "skmtgp.inference.engines.Dense",
     "skmtgp.inference.dense.DenseLikelihood",
     "skmtgp.inference.dense.DensePosterior",
 }
 BY_INDUCING_INPUTS = {
+    "skmtgp.inference.engines.Sparse",
     "skmtgp.inference.features.Features",
     "skmtgp.inference.sparse.SparseBound",
     "skmtgp.inference.sparse_posterior.SparsePosterior",

@@ -5,6 +5,7 @@ import pytest
 import textbook
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from samples import outputs
 from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import ConstantKernel
@@ -38,11 +39,12 @@ def allowed(model, new):
     """The errors that rounding justifies."""
     found = []
     for gp in alone(model):
-        parts = gp.kernel_, gp.task_covariance_, gp.noise_variance_
-        K = textbook.covariance(*parts, gp.X_train_, gp.tasks_train_)
-        y, diagonal = gp.y_train_ - gp.y_mean_, gp.kernel_.diag(new[:, :-1]).max()
-        prior = gp.task_covariance_.diagonal().max() * diagonal
-        of_rounding = rounding(K, gp.noise_variance_, y, prior, gp.y_mean_)
+        [output] = outputs(gp)
+        K = output.covariance(gp.X_train_, gp.tasks_train_)
+        y = gp.y_train_ - textbook.of_rows(output.centre, gp.tasks_train_)
+        diagonal = gp.kernel_.diag(new[:, :-1]).max()
+        prior = output.K_rho.diagonal().max() * diagonal + np.max(output.level)
+        of_rounding = rounding(K, output.noise, y, prior, np.abs(output.centre).max())
         # K_1^rho is computed from the targets, and rounded in their units
         cov = of_rounding.cov + DIGITS * np.square(y).mean() * diagonal
         found.append(of_rounding._replace(cov=cov))
@@ -55,6 +57,7 @@ def prior_variance(model, new):
     Z, codes = new[:, :-1], np.searchsorted(model.tasks_, new[:, -1])
     variances = [
         np.multiply.outer(gp.task_covariance_.diagonal(), gp.kernel_.diag(Z))
+        + np.reshape(gp.level_variance_, (-1, 1))
         for gp in alone(model)
     ]
     return np.vstack(variances)[codes, np.arange(len(Z))]
@@ -219,6 +222,7 @@ def test_pooled_tasks_are_one_task(problem, kind):
     model.set_params(noise="shared", diagonal=False)
     names = kind().get_params()
     params = {k: v for k, v in model.get_params(deep=False).items() if k in names}
+    params |= {"task_levels": False} if "task_levels" in names else {}
     one = table._replace(tasks=0 * table.tasks, tasks_of_Z=0 * table.tasks_of_Z)
     expected = kind(**params).fit(one.X, one.y)
     assert_alike(model.fit(table.X, table.y), expected, one.new, table.new)
@@ -250,17 +254,24 @@ def test_independent_functions_are_single_gps(problem):
     model.fit(table.X, table.y)
     atol, value = allowed(model, table.new), 0.0
     for gp, part in parts(model, table):
-        noise = np.broadcast_to(gp.noise_variance_, len(gp.tasks_))
-        codes = np.searchsorted(model.tasks_, part.tasks) if len(noise) > 1 else 0
-        kernel = ConstantKernel(gp.task_covariance_[0, 0], "fixed") * gp.kernel_
-        alpha = np.broadcast_to(noise[codes], len(part.y))
-        other = GaussianProcessRegressor(kernel, alpha=alpha, optimizer=None)
-        other.fit(part.F, part.y - gp.y_mean_)
+        [output] = outputs(gp)
+        several = len(gp.tasks_) > 1
+        codes = np.searchsorted(model.tasks_, part.tasks) if several else 0 * part.tasks
+        noise, centre, level = (
+            textbook.of_rows(of, codes)
+            for of in (output.noise, output.centre, output.level)
+        )
+        amplitude = output.K_rho[codes[0], codes[0]]
+        kernel = ConstantKernel(amplitude, "fixed") * gp.kernel_
+        if level[0]:
+            kernel += ConstantKernel(level[0], "fixed")
+        other = GaussianProcessRegressor(kernel, alpha=noise, optimizer=None)
+        other.fit(part.F, part.y - centre)
         value += other.log_marginal_likelihood_value_
         if len(part.Z):
             mean, cov = model.predict(part.new, return_cov=True)
             expected, expected_cov = other.predict(part.Z, return_cov=True)
-            expected += gp.y_mean_
+            expected += centre[0]
             np.testing.assert_allclose(mean, expected, rtol=0.0, atol=atol.mean)
             np.testing.assert_allclose(cov, expected_cov, rtol=0.0, atol=atol.cov)
     assert log_likelihood(model) == pytest.approx(value, abs=atol.value, rel=0.0)

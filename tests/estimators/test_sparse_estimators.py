@@ -6,6 +6,7 @@ import building
 import numpy as np
 import pytest
 import textbook
+from multitask_models import PAPER
 from numpy.testing import assert_allclose, assert_array_equal
 from sklearn import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -137,7 +138,7 @@ class TestLeaveOneOut:
     def expected(self, bound, theta):
         """Left out one after another, with the same inducing inputs."""
         K_rho, every = FACTOR @ FACTOR.T, np.arange(len(bound.y))
-        kernel, Z = bound.kernel, bound.Z
+        kernel, Z = bound.prior.kernel, bound.Z
         Q = kernel(bound.X, Z) @ np.linalg.solve(kernel(Z), kernel(Z, bound.X))
         between = K_rho[np.ix_(bound.tasks, bound.tasks)]
         Q, prior = Q * between, between * kernel(bound.X)
@@ -168,7 +169,7 @@ class TestAddTask:
             tasks = np.full(n, m)
             assert_allclose(F_m @ means, posterior.mean(X, tasks), rtol=1e-7)
             half = np.tensordot(F_m, halves, 1)
-            covariance = (F_m @ F_m) * bound.kernel(X) - half.T @ half
+            covariance = (F_m @ F_m) * bound.prior.kernel(X) - half.T @ half
             expected = posterior.covariance(X, tasks)
             assert_allclose(covariance, expected, rtol=1e-7, atol=1e-9)
 
@@ -177,8 +178,8 @@ class TestAddTask:
         bound = bound.with_inducing(bound.X)
         order = np.argsort(bound.tasks, kind="stable")
         exact = building.dense(
-            bound.kernel,
-            bound.task_covariance,
+            bound.prior.kernel,
+            bound.prior.task_covariance,
             *(part[order] for part in (bound.X, bound.tasks, bound.y)),
         )
         X, y = np.random.default_rng(2).uniform(-2.0, 2.0, (4, 2)), np.arange(4.0)
@@ -235,8 +236,8 @@ class TestAddTask:
 def test_textbook_bound():
     """The estimator's value is Titsias' (2009) eq. 9, in units of y."""
     X, y = draw(40)
-    model = MultiTaskGPRegressor(rank=2, kernel=RBF(1.0), normalize_y=False, **SPARSE)
-    model.fit(X, y)
+    options = PAPER | {"normalize_y": False}
+    model = MultiTaskGPRegressor(RBF(1.0), rank=2, **options, **SPARSE).fit(X, y)
     Z, tasks, features = model.inducing_inputs_, model.tasks_train_, model.X_train_
     kernel, K_rho = model.kernel_, model.task_covariance_[np.ix_(tasks, tasks)]
     Q = kernel(features, Z) @ np.linalg.solve(kernel(Z), kernel(Z, features)) * K_rho

@@ -14,6 +14,8 @@ from skmtgp import MultiTaskGPRegressor
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import inducing
+from skmtgp.inference import memory as _of_inference
+from skmtgp.inference.engine import Demand
 from skmtgp.inference.memory import TileMemory
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -31,7 +33,8 @@ class TestMemory:
         X, y = draw()
         tiles = TileMemory(RBF(), X[:1]).of_triangle(SPARSE["n_exact"], 1)
         needed = 8.0 * SPARSE["n_exact"] ** 2 + tiles
-        needed += _memory._of_tasks(3, n_parameters=3, n_climbs=1, n_factors=1)
+        demand = Demand(len(y), n_tasks=3)
+        needed += _of_inference._of_tasks(demand, n_climbs=1, n_parameters=3)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         model = MultiTaskGPRegressor(
             rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}

@@ -130,7 +130,9 @@ def test_singular_inducing_covariance(twice):
 
 
 def test_more_jitter_than_usual_is_told(twice, monkeypatch):
-    monkeypatch.setattr(features, "LEAST_JITTER", 1e-19)  # too little for a singular K_ZZ
+    monkeypatch.setattr(
+        features, "LEAST_JITTER", 1e-19
+    )  # too little for a singular K_ZZ
     message = r"covariance of the 12 inducing inputs .* was added .* See the user guide"
     with pytest.warns(JitterWarning, match=message):
         twice.posterior(parameters(twice.prior.kernel, twice.prior.task_covariance))

@@ -36,6 +36,7 @@ MODELS = {
 # Outputs, tasks, or outputs and ranks; where there are several starts, these before.
 N_JOBS = dict(zip(MODELS, [2, 2, 2, 3, None, 4], strict=True))
 N_STARTS = {"MultiTaskGPRegressor": 2 * 2, "RankSearchIC": 2 * 4}
+DECIDE = "MultiTaskGPRegressor", "IndependentGP", "PooledGP", "RankSearchIC"
 EACH = pytest.mark.parametrize("name", MODELS)
 X, Y = draw(n_outputs=2)
 
@@ -66,7 +67,8 @@ def events_of(name):
     """Setup, the fit with its stages and their jobs, and teardown."""
     job = [("begin", "job", 0), ("end", "job", 0)]
     stages = []
-    for stage in (("starts", N_STARTS.get(name)), ("learning", N_JOBS[name])):
+    units = ("units", int(name in DECIDE))
+    for stage in (units, ("starts", N_STARTS.get(name)), ("learning", N_JOBS[name])):
         if stage[1]:
             stages += [("begin", *stage), *(stage[1] * job), ("end", *stage)]
     return ["setup", ("begin", "fit", None), *stages, ("end", "fit", None), "teardown"]
@@ -93,7 +95,7 @@ def test_stages_of_large_data(monkeypatch):
     recorder = Recorder()
     MultiTaskGPRegressor(max_iter=0).set_callbacks(recorder).fit(X, Y[:, 0])
     stages = [e[1] for e in recorder.events if e[0] == "begin" and e[2] == 1]
-    assert stages == ["learning", "learning from all rows"]
+    assert stages == ["units", "learning", "learning from all rows"]
 
 
 @EACH

@@ -237,6 +237,13 @@ def compile_kernel(kernel):
     -------
     node : Node
         Its fast form, or one that calls the kernel where its type is not known.
+
+    Examples
+    --------
+    >>> from sklearn.gaussian_process.kernels import RBF
+    >>> from skmtgp.model import compile_kernel
+    >>> compile_kernel(RBF() + RBF()).n_dims
+    2
     """
     if type(kernel) is Matern and kernel.nu in MATERN:
         return MATERN[kernel.nu](kernel)

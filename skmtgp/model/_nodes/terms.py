@@ -16,12 +16,29 @@ from skmtgp.model._nodes.differences import Differences, append
 
 
 def allocate():
-    """No array: numpy is to make it."""
+    """No array: numpy is to make it.
+
+    What :class:`Bound` kernels take for `new` where nobody keeps arrays for them.
+
+    Returns
+    -------
+    array : None
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp.model import allocate
+    >>> np.add([1.0], [2.0], out=allocate())
+    array([3.])
+    """
     return None
 
 
 class Node:
-    """A kernel and the hyperparameters that theta sets.
+    """A kernel in its fast form: which of its hyperparameters theta sets.
+
+    A subclass has a method ``bind(theta, X)``, which gives the :class:`Bound` kernel
+    between the rows of X, and an entry in ``NODES`` under the kernel's type.
 
     Parameters
     ----------
@@ -34,6 +51,18 @@ class Node:
         Length of theta.
     n_slices : int
         Of the largest tensor that a kernel within is asked for.
+    free : dict
+        Numbers of elements of the hyperparameters that theta sets, by name.
+    fixed : dict
+        Values of the others, by name.
+
+    Examples
+    --------
+    >>> from sklearn.gaussian_process.kernels import RBF
+    >>> from skmtgp.model import Node
+    >>> node = Node(RBF(2.0))
+    >>> node.n_dims, float(node.values([0.0])["length_scale"])
+    (1, 1.0)
     """
 
     n_slices = 0
@@ -46,7 +75,18 @@ class Node:
         self.fixed = {h.name: np.asarray(value) for h, value in named if h.fixed}
 
     def values(self, theta):
-        """Hyperparameters by name, the free ones from theta."""
+        """Hyperparameters by name, the free ones from theta.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_dims,)
+            Logarithms of the free hyperparameters.
+
+        Returns
+        -------
+        values : dict
+            A number, or an array where there are several elements, for each name.
+        """
         values, start = dict(self.fixed), 0
         for name, size in self.free.items():
             value = np.exp(theta[start : start + size])
@@ -55,17 +95,69 @@ class Node:
         return values
 
     def stack(self, gradients):
-        """The gradient in the order of theta, from one by name."""
+        """The gradient in the order of theta, from one by name.
+
+        Parameters
+        ----------
+        gradients : dict
+            For each name that by the logarithm of the hyperparameter. Those of fixed
+            ones are left out.
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_dims,)
+            The gradient.
+        """
         return np.concatenate(
             [np.empty(0), *(np.ravel(gradients[name]) for name in self.free)]
         )
 
 
 class Bound:
-    """A kernel with its hyperparameters set, between two sets of rows."""
+    """A kernel with its hyperparameters set, between two sets of rows.
+
+    Notes
+    -----
+    A subclass has three methods:
+
+    - ``against(Z)``: the same between the rows of Z and those of X, which it was bound
+      to.
+    - ``block(rows, cols, new=allocate)``: the values of a tile, and a tape, which is
+      whatever the gradient can use again. ``new()`` gives an array for the tile that
+      lasts as long, or None.
+    - ``contract(W, tape, rows, cols)``: the sum over the tile of W times the derivative
+      by each element of theta. It leaves W as it is.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.gaussian_process.kernels import RBF
+    >>> from skmtgp.model import compile_kernel
+    >>> bound = compile_kernel(RBF()).bind(np.zeros(1), np.array([[0.0], [1.0]]))
+    >>> everywhere = slice(0, 2)
+    >>> values, tape = bound.block(everywhere, everywhere)
+    >>> values.round(2)
+    array([[1.  , 0.61],
+           [0.61, 1.  ]])
+    >>> bound.contract(np.ones((2, 2)), tape, everywhere, everywhere).round(2)
+    array([1.21])
+    """
 
     def times(self, rows, cols, B):
-        """The tile times B, which has a row for each of its columns."""
+        """The tile times B, which has a row for each of its columns.
+
+        Parameters
+        ----------
+        rows, cols : slice
+            The tile.
+        B : ndarray of shape (n_columns, n_vectors)
+            A matrix.
+
+        Returns
+        -------
+        product : ndarray of shape (n_rows, n_vectors)
+            Without a tape.
+        """
         K, _ = self.block(rows, cols)
         shape = rows.stop - rows.start, cols.stop - cols.start
         return np.broadcast_to(K, shape) @ B

@@ -61,6 +61,7 @@ class TestFewRows:
         np.testing.assert_allclose(mean, Y[:1], rtol=1e-6)
 
     @each
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
     def test_one_row_of_each_task(self, model):
         one = columns(F[:5], np.arange(5))
         mean, std = assert_sound(fitted(model, one, Y[:5]), one)
@@ -156,6 +157,8 @@ class TestTargets:
     def test_repeated_rows_that_disagree_without_noise(self, model):
         twice, far = np.vstack([X, X]), np.r_[Y, Y + 1.0]
         params = {"noise_variance": 1e-10, "noise_variance_bounds": "fixed"}
+        if hasattr(model, "task_levels"):  # K would not be singular as it is meant
+            params["task_levels"] = False
         model = fitted(model, twice, far, kernel=RBF(0.5, "fixed"), **params)
         mean, _ = assert_sound(model, X)
         if not isinstance(model, PooledGP):

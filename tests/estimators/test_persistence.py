@@ -40,8 +40,6 @@ FIXED = {
     f"{KERNELS}Product",
     f"{TERMS}BoundConstant",
     f"{EXPRESSIONS}BoundProduct",
-    f"{TERMS}ConstantNode",
-    f"{EXPRESSIONS}JoinedNode",
     "skmtgp.model.task_covariance.FixedTaskCovariance",
 }
 DENSE = {

@@ -138,9 +138,9 @@ def test_gradient_by_the_task_covariance(engine, form, n_noise):
     assert_gradient(twice[upper], value_at, model.K_rho[upper], step=1e-4)
 
 
-@pytest.mark.usefixtures("tile")
+@pytest.mark.parametrize("tile", [5, 240], indirect=True)
 @pytest.mark.parametrize("engine", EXACT)
-def test_tiles_do_not_matter(engine):
+def test_tiles_do_not_matter(engine, tile):
     likelihood, theta = make(engine, FORMS["rank 2, diagonal"], M)
     value, gradient = likelihood.value_and_grad(theta)
     np.testing.assert_allclose(value, book(likelihood, theta).value(), rtol=1e-11)

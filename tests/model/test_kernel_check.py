@@ -386,6 +386,8 @@ def test_rows_of_a_novel_task_are_looked_at():
                 return factor * found[0], factor[..., None] * found[1]
             return factor * found
 
-    model = MultiTaskGPRegressor(OnTheAxis(), rank=1, max_iter=5, tol=10.0).fit(X, y)
+    options = {"rank": 1, "max_iter": 5, "tol": 10.0, "task_levels": False}
+    options |= {"normalize_y": "shared", "noise": "shared"}
+    model = MultiTaskGPRegressor(OnTheAxis(), **options).fit(X, y)
     with pytest.raises(ValueError, match="is not positive semi-definite"):
         model.add_task([[0.1, 0.0, 3.0]], [1.0])

@@ -17,6 +17,7 @@ from skmtgp import (
     SingleTaskGP,
 )
 from skmtgp._numerics import memory as _memory
+from skmtgp._support.progress import silent
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory as _of_inference
 from skmtgp.inference.memory import TileMemory
@@ -101,7 +102,7 @@ class TestMemory:
         monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 24**2 * 25.0)
         many, model = np.column_stack([Y] * 3), MultiTaskGPRegressor(max_iter=0)
         of_two = model.set_params(rank=1, n_jobs=2)
-        assert of_two._problems(of_two._read(X, many))
+        assert of_two._problems(of_two._read(X, many, silent))
         match = "24 samples, 3 times at once by n_jobs, needs"
         for fit in (
             lambda: PooledGP(max_iter=0, n_jobs=3).fit(X, many),
@@ -111,14 +112,14 @@ class TestMemory:
             with pytest.raises(InsufficientMemoryError, match=match):
                 fit()
         with joblib.parallel_config(backend="sequential"):
-            assert model._problems(model._read(X, many))
+            assert model._problems(model._read(X, many, silent))
 
     def test_of_sparse_inference(self, monkeypatch):
         """Six for each climb and one for each output, of M + r^2 matrices."""
         options = {"inference": "sparse", "n_inducing": 10, "n_exact": 4}
         model = PooledGP(n_jobs=2, max_iter=0, **options)
         n_tasks = len(np.unique(X[:, -1]))
-        training = model._read(X, np.column_stack([Y, Y]))
+        training = model._read(X, np.column_stack([Y, Y]), silent)
         tiles = TileMemory(model._kernel(training), training.features[:1])
         needed = 8.0 * 10**2 * (6 * 2 + 2) * (n_tasks + 1) + tiles.of_blocks(10, 24, 2)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)

@@ -18,7 +18,7 @@ from sklearn.model_selection import (
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.preprocessing import StandardScaler
 
-from skmtgp import BayesianLinearRegression
+from skmtgp import BayesianLinearRegression, PooledGP
 
 GPS = {k: v for k, v in ESTIMATORS.items() if k != "BayesianLinearRegression"}
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

@@ -59,6 +59,24 @@ class Engine(ABC):
         Whether it makes use of complete data.
     n_exact : int or None, default=None
         Of an approximation: rows that are learned from exactly before.
+
+    Examples
+    --------
+    Dense inference that counts its likelihoods:
+
+    >>> import numpy as np
+    >>> from skmtgp import PooledGP
+    >>> from skmtgp.inference.engines import Dense
+    >>> class Counting(Dense):
+    ...     name = "counting"
+    ...     n_made = 0
+    ...     def likelihood(self, prior, data):
+    ...         Counting.n_made += 1
+    ...         return super().likelihood(prior, data)
+    >>> X = np.column_stack([np.linspace(0, 6, 20), np.tile([0, 1], 10)])
+    >>> model = PooledGP(inference=Counting()).fit(X, np.sin(X[:, 0]))
+    >>> model.inference_, Counting.n_made > 0
+    ('counting', True)
     """
 
     name = "own"

@@ -33,6 +33,14 @@ class Likelihood(ABC):
         Task of each row, 0 to n_tasks - 1, ascending.
     y : ndarray of shape (n_samples,)
         Targets, of which the model takes the mean to be zero.
+
+    Notes
+    -----
+    A subclass sets ``inputs``, the rows that k^x is between, as far as matrices need
+    them, and has the abstract methods. ``prior.values(theta)`` takes theta apart and
+    ``prior.gradient(theta, ...)`` puts the gradient together. Where K cannot be
+    factorised it raises a :class:`~skmtgp.exceptions.NotPositiveDefiniteError`, which
+    learning takes for a rejected step.
     """
 
     def __init__(self, prior, X, tasks, y):

@@ -52,6 +52,12 @@ class Posterior(ABC):
         Log marginal likelihood of the targets.
     largest : float
         The largest prior variance of f, of the training inputs and all tasks.
+
+    Notes
+    -----
+    A subclass sets `alpha` and `log_likelihood`, then calls ``_set_means()``, which sets
+    `weights` and `levels`, and has the abstract methods; ``_weigh_tasks()`` gives the
+    weights. Means, variances, covariances and leave-one-out follow.
     """
 
     jitter = 0.0

@@ -146,7 +146,7 @@ def test_ranks_are_merged_and_sorted(search, data):
 
 def test_default_ranks_are_capped():
     search = RankSearchIC(clone(MODEL).set_params(max_iter=0)).fit(*draw(n_tasks=3))
-    assert search.results_["rank"].tolist() == [2, 3]
+    assert search.results_["rank"].tolist() == [0, 1, 2, 3]
 
 
 def test_rank_of_the_estimator_does_not_matter(search, data):
@@ -251,7 +251,7 @@ def test_likelihood_of_what_is_not_fitted():
         ({"ranks": [1.0, 2.0]}, "must be a sequence of one or more integers"),
         ({"ranks": [[1, 2]]}, "must be a sequence of one or more integers"),
         ({"ranks": [True]}, "must be a sequence of one or more integers"),
-        ({"ranks": (2, 0)}, r"ranks=\(2, 0\) must be 1 or more"),
+        ({"ranks": (2, -1)}, r"ranks=\(2, -1\) must be 0 or more"),
         ({"ranks": 2}, "'ranks' parameter of RankSearchIC must be an array-like"),
         ({"criterion": "dic"}, "'criterion' parameter .* must be a str among"),
         (

@@ -198,7 +198,8 @@ def test_rank_that_is_no_number():
 
 def test_verbosity(capsys):
     model = MultiTaskGPRegressor(rank=2, max_iter=0, verbose=1).fit(*draw(n_outputs=2))
-    lines = capsys.readouterr().out.splitlines()
+    decided, *lines = capsys.readouterr().out.splitlines()
+    assert decided.startswith("[skmtgp] units and noise of the tasks: ")
     begin = [line.split(": log marginal likelihood ")[0] for line in lines]
     rank = [f"[skmtgp] output {j} of 2, rank 2" for j in (1, 2)]
     stages = ("the best of 2 starts", "shaken")

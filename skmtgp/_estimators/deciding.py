@@ -13,6 +13,7 @@ from skmtgp.learning.screening import (
     differ_in_size,
     score,
     screen,
+    tells_noise,
     with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
@@ -131,14 +132,17 @@ def decide_noise(model, training, problems, modes):
         With the noise that is chosen.
     """
     asks = len(_noises(model, training)) > 1 and training.noise == "shared"
-    if not asks or not problems[0][0].engine.exact:
+    learned = all(mode.converged for of in modes for mode in of)
+    if not (asks and learned and problems[0][0].engine.exact):
         return training, problems, modes
     before = _criteria(problems, modes)
     best = int(np.argmax(before))
     if not any(map(differ_in_noise, problems[best], modes[best])):
         return training, problems, modes
     others, learned = _with_own_noise(problems, modes, model.n_jobs)
-    if _criteria(others, learned).max() > before[best]:
+    after = _criteria(others, learned)
+    k = int(np.argmax(after))
+    if after[k] > before[best] and all(map(tells_noise, others[k], learned[k])):
         return replace(training, noise="per_task"), others, learned
     return training, problems, modes
 

@@ -103,7 +103,7 @@ class FittedGP(PosteriorMixin, Estimator):
         ... )
         >>> share = metrics.coverage(y, mean, std, level=0.9, tasks=task)
         >>> print(f"{nmse:.2f} {msll:.1f} {share:.2f}")
-        0.03 -2.1 0.92
+        0.03 -2.1 0.90
         """
         check_is_fitted(self)
         order = self._training().order(self._engine)  # the posteriors' samples

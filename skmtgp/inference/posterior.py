@@ -55,9 +55,9 @@ class Posterior(ABC):
 
     Notes
     -----
-    A subclass sets `alpha` and `log_likelihood`, then calls ``_set_means()``, which sets
-    `weights` and `levels`, and has the abstract methods; ``_weigh_tasks()`` gives the
-    weights. Means, variances, covariances and leave-one-out follow.
+    A subclass sets `alpha` and `log_likelihood`, then calls ``_set_means()``, which
+    sets `weights` and `levels`, and has the abstract methods; ``_weigh_tasks()`` gives
+    the weights. Means, variances, covariances and leave-one-out follow.
     """
 
     jitter = 0.0

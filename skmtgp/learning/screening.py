@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.climbing import climb
 
 
@@ -123,6 +124,14 @@ def with_own_noise(problem, mode):
     return problem, mode.then(climb(problem, theta))
 
 
+def tells_noise(problem, mode):
+    """Whether the rows tell all noise variances: none vanished by following them."""
+    likelihood = problem.likelihood()
+    with limit_threads(likelihood.side):
+        posterior = likelihood.posterior(mode.theta)
+        return bool(noise_is_told(likelihood, posterior).all())
+
+
 def price(n_parameters, n):
     """Nats that parameters are worth which n rows tell, by BIC."""
     return 0.5 * n_parameters * np.log(n)
@@ -135,11 +144,8 @@ def price_of_tasks(data):
 
 
 def criterion(problem, mode):
-    """Likelihood less what hyperparameters are worth, eq. 8 but for noise of tasks."""
-    prior, data = problem.prior, problem.data
-    n_noise = 0 if prior.noise_is_fixed else prior.n_noise
-    of_noise = price_of_tasks(data) if n_noise > 1 else price(n_noise, len(data))
-    return mode.value - price(prior.n_hyperparameters - n_noise, len(data)) - of_noise
+    """Likelihood less what hyperparameters are worth, eq. 8."""
+    return mode.value - price(problem.prior.n_hyperparameters, len(problem.data))
 
 
 def score(problem, mode, scale):

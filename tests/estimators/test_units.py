@@ -209,7 +209,7 @@ def n_noises(model):
 
 def decided(X, y, model=None, **options):
     """Whether units and noise are those of each task, by their numbers."""
-    model = model or MultiTaskGPRegressor(rank=1, max_iter=30)
+    model = model or MultiTaskGPRegressor(rank=2, max_iter=30)
     model = clone(model).set_params(**options).fit(X, y)
     per_task = np.shape(model.y_scale_) != np.shape(
         model.log_marginal_likelihood_value_

@@ -16,12 +16,11 @@ from sklearn.gaussian_process.kernels import (
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 from skmtgp._data.data import Data
-from skmtgp._estimators import base as _base
 from skmtgp._estimators.training import Training
 from skmtgp._estimators.units import shared_units
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import IncompleteDataWarning, InsufficientMemoryError
-from skmtgp.inference import memory
+from skmtgp.inference import engines, memory
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.engines import ENGINES, choose
@@ -259,7 +258,7 @@ class TestMemory:
 class TestIncompleteData:
     @pytest.fixture(autouse=True)
     def few_are_many(self, monkeypatch):
-        monkeypatch.setattr(_base, "MANY", 28)
+        monkeypatch.setattr(engines, "MANY", 28)
 
     def test_warning(self):
         X, y = draw()
@@ -275,5 +274,5 @@ class TestIncompleteData:
             MultiTaskGPRegressor(max_iter=0).fit(X, y)
             MultiTaskGPRegressor(max_iter=0, inference="dense").fit(X[1:], y[1:])
             MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0).fit(X[1:], y[1:])
-            monkeypatch.setattr(_base, "MANY", 29)
+            monkeypatch.setattr(engines, "MANY", 29)
             MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])

@@ -23,6 +23,7 @@ def allocate():
     Returns
     -------
     array : None
+        For numpy to make one.
 
     Examples
     --------

@@ -21,6 +21,7 @@ class Adapter:
     """skmtgp, from its own start: the first stage's time counts.
 
     At its best it has the diagonal of K^rho that the peers have; by default it has not.
+    Its targets are scaled: it has no levels, and one unit and noise, as the peers have.
     """
 
     version = skmtgp.__version__

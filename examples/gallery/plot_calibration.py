@@ -33,6 +33,7 @@ X_test, y_test = measure(300)
 # %%
 # One noise for all, and one for each
 # -----------------------------------
+# The default, ``noise="auto"``, leaves it to the data.
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.metrics import coverage
 
@@ -40,6 +41,8 @@ models = {
     kind: MultiTaskGPRegressor(rank=2, noise=kind).fit(X, y)
     for kind in ("shared", "per_task")
 }
+by_default = MultiTaskGPRegressor(rank=2).fit(X, y)
+print(f"the default takes noise={by_default.noise_!r}")
 for kind, model in models.items():
     mean, std = model.predict(X_test, return_std=True, include_noise=True)
     deviation = np.broadcast_to(np.sqrt(model.noise_variance_), 3)

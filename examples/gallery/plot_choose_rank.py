@@ -27,14 +27,13 @@ X = np.column_stack([x, task])
 # Information criteria
 # --------------------
 # :class:`~skmtgp.RankSearchIC` learns all ranks together and keeps the one that BIC
-# prefers; the other criteria come with it. The mean of y is left in
-# (``normalize_y=False``): a constant that is taken off would count as a third function.
+# prefers; the other criteria come with it.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 
 ranks = [1, 2, 3, 4, 5]
-model = MultiTaskGPRegressor(normalize_y=False)
+model = MultiTaskGPRegressor()
 search = RankSearchIC(model, ranks=ranks).fit(X, y)
 table = pd.DataFrame(search.results_).set_index("rank")
 columns = ["log_marginal_likelihood", "n_hyperparameters", "bic", "hqc", "aic"]

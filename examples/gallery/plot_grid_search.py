@@ -83,8 +83,7 @@ print(table.round(3))
 # The best of them
 # ----------------
 # ``best_estimator_`` is the pipeline learned from all rows. The rank matters much, and
-# two functions are what these sites are made of. The kernel matters less: the two
-# smooth ones cannot be told apart.
+# two functions are what these sites are made of. The kernel matters less.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TaskCovarianceDisplay

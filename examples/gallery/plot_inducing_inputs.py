@@ -36,8 +36,7 @@ X_test, _, truth = measure(1000)
 # %%
 # Three ways to choose them
 # -------------------------
-# All sensors measure multiples of one function and no constant: rank 1, and the mean of
-# y is left in.
+# All sensors measure multiples of one function: rank 1.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor
@@ -48,7 +47,6 @@ for n_inducing in (12, 15, 20):
     for choice in ("greedy", "k-means", "optimised"):
         model = MultiTaskGPRegressor(
             rank=1,
-            normalize_y=False,
             inference="sparse",
             n_inducing=n_inducing,
             inducing_inputs=choice,

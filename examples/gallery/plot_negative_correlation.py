@@ -30,8 +30,6 @@ y = truth(x, task) + 0.03 * rng.standard_normal(28)
 # %%
 # Three models
 # ------------
-# Both tasks are on both sides of zero, so their mean is not taken off
-# (``normalize_y=False``).
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
 from skmtgp.metrics import normalized_mean_squared_error
 
@@ -40,9 +38,9 @@ labels = np.repeat(["up", "down"], 101)
 X_line = np.column_stack([np.tile(line, 2).astype(object), labels])
 y_line = truth(np.tile(line, 2), labels)
 models = {
-    "multi-task, rank 1": MultiTaskGPRegressor(rank=1, normalize_y=False),
-    "independent": IndependentGP(normalize_y=False),
-    "pooled": PooledGP(normalize_y=False),
+    "multi-task, rank 1": MultiTaskGPRegressor(rank=1),
+    "independent": IndependentGP(),
+    "pooled": PooledGP(),
 }
 for name, model in models.items():
     mean = model.fit(X, y).predict(X_line)

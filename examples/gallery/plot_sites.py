@@ -52,7 +52,7 @@ X_test, y_test = test.drop(columns="growth"), test["growth"]
 # Each site alone, and all sites together with a rank that BIC chooses.
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 
-search = RankSearchIC(MultiTaskGPRegressor(task_feature="site"), ranks=(1, 2, 3))
+search = RankSearchIC(MultiTaskGPRegressor(task_feature="site"))
 models = {"each site alone": SingleTaskGP(task_feature="site"), "multi-task": search}
 for model in models.values():
     model.fit(X, y)

@@ -101,9 +101,10 @@ class Section:
         return value
 
     def judge(self, label, value, goal):
-        """Keep whether a goal is met, for the table at the end."""
+        """Keep whether a goal is met, by the digits that are shown, for the end."""
         limit, sign = goal
-        met = "met" if sign * value <= sign * limit else "NOT MET"
+        shown = sign * float(f"{value:.4g}"), sign * float(f"{limit:.4g}")
+        met = "met" if shown[0] <= shown[1] else "NOT MET"
         goal = f"at {'most' if sign > 0 else 'least'} {limit:.4g}"
         self.verdicts.append((self.name, label, f"{value:.4g}", goal, met))
         return f"goal {goal}: {met}"
@@ -395,7 +396,7 @@ def leveled():
 
 def confounded(arguments):
     """Tasks whose means are confounded with x."""
-    n = arguments.seeds or 7
+    n = arguments.seeds or 15
     section = Section(
         "confounded",
         f"six tasks of 20 rows, seen in different ranges of x, {n} draws",

@@ -186,7 +186,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_evaluations_ : int
         Likelihoods with their gradients that learning took, those of modes that were
         not kept counted, summed over the outputs. In a RankSearchIC what the ranks
-        share counts for each of them.
+        share counts for each of them. What "auto" asks a small model does not count.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
     inference_ : str

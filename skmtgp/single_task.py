@@ -50,7 +50,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         has a noise variance of its own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same.
-    normalize_y : bool, default=True
+    normalize_y : {"auto", "per_task", "shared"} or bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning, for each task separately: each has its own level and
         unit. "auto", "per_task" and "shared" are True. With False the model's mean is
@@ -150,7 +150,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         task_feature: int | str = -1,
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
-        normalize_y: bool = True,
+        normalize_y: Literal["auto", "per_task", "shared"] | bool = True,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
@@ -199,7 +199,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def _fit(self, features, codes, tasks, Y, progress):
         self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
-        params["noise"] = "shared"
+        params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
         model = PooledGP(**params | {"verbose": 0})
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)

@@ -265,10 +265,14 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False):
     what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
     why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
     join = ", or let it join with add_task" * can_join
+    share = (
+        " A model with shared=True and normalize_y='shared' predicts tasks that it "
+        "never saw."
+    ) * can_join
     raise ValueError(
         f"{what}: the model knows {_enumerate(tasks)}.{why} Fit with samples of every "
         f"task{join}; in cross-validation cv=TaskStratifiedKFold(task_feature=...) of "
-        "skmtgp.model_selection does."
+        f"skmtgp.model_selection does.{share}"
     )
 
 

@@ -144,8 +144,15 @@ def price_of_tasks(data):
 
 
 def criterion(problem, mode):
-    """Likelihood less what hyperparameters are worth, eq. 8."""
-    return mode.value - price(problem.prior.n_hyperparameters, len(problem.data))
+    """Likelihood less what hyperparameters are worth, eq. 8.
+
+    A noise variance of a task is worth what its own rows tell.
+    """
+    prior, data = problem.prior, problem.data
+    n_shared, of_tasks = prior.n_hyperparameters, 0.0
+    if prior.n_noise > 1:
+        n_shared, of_tasks = n_shared - prior.n_noise, price_of_tasks(data)
+    return mode.value - price(n_shared, len(data)) - of_tasks
 
 
 def score(problem, mode, scale):

@@ -10,7 +10,7 @@ from samples import log_densities
 from sklearn.base import clone
 from strategies import examples, seeds
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC
+from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 OWN = {"normalize_y": "per_task", "noise": "shared"}
@@ -332,3 +332,11 @@ class TestAuto:
         error = y - model.predict(X)
         for m, unit in enumerate(UNITS):
             assert np.sqrt(np.square(error[X[:, -1] == m]).mean()) < 0.15 * unit
+
+
+@pytest.mark.parametrize("word", ["auto", "per_task", "shared"])
+def test_a_gp_for_each_task_has_units_of_its_own(word):
+    X, y = draw()
+    as_usual = SingleTaskGP(KERNEL, max_iter=3).fit(X, y)
+    model = clone(as_usual).set_params(normalize_y=word).fit(X, y)
+    np.testing.assert_array_equal(model.predict(X), as_usual.predict(X))

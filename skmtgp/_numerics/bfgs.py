@@ -73,7 +73,8 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
         Stop when, for several iterations, neither the model expects a step to gain
         more than this nor the steps did.
     report : callable, default=None
-        Called after each iteration with its number, the point and the value.
+        Called after each iteration with its number, the point and the value. It ends
+        if that returns True.
 
     Returns
     -------
@@ -176,8 +177,8 @@ class _BFGS:
             gain = self.f - step[1]
             self._update(*step)
             still = still + 1 if max(gain, expected_gain) < tol else 0
-            if report is not None:
-                report(n_iter, self.x, self.f)
+            if report is not None and report(n_iter, self.x, self.f):
+                break
         converged = bool(np.isfinite(self.f)) and (still > 0 or expected_gain < tol)
         stalled = not converged and (stuck or not np.isfinite(self.f))
         return Optimum(self.x, self.f, n_iter, self.n_evaluations, converged, stalled)

@@ -1,14 +1,16 @@
 """One climb of the marginal likelihood, from a starting point to a mode."""
 
 from time import perf_counter
+from typing import NamedTuple
 
 import numpy as np
 
 from skmtgp._numerics.bfgs import minimize
+from skmtgp.learning.agreement import nearing
 from skmtgp.learning.problem import Mode, best_of
 
 
-def climb(problem, theta, *, relaxed=False, held=None):
+def climb(problem, theta, *, relaxed=False, held=None, known=()):
     """Maximise the log marginal likelihood from theta.
 
     Parameters
@@ -24,7 +26,9 @@ def climb(problem, theta, *, relaxed=False, held=None):
         gradient that would bring them back.
     held : {"up", "down"}, default=None
         Whether the noise variance is held up, see `Problem.log_held`, or down, where
-        it begins.
+        it begins, for some iterations.
+    known : sequence of Mode
+        Where others of its kind ended. It ends where it is about to end there, too.
 
     Returns
     -------
@@ -42,9 +46,9 @@ def climb(problem, theta, *, relaxed=False, held=None):
         lower,
         upper,
         metric=_metric(likelihood),
-        max_iter=budget.max_iter,
+        max_iter=_most_iterations(problem, held),
         tol=tol,
-        report=_reporter(problem),
+        report=_watch(problem, known, penalise),
     )
     value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
     data = problem.data
@@ -62,6 +66,11 @@ def _bounds(problem, theta, held):
         lowest = np.maximum(theta, lower)
         upper = np.where(problem.prior.unexplained, lowest, upper)
     return lower, upper
+
+
+def _most_iterations(problem, held):
+    most, tuning = problem.budget.max_iter, problem.tuning
+    return min(most, tuning.held_down) if held == "down" else most
 
 
 def _objective(likelihood, penalise):
@@ -107,19 +116,68 @@ def information_or_zero(likelihood, theta):
     return information if np.isfinite(information).all() else np.zeros_like(information)
 
 
-def annealed(problem, theta):
+class Ascent(NamedTuple):
+    """Two climbs, one after the other.
+
+    Attributes
+    ----------
+    held : Mode
+        Where the first one ended: relaxed, with the noise held.
+    mode : Mode
+        Where the second one ended, with what was spent on both.
+    """
+
+    held: Mode
+    mode: Mode
+
+
+def annealed(problem, theta, known=()):
     """Climb relaxed and with the noise held up, then on from there without.
 
     While the noise is held up the landscape has few modes, and most starts lead to the
-    same one.
+    same one. From there the way is known.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    theta : ndarray of shape (n_theta,)
+        Starting point.
+    known : sequence of Ascent
+        From other starts.
+
+    Returns
+    -------
+    ascent : Ascent
+        Without the second climb if the first one ended where another did.
     """
-    return held_first("up", problem, theta)
+    before = [ascent.held for ascent in known]
+    held = climb(problem, theta, relaxed=True, held="up", known=before)
+    if nearing(problem, before)(held.theta, held.value):
+        return Ascent(held, held)
+    ends = [ascent.mode for ascent in known]
+    return Ascent(held, held.then(climb(problem, held.theta, known=ends)))
 
 
-def held_first(held, problem, theta):
-    """Climb relaxed and with the noise held "up" or "down", then on without."""
-    before = climb(problem, theta, relaxed=True, held=held)
-    return before.then(climb(problem, before.theta))
+def lowered_first(problem, theta, known=()):
+    """Climb relaxed and with the noise held down for a while, then on without.
+
+    What varies little, beside other things that vary much, may have been taken for
+    noise. While that is held down, k^x has to explain it.
+
+    Parameters
+    ----------
+    problem, theta
+        See :func:`climb`.
+    known : sequence of Mode
+        At which the second climb may end.
+
+    Returns
+    -------
+    mode : Mode
+    """
+    before = climb(problem, theta, relaxed=True, held="down")
+    return before.then(climb(problem, before.theta, known=known))
 
 
 def refine(problem, mode):
@@ -128,44 +186,82 @@ def refine(problem, mode):
     The noise variance that a few rows asked for is too small for more of them. The
     second level anneals once more, for a better mode; later ones only climb.
     """
-    way = annealed
-    for finer in problem.coarse_to_fine()[1:]:
-        mode = mode.then(way(finer, problem.with_noise(mode.theta)))
-        way = climb
+    for k, finer in enumerate(problem.coarse_to_fine()[1:]):
+        theta = problem.with_noise(mode.theta)
+        mode = mode.then(climb(finer, theta) if k else annealed(finer, theta).mode)
     return mode
 
 
 def shake(problem, mode, times):
-    """Change the noise of a mode and climb again, several times; the best of all.
+    """Raise the noise of a mode and climb again, until that gains little; the best.
 
     This leaves poor modes of data without noise: with more noise than it wants, the
-    likelihood is smooth enough to choose other features. Of noisy data it is lowered.
+    likelihood is smooth enough to choose other features.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    mode : Mode
+        The best so far.
+    times : int
+        At most.
+
+    Returns
+    -------
+    mode : Mode
+        Not worse.
     """
     modes = [mode]
     for _ in range(times):
         theta = problem.with_noise(mode.theta)
         if (theta == mode.theta).all():  # the data are noisy
-            modes += _lowered(problem, mode)
             break
-        mode = mode.led_to(climb(problem, theta))
+        mode = mode.led_to(climb(problem, theta, known=modes))
         modes.append(mode)
+        if mode.value < modes[-2].value + problem.tuning.doubt:
+            break
     return best_of(modes, doubt=problem.tuning.doubt)
 
 
-def _lowered(problem, mode):
+def lower(problem, mode):
     """Modes to which lower noise leads, each from the best before.
 
-    What varies little, beside other things that vary much, may have been taken for
-    noise. While that is held down, k^x has to explain it.
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    mode : Mode
+        Of noisy data.
+
+    Returns
+    -------
+    modes : list of Mode
+        None if the noise is fixed.
     """
     lowest, modes = problem.prior.bounds()[0], [mode]
     for factor in problem.tuning.lowered:
         best = max(modes, key=lambda mode: mode.value)
         lower = np.maximum(best.theta + np.log(factor), lowest)
         theta = np.where(problem.prior.unexplained, lower, best.theta)
-        if (theta < best.theta).any():  # it is not fixed
-            modes.append(best.led_to(held_first("down", problem, theta)))
+        if (theta < best.theta).any():
+            modes.append(best.led_to(lowered_first(problem, theta, [best])))
     return modes[1:]
+
+
+def _watch(problem, known, penalise):
+    """What is called after each iteration: it may print, and may end the climb."""
+    say, near = _reporter(problem), nearing(problem, known) if known else None
+    often = problem.tuning.look_every
+
+    def watch(n_iter, x, value):
+        if say:
+            say(n_iter, x, value)
+        if near is None or n_iter % often:
+            return False
+        return near(x, penalise(x)[0] - value)
+
+    return watch
 
 
 def _reporter(problem):

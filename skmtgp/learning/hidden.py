@@ -1,38 +1,102 @@
-r"""Starts for functions that the levels of the tasks hide.
+r"""Functions that a mode takes for noise.
 
-Where levels differ by far more than the functions vary around them, the functions look
-like noise from most starts, and climbs end where they are taken for it, even if levels
-are in the model. Here they are taken off first, by the mean of each task:
+Where levels differ by far more than the functions vary around them, or one function
+varies by far more than another, the lesser ones look like noise from most starts, and
+climbs end where they are taken for it. The noise of a mode is tested for that: would a
+little of a faster or slower function, of all tasks or of each, gain? The derivative of
+the log likelihood by its variance is, if the model is right, random with mean zero and
+known variance. Only where it is many deviations above zero the data are learned again:
 
-1. theta^x and sigma^2 are learned from what is left, with K_0^rho = I and with 1 1^T,
-   each from the likeliest of several theta_0^x.
-2. K_1^rho is computed from the targets as they are, section 3.2.
-3. All parameters are learned from there, at first with no more noise than step 1 found.
-
-Steps 1 and 2 do not depend on the rank.
+- from the mode, with the noise held down at first;
+- with the levels taken off first, by the mean of each task. theta^x and sigma^2 are
+  learned from what is left, with K_0^rho = I and with 1 1^T, each from the likeliest of
+  several theta_0^x; K_1^rho is computed from the targets as they are, section 3.2; all
+  parameters are learned from there, at first with no more noise than was found.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from skmtgp.learning.climbing import climb, held_first, shake
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp.learning.climbing import climb, lower, lowered_first
 from skmtgp.learning.problem import best_of, spent_on
 from skmtgp.learning.stages import Start, augmented_task_covariance
+from skmtgp.model.task_covariance import identity, ones
 
 FEWEST = 3  # rows of each task, on average
 NOISES = 1e-1, 1e-2  # in variances of what is left
 FASTER = -1.5, -3.0  # steps of log parameters: a length-scale a fifth, a twentieth
 SLOWER = 2.0  # of all of them
 UNUSED = 3.0  # of those of all features but one
+ROWS = 300  # that the test takes
+HINT = 4.0  # deviations
 
 
-def may_hide(problem, modes):
-    """Whether levels may hide functions: from modes of step 1 without these starts."""
-    if problem.budget.max_iter == 0:
-        return False
+def reveal(problem, mode):
+    """The better of a mode and those that explain what it may take for noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    mode : Mode
+        The best so far.
+
+    Returns
+    -------
+    mode : Mode
+        Another one only if it gains more than a nat.
+    """
+    if not may_hide(problem, mode):
+        return mode
+    found = lower(problem, mode)
+    for start in _hidden_starts(problem):
+        begin = start.theta(problem)
+        best = best_of([mode, *found])
+        found.append(start.mode.then(lowered_first(problem, begin, [best])))
+    best = best_of(found) if found else mode
+    gains = best.value > mode.value + problem.tuning.doubt
+    return spent_on(best if gains else mode, [mode, *found])
+
+
+def may_hide(problem, mode):
+    """Whether the noise of a mode looks like functions."""
     told = len(problem.data) >= FEWEST * problem.data.n_tasks
-    return told and all(problem.is_noisy(mode) for mode in modes)
+    learned = problem.budget.max_iter and np.isfinite(mode.value)
+    if not (told and learned and problem.is_noisy(mode)):
+        return False
+    return bool(max(_scores(problem, mode)) > HINT)
+
+
+def _scores(problem, mode):
+    r"""Derivatives by the variance of functions that are added, over their deviations.
+
+    With :math:`W = K^{-1}` and the covariance A of what is added, it is
+    :math:`\tfrac12 (y^T W A W y - \mathrm{tr}\,WA)`, whose variance is
+    :math:`\tfrac12 \mathrm{tr}\,WAWA`.
+    """
+    prior, data = problem.prior, problem.data
+    rows = np.linspace(0, len(data) - 1, min(len(data), ROWS)).astype(int)
+    X, tasks, y = (np.asarray(of[rows]) for of in (data.X, data.tasks, data.y))
+    noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
+    with limit_threads(len(rows)):
+        K = prior.covariance(mode.theta, X, tasks) + np.diag(noise)
+        W = np.linalg.inv(K)
+        alpha, of_each = W @ y, np.equal.outer(tasks, tasks)
+        for kernel in _kernels(prior):
+            K_x = prior.kernel.clone_with_theta(kernel)(X)
+            for A in (K_x, K_x * of_each):
+                WA = W @ A
+                slope = 0.5 * (alpha @ A @ alpha - np.trace(WA))
+                yield slope / np.sqrt(0.5 * np.sum(WA * WA.T) + 1e-300)
+
+
+def _hidden_starts(problem):
+    """Where step 3 begins, after I and 1 1^T; of one task these are the same."""
+    M = problem.data.n_tasks
+    fixed = [identity(M), ones(M)][: min(M, 2)]
+    return [hidden_start(problem.with_form(form)) for form in fixed]
 
 
 def hidden_start(problem):
@@ -70,48 +134,23 @@ def _without_levels(data):
 
 
 def _candidates(prior, variance):
-    """Where step 1 may begin: faster and slower functions, of all or of one feature."""
+    """Where step 1 may begin."""
+    smallest = np.exp(prior.log_noise_bounds[0])
+    noises = np.log(np.maximum(np.multiply(NOISES, variance), smallest))
+    noises = np.minimum(noises, prior.log_noise_bounds[1])
+    return [
+        prior.theta(kernel=kernel, log_noise=noise)
+        for kernel in _kernels(prior)
+        for noise in noises
+    ]
+
+
+def _kernels(prior):
+    """Theta of k^x of faster and slower functions, of all features or of one."""
     start, bounds = prior.kernel.theta, prior.kernel.bounds.reshape(-1, 2).T
     kernels = [start, *(start + step for step in (*FASTER, SLOWER))]
     if len(start) > 1:
         for step in FASTER:
             alone = np.eye(len(start), dtype=bool)
             kernels += list(np.where(alone, start + step, start + UNUSED))
-    smallest = np.exp(prior.log_noise_bounds[0])
-    noises = np.log(np.maximum(np.multiply(NOISES, variance), smallest))
-    noises = np.minimum(noises, prior.log_noise_bounds[1])
-    return [
-        prior.theta(kernel=np.clip(kernel, *bounds), log_noise=noise)
-        for kernel in kernels
-        for noise in noises
-    ]
-
-
-def reveal(problem, mode, starts):
-    """The better of a mode and those to which hidden starts lead.
-
-    Parameters
-    ----------
-    problem : Problem
-        What to learn.
-    mode : Mode
-        The best from other starts.
-    starts : list of Start
-        Hidden ones, or none.
-
-    Returns
-    -------
-    mode : Mode
-        Another one only if it gains more than a nat.
-    """
-    if not starts:
-        return mode
-    found = best_of([_step_3(problem, start) for start in starts])
-    gains = found.value > mode.value + problem.tuning.doubt
-    if gains:
-        found = shake(problem, found, 1)
-    return spent_on(found if gains else mode, [mode, found])
-
-
-def _step_3(problem, start):
-    return held_first("down", problem, start.theta(problem))
+    return [np.clip(kernel, *bounds) for kernel in kernels]

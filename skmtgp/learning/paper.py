@@ -15,7 +15,7 @@ from skmtgp.learning.ranks import (
     make_starts,
     more_starts,
 )
-from skmtgp.learning.stages import from_each_start, with_starts
+from skmtgp.learning.stages import from_each_start, likeliest, with_starts
 
 
 def learn_staged(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
@@ -33,11 +33,6 @@ def learn_staged(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         [with_starts(mode, [*of, *others]) for mode in of_output]
         for of_output, of, others in zip(modes, starts, more, strict=True)
     ]
-
-
-def likeliest(starts):
-    """The start whose step 1 reached most, section 3.1."""
-    return max(starts, key=lambda start: start.mode.value)
 
 
 def _third_step(problem, start):

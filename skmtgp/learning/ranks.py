@@ -6,12 +6,11 @@ on its own, and from the mode of the one without, which is part of it.
 """
 
 from functools import partial
-from itertools import compress
 
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
-from skmtgp.learning.hidden import hidden_start, may_hide, reveal
+from skmtgp.learning.hidden import reveal
 from skmtgp.learning.nesting import descend, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
@@ -49,18 +48,17 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """
     coarse = _coarsest(problems)
     starts = make_starts(coarse, n_jobs)
-    hidden = hidden_starts(coarse, starts, n_jobs)
     more = more_starts(coarse, starts, seeds, n_jobs)
     starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
-    options = {"hidden": hidden, "n_jobs": n_jobs, "progress": progress}
+    options = {"n_jobs": n_jobs, "progress": progress}
     modes = _coarse_to_fine(problems, forms, starts, **options)
     if isinstance(forms[0], WithDiagonal):
         without = [form.form for form in forms]
         simpler = _coarse_to_fine(problems, without, starts, **options)
         modes = _with_diagonal(problems, forms, simpler, modes, n_jobs)
     return [
-        [with_starts(mode, [*of_output, *hidden_of]) for mode in of]
-        for of, of_output, hidden_of in zip(modes, starts, hidden, strict=True)
+        [with_starts(mode, of_output) for mode in of]
+        for of, of_output in zip(modes, starts, strict=True)
     ]
 
 
@@ -68,7 +66,7 @@ def _coarsest(problems):
     return [problem.coarse_to_fine()[0] for problem in problems]
 
 
-def _coarse_to_fine(problems, forms, starts, *, hidden, n_jobs, progress):
+def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     """The best mode from some of the rows, learned on from more and more of them."""
     coarse = _coarsest(problems)
     fine = any(
@@ -89,7 +87,7 @@ def _coarse_to_fine(problems, forms, starts, *, hidden, n_jobs, progress):
         partial(progress, "learning", len(jobs), shaken),
     )
     modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reporters=reporters)
-    modes = _revealed(coarse, forms, by_output(modes, forms), hidden, n_jobs, progress)
+    modes = _revealed(coarse, forms, by_output(modes, forms), n_jobs)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     if not fine:
@@ -101,16 +99,16 @@ def _coarse_to_fine(problems, forms, starts, *, hidden, n_jobs, progress):
     return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
 
 
-def _revealed(problems, forms, modes, hidden, n_jobs, progress):
-    """The modes, or those of hidden starts where these are better."""
-    if not any(hidden):
-        return modes
-    of_each = [starts for starts in hidden for _ in forms]
-    jobs = _of_each(problems, forms, modes)
-    jobs = [(*job, starts) for job, starts in zip(jobs, of_each, strict=True)]
-    describe = description(problems, forms, stage=", without levels first")
-    report = progress("levels", len(jobs), describe)
-    return by_output(run(reveal, jobs, n_jobs=n_jobs, report=report), forms)
+def _revealed(problems, forms, modes, n_jobs):
+    """The same with another mode of the highest rank if its noise hid functions.
+
+    Lower ranks learn of it when theirs is cut from it.
+    """
+    highest = [
+        (of.with_form(forms[-1]), m[-1]) for of, m in zip(problems, modes, strict=True)
+    ]
+    found = run(reveal, highest, n_jobs=n_jobs)
+    return [[*of[:-1], mode] for of, mode in zip(modes, found, strict=True)]
 
 
 def _with_diagonal(problems, forms, simpler, modes, n_jobs):
@@ -129,22 +127,24 @@ def _with_diagonal(problems, forms, simpler, modes, n_jobs):
 
 
 def description(problems, forms, n_starts=1, *, stage=""):
-    """What to say of the mode of an output, form and start, which come in this order.
+    """What to say of the mode of each output and form; the stage follows its name.
 
-    Of the starts it is said once, when all have come. The stage follows the name.
+    Of several starts it is said once, when all have come: first those that are the
+    first of an output and form, then all others.
     """
     names = [f"{problem.name}, {form}" for problem in problems for form in forms]
     stage = f", the best of {n_starts} starts" if n_starts > 1 else stage
-    of_this = []
+    found = [[] for _ in names]
 
     def describe(i, mode):
-        of_this.append(mode)
-        if len(of_this) < n_starts:
+        others = i - len(names)  # starts but the first one of each
+        j = i if others < 0 else others // (n_starts - 1)
+        found[j].append(mode)
+        if len(found[j]) < n_starts:
             return None
-        best = max(of_this, key=lambda mode: mode.value)
-        of_this.clear()
+        best = max(found[j], key=lambda mode: mode.value)
         return (
-            f"{names[i // n_starts]}{stage}: log marginal likelihood {best.value:.2f} "
+            f"{names[j]}{stage}: log marginal likelihood {best.value:.2f} "
             f"(scaled) of {best.n_samples} rows after {best.n_iter} iterations"
         )
 
@@ -178,20 +178,6 @@ def make_starts(problems, n_jobs, *, relaxed=True):
     """
     first = partial(first_stage, relaxed=relaxed)
     return _from_fixed(first, problems, n_jobs)
-
-
-def hidden_starts(problems, starts, n_jobs):
-    """Starts for functions that levels may hide, for each output.
-
-    None where noise explains next to nothing of the targets at the other starts, or
-    where the tasks have so few rows that their means take most of what they tell.
-    """
-    hiding = [
-        may_hide(problem, [start.mode for start in of])
-        for problem, of in zip(problems, starts, strict=True)
-    ]
-    found = iter(_from_fixed(hidden_start, list(compress(problems, hiding)), n_jobs))
-    return [next(found) if hides else [] for hides in hiding]
 
 
 def _from_fixed(start, problems, n_jobs):

@@ -30,7 +30,7 @@ def learn_fixed(problem):
     theta = problem.theta(K_rho=1.1 * np.eye(problem.prior.n_tasks))  # kappa is 0.1
     relaxed = climb(coarse, theta, relaxed=True)
     direct = relaxed.then(climb(coarse, relaxed.theta))
-    modes = [direct, annealed(coarse, theta)]
+    modes = [direct, annealed(coarse, theta).mode]
     return refine(problem, best_of(modes, doubt=problem.tuning.doubt))
 
 
@@ -128,7 +128,7 @@ def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
         The best one of each job, with what was spent on all.
     """
     of_starts, of_jobs = reporters or (lambda: None, lambda: None)
-    found = from_each_start(_follow, jobs, n_jobs=n_jobs, report=of_starts())
+    found = _followed(jobs, n_jobs, of_starts())
     best = [
         (problem, best_of(modes, doubt=problem.tuning.doubt), shakes)
         for (problem, _), modes in zip(jobs, found, strict=True)
@@ -136,8 +136,45 @@ def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
     return run(shake, best, n_jobs=n_jobs, report=of_jobs())
 
 
-def _follow(problem, start):
-    return annealed(problem, start.theta(problem))
+def _followed(jobs, n_jobs, report):
+    """Modes from each start of each job: from the likeliest, then from the others."""
+
+    def say(i, ascent):
+        if report is not None:
+            report(i, ascent.mode)
+
+    first = run(
+        _follow,
+        [(problem, likeliest(starts)) for problem, starts in jobs],
+        n_jobs=n_jobs,
+        report=say,
+    )
+    others = [
+        (problem, start, [known])
+        for (problem, starts), known in zip(jobs, first, strict=True)
+        for start in starts
+        if start is not likeliest(starts)
+    ]
+    rest = run(
+        _follow,
+        others,
+        n_jobs=n_jobs,
+        report=lambda i, ascent: say(len(jobs) + i, ascent),
+    )
+    rest = iter(ascent.mode for ascent in rest)
+    return [
+        [ascent.mode, *islice(rest, len(starts) - 1)]
+        for ascent, (_, starts) in zip(first, jobs, strict=True)
+    ]
+
+
+def likeliest(starts):
+    """The start whose step 1 reached most, section 3.1."""
+    return max(starts, key=lambda start: start.mode.value if start.mode else -np.inf)
+
+
+def _follow(problem, start, known=()):
+    return annealed(problem, start.theta(problem), known)
 
 
 def from_each_start(function, jobs, *, n_jobs=None, report=None):

@@ -28,10 +28,22 @@ class Tuning:
     doubt : float
         Nats by which a mode that stalled must be better than one that did not, for its
         value lacks digits.
+    alike : float
+        Nats between the values of points that are taken for the same mode,
+    alike_covariance : float
+        and the difference of their covariances of f, relative,
+    alike_noise : float
+        and of the logarithms of their noise variances.
+    compared : int
+        Rows between which these covariances are.
+    look_every : int
+        Iterations between two looks whether a climb nears a mode that is known.
+    held_down : int
+        Most iterations while the noise is held down: k^x needs no more to take shape.
     lowered : tuple of float
         Noise variance of noisy data while it is held down, of a mode's.
     shakes : int
-        How often the best mode is shaken: the third time seldom gains.
+        How often the best mode is shaken at most: the third time seldom gains.
     singular : float
         Of the mean diagonal of K^x, what is added where there is nothing to explain.
     report_every : int
@@ -66,6 +78,12 @@ class Tuning:
     relaxed: float = 5.0
     relaxed_tol: float = 0.3
     doubt: float = 1.0
+    alike: float = 1.0
+    alike_covariance: float = 0.05
+    alike_noise: float = 0.2
+    compared: int = 100
+    look_every: int = 3
+    held_down: int = 20
     lowered: tuple = (1e-3, 1e-1)
     shakes: int = 3
     singular: float = 1e-12

@@ -175,6 +175,12 @@ class Prior:
         """K^rho at theta, of shape (n_tasks, n_tasks)."""
         return self.task_covariance.matrix(self._split(theta)[1])
 
+    def covariance(self, theta, X, tasks):
+        """Of f at X, (n_samples, n_samples), with the task of each row."""
+        level = self.values(theta).level * np.equal.outer(tasks, tasks)
+        K_rho = self.K_rho_at(theta)[np.ix_(tasks, tasks)]
+        return K_rho * self.kernel_at(theta)(X) + level
+
     def log_noise_at(self, theta):
         """Logarithms of the noise variances at theta, of shape (n_noise,)."""
         return self._split(theta)[3]

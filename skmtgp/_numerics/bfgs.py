@@ -52,7 +52,9 @@ class Optimum(NamedTuple):
     stalled: bool
 
 
-def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
+def minimize(
+    fun, x, lower, upper, *, metric=None, max_iter, tol, patience=PATIENCE, report=None
+):
     """Minimise a smooth function within bounds by BFGS steps on the free parameters.
 
     Parameters
@@ -72,6 +74,8 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
     tol : float
         Stop when, for several iterations, neither the model expects a step to gain
         more than this nor the steps did.
+    patience : int, default=20
+        For how many iterations, unless the model is certain.
     report : callable, default=None
         Called after each iteration with its number, the point and the value. It ends
         if that returns True.
@@ -82,7 +86,7 @@ def minimize(fun, x, lower, upper, *, metric=None, max_iter, tol, report=None):
         The best point found.
     """
     hessian = DenseHessian(metric) if len(x) <= MOST_DENSE else LimitedMemory()
-    return _BFGS(fun, x, lower, upper, hessian).run(max_iter, tol, report)
+    return _BFGS(fun, x, lower, upper, hessian).run(max_iter, tol, patience, report)
 
 
 class DenseHessian:
@@ -156,13 +160,13 @@ class _BFGS:
         self.x = np.clip(x, lower, upper)
         self.f, self.g = self._evaluate(self.x)
 
-    def run(self, max_iter, tol, report):
+    def run(self, max_iter, tol, patience, report):
         n_iter, still, stuck = 0, 0, False
         running = bool(len(self.x) and np.isfinite(self.f))
         expected_gain = np.inf if running else 0.0
         if running and max_iter:
             self._restart()
-        while running and n_iter < max_iter and still < PATIENCE:
+        while running and n_iter < max_iter and still < patience:
             direction, expected_gain = self._direction()
             if still >= CERTAIN and expected_gain < NOTHING * tol:
                 break

@@ -1,51 +1,66 @@
-"""Whether a climb is on its way to a mode that is known already."""
-
-from functools import cache
+"""Whether a climb is worth going on, beside what is known already."""
 
 import numpy as np
 
 
-def nearing(problem, known):
-    """What says whether a point is as good as one of several modes.
-
-    Its value is within a nat below the mode's, and the covariances of f between some of
-    the rows, which rotations of the factor and features without effect leave alone, are
-    nearly the same, as are the noise variances.
+class Rivals:
+    """Where other climbs of the same problem ended.
 
     Parameters
     ----------
     problem : Problem
         What is learned.
-    known : sequence of Mode
-        Modes of the same problem.
-
-    Returns
-    -------
-    near : callable
-        (theta, value) -> bool.
+    modes : sequence of Mode
+        Modes of it, or none.
     """
-    tuning, prior, data = problem.tuning, problem.prior, problem.data
 
-    @cache
-    def some():
-        rows = np.linspace(0, len(data) - 1, min(len(data), tuning.compared))
-        rows = rows.astype(int)
-        return np.asarray(data.X[rows], dtype=float), np.asarray(data.tasks[rows])
+    def __init__(self, problem, modes):
+        self.problem, self.modes = problem, modes
+        self.best = max((mode.value for mode in modes), default=-np.inf)
+        self.before = -np.inf
+        self._known = None
 
-    @cache
-    def covariance_of(i):
-        return prior.covariance(known[i].theta, *some())
+    def settle(self, n_iter, theta, value):
+        """Whether a climb may end at theta: near a mode, or with no hope of the best.
 
-    def near(theta, value):
-        return any(
-            abs(mode.value - value) < tuning.alike
-            and _is_near(prior.log_noise_at(theta), prior.log_noise_at(mode.theta))
-            and np.linalg.norm(prior.covariance(theta, *some()) - covariance_of(i))
-            < tuning.alike_covariance * np.linalg.norm(covariance_of(i))
-            for i, mode in enumerate(known)
+        Called after each iteration, of which it looks at some.
+        """
+        tuning = self.problem.tuning
+        if not self.modes or n_iter % tuning.look_every:
+            return False
+        gain, self.before = value - self.before, value
+        hopeless = self.best - value > max(tuning.hopeless * gain, tuning.alike)
+        return hopeless or self.near(theta, value)
+
+    def near(self, theta, value):
+        """Whether a point is as good as one of the modes.
+
+        Its value is within a nat of the mode's, and the covariances of f between some
+        of the rows, which rotations of the factor and features without effect leave
+        alone, are nearly the same, as are the noise variances.
+        """
+        tuning, prior = self.problem.tuning, self.problem.prior
+        log_noise = prior.log_noise_at(theta)
+        close = [
+            mode
+            for mode in self.modes
+            if abs(mode.value - value) < tuning.alike
+            and np.abs(log_noise - prior.log_noise_at(mode.theta)).max()
+            < tuning.alike_noise
+        ]
+        if not close:
+            return False
+        K = self._covariance(theta)
+        others = [self._covariance(mode.theta) for mode in close]
+        limit = tuning.alike_covariance * np.linalg.norm(K)
+        return any(np.linalg.norm(K - other) < limit for other in others)
+
+    def _covariance(self, theta):
+        """Of f, between some of the rows."""
+        data = self.problem.data
+        rows = np.linspace(
+            0, len(data) - 1, min(len(data), self.problem.tuning.compared)
         )
-
-    def _is_near(log_noise, other):
-        return np.abs(log_noise - other).max() < tuning.alike_noise
-
-    return near
+        rows = rows.astype(int)
+        X, tasks = (np.asarray(of[rows]) for of in (data.X, data.tasks))
+        return self.problem.prior.covariance(theta, X.astype(float), tasks)

@@ -5,8 +5,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._numerics.bfgs import minimize
-from skmtgp.learning.agreement import nearing
+from skmtgp._numerics.bfgs import PATIENCE, minimize
+from skmtgp.learning.agreement import Rivals
 from skmtgp.learning.problem import Mode, best_of
 
 
@@ -28,7 +28,8 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
         Whether the noise variance is held up, see `Problem.log_held`, or down, where
         it begins, for some iterations.
     known : sequence of Mode
-        Where others of its kind ended. It ends where it is about to end there, too.
+        Where others of its kind ended. It ends where it is about to end there, too, or
+        cannot hope to come as far.
 
     Returns
     -------
@@ -48,6 +49,7 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
         metric=_metric(likelihood),
         max_iter=_most_iterations(problem, held),
         tol=tol,
+        patience=problem.tuning.relaxed_patience if relaxed else PATIENCE,
         report=_watch(problem, known, penalise),
     )
     value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
@@ -149,11 +151,15 @@ def annealed(problem, theta, known=()):
     Returns
     -------
     ascent : Ascent
-        Without the second climb if the first one ended where another did.
+        Without the second climb if the first one ended where another did, or far
+        below.
     """
     before = [ascent.held for ascent in known]
     held = climb(problem, theta, relaxed=True, held="up", known=before)
-    if nearing(problem, before)(held.theta, held.value):
+    best = max((mode.value for mode in before), default=-np.inf)
+    if held.value < best - problem.tuning.poorer or Rivals(problem, before).near(
+        held.theta, held.value
+    ):
         return Ascent(held, held)
     ends = [ascent.mode for ascent in known]
     return Ascent(held, held.then(climb(problem, held.theta, known=ends)))
@@ -251,15 +257,12 @@ def lower(problem, mode):
 
 def _watch(problem, known, penalise):
     """What is called after each iteration: it may print, and may end the climb."""
-    say, near = _reporter(problem), nearing(problem, known) if known else None
-    often = problem.tuning.look_every
+    say, rivals = _reporter(problem), Rivals(problem, known)
 
     def watch(n_iter, x, value):
         if say:
             say(n_iter, x, value)
-        if near is None or n_iter % often:
-            return False
-        return near(x, penalise(x)[0] - value)
+        return rivals.settle(n_iter, x, penalise(x)[0] - value)
 
     return watch
 

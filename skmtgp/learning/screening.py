@@ -78,6 +78,7 @@ def differ_in_noise(problem, mode):
     At the mode with shared noise, a variance r times as large for a task gains about
     :math:`\tfrac12 \nu (r - 1 - \log r)` where r is its squared residuals over those
     expected, and :math:`\nu` the degrees of freedom that its rows leave to the noise.
+    Noise that is the same for all gains about half a nat for each task by chance.
 
     Parameters
     ----------
@@ -99,7 +100,8 @@ def differ_in_noise(problem, mode):
     told = freedom > 1e-3
     ratio = np.maximum(squares[told] / freedom[told], 1e-10)
     gain = 0.5 * freedom[told] @ (ratio - 1.0 - np.log(ratio))
-    return bool(gain > 0.25 * price_of_tasks(problem.data))
+    by_chance = 0.5 * told.sum() + np.sqrt(2.0 * told.sum())
+    return bool(gain > max(0.25 * price_of_tasks(problem.data), by_chance))
 
 
 def with_own_noise(problem, mode):

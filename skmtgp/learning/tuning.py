@@ -25,6 +25,8 @@ class Tuning:
         wider than what is learned, but not infinite.
     relaxed_tol : float
         Gain in nats under which such a climb ends: another one follows.
+    relaxed_patience : int
+        Iterations that gain less before it ends.
     doubt : float
         Nats by which a mode that stalled must be better than one that did not, for its
         value lacks digits.
@@ -37,7 +39,12 @@ class Tuning:
     compared : int
         Rows between which these covariances are.
     look_every : int
-        Iterations between two looks whether a climb nears a mode that is known.
+        Iterations between two looks whether a climb nears a mode that is known,
+    hopeless : float
+        or needs so many times what the last of them gained to come as far.
+    poorer : float
+        Nats by which a climb with the noise held up may end below another one: beyond,
+        it is not gone on with.
     held_down : int
         Most iterations while the noise is held down: k^x needs no more to take shape.
     lowered : tuple of float
@@ -77,12 +84,15 @@ class Tuning:
     refinement: float = 4.0
     relaxed: float = 5.0
     relaxed_tol: float = 0.3
+    relaxed_patience: int = 5
     doubt: float = 1.0
     alike: float = 1.0
     alike_covariance: float = 0.05
     alike_noise: float = 0.2
     compared: int = 100
-    look_every: int = 3
+    look_every: int = 5
+    hopeless: float = 10.0
+    poorer: float = 10.0
     held_down: int = 20
     lowered: tuple = (1e-3, 1e-1)
     shakes: int = 3

@@ -48,16 +48,20 @@ def reveal(problem, mode):
     mode : Mode
         Another one only if it gains more than a nat.
     """
-    if not may_hide(problem, mode):
-        return mode
-    found = lower(problem, mode)
-    for start in _hidden_starts(problem):
-        begin = start.theta(problem)
-        best = best_of([mode, *found])
-        found.append(start.mode.then(lowered_first(problem, begin, [best])))
-    best = best_of(found) if found else mode
-    gains = best.value > mode.value + problem.tuning.doubt
-    return spent_on(best if gains else mode, [mode, *found])
+    modes = [mode]
+    for starts in (_hidden_starts, None, None):  # there may be several, one by one
+        if not may_hide(problem, mode):
+            break
+        found = lower(problem, mode)
+        for start in starts(problem) if starts else []:
+            begin, best = start.theta(problem), best_of([mode, *found])
+            found.append(start.mode.then(lowered_first(problem, begin, [best])))
+        modes += found
+        best = max([mode, *found], key=lambda of: of.value)
+        if best.value <= mode.value + problem.tuning.doubt:
+            break
+        mode = best
+    return spent_on(mode, modes)
 
 
 def may_hide(problem, mode):

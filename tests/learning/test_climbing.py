@@ -17,7 +17,7 @@ from drawn import (
 
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import climbing, nesting, stages
-from skmtgp.learning.climbing import annealed, climb, shake
+from skmtgp.learning.climbing import annealed, climb, lower, shake
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.model.task_covariance import identity, low_rank, ones
@@ -148,12 +148,13 @@ def test_annealed_holds_the_noise_up_at_first(data, monkeypatch):
         return climbs[-1][2]
 
     monkeypatch.setattr(climbing, "climb", spy)
-    mode = annealed(problem, start_of(problem) - 5.0)
+    first, mode = annealed(problem, start_of(problem) - 5.0)
     (_, held, up), (start, free, end) = climbs
-    assert held == {"relaxed": True, "held": "up"}
+    assert held == {"relaxed": True, "held": "up", "known": []}
+    assert first is up
     assert up.theta[-1] >= problem.log_held
     np.testing.assert_array_equal(start, up.theta)
-    assert free == {}
+    assert free == {"known": []}
     np.testing.assert_array_equal(mode.theta, end.theta)
     assert mode.n_evaluations == up.n_evaluations + end.n_evaluations
 
@@ -180,44 +181,54 @@ class TestShake:
             assert best.seconds > mode.seconds
             assert best.n_iter > mode.n_iter
 
-    def test_each_begins_where_the_last_ended_and_the_best_counts(
-        self, problem, mode, monkeypatch
+    @pytest.mark.parametrize(
+        ("values", "n", "expected"),
+        [
+            ([-70.0, -50.0, -60.0], 3, -50.0),
+            ([-70.0, -69.5, -40.0], 2, -69.5),  # gained little
+            ([-90.0, -50.0, -70.0], 1, -80.0),
+        ],
+    )
+    def test_each_begins_where_the_last_ended_until_that_gains_little(
+        self, problem, mode, monkeypatch, values, n, expected
     ):
-        starts, values = [], iter([-90.0, -50.0, -70.0])
+        starts, values, mode = [], iter(values), mode._replace(value=-80.0)
 
-        def jump(problem, theta):
-            starts.append(theta[-1])
+        def jump(problem, theta, known):
+            starts.append((theta[-1], len(known)))
             theta = np.append(theta[:-1], -15.0 - len(starts))
             return Mode(theta, next(values), 7, 8, True, False, 1.0, 36)
 
         monkeypatch.setattr(climbing, "climb", jump)
-        best = shake(problem, mode._replace(value=-80.0), 3)
-        assert starts == [np.log(1e-5)] * 3
-        assert best.value == -50.0
-        assert best.theta[-1] == -17.0
-        assert best.n_iter == mode.n_iter + 14
-        assert best.seconds == mode.seconds + 3.0
-        assert best.n_evaluations == mode.n_evaluations + 24
+        best = shake(problem, mode, 3)
+        assert starts == [(np.log(1e-5), 1), (np.log(1e-5), 2), (np.log(1e-5), 3)][:n]
+        assert best.value == expected
+        assert best.seconds == mode.seconds + n
+        assert best.n_evaluations == mode.n_evaluations + 8 * n
+
+    def test_noisy_data_are_not_shaken(self, problem, mode):
+        theta = np.append(mode.theta[:-1], np.log(0.1))
+        noisy = mode._replace(theta=theta, value=-80.0)
+        assert shake(problem, noisy, 2) == noisy
 
     def test_noise_of_noisy_data_is_held_down_at_first(
         self, problem, mode, monkeypatch
     ):
         begun, values = [], iter([-99.0, -50.0, -98.0, -60.0])
 
-        def jump(problem, theta, *, relaxed=False, held=None):
-            begun.append((round(np.exp(theta[-1]), 9), relaxed, held))
+        def jump(problem, theta, *, relaxed=False, held=None, known=()):
+            begun.append((round(np.exp(theta[-1]), 9), relaxed, held, len(known)))
             theta = np.append(theta[:-1], np.log(0.01 if held else 0.02))
             return Mode(theta, next(values), 7, 8, True, False, 1.0, 36)
 
         monkeypatch.setattr(climbing, "climb", jump)
         theta = np.append(mode.theta[:-1], np.log(0.1))
         noisy = mode._replace(theta=theta, value=-80.0)
-        best = shake(problem, noisy, 2)
-        low, lower = (1e-4, True, "down"), (2e-3, True, "down")
-        assert begun == [low, (0.01, False, None), lower, (0.01, False, None)]
-        assert best.value == -50.0
-        assert best.n_iter == mode.n_iter + 14
-        assert best.n_evaluations == mode.n_evaluations + 32
+        found = lower(problem, noisy)
+        down, free = (True, "down", 0), (False, None, 1)
+        assert begun == [(1e-4, *down), (0.01, *free), (2e-3, *down), (0.01, *free)]
+        assert [mode.value for mode in found] == [-50.0, -60.0]
+        assert [mode.n_evaluations for mode in found] == [16, 16]
 
     def test_noise_that_is_held_down_does_not_rise(self, problem, mode):
         theta = np.append(mode.theta[:-1], np.log(1e-4))
@@ -231,4 +242,4 @@ class TestShake:
         given = {"log_noise": noise, "log_noise_bounds": (noise, noise)}
         fixed = pose(data, low_rank(M, 2), **given)
         noisy = mode._replace(theta=np.append(mode.theta[:-1], noise))
-        assert shake(fixed, noisy, 2) == noisy
+        assert lower(fixed, noisy) == []

@@ -103,7 +103,8 @@ class TestCoarseToFine:
         monkeypatch.setattr(climbing, "climb", stay)
         refine(problem, mode)
         held = np.log(1e-5)
-        assert starts == [(21, held, "relaxed", "held"), (21, -22.0), (36, held)]
+        first = [(21, held, "relaxed", "held", "known"), (21, -22.0, "known")]
+        assert starts == [*first, (36, held)]
         assert mode.theta[-1] == -22.0
 
     @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])

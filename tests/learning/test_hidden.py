@@ -8,10 +8,9 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp.learning import hidden, ranks
+from skmtgp.learning import hidden
 from skmtgp.learning.hidden import hidden_start, reveal
 from skmtgp.learning.problem import Mode
-from skmtgp.learning.ranks import learn_ranks
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M = 6
@@ -116,55 +115,130 @@ class TestHiddenStart:
         assert (theta[:, :3] == kernel.theta).all(axis=1).sum() == 2
 
 
+def of_noise(data, noise, seed=0):
+    """The same with targets of so much noise, and a mode that takes all for noise."""
+    rng = np.random.default_rng(seed)
+    y = noise * rng.standard_normal(len(data))
+    return replace(data, y=y), np.log(noise**2)
+
+
+class TestMayHide:
+    def mode(self, problem, log_noise):
+        """All targets are noise but for next to nothing."""
+        prior = problem.prior
+        theta = problem.theta(K_rho=1e-12 * np.eye(M), log_noise=log_noise)
+        assert prior.covariance(theta, problem.data.X, problem.data.tasks).max() < 1e-6
+        value = problem.likelihood().value(theta)
+        return Mode(theta, value, 7, 70, True, False, 1.0, len(problem.data))
+
+    def test_slope_is_the_derivative_by_a_variance(self, data):
+        problem = pose(data, identity(M))
+        theta = problem.theta(log_noise=np.log(2.0))
+        K = problem.prior.covariance(theta, data.X, data.tasks)
+        K += 2.0 * np.eye(len(K))
+        of_each = np.equal.outer(data.tasks, data.tasks)
+
+        def log_density(K):
+            fit = data.y @ np.linalg.solve(K, data.y)
+            return -0.5 * (fit + np.linalg.slogdet(K)[1])
+
+        mode = Mode(theta, 0.0, 7, 70, True, False, 1.0, len(data))
+        scores = list(hidden._scores(problem, mode))
+        kernels = hidden._kernels(problem.prior)
+        assert len(scores) == 2 * len(kernels)
+        for k in (0, 1, 5):
+            A = problem.prior.kernel.clone_with_theta(kernels[k])(data.X)
+            for found, added in zip(
+                scores[2 * k : 2 * k + 2], (A, A * of_each), strict=True
+            ):
+                slope = (
+                    log_density(K + 1e-5 * added) - log_density(K - 1e-5 * added)
+                ) / 2e-5
+                WA = np.linalg.solve(K, added)
+                deviation = np.sqrt(0.5 * np.trace(WA @ WA))
+                np.testing.assert_allclose(
+                    found, slope / deviation, rtol=1e-5, atol=1e-6
+                )
+
+    def test_scores_of_a_right_model_are_as_good_as_normal(self, data):
+        problem = pose(data, identity(M))
+        theta = problem.theta(log_noise=np.log(0.5))
+        mode = Mode(theta, 0.0, 7, 70, True, False, 1.0, len(data))
+        K = problem.prior.covariance(theta, data.X, data.tasks)
+        half = np.linalg.cholesky(K + 0.5 * np.eye(len(K)))
+        rng, found = np.random.default_rng(0), []
+        for _ in range(60):
+            drawn = replace(data, y=half @ rng.standard_normal(len(K)))
+            found.append(list(hidden._scores(problem.with_data(drawn), mode)))
+        assert (np.abs(np.mean(found, axis=0)) < 4.0 / np.sqrt(60)).all()
+        deviations = np.std(found, axis=0)
+        assert deviations.min() > 0.6
+        assert deviations.max() < 1.5
+        assert np.mean(np.array(found) > hidden.HINT) < 0.01
+
+    def test_functions_are_seen(self, data):
+        problem = pose(data, low_rank(M, M))
+        rest = problem.with_data(hidden._without_levels(data))
+        mode = self.mode(rest, np.log(rest.data.y.var()))
+        assert hidden.may_hide(rest, mode)
+        noise, log_noise = of_noise(data, 1.5)
+        problem = problem.with_data(noise)
+        assert not hidden.may_hide(problem, self.mode(problem, log_noise))
+
+    @pytest.mark.parametrize(
+        ("changes", "log_noise", "value"),
+        [
+            ({"max_iter": 0}, np.log(2.0), 0.0),  # keeps the starting values
+            ({}, np.log(1e-9), 0.0),  # no noise
+            ({}, np.log(2.0), -np.inf),
+        ],
+    )
+    def test_not_asked(self, data, changes, log_noise, value, monkeypatch):
+        monkeypatch.setattr(hidden, "_scores", lambda *_: pytest.fail("asked"))
+        problem = pose(data, low_rank(M, M), **changes)
+        mode = self.mode(problem, log_noise)._replace(value=value)
+        assert not hidden.may_hide(problem, mode)
+
+
 class TestReveal:
     mode = Mode(np.zeros(3 + 3 * M + 1), 100.0, 7, 70, True, False, 1.0, 240)
 
-    def led_to(self, monkeypatch, data, value):
-        found = self.mode._replace(theta=self.mode.theta + 1.0, value=value)
-        monkeypatch.setattr(hidden, "held_first", lambda *_: found)
-        monkeypatch.setattr(hidden, "shake", lambda *args: args[1])
-        starts = [hidden_start(pose(data, max_iter=1))] * 2
-        return reveal(pose(data, low_rank(M, 3)), self.mode, starts)
+    def led_to(self, monkeypatch, data, values):
+        """Reveal where climbs end at these values, and the rest hides nothing."""
+        asked, values = [], iter(values)
+
+        def ended(problem, *_):
+            theta = self.mode.theta + 1.0
+            return self.mode._replace(theta=theta, value=next(values))
+
+        def may_hide(problem, mode):
+            asked.append(mode.value)
+            return len(asked) == 1
+
+        monkeypatch.setattr(hidden, "may_hide", may_hide)
+        monkeypatch.setattr(hidden, "lower", lambda *of: [ended(*of)])
+        monkeypatch.setattr(hidden, "lowered_first", ended)
+        start = hidden_start(pose(data, max_iter=1))
+        monkeypatch.setattr(hidden, "hidden_start", lambda _: start)
+        found = reveal(pose(data, low_rank(M, 3)), self.mode)
+        spent = 4 * 70 + 2 * start.mode.n_evaluations
+        assert found.n_evaluations == spent
+        return found, asked
 
     @pytest.mark.parametrize("value", [-np.inf, 50.0, 100.9])
     def test_good_modes_stay_as_they_are(self, data, monkeypatch, value):
-        mode = self.led_to(monkeypatch, data, value)
+        mode, asked = self.led_to(monkeypatch, data, [value] * 3)
         assert mode.theta is self.mode.theta
         assert mode.value == 100.0
+        assert asked == [100.0]
 
-    def test_better_ones_are_taken(self, data, monkeypatch):
-        assert self.led_to(monkeypatch, data, 101.1).value == 101.1
+    @pytest.mark.parametrize("values", [[101.1, 0, 9], [0, 101.1, 9], [0, 9, 101.1]])
+    def test_better_ones_are_taken_and_asked_again(self, data, monkeypatch, values):
+        mode, asked = self.led_to(monkeypatch, data, values)
+        assert mode.value == 101.1
+        assert asked == [100.0, 101.1]
 
-    @pytest.mark.parametrize("value", [50.0, 150.0])
-    def test_what_was_spent_counts(self, data, monkeypatch, value):
-        assert self.led_to(monkeypatch, data, value).n_evaluations == 3 * 70
-
-    def test_without_starts(self, data):
-        mode = reveal(pose(data, low_rank(M, 3)), self.mode, [])
-        assert mode is self.mode
-
-
-@pytest.mark.parametrize(("noise", "expected"), [(0.3, [2]), (0.0, [0])])
-def test_only_noisy_data_have_hidden_starts(noise, expected, monkeypatch):
-    """Data without noise are learned as if there were none."""
-    rng, counts = np.random.default_rng(0), []
-    x, task = rng.uniform(0.0, 6.0, (60, 1)), np.repeat([0, 1], 30)
-    y = np.sin(x[:, 0]) * (1.0 + task) + noise * rng.standard_normal(60)
-    data = building.data(x, task, y - y.mean(), 2)
-
-    def count(problems, forms, modes, hidden, *args):
-        counts.extend(len(starts) for starts in hidden)
-        return modes
-
-    monkeypatch.setattr(ranks, "_revealed", count)
-    problem = pose(data, identity(2), RBF(1.0, (1e-2, 1e3)))
-    learn_ranks([problem], [low_rank(2, 1)])
-    assert counts == expected
-
-
-def test_no_iterations_no_hidden_starts(data, monkeypatch):
-    """max_iter=0 keeps the starting values."""
-    monkeypatch.setattr(ranks, "hidden_start", None)
-    problem = pose(data, max_iter=0)
-    [[mode]] = learn_ranks([problem], [low_rank(M, 2)])
-    np.testing.assert_array_equal(mode.theta[:3], problem.prior.kernel.theta)
+    def test_where_nothing_hides(self, data, monkeypatch):
+        monkeypatch.setattr(hidden, "may_hide", lambda *_: False)
+        mode = reveal(pose(data, low_rank(M, 3)), self.mode)
+        assert mode == self.mode

@@ -110,14 +110,14 @@ class TestLearnRanks:
             r"log marginal likelihood -?\d+\.\d\d \(scaled\) of 36 rows after \d+ "
             r"iterations"
         )
-        of_stage = "(, the best of 2 starts|, shaken|, without levels first): log"
+        of_stage = "(, the best of 2 starts|, shaken): log"
         pattern = pattern.replace(": log", of_stage)
         assert listener.lines[0] is None  # the first of two starts
         lines = [line for line in listener.lines if line]
         found = [re.fullmatch(pattern, line).groups() for line in lines]
-        stages = ", the best of 2 starts", ", shaken", ", without levels first"
+        stages = ", the best of 2 starts", ", shaken"
         assert found == [(j, r, stage) for stage in stages for j in "12" for r in "123"]
-        assert listener.stages == [("starts", 12), ("learning", 6), ("levels", 6)]
+        assert listener.stages == [("starts", 12), ("learning", 6)]
 
     def test_report_of_all_rows(self):
         data, few = draw(FACTOR @ FACTOR.T, per_task=30), {"coarse": 36}
@@ -128,7 +128,6 @@ class TestLearnRanks:
         stages = [
             "the best of 2 starts",
             "shaken",
-            "without levels first",
             "from all rows",
         ]
         assert [line.split(", ")[-1] for line in lines] == [f"{s}:" for s in stages]

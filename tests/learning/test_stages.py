@@ -148,7 +148,7 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
     assert best.n_evaluations > alone.n_evaluations  # the other starts' count too
     rho = form.parameters(FACTOR @ FACTOR.T)
     first = np.concatenate([TRUTH, rho, [problem.prior.log_noise]])
-    expected = shake(problem, annealed(problem, first), 2)
+    expected = shake(problem, annealed(problem, first).mode, 2)
     np.testing.assert_array_equal(each[1].theta, expected.theta)
 
 
@@ -163,7 +163,7 @@ def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
     monkeypatch.setattr(stages, "shake", count)
     problem = pose(data, low_rank(M, 2), max_iter=20)
     starts = [Start(TRUTH, FACTOR @ FACTOR.T), Start(KERNEL.theta, np.eye(M))]
-    alone = [annealed(problem, start.theta(problem)) for start in starts]
+    alone = [annealed(problem, start.theta(problem)).mode for start in starts]
     second_stage([(problem, starts)], shakes=shakes)
     [(value, times)] = shaken
     assert times == shakes

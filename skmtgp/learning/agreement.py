@@ -11,14 +11,16 @@ class Rivals:
     problem : Problem
         What is learned.
     modes : sequence of Mode
-        Modes of it, or none.
+        Modes of it, or none. Those that stalled, whose values lack digits, do not
+        count.
     """
 
     def __init__(self, problem, modes):
-        self.problem, self.modes = problem, modes
-        self.best = max((mode.value for mode in modes), default=-np.inf)
+        self.problem, self.modes = problem, [of for of in modes if not of.stalled]
+        self.best = max((mode.value for mode in self.modes), default=-np.inf)
         self.before = -np.inf
-        self._known = None
+        noisy = all(problem.is_noisy(mode, beyond=0.1) for mode in self.modes)
+        self.times = problem.tuning.hopeless if noisy else problem.tuning.creeping
 
     def settle(self, n_iter, theta, value):
         """Whether a climb may end at theta: near a mode, or with no hope of the best.
@@ -26,10 +28,10 @@ class Rivals:
         Called after each iteration, of which it looks at some.
         """
         tuning = self.problem.tuning
-        if not self.modes or n_iter % tuning.look_every:
+        if value > self.best or n_iter % tuning.look_every:
             return False
         gain, self.before = value - self.before, value
-        hopeless = self.best - value > max(tuning.hopeless * gain, tuning.alike)
+        hopeless = self.best - value > max(self.times * gain, tuning.alike)
         return hopeless or self.near(theta, value)
 
     def near(self, theta, value):

@@ -87,9 +87,10 @@ class Problem:
         held = min(held, self.prior.log_noise)
         return float(np.clip(held, *self.prior.log_noise_bounds))
 
-    def is_noisy(self, mode):
+    def is_noisy(self, mode, *, beyond=0.0):
         """Whether the noise variances of a mode are above where they are held."""
-        return bool((self.prior.log_noise_at(mode.theta) >= self.log_held).all())
+        least = self.log_held + beyond
+        return bool((self.prior.log_noise_at(mode.theta) >= least).all())
 
     def with_noise(self, theta):
         """Theta with kappa and the noise variance raised to where they are held."""

@@ -41,7 +41,9 @@ class Tuning:
     look_every : int
         Iterations between two looks whether a climb nears a mode that is known,
     hopeless : float
-        or needs so many times what the last of them gained to come as far.
+        or needs so many times what the last of them gained to come as far,
+    creeping : float
+        where there is noise; without, climbs creep along valleys, and sometimes leap.
     poorer : float
         Nats by which a climb with the noise held up may end below another one: beyond,
         it is not gone on with.
@@ -84,7 +86,7 @@ class Tuning:
     refinement: float = 4.0
     relaxed: float = 5.0
     relaxed_tol: float = 0.3
-    relaxed_patience: int = 5
+    relaxed_patience: int = 10
     doubt: float = 1.0
     alike: float = 1.0
     alike_covariance: float = 0.05
@@ -92,7 +94,8 @@ class Tuning:
     compared: int = 100
     look_every: int = 5
     hopeless: float = 10.0
-    poorer: float = 10.0
+    creeping: float = 50.0
+    poorer: float = 30.0
     held_down: int = 20
     lowered: tuple = (1e-3, 1e-1)
     shakes: int = 3

@@ -50,7 +50,8 @@ from skmtgp import (
 )
 from skmtgp.kernels import ARDLinear, Columns
 
-PARTS = "default", "search", "baselines", "best"
+FITTED = "default", "search"
+PARTS = *FITTED, "baselines", "best"
 OF_THE_MODEL = ("noise_variance_bounds",)  # beside what is learned or chosen
 FAR = 1e100  # for a likelihood that cannot be computed
 ROUNDS = 5  # of L-BFGS, each from where the one before has ended
@@ -64,14 +65,19 @@ class Results:
     path : Path or None
         To which rows are appended. None keeps them in memory alone.
     also : sequence of Path
-        Files that are read, too; rows of `path` count where both have them.
+        Files of other versions. Their baselines and best modes count as if they were in
+        the file, their fits for the best known likelihoods alone.
     """
 
     def __init__(self, path, also=()):
         self.path, self.rows = path, {}
-        for of in [*also, *([path] if path is not None and path.exists() else [])]:
-            rows = [json.loads(line) for line in of.read_text().splitlines()]
-            self.rows |= {self.key(row): row for row in rows}
+        for of in also:
+            for row in _read(of):
+                if row["model"] in FITTED:
+                    row["model"] += f" of {of}"
+                self.rows[self.key(row)] = row
+        if path is not None and path.exists():
+            self.rows |= {self.key(row): row for row in _read(path)}
 
     @staticmethod
     def key(row):
@@ -84,6 +90,10 @@ class Results:
         if self.path is not None:
             with self.path.open("a") as file:
                 file.write(json.dumps(row) + "\n")
+
+
+def _read(path):
+    return [json.loads(line) for line in path.read_text().splitlines()]
 
 
 # the models
@@ -382,7 +392,7 @@ def problems_of(arguments):
 
 def fits_of(name, arguments):
     """Models that are fitted to a problem, and their parameters."""
-    of_tasks = [model for model in ("default", "search") if model in arguments.only]
+    of_tasks = [model for model in FITTED if model in arguments.only]
     yield from ((model, arguments.params) for model in of_tasks)
     if "baselines" in arguments.only:
         yield from ((model, {}) for model in baselines_of(name.split("/")[0]))
@@ -390,7 +400,7 @@ def fits_of(name, arguments):
 
 def best_of(name, results, arguments):
     """What the fits to a problem have chosen, of which the best is to be known."""
-    for model in ("default", "search"):
+    for model in FITTED:
         row = results.rows.get((name, model, settings_of(arguments.params)), {})
         if "config" in row and row["n"] <= arguments.most_rows:
             yield "best", {**row["config"], "restarts": arguments.restarts}
@@ -465,7 +475,9 @@ def main():
             of = partial(best_of, results=results, arguments=arguments)
             modes = [(name, *found) for name in names for found in of(name)]
             work(missing(modes, results, arguments.redo), results, arguments)
-    rows = [row for row in results.rows.values() if row["problem"] in set(names)]
+    place = {name: k for k, name in enumerate(names)}
+    rows = [row for row in results.rows.values() if row["problem"] in place]
+    rows.sort(key=lambda row: place[row["problem"]])
     report(rows, settings_of(arguments.params))
 
 

@@ -4,7 +4,8 @@ Best known is the highest likelihood of the same model (rank, units, noise, ...)
 same problem, whoever found it; a fit counts in the columns of nats where "best" has
 looked for it. Ratios of errors are medians over the problems of a class. "best of 3"
 is the ratio over the least of the errors of IndependentGP, PooledGP and SingleTaskGP,
-which is taken for each problem. Coverage is of 95 % intervals of y.
+which is taken for each problem. Coverage is of 95 % intervals of y,
+"noise" the deviation that was learned over the true one.
 """
 
 import json
@@ -102,6 +103,7 @@ def described(fit, best, errors):
     """A fit beside the best known and the baselines."""
     kept = {key: fit.get(key) for key in ("problem", "class", "seconds", "evaluations")}
     kept |= {"failed": "failed" in fit, "coverage": fit.get("coverage", np.nan)}
+    kept |= {"noise": fit.get("noise", np.nan)}
     kept |= {"below": np.nan, "best": np.nan, "lml": fit.get("lml")}
     if kept["failed"]:
         return kept
@@ -145,7 +147,7 @@ def by_relation(own, of_this, alone):
 
 def by_class(table):
     """A line for each class, and one for all."""
-    groups = [(name, part) for name, part in table.groupby("class", sort=False)]
+    groups = list(table.groupby("class", sort=False))
     lines = {name: line(part) for name, part in [*groups, ("ALL", table)]}
     return pd.DataFrame(lines).T
 
@@ -165,6 +167,7 @@ def line(part):
     right = part["right"].dropna() if "right" in part else part["below"].head(0)
     return found | {
         "coverage": part["coverage"].mean(),
+        "noise": part["noise"].median(),
         "rank %": 100.0 * right.mean() if len(right) else np.nan,
         "s": part["seconds"].median(),
         "s, all": part["seconds"].sum(),

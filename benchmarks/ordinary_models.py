@@ -27,6 +27,7 @@ from skmtgp import (
 from skmtgp.kernels import ARDLinear, Columns
 
 OF_THE_MODEL = ("noise_variance_bounds",)  # beside what is learned or chosen
+NUDGE = 1e-2  # of the truth's parameters, off saddles
 FAR = 1e100  # for a likelihood that cannot be computed
 ROUNDS = 5  # of L-BFGS, each from where the one before has ended
 
@@ -311,8 +312,8 @@ def true_theta(model, drawn):
     )
     begin = model.kernel_.n_dims
     rho = slice(begin, begin + prior.task_covariance.n_parameters)
-    theta[rho] += 1e-3 * np.random.default_rng(0).standard_normal(rho.stop - begin)
+    theta[rho] += NUDGE * np.random.default_rng(0).standard_normal(rho.stop - begin)
     if model.task_levels:
         level = np.square(truth.level / scale).mean()
-        theta[rho.stop] = np.log(level + np.finfo(float).tiny)
+        theta[rho.stop] = np.log(max(level, NUDGE))  # a logarithm far down is stuck
     return theta

@@ -22,7 +22,8 @@ RANKED = "rank-1", "rank-2", "rank-3"  # eight tasks of ten rows and more
 RIGHT = 0.95  # of the ranks that BIC chooses there
 BESIDE = {"ridge": 1.05, "leveled": 1.05}  # hundreds of tasks, in each draw
 COVERED = 0.92, 0.97
-SHOWN = 40  # fits below the best known that are listed, the worst first
+POOR = 1.5  # an error over the best of the baselines', to be listed
+SHOWN = 40  # fits of a list, the worst first
 
 
 class Verdicts:
@@ -66,7 +67,8 @@ def report(rows, settings):
             print(f"\n{name}, {settings}\n")
             table = pd.DataFrame([described(fit, best, errors) for fit in fits])
             print(by_class(table).to_string(float_format="{:.3g}".format))
-            show_worst(table)
+            show_far(table)
+            show_poor(table)
             judge(verdicts, model, table)
     show_failures(rows)
     if verdicts.rows:
@@ -103,7 +105,7 @@ def described(fit, best, errors):
     """A fit beside the best known and the baselines."""
     kept = {key: fit.get(key) for key in ("problem", "class", "seconds", "evaluations")}
     kept |= {"failed": "failed" in fit, "coverage": fit.get("coverage", np.nan)}
-    kept |= {"noise": fit.get("noise", np.nan)}
+    kept |= {"noise": fit.get("noise", np.nan), "/best of 3": np.nan}
     kept |= {"below": np.nan, "best": np.nan, "lml": fit.get("lml")}
     if kept["failed"]:
         return kept
@@ -175,13 +177,25 @@ def line(part):
     }
 
 
-def show_worst(table):
+def show_far(table):
     """The fits that are not close to the best known."""
     far = table[table["below"] > CLOSE].sort_values("below", ascending=False)
     if len(far):
         print(f"\nMore than {CLOSE:g} nats below the best known: {len(far)}\n")
         columns = ["problem", "lml", "best", "below", "chose"]
         print(far[columns].head(SHOWN).to_string(index=False))
+
+
+def show_poor(table):
+    """The fits that are worse than the best of the baselines, the worst first."""
+    poor = table[table["/best of 3"] > POOR].sort_values("/best of 3", ascending=False)
+    if len(poor):
+        print(f"\nErrors of more than {POOR:g} times the best of 3: {len(poor)}\n")
+        columns = ["problem", "/best of 3", "/truth", "coverage", "noise", "chose"]
+        shown = [column for column in columns if column in poor]
+        print(
+            poor[shown].head(SHOWN).to_string(index=False, float_format="{:.3g}".format)
+        )
 
 
 def show_failures(rows):

@@ -7,6 +7,7 @@ __all__ = [
     "IncompleteDataWarning",
     "InsufficientMemoryError",
     "JitterWarning",
+    "LongFitWarning",
     "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
     "PrecisionWarning",
@@ -79,6 +80,19 @@ class JitterWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import JitterWarning
     >>> warnings.simplefilter("error", JitterWarning)  # stop where it happens
+    """
+
+
+class LongFitWarning(UserWarning):
+    """A fit will take minutes.
+
+    Given before it begins, with about how long, and what takes less.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import LongFitWarning
+    >>> warnings.simplefilter("ignore", LongFitWarning)
     """
 
 

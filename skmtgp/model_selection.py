@@ -167,6 +167,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model.set_params(rank=ranks[-1])
         n_kept = len(ranks) if self.keep_estimators else 1
         problems = model._problems(training, len(ranks), n_kept)
+        model._warn_of_duration(problems, len(ranks))
         forms = [model._form(n_tasks, rank) for rank in ranks]
         with limit_threads(side(problems)):
             modes = model._learn_ranks(problems, forms, progress)

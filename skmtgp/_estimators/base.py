@@ -28,9 +28,12 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
+from skmtgp.learning.forecast import seconds_of
 from skmtgp.learning.problem import Budget, Problem
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
@@ -40,6 +43,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 # Its least where each task was taken off its own mean: learned from such targets it
 # would be zero, as if the means were known. This is the prior of unit information.
 CENTRED = 1.0
+LONG = 120.0  # seconds of learning that a user wants to know of before
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -96,6 +100,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y, progress)
             problems = self._problems(training)
+            self._warn_of_duration(problems)
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
@@ -103,6 +108,25 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
         return self
+
+    def _warn_of_duration(self, problems, n_forms=1):
+        """Say that learning will take minutes, and what takes less."""
+        if self.max_iter == 0 or not problems[0].engine.exact:
+            return
+        seconds = seconds_of(problems, n_forms)
+        if seconds < LONG:
+            return
+        n = len(problems[0].data)
+        minutes = seconds / 60.0
+        about = (
+            f"{minutes:.0f} minutes" if minutes < 90 else f"{minutes / 60.0:.0f} hours"
+        )
+        warn(
+            f"Learning from {n} rows by {problems[0].engine.name} inference will take "
+            f"very roughly {about} on one processor. inference='sparse' takes less, "
+            "and so do fewer rows.",
+            LongFitWarning,
+        )
 
     def _form_for_screening(self, n_tasks):
         """K^rho of the small model that says in which units to learn."""

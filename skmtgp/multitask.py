@@ -25,6 +25,8 @@ from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.model.task_covariance import low_rank
 
+ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
+
 
 class MultiTaskGPRegressor(BaseMultiTaskGP):
     r"""Multi-task Gaussian process regression with a learned task covariance.
@@ -51,9 +53,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         one length-scale for each feature, started and bounded relative to the feature's
         standard deviation; the task covariance is its amplitude.
     rank : int, default=None
-        Rank of the task covariance, 1 to the number of tasks. None is full rank. 0
-        needs `shared`: one function of all tasks and, with `task_levels`, a level of
-        each, for many tasks of a handful of rows.
+        Rank of the task covariance, 1 to the number of tasks. None is full rank, or
+        the highest that leaves four rows for each number of the task covariance:
+        `rank_` tells. 0 needs `shared`: one function of all tasks and, with
+        `task_levels`, a level of each, for many tasks of a handful of rows.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
@@ -337,7 +340,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 "rank=0 leaves tasks nothing in common: set shared=True, for one "
                 "function of all of them, or rank=1 or more."
             )
-        form = self._form(M, self._rank(M))
+        form = self._form(M, self._rank(M, len(problems[0].data)))
         (modes,) = self._learn_ranks(problems, [form], progress)
         return [problem.with_form(form) for problem in problems], modes
 
@@ -346,8 +349,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         shared = self.shared or rank == 0
         return low_rank(n_tasks, rank, self.diagonal, shared)
 
-    def _rank(self, n_tasks):
-        return n_tasks if self.rank is None else self.rank
+    def _rank(self, n_tasks, n):
+        if self.rank is not None:
+            return self.rank
+        ranks = range(n_tasks, 1, -1)
+        told = (of for of in ranks if ROWS * low_rank(n_tasks, of).n_free <= n)
+        return next(told, 1)
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
@@ -379,7 +386,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         The kernel, the variances of noise and levels, the units and the covariance of
         the tasks so far are kept; only the new border of the task covariance is
         learned, from the marginal likelihood of all samples: as many numbers as the
-        rank, and if `rank` is None or with `diagonal` one more. The level of the new
+        rank, and one more if that is full or with `diagonal`. The level of the new
         task follows from its samples and the levels' variance.
 
         Parameters
@@ -449,7 +456,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(training.tasks),
         )
         demand = Demand(
-            len(training.features), n_tasks, rank=self._rank(n_tasks), n_kept=n_outputs
+            len(training.features), n_tasks, rank=self.rank_ + 1, n_kept=n_outputs
         )
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
         self._engine.check_joining(demand, tiles, n_before, n_new)
@@ -472,13 +479,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 data.X[new],
                 data.y[new],
                 position=position,
-                own=self.rank is None or self.diagonal,
+                own=self.diagonal or self._is_full(),
                 own_noise=training.noise == "per_task",
                 informed=informed,
                 budget=self._budget(),
             )
             more = likelihood, prior, data, position, posterior.kernel
             yield self._engine.joined(*more), mode
+
+    def _is_full(self):
+        """Whether a joining task may have something of its own."""
+        return self.rank is None and self.rank_ == len(self.tasks_)
 
     def _store_learned(self, training, engine, likelihoods, modes):
         super()._store_learned(training, engine, likelihoods, modes)

@@ -354,3 +354,19 @@ class TestCompleteData:
         again = np.vstack([X, X[:1]]), np.append(y, y[0])
         assert model.fit(*again).complete_ is False
         assert model.fit(X[:7], y[:7]).complete_ is True  # one task
+
+
+@pytest.mark.parametrize(
+    ("n_tasks", "rows", "expected"),
+    [(3, 8, 3), (3, 7, 2), (6, 2, 1), (6, 14, 6), (1, 3, 1)],
+)
+def test_the_default_rank_is_what_the_rows_can_tell(n_tasks, rows, expected):
+    """Four rows for each number of the task covariance; M (M + 1) / 2 of full rank."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack(
+        [rng.normal(size=n_tasks * rows), np.repeat(range(n_tasks), rows)]
+    )
+    y = rng.normal(size=len(X))
+    model = MultiTaskGPRegressor(max_iter=0).fit(X, y)
+    assert model.rank_ == expected
+    assert MultiTaskGPRegressor(rank=n_tasks, max_iter=0).fit(X, y).rank_ == n_tasks

@@ -139,7 +139,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """Whether the model can scale itself to the targets."""
         return True
 
-    def _rank(self, n_tasks):
+    def _rank(self, n_tasks, n):
         """How many latent functions the tasks share."""
         return 1
 
@@ -241,7 +241,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _check_memory(self, engine, training, prior, n_ranks, n_kept):
         """Whether memory suffices."""
         (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
-        climbs, rank = n_outputs * self._n_climbs(n_ranks), self._rank(n_tasks)
+        climbs, rank = n_outputs * self._n_climbs(n_ranks), self._rank(n_tasks, n)
         demand = Demand(
             n,
             n_tasks,

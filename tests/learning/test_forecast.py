@@ -1,6 +1,5 @@
 """Fits that take minutes are foreseen."""
 
-
 import numpy as np
 import pytest
 from drawn import draw, pose

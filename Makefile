@@ -111,6 +111,7 @@ ENVS := benchmarks/.envs
 COMPARE := $(BIN)/python benchmarks/peers/run.py
 PAGE := $(BIN)/python benchmarks/peers/page.py
 BENCHFLAGS ?=
+OWNFLAGS ?=
 SPARSEFLAGS ?=
 
 bench: bench-own $(VENV)/ready-to-bench bench-envs
@@ -130,9 +131,10 @@ bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
 	$(PAGE)
 
 # What the package's own benchmarks print is kept, and shown on the page.
-OWN := likelihood memory prediction large_fit modes noisy_modes kronecker digits
+OWN := likelihood memory prediction large_fit modes noisy_modes kronecker digits \
+    levels_and_units
 bench-own: $(VENV)/ready-to-bench
-	$(BIN)/python benchmarks/peers/own_run.py $(OWN)
+	$(BIN)/python benchmarks/peers/own_run.py $(OWN) $(OWNFLAGS)
 	$(BIN)/python benchmarks/growth.py
 	$(BIN)/python benchmarks/engines.py
 

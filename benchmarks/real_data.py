@@ -179,12 +179,15 @@ def tables(rows):
 
 
 def judge(data, test, table):
-    """The defaults against the best of all."""
+    """The defaults against the best of those with as many fits."""
     verdicts = []
     peers = table.reindex(WITH_TASKS).dropna()
     against = {"error": table, "msll": table, "seconds": peers}
     for name, (measure, others) in product(GOALS, against.items()):
-        if name not in table.index or others.empty:
+        if name not in table.index:
+            continue
+        others = others[others["fits"] == table.loc[name, "fits"]]
+        if others.empty:
             continue
         best = others[measure].idxmin()
         limit = ALLOWED[measure](others.loc[best, measure])

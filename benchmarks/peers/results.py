@@ -21,6 +21,7 @@ KEYS = {
     "sparse_timings": ("package", "settings", "n", "m"),
     "sparse_peers": ("package", "settings", "n", "m", "rank", "joint", "draw"),
     "sparse_checks": ("package", "settings", "n", "m", "joint", "draw"),
+    "real_data": ("data", "draw", "output", "model"),
 }
 
 

@@ -49,8 +49,15 @@ def models():
         for rank, noise in product([1, 2, 3], ["shared", "per_task"]):
             options = {"kernel": kernel, "rank": rank, "noise": noise}
             for inference in ("dense", "kronecker", "sparse"):
+                # one start, where others would be as good
+                learning = "staged" if (name, rank) == ("Matern", 3) else "annealed"
                 model = MultiTaskGPRegressor(
-                    **options, **PAPER, inference=inference, n_inducing=9, max_iter=0
+                    **options,
+                    **PAPER,
+                    inference=inference,
+                    n_inducing=9,
+                    max_iter=0,
+                    learning=learning,
                 )
                 complete = inference == "kronecker"
                 yield f"{name}, rank {rank}, {noise}, {inference}", model, complete

@@ -218,10 +218,9 @@ class TestEvaluations:
 
             return shares
 
-        make_starts, hidden_starts = counted(ranks.make_starts), ranks.hidden_starts
+        make_starts = counted(ranks.make_starts)
         for module in (ranks, paper):
             monkeypatch.setattr(module, "make_starts", make_starts)
-        monkeypatch.setattr(ranks, "hidden_starts", counted(hidden_starts))
         options = {"learning": learning, "random_state": 0, "max_iter": 3}
         model = MultiTaskGPRegressor(**options, **SHARED)
         search = RankSearchIC(model, ranks=(1, 2, 3), keep_estimators=True).fit(*data)

@@ -243,10 +243,7 @@ class FittedGP(PosteriorMixin, Estimator):
 
     def _store(self, training, problems, modes):
         """Set the fitted attributes, in the target's own units."""
-        likelihoods = [
-            problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
-            for problem, mode in zip(problems, modes, strict=True)
-        ]
+        likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
 
     def _store_learned(self, training, engine, likelihoods, modes):
@@ -353,6 +350,11 @@ class FittedGP(PosteriorMixin, Estimator):
         ]
         tasks = self.tasks_ if self.noise_ == "per_task" else None
         warn_of_noise(np.array(told), tasks)
+
+
+def likelihood_at(problem, mode):
+    """The likelihood by the inducing inputs of a mode, if it has any."""
+    return problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
 
 
 def _of_all_tasks(array):

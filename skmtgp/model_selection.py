@@ -282,6 +282,23 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         check_is_fitted(self)
         return self.best_estimator_.loo_predict(include_noise)
 
+    def summary(self) -> pd.DataFrame:
+        """A table of the tasks: what the best model has learned of each.
+
+        Returns
+        -------
+        summary : DataFrame of n_tasks rows
+            Number of rows, level, noise, share of the variance explained and closest
+            task, in units of y: see :meth:`MultiTaskGPRegressor.summary`.
+
+        Raises
+        ------
+        NotFittedError
+            If no rank was chosen yet.
+        """
+        check_is_fitted(self)
+        return self.best_estimator_.summary()
+
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:

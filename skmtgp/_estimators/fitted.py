@@ -13,6 +13,7 @@ from skmtgp._data.checks import check_theta, warn_of_noise
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.summary import SummaryMixin
 from skmtgp._estimators.training import Training
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.guide import INFERENCE, PARALLEL
@@ -23,7 +24,7 @@ from skmtgp.inference.posterior import noise_is_told
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
-class FittedGP(PosteriorMixin, Estimator):
+class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
     @public
@@ -263,7 +264,7 @@ class FittedGP(PosteriorMixin, Estimator):
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise
         self._log_jacobian = training.units.log_jacobian(training.counts)
-        self.tasks_ = training.tasks
+        self.tasks_, self._n_rows = training.tasks, training.counts
         self._store_rows(training)
         self.theta_ = np.concatenate([mode.theta for mode in modes])
         vars(self).pop("inducing_inputs_", None)

@@ -32,6 +32,7 @@ COLOR_OF = {"helped": COLORS[2], "harmed": COLORS[1], "neither": COLORS[6]}
 # for each parameter that it has: odds of 7 to 1. benchmarks/transfer.py has the errors
 # of either kind, which 1 and 3 shift from one to the other.
 CLEAR = 2.0
+MOST_NUMBERS = 2
 
 
 class TransferDisplay(Display):
@@ -88,8 +89,9 @@ class TransferDisplay(Display):
 
     with the rank r of the task covariance, so many numbers say how the task is related,
     and the number :math:`n_m` of its rows; 2 nats are odds of 7 to 1. A task that is
-    harmed, or is not related, is better left out, or learned with `diagonal=True`, with
-    a higher rank or alone.
+    harmed is better left out, or learned with `diagonal=True`, with a higher rank or
+    alone; one that is not related gains little, and harms none where the rank is high
+    enough.
 
     Both models' hyperparameters have seen the sample that is left out. Those of a task
     alone are fewer for the model, but many for the rows of the task.
@@ -246,8 +248,7 @@ class TransferDisplay(Display):
         table = _table(y, of_model, of_alone, tasks)
         table.index = pd.Index(model.tasks_, name="task")
         table["evidence"] = evidence_of_relations(model, output)
-        cost = CLEAR + 0.5 * _rank(model) * np.log(table["rows"])
-        table["related"] = table["evidence"] > cost
+        table["related"] = table["evidence"] > _cost(model, table["rows"])
         return cls(transfer=table).plot(ax=ax, kind=kind)
 
     @classmethod
@@ -317,9 +318,10 @@ def _related(table):
     return table["related"].to_numpy()
 
 
-def _rank(model):
-    """How many numbers say how a task is related to the others."""
-    return getattr(model, "rank_", 0) + getattr(model, "shared", False)
+def _cost(model, n):
+    """Nats that a relation must be worth, of tasks of so many rows."""
+    rank = getattr(model, "rank_", 0) + getattr(model, "shared", False)
+    return CLEAR + 0.5 * min(rank, MOST_NUMBERS) * np.log(n)
 
 
 def _output(columns, output):

@@ -1,9 +1,10 @@
 """Whether TransferDisplay finds an unrelated task among related ones.
 
 Problems are drawn at random: tasks that are mixtures of one or two functions, drawn
-from a Gaussian process with length-scale 1 on an interval of length 6, each with a
-level, and noise of a fifth of the deviation of the functions. One task more is another
-function, drawn alike. RankSearchIC learns all of them. Printed are, for each number of
+from a Gaussian process on an interval of length 6, or on a square or cube, with
+length-scale 1 times the square root of the number of inputs, each with a level, and
+noise of a fifth of the deviation of the functions. One task more is another function,
+drawn alike. RankSearchIC learns all of them. Printed are, for each number of
 rows of a task and each rank of the related tasks, how many of the unrelated tasks, and
 how many of the related ones, are "not related" by the frame's `related`, "harmed" or
 "helped" by its verdict, or either of the first two.
@@ -29,15 +30,15 @@ NOISE, LENGTH = 0.2, 6.0
 
 def functions(x, n, rng):
     """Draws of n functions at x."""
-    K = RBF(1.0)(x[:, None]) + 1e-9 * np.eye(len(x))
+    K = RBF(np.sqrt(x.shape[1]))(x) + 1e-9 * np.eye(len(x))
     return np.linalg.cholesky(K) @ rng.standard_normal((len(x), n))
 
 
-def draw(seed, n_tasks, rows, rank):
+def draw(seed, n_tasks, rows, rank, inputs):
     """X and y of related tasks and of one that is not: the last."""
     rng = np.random.default_rng(seed)
     task = np.repeat(np.arange(n_tasks), rows)
-    x = rng.uniform(0.0, LENGTH, len(task))
+    x = rng.uniform(0.0, LENGTH, (len(task), inputs))
     weights = rng.normal(size=(n_tasks, rank))
     weights /= np.linalg.norm(weights, axis=1, keepdims=True)
     weights *= rng.uniform(0.7, 1.4, (n_tasks, 1))
@@ -84,6 +85,7 @@ def main():
     parser.add_argument("--tasks", type=int, default=8)
     parser.add_argument("--rows", type=int, nargs="+", default=[12, 20, 40])
     parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2])
+    parser.add_argument("--inputs", type=int, default=1)
     parser.add_argument("--csv", help="where to write the frames of all draws")
     arguments = parser.parse_args()
     matplotlib.use("Agg")
@@ -92,6 +94,7 @@ def main():
     for rank in arguments.ranks:
         for rows in arguments.rows:
             design = {"n_tasks": arguments.tasks, "rows": rows, "rank": rank}
+            design["inputs"] = arguments.inputs
             seeds = range(arguments.first, arguments.first + arguments.draws)
             with threadpool_limits(1):
                 table = pd.concat([transfer(seed, **design) for seed in seeds])

@@ -195,7 +195,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         loo = self.criterion == "loo"
         table = _results(training, of_forms, modes, loo=loo)
         best = int(np.argmin(table[self.criterion]))
-        self.results_ = table.assign(chosen=np.arange(len(table)) == best)
+        # arrays, for a frame cannot be kept by skops
+        self._table = table | {"chosen": np.arange(len(forms)) == best}
         self.best_rank_ = forms[best].rank
         fitted = {
             k: _fitted(model, training, forms[k].rank, of_forms[k], modes[k])
@@ -323,7 +324,6 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         check_is_fitted(self)
         model = copy(self)
         model.best_estimator_ = self.best_estimator_.add_task(X, y, prior=prior)
-        model.results_ = self.results_.copy()
         model.__dict__.pop("estimators_", None)
         return model
 
@@ -348,6 +348,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """
         check_is_fitted(self)
         return self.best_estimator_.log_marginal_likelihood(theta, eval_gradient)
+
+    @property
+    def results_(self) -> pd.DataFrame:
+        """A table of the ranks, made anew."""
+        check_is_fitted(self)
+        return pd.DataFrame(self._table)
 
     @property
     def tasks_(self) -> NDArray[np.generic]:
@@ -417,7 +423,7 @@ def _results(training, of_forms, modes, *, loo):
     if not training.single_output:
         names = [f"output{j}_log_marginal_likelihood" for j in range(n_outputs)]
         table |= dict(zip(names, values.T, strict=True))
-    return pd.DataFrame(table)
+    return {name: np.asarray(column) for name, column in table.items()}
 
 
 def _leave_out(problem, mode):

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 COLOR_OF = {"helped": COLORS[2], "harmed": COLORS[1], "neither": COLORS[6]}
 # Nats of a relation before it counts, beside half the logarithm of the number of rows
-# for each number that it has learned: odds of 12 to 1. benchmarks/transfer.py has the
-# errors of either kind, which 2 and 3 shift from one to the other.
-CLEAR = 2.5
+# for each number that it has learned: odds of 20 to 1. benchmarks/transfer.py has the
+# errors of either kind, which 2 and 4 shift from one to the other.
+CLEAR = 3.0
 # Those that matter: what a task owes to the others, and to what has it alone. A third
 # function was found to add next to nothing, were the model of full rank.
 MOST_NUMBERS = 2
@@ -87,7 +87,7 @@ class TransferDisplay(Display):
     task in the model that was learned:
 
     .. math::
-        \log p(y_m | y_{-m}) - \log p(y_m) > 2.5 + \tfrac12 \min(r, 2) \log n_m
+        \log p(y_m | y_{-m}) - \log p(y_m) > 3 + \tfrac12 \min(r, 2) \log n_m
 
     with the rank r of the task covariance, by which so many numbers say how the task is
     related, of which two matter, and the number :math:`n_m` of its rows. A task that is

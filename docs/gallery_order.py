@@ -7,6 +7,7 @@ ORDER = [
     "plot_five_loads",
     "plot_sites",
     "plot_task_covariance",
+    "plot_transfer",
     "plot_joint_states",
     "plot_trajectory",
     "plot_novel_load",

@@ -104,7 +104,7 @@ def report(models, table, joints):
     print(likelihoods(models, joints).to_string(float_format="{:.1f}".format))
     search = models["mGP-BIC"][-1]
     print("\nRank of the task covariance")
-    ranks = pd.DataFrame(search.results_).filter(regex="^(?!output)")
+    ranks = search.results_.filter(regex="^(?!output)")
     print(ranks.to_string(index=False, float_format="%.1f"))
     print(f"BIC chooses rank {search.best_rank_}.")
 

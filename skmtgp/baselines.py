@@ -131,6 +131,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
         The identity (plus the diagonal) times the squared scale of y, of each task
         where they have units of their own.
+    task_correlation_ : DataFrame of n_tasks rows and columns
+        Correlations of the tasks in `task_covariance_`, with their labels. With several
+        outputs ``task_correlation_.loc[j]`` is that of output j.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
     level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
@@ -328,6 +331,9 @@ class PooledGP(_FixedTaskCovarianceGP):
         The kernel as learned.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
         The matrix of ones (plus the diagonal) times the squared scale of y.
+    task_correlation_ : DataFrame of n_tasks rows and columns
+        Correlations of the tasks in `task_covariance_`, with their labels. With several
+        outputs ``task_correlation_.loc[j]`` is that of output j.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])

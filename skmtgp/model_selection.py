@@ -7,14 +7,18 @@ from numbers import Integral
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.dask import is_dask
+from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.fitted import likelihood_at
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
@@ -22,7 +26,7 @@ from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbac
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import MultiTaskGPRegressor
 
-__all__ = ["RankSearchIC", "TaskStratifiedKFold"]
+__all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
 
@@ -41,7 +45,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     the others that each output has (1 or M of the noise, 1 of levels, 1 of a function
     that all tasks share, M of a diagonal) and n the number of observations, those of
     all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
-    and 2 log log n in place of log n.
+    and 2 log log n in place of log n. "loo" is
+    :math:`-2 \sum_i \log p(y_i | y_{-i})`, what each observation's density is given all
+    the others, in the units of y and in closed form: it counts no parameters.
 
     Parameters
     ----------
@@ -52,8 +58,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
         the number of tasks, as long as a task covariance has no more free parameters
         than half the samples; the paper has (2, 4, 5, 6, 8, 10).
-    criterion : {"bic", "aic", "hqc"}, default="bic"
-        Which criterion chooses.
+    criterion : {"bic", "aic", "hqc", "loo"}, default="bic"
+        Which criterion chooses. "loo" takes one more decomposition for each rank and
+        output, and needs the rows: it refuses Dask collections.
     keep_estimators : bool, default=False
         Whether the models of all ranks are kept, not the best one's alone.
     n_jobs : int, default=None
@@ -67,12 +74,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         The chosen rank.
     best_estimator_ : MultiTaskGPRegressor
         The model of that rank, fitted.
-    results_ : dict of ndarrays of shape (n_ranks,)
+    results_ : DataFrame of n_ranks rows
         rank, log_marginal_likelihood (of y in its own units, summed over outputs),
-        n_hyperparameters, bic, aic, hqc, and fit_time: seconds of computing spent on
-        that rank, the first stage that all ranks share counted for each. With several
-        outputs, output0_log_marginal_likelihood and so on too.
-        ``pandas.DataFrame(results_)`` is a table.
+        n_hyperparameters, bic, aic, hqc, loo if that is the criterion, fit_time:
+        seconds of computing spent on that rank, the first stage that all ranks share
+        counted for each, and chosen: whether it is `best_rank_`. With several outputs,
+        output0_log_marginal_likelihood and so on too.
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_ranks MultiTaskGPRegressor
@@ -94,6 +101,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     lower one, see :mod:`skmtgp.learning`. Where rank 0 is chosen, tasks that `fit` has
     not seen are predicted too, if the units are shared.
 
+    For "loo" the hyperparameters have seen the observation that is left out, so that it
+    may take larger ranks than needed; where ranks predict all but alike, BIC takes the
+    smallest of them.
+
     Examples
     --------
     >>> import numpy as np
@@ -110,7 +121,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     _parameter_constraints = {
         "estimator": [MultiTaskGPRegressor, None],
         "ranks": ["array-like", None],
-        "criterion": [StrOptions({"bic", "aic", "hqc"})],
+        "criterion": [StrOptions({"bic", "aic", "hqc", "loo"})],
         "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -121,7 +132,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         estimator: MultiTaskGPRegressor | None = None,
         *,
         ranks: ArrayLike | None = None,
-        criterion: Literal["bic", "aic", "hqc"] = "bic",
+        criterion: Literal["bic", "aic", "hqc", "loo"] = "bic",
         keep_estimators: bool = False,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -162,6 +173,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _fit(self, X, y, progress):
         model = self._learner()
         training = model._read(X, y, progress)
+        if self.criterion == "loo" and is_dask(training.features):
+            raise ValueError(
+                "criterion='loo' leaves out one row after another, which Dask "
+                "collections do not allow. Use criterion='bic', or fit to arrays."
+            )
         n_tasks = len(training.tasks)
         ranks = self._check_ranks(n_tasks, len(training.Y))
         model.set_params(rank=ranks[-1])
@@ -177,8 +193,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _keep(self, model, forms, training, of_forms, modes):
         """Set the fitted attributes."""
-        self.results_ = _results(training, of_forms, modes)
-        best = int(np.argmin(self.results_[self.criterion]))
+        loo = self.criterion == "loo"
+        table = _results(training, of_forms, modes, loo=loo)
+        best = int(np.argmin(table[self.criterion]))
+        # arrays, for a frame cannot be kept by skops
+        self._table = table | {"chosen": np.arange(len(forms)) == best}
         self.best_rank_ = forms[best].rank
         fitted = {
             k: _fitted(model, training, forms[k].rank, of_forms[k], modes[k])
@@ -265,6 +284,23 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         check_is_fitted(self)
         return self.best_estimator_.loo_predict(include_noise)
 
+    def summary(self) -> pd.DataFrame:
+        """A table of the tasks: what the best model has learned of each.
+
+        Returns
+        -------
+        summary : DataFrame of n_tasks rows
+            Number of rows, level, noise, share of the variance explained and closest
+            task, in units of y: see :meth:`MultiTaskGPRegressor.summary`.
+
+        Raises
+        ------
+        NotFittedError
+            If no rank was chosen yet.
+        """
+        check_is_fitted(self)
+        return self.best_estimator_.summary()
+
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:
@@ -289,7 +325,6 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         check_is_fitted(self)
         model = copy(self)
         model.best_estimator_ = self.best_estimator_.add_task(X, y, prior=prior)
-        model.results_ = {name: column.copy() for name, column in self.results_.items()}
         model.__dict__.pop("estimators_", None)
         return model
 
@@ -314,6 +349,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """
         check_is_fitted(self)
         return self.best_estimator_.log_marginal_likelihood(theta, eval_gradient)
+
+    @property
+    def results_(self) -> pd.DataFrame:
+        """A table of the ranks, made anew."""
+        check_is_fitted(self)
+        return pd.DataFrame(self._table)
 
     @property
     def tasks_(self) -> NDArray[np.generic]:
@@ -356,27 +397,38 @@ def _fitted(model, training, rank, problems, modes):
     return model
 
 
-def _results(training, of_forms, modes):
-    """The table of criteria, one entry for each form."""
+def _results(training, of_forms, modes, *, loo):
+    """The table of criteria, one row for each form."""
     n, n_outputs = training.Y.shape
+    jacobian = training.units.log_jacobian(training.counts)
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
-    values += training.units.log_jacobian(training.counts)
+    values += jacobian
     log_likelihood = values.sum(axis=1)
     count = np.array(
         [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
     )
     n_observations = n * n_outputs
     deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
-    ranks = [of_form[0].prior.task_covariance.rank for of_form in of_forms]
-    return {
-        "rank": np.array(ranks),
+    table = {
+        "rank": [of_form[0].prior.task_covariance.rank for of_form in of_forms],
         "log_marginal_likelihood": log_likelihood,
         "n_hyperparameters": count,
         "bic": deviance + count * log_n,  # eq. 8
         "aic": deviance + count * 2.0,
         "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
-        "fit_time": np.array([sum(m.seconds for m in of_rank) for of_rank in modes]),
-    } | {
-        f"output{j}_log_marginal_likelihood": values[:, j]
-        for j in range(0 if training.single_output else n_outputs)
     }
+    if loo:
+        scaled = [sum(map(_leave_out, *of)) for of in zip(of_forms, modes, strict=True)]
+        table["loo"] = -2.0 * (np.array(scaled) + jacobian.sum())
+    table["fit_time"] = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
+    if not training.single_output:
+        names = [f"output{j}_log_marginal_likelihood" for j in range(n_outputs)]
+        table |= dict(zip(names, values.T, strict=True))
+    return {name: np.asarray(column) for name, column in table.items()}
+
+
+def _leave_out(problem, mode):
+    """Log density of each target given the others, in the problem's units, summed."""
+    posterior = likelihood_at(problem, mode).posterior(mode.theta)
+    residual, variance = posterior.leave_one_out(include_noise=True)
+    return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())

@@ -143,6 +143,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
         :math:`K^\rho` as learned, in squared units of y: those of either task where
         they have units of their own.
+    task_correlation_ : DataFrame of n_tasks rows and columns
+        Correlations of the tasks in `task_covariance_`, with their labels. With several
+        outputs ``task_correlation_.loc[j]`` is that of output j.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its lower trapezoidal factor: ``L @ L.T``, without the diagonal and without the
         function that all share.

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from multitask_models import PAPER
 from samples import draw, log_densities
+from scipy.stats import norm
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
@@ -19,6 +20,7 @@ from skmtgp.learning import ranks
 
 MODEL = MultiTaskGPRegressor(**PAPER, max_iter=3)
 CRITERIA = ("bic", "aic", "hqc")
+CHOSEN = {"bic": 1, "aic": 3, "hqc": 2, "loo": 4}
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
 
@@ -35,7 +37,7 @@ def search(data):
 
 def likelihoods(search):
     """Without the times, which differ."""
-    return {k: v for k, v in search.results_.items() if k != "fit_time"}
+    return search.results_.drop(columns="fit_time")
 
 
 @pytest.mark.parametrize(
@@ -67,10 +69,10 @@ def test_criteria_are_those_of_eq_8(data, params, d_j, of_tasks):
 
 
 def test_results_are_a_table(search, data):
-    table = pd.DataFrame(search.results_)
+    table = search.results_
     columns = ["rank", "log_marginal_likelihood", "n_hyperparameters", *CRITERIA]
     of_outputs = [f"output{j}_log_marginal_likelihood" for j in (0, 1)]
-    columns += ["fit_time", *(of_outputs if data[1].ndim > 1 else [])]
+    columns += ["fit_time", *(of_outputs if data[1].ndim > 1 else []), "chosen"]
     assert table.columns.tolist() == columns
     if data[1].ndim > 1:
         total = table[of_outputs].sum(axis=1)
@@ -80,6 +82,7 @@ def test_results_are_a_table(search, data):
         np.testing.assert_allclose(best[of_outputs].tolist(), values, rtol=1e-9)
     assert table["rank"].tolist() == [1, 2, 3, 4]
     assert (table["fit_time"] > 0.0).all()
+    assert table["rank"][table["chosen"]].tolist() == [search.best_rank_]
 
 
 def test_best_estimator_is_that_of_the_results(search, data):
@@ -92,13 +95,11 @@ def test_best_estimator_is_that_of_the_results(search, data):
     assert sum(log_densities(best, *data)) == pytest.approx(value)
 
 
-@pytest.mark.parametrize(("criterion", "chosen"), [("bic", 1), ("aic", 3), ("hqc", 2)])
+@pytest.mark.parametrize(("criterion", "chosen"), CHOSEN.items())
 def test_criterion_chooses(data, monkeypatch, criterion, chosen):
-    best = {"bic": 1, "aic": 3, "hqc": 2}
-
-    def disagreeing(training, of_forms, modes):
+    def disagreeing(training, of_forms, modes, loo):
         ranks = np.array([of[0].prior.task_covariance.rank for of in of_forms])
-        return {"rank": ranks, **{c: np.abs(ranks - r) for c, r in best.items()}}
+        return {c: np.abs(ranks - r) for c, r in CHOSEN.items()}
 
     monkeypatch.setattr(model_selection, "_results", disagreeing)
     model = clone(MODEL).set_params(max_iter=0)
@@ -125,7 +126,7 @@ def test_bic_finds_the_rank_of_the_data():
 
 
 def test_likelihoods_do_not_fall_as_the_rank_grows(search):
-    values = search.results_["log_marginal_likelihood"]
+    values = search.results_["log_marginal_likelihood"].to_numpy()
     assert (np.diff(values) >= -1e-9 * np.abs(values[1:])).all()
     assert values[-1] > values[0] + 1.0
 
@@ -361,10 +362,7 @@ class TestAddTask:
 
     def test_results_are_those_of_the_search(self, search, new):
         extended = search.add_task(*new)
-        assert extended.results_.keys() == search.results_.keys()
-        for name, values in search.results_.items():
-            np.testing.assert_array_equal(extended.results_[name], values)
-            assert extended.results_[name] is not values
+        pd.testing.assert_frame_equal(extended.results_, search.results_)
 
     def test_search_is_left_as_it_was(self, data, new):
         model = clone(MODEL).set_params(max_iter=0)
@@ -382,3 +380,46 @@ class TestAddTask:
             search.add_task(new[0] * [1.0, 1.0, 0.0], new[1])
         with pytest.raises(ValueError, match="prior='x' must be 'tasks' or None"):
             search.add_task(*new, prior="x")
+
+
+class TestLeaveOneOut:
+    @pytest.mark.parametrize(
+        ("params", "complete"),
+        [
+            ({}, False),
+            ({}, True),
+            ({"inference": "sparse", "n_inducing": 12, "task_levels": True}, False),
+            ({"normalize_y": "per_task", "noise": "per_task"}, False),
+            ({"normalize_y": False}, False),
+        ],
+    )
+    def test_is_that_of_the_predictions(self, data, params, complete):
+        X, y = data
+        if complete:
+            X = np.column_stack([np.tile(X[:8, :2], (4, 1)), np.repeat(range(4), 8)])
+        model = clone(MODEL).set_params(**params)
+        search = RankSearchIC(
+            model, ranks=(0, 1, 3), criterion="loo", keep_estimators=True
+        ).fit(X, y)
+        for loo, fitted in zip(search.results_["loo"], search.estimators_, strict=True):
+            assert fitted.complete_ == complete
+            density = norm.logpdf(y, *fitted.loo_predict(include_noise=True))
+            assert loo == pytest.approx(-2.0 * density.sum(), rel=1e-9)
+        assert search.results_["chosen"].argmax() == search.results_["loo"].argmin()
+        assert (
+            search.best_rank_
+            == search.results_["rank"][search.results_["chosen"]].item()
+        )
+
+    def test_units_of_y_do_not_matter(self, data):
+        X, y = data
+        search = RankSearchIC(clone(MODEL).set_params(max_iter=0), criterion="loo")
+        small, large = (clone(search).fit(X, of).results_["loo"] for of in (y, 8.0 * y))
+        np.testing.assert_allclose(large - small, 2.0 * y.size * np.log(8.0))
+
+    def test_only_if_asked(self, search):
+        assert "loo" not in search.results_
+
+    def test_it_prefers_the_rank_that_predicts(self):
+        found = RankSearchIC(ranks=(0, 2), criterion="loo").fit(*related(2))
+        assert found.best_rank_ == 2

@@ -28,14 +28,12 @@ X = np.column_stack([x, task])
 # --------------------
 # :class:`~skmtgp.RankSearchIC` learns all ranks together and keeps the one that BIC
 # prefers; the other criteria come with it.
-import pandas as pd
-
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 
 ranks = [1, 2, 3, 4, 5]
 model = MultiTaskGPRegressor()
 search = RankSearchIC(model, ranks=ranks).fit(X, y)
-table = pd.DataFrame(search.results_).set_index("rank")
+table = search.results_.set_index("rank")
 columns = ["log_marginal_likelihood", "n_hyperparameters", "bic", "hqc", "aic"]
 print(table[columns].round(1).to_string())
 

@@ -42,6 +42,7 @@ class TaskStratifiedKFold(StratifiedKFold):
 
     See Also
     --------
+    TaskStratifiedGroupKFold : The same, and rows of a group stay together.
     sklearn.model_selection.StratifiedKFold : The same by the classes in y.
     RankSearchIC : Chooses the rank without cross-validation.
 
@@ -118,13 +119,12 @@ class TaskStratifiedKFold(StratifiedKFold):
             If there is no such column, a label cannot be used, a task has one row, or
             each has fewer than `n_splits`.
         """
-        codes = self._codes(X, y)
+        tasks, codes = tasks_of_rows(self, X, y)
+        check_counts(self, tasks, np.bincount(codes), "row")
         if groups is not None:
             warn("groups is ignored by TaskStratifiedKFold.", UserWarning)
         fold_of_row = self._deal(codes)
-        for fold in range(self.n_splits):
-            test = fold_of_row == fold
-            yield _in_turns(np.flatnonzero(~test), codes), np.flatnonzero(test)
+        yield from sets(fold_of_row, codes, self.n_splits)
 
     def _deal(self, codes):
         """The fold in whose test set each row is.
@@ -144,33 +144,47 @@ class TaskStratifiedKFold(StratifiedKFold):
             fold[rows], done = of_task, done + len(rows)
         return fold
 
-    def _codes(self, X, y):
-        if issparse(X):
-            raise TypeError(
-                "Sparse data was passed for X, but TaskStratifiedKFold reads the task "
-                "column of dense data only. Use X.toarray() to convert it."
-            )
-        check_consistent_length(X, y)
-        tasks, codes = task_labels(X, self.task_feature, self)
-        self._check_counts(tasks, np.bincount(codes))
-        return codes
 
-    def _check_counts(self, tasks, counts):
-        alone = tasks[counts < 2].tolist()
-        if alone:
-            more = f", ... ({len(alone)} in all)" if len(alone) > 5 else ""
-            raise ValueError(
-                f"One row alone of task {', '.join(map(repr, alone[:5]))}{more}: no "
-                "fold can have the task in both its training and its test set. Give 2 "
-                "rows or more of every task."
-            )
-        if not counts.size:
-            raise ValueError("X has 0 rows; a minimum of 1 is required.")
-        if counts.max() < self.n_splits:
-            raise ValueError(
-                f"n_splits={self.n_splits} is above the number of rows of every task, "
-                f"which is {counts.max()} at most. Set n_splits to that or less."
-            )
+def tasks_of_rows(splitter, X, y):
+    """The tasks of the rows that are split."""
+    if issparse(X):
+        raise TypeError(
+            f"Sparse data was passed for X, but {type(splitter).__name__} reads the "
+            "task column of dense data only. Use X.toarray() to convert it."
+        )
+    check_consistent_length(X, y)
+    return task_labels(X, splitter.task_feature, splitter)
+
+
+def check_counts(splitter, tasks, counts, what):
+    """Whether so many rows, or groups, of each task are enough."""
+    alone = tasks[counts < 2].tolist()
+    if alone:
+        raise ValueError(
+            f"{naming(f'One {what} alone', alone)}: no "
+            "fold can have the task in both its training and its test set. Give 2 "
+            f"{what}s or more of every task."
+        )
+    if not counts.size:
+        raise ValueError("X has 0 rows; a minimum of 1 is required.")
+    if counts.max() < splitter.n_splits:
+        raise ValueError(
+            f"n_splits={splitter.n_splits} is above the number of {what}s of every "
+            f"task, which is {counts.max()} at most. Set n_splits to that or less."
+        )
+
+
+def naming(what, tasks):
+    """What there is of some tasks, of which up to five are named."""
+    more = f", ... ({len(tasks)} in all)" if len(tasks) > 5 else ""
+    return f"{what} of task {', '.join(map(repr, tasks[:5]))}{more}"
+
+
+def sets(fold_of_row, codes, n_splits):
+    """Training and test rows of each fold."""
+    for fold in range(n_splits):
+        test = fold_of_row == fold
+        yield _in_turns(np.flatnonzero(~test), codes), np.flatnonzero(test)
 
 
 def _in_turns(rows, codes):

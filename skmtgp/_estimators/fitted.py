@@ -13,6 +13,7 @@ from skmtgp._data.checks import check_theta, warn_of_noise
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.summary import SummaryMixin
 from skmtgp._estimators.training import Training
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.guide import INFERENCE, PARALLEL
@@ -23,7 +24,7 @@ from skmtgp.inference.posterior import noise_is_told
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
-class FittedGP(PosteriorMixin, Estimator):
+class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
     @public
@@ -243,10 +244,7 @@ class FittedGP(PosteriorMixin, Estimator):
 
     def _store(self, training, problems, modes):
         """Set the fitted attributes, in the target's own units."""
-        likelihoods = [
-            problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
-            for problem, mode in zip(problems, modes, strict=True)
-        ]
+        likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
 
     def _store_learned(self, training, engine, likelihoods, modes):
@@ -266,7 +264,7 @@ class FittedGP(PosteriorMixin, Estimator):
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise
         self._log_jacobian = training.units.log_jacobian(training.counts)
-        self.tasks_ = training.tasks
+        self.tasks_, self._n_rows = training.tasks, training.counts
         self._store_rows(training)
         self.theta_ = np.concatenate([mode.theta for mode in modes])
         vars(self).pop("inducing_inputs_", None)
@@ -353,6 +351,11 @@ class FittedGP(PosteriorMixin, Estimator):
         ]
         tasks = self.tasks_ if self.noise_ == "per_task" else None
         warn_of_noise(np.array(told), tasks)
+
+
+def likelihood_at(problem, mode):
+    """The likelihood by the inducing inputs of a mode, if it has any."""
+    return problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
 
 
 def _of_all_tasks(array):

@@ -169,3 +169,23 @@ def eigh_semidefinite(K):
     if values[0] < -INDEFINITE * values[-1]:
         raise NotPositiveDefiniteError(f"eigenvalue {values[0]:.1e} is negative")
     return np.where(values < NEGLIGIBLE * values[-1], 0.0, values), vectors
+
+
+def correlation(K):
+    """Correlations from covariances.
+
+    Parameters
+    ----------
+    K : ndarray of shape (n, n)
+        Positive semi-definite.
+
+    Returns
+    -------
+    R : ndarray of shape (n, n)
+        With ones on the diagonal; what does not vary has no correlation with others.
+    """
+    scale = np.sqrt(np.clip(np.diag(K), 0.0, None))
+    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
+    R = np.clip(K * inverse * inverse[:, None], -1.0, 1.0)
+    np.fill_diagonal(R, 1.0)
+    return R

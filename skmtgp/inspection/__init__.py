@@ -12,6 +12,7 @@ from skmtgp.inspection._rank_selection import RankSelectionDisplay
 from skmtgp.inspection._residuals import TaskResidualsDisplay
 from skmtgp.inspection._task_covariance import TaskCovarianceDisplay
 from skmtgp.inspection._trajectory import TrajectoryDisplay
+from skmtgp.inspection._transfer import TransferDisplay
 
 __all__ = [
     "CoverageDisplay",
@@ -21,4 +22,5 @@ __all__ = [
     "TaskLearningCurveDisplay",
     "TaskResidualsDisplay",
     "TrajectoryDisplay",
+    "TransferDisplay",
 ]

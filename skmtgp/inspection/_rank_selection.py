@@ -15,7 +15,7 @@ from skmtgp.inspection._drawing import Display, check_option, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CRITERIA = "bic", "aic", "hqc"
+CRITERIA = "bic", "aic", "hqc", "loo"
 # A difference of BIC that is very strong evidence (Kass and Raftery, 1995).
 CLEAR = 10.0
 
@@ -26,7 +26,8 @@ class RankSelectionDisplay(Display):
     Parameters
     ----------
     results : mapping or DataFrame
-        ``results_`` of a RankSearchIC: columns rank, bic, aic and hqc.
+        ``results_`` of a RankSearchIC: columns rank, bic, aic, hqc and, if it was the
+        search's criterion, loo.
     best_rank : int
         The rank that was chosen.
 
@@ -81,8 +82,8 @@ class RankSelectionDisplay(Display):
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         criteria : str or sequence of str, default="bic"
-            "bic", "aic" or "hqc"; several are drawn less the minimum of each, on an
-            axis that is linear up to 10 and logarithmic above.
+            "bic", "aic", "hqc" or "loo"; several are drawn less the minimum of each,
+            on an axis that is linear up to 10 and logarithmic above.
 
         Returns
         -------
@@ -92,11 +93,17 @@ class RankSelectionDisplay(Display):
         Raises
         ------
         ValueError
-            If a criterion is none of these.
+            If a criterion is none of these, or is "loo" and the search did not use it.
         """
         names: list[str] = [criteria] if isinstance(criteria, str) else [*criteria]
         for name in names or [""]:
             check_option("criteria", name, CRITERIA)
+        for name in names:
+            if name not in self.results:
+                raise ValueError(
+                    f"The search has computed no {name!r}: fit a RankSearchIC with "
+                    f"criterion={name!r}."
+                )
         ax = self._set_axes(ax)
         label = f"rank {self.best_rank}, chosen"
         self.chosen_ = ax.axvline(
@@ -137,8 +144,8 @@ class RankSelectionDisplay(Display):
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         criteria : str or sequence of str, default=None
-            "bic", "aic" or "hqc"; several are drawn less the minimum of each. None is
-            the one that the search used.
+            "bic", "aic", "hqc" or "loo"; several are drawn less the minimum of each.
+            None is the one that the search used.
 
         Returns
         -------
@@ -152,7 +159,7 @@ class RankSelectionDisplay(Display):
         TypeError
             If the estimator is not a RankSearchIC.
         ValueError
-            If a criterion is none of these.
+            If a criterion is none of these, or is "loo" and the search did not use it.
         """
         search = estimator[-1] if isinstance(estimator, Pipeline) else estimator
         check_is_fitted(search)

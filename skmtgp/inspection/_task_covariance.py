@@ -12,6 +12,7 @@ from scipy.spatial.distance import squareform
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_array, check_consistent_length
 
+from skmtgp._numerics.linalg import correlation
 from skmtgp.inspection._drawing import (
     LEAST,
     Display,
@@ -155,7 +156,7 @@ class TaskCovarianceDisplay(Display):
         check_consistent_length(K, tasks)
         if deviations:
             K = K - K.mean(axis=0) - K.mean(axis=1)[:, None] + K.mean()
-        R = _correlation(K)
+        R = correlation(K)
         self.order_ = _by_similarity(R) if order == "similarity" else np.arange(len(K))
         drawn = R if kind == "correlation" else K
         rows = np.ix_(self.order_, self.order_)
@@ -245,15 +246,6 @@ class TaskCovarianceDisplay(Display):
             cmap=cmap,
             colorbar=colorbar,
         )
-
-
-def _correlation(K) -> NDArray[np.float64]:
-    """Correlations; those with a task that does not vary are zero."""
-    scale = np.sqrt(np.clip(np.diag(K), 0.0, None))
-    inverse = np.divide(1.0, scale, out=np.zeros_like(scale), where=scale > 0.0)
-    R = np.clip(K * inverse * inverse[:, None], -1.0, 1.0)
-    np.fill_diagonal(R, 1.0)
-    return R
 
 
 def _by_similarity(R) -> NDArray[np.intp]:

@@ -203,6 +203,11 @@ class TestFit:
         assert_allclose(found.results_["bic"], expected.results_["bic"], rtol=1e-8)
         assert_same_model(found.best_estimator_, expected.best_estimator_, X)
 
+    def test_leave_one_out_needs_the_rows(self):
+        search = RankSearchIC(clone(QUICK), criterion="loo")
+        with pytest.raises(ValueError, match=r"criterion='loo' .* fit to arrays"):
+            search.fit(*on_dask(*draw(N)))
+
     def test_dataframes(self):
         """Named columns and tasks; partitions without rows, which a filter leaves."""
         dd = pytest.importorskip("dask.dataframe")

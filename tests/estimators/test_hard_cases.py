@@ -129,8 +129,8 @@ class TestTargets:
 
     def test_one_of_them_as_small_as_1e300(self):
         match = r"output \[2\] are .*constant, and standard deviations .*another unit"
+        pooled = PooledGP(noise="shared")  # "auto" is decided for all outputs
         with pytest.warns(UnderflowWarning, match=match):
-            pooled = PooledGP(noise="shared")  # "auto" is decided for all outputs
             model = clone(pooled).fit(X, np.column_stack([Y, 1e-300 * Y]))
         np.testing.assert_allclose(model.predict(X)[:, 0], pooled.fit(X, Y).predict(X))
 

@@ -22,6 +22,7 @@ from skmtgp.inspection import (
     TaskLearningCurveDisplay,
     TaskResidualsDisplay,
     TrajectoryDisplay,
+    TransferDisplay,
 )
 from skmtgp.inspection._models import task_column
 from skmtgp.model_selection import TaskStratifiedKFold
@@ -29,7 +30,7 @@ from skmtgp.model_selection import TaskStratifiedKFold
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 SHARED = list(MODELS)[:-2]
 OF_DATA = CoverageDisplay, TaskResidualsDisplay, TrajectoryDisplay
-OF_MODELS = TaskCovarianceDisplay, KernelRelevanceDisplay
+OF_MODELS = TaskCovarianceDisplay, KernelRelevanceDisplay, TransferDisplay
 
 
 @pytest.fixture(scope="module")
@@ -113,15 +114,16 @@ class TestAllDisplays:
         displays = [
             (TaskCovarianceDisplay, ()),
             (KernelRelevanceDisplay, ()),
+            (TransferDisplay, ()),
             *((display, (X, Y)) for display in OF_DATA),
         ]
-        _, axes = plt.subplots(1, 6)
+        _, axes = plt.subplots(1, 7)
         model = fitted["RankSearchIC"]
         for ax, (display, data) in zip(axes, displays, strict=False):
             assert display.from_estimator(model, *data, ax=ax).ax_ is ax
-        shown = RankSelectionDisplay.from_estimator(model, ax=axes[5])
-        assert shown.ax_ is axes[5]
-        assert shown.figure_ is axes[5].figure
+        shown = RankSelectionDisplay.from_estimator(model, ax=axes[6])
+        assert shown.ax_ is axes[6]
+        assert shown.figure_ is axes[6].figure
         assert len(plt.get_fignums()) == 1
         assert dict(matplotlib.rcParams) == before
 

@@ -43,6 +43,17 @@ class TestRankSelection:
         display.plot(criteria=["bic", "aic"])
         assert display.ax_.get_yscale() == scale
 
+    def test_leave_one_out(self):
+        search = clone(MODELS["RankSearchIC"]).set_params(criterion="loo").fit(X, y)
+        display = RankSelectionDisplay.from_estimator(search)
+        assert display.ax_.get_ylabel() == "LOO"
+        assert_array_equal(display.lines_[0].get_ydata(), search.results_["loo"])
+
+    def test_a_criterion_that_was_not_computed(self, fitted):
+        search = fitted["RankSearchIC"]
+        with pytest.raises(ValueError, match=r"computed no 'loo': fit .*='loo'"):
+            RankSelectionDisplay.from_estimator(search, criteria=["bic", "loo"])
+
     @pytest.mark.parametrize("criteria", ["cv", ["bic", "cv"], []])
     def test_unknown_criteria(self, criteria):
         display = RankSelectionDisplay(results={}, best_rank=1)

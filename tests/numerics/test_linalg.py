@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter, correlation
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 
@@ -120,3 +120,11 @@ def test_smallest_and_largest_jitter(relative, needed):
 def test_jitter_cannot_help(last):
     with pytest.raises(NotPositiveDefiniteError, match="even with 1e-04 of its mean"):
         cholesky_with_jitter(diagonal(1.0, 1.0, last))
+
+
+def test_correlation():
+    K = np.array([[4.0, -3.0, 0.0], [-3.0, 9.0, 0.0], [0.0, 0.0, 0.0]])
+    found = correlation(K)
+    expected = [[1.0, -0.5, 0.0], [-0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    np.testing.assert_allclose(found, expected)
+    assert np.abs(correlation(np.full((2, 2), 3.1))).max() <= 1.0

@@ -1,0 +1,128 @@
+"""What was learned of each task, as frames."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._estimators.estimator import public
+from skmtgp._numerics.linalg import correlation
+
+
+class SummaryMixin:
+    """Tables of a fitted model: the tasks, and how they are related."""
+
+    @property
+    def task_correlation_(self) -> pd.DataFrame:
+        """Correlations of the tasks' functions, without their levels.
+
+        Of `task_covariance_`, with the labels of the tasks as index and columns. With
+        several outputs those of output j are ``task_correlation_.loc[j]``.
+        """
+        check_is_fitted(self)
+        return self._by_output([self._frame(R, self._tasks()) for R in self._related()])
+
+    @public
+    def summary(self) -> pd.DataFrame:
+        """A table of the tasks: what was learned of each, in units of y.
+
+        Returns
+        -------
+        summary : DataFrame of n_tasks rows
+            With the labels of the tasks as index; with several outputs one after
+            another, ``summary().loc[j]`` is that of output j. Its columns are
+
+            - rows: number of samples;
+            - level: `y_mean_` and the level of the task, `task_level_`;
+            - level_std: its standard deviation given the data;
+            - noise_std: standard deviation of the noise;
+            - explained: share of the variance of the task's targets that the model
+              explains of those that it has not seen, one less the nMSE of
+              `loo_predict`. Below 0 the mean of the task would do better. NaN where
+              the targets do not vary, or the rows lie in Dask's collections;
+            - closest: the task whose function has the largest correlation, of either
+              sign, with that of this task, the first of equal ones; None where no
+              other has any;
+            - correlation: that correlation, see `task_correlation_`.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+
+        Notes
+        -----
+        The share explained takes what `loo_predict` does: about a third of a
+        decomposition of the covariance of all samples more for each output.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 60), np.repeat([0, 1, 2], 20)
+        >>> y = 5 * task + np.array([1, -2, 0.5])[task] * np.sin(x)
+        >>> y += 0.1 * rng.standard_normal(60)
+        >>> model = MultiTaskGPRegressor(rank=1).fit(np.column_stack([x, task]), y)
+        >>> model.summary()[["rows", "level", "noise_std", "closest"]].round(1)
+              rows  level  noise_std closest
+        task
+        0       20    0.0        0.1       1
+        1       20    5.0        0.1       0
+        2       20   10.0        0.1       0
+        """
+        check_is_fitted(self)
+        n_tasks = len(self.tasks_)
+        columns = {
+            "level": np.reshape(self.task_level_, (-1, n_tasks)),
+            "level_std": np.reshape(self.task_level_std_, (-1, n_tasks)),
+            "noise_std": np.sqrt(self._noise(np.arange(n_tasks))).T,
+            "explained": self._explained(),
+        }
+        frames = []
+        for j, R in enumerate(self._related()):
+            of_output = {name: values[j] for name, values in columns.items()}
+            values = {"rows": self._n_rows, **of_output, **self._closest(R)}
+            frames.append(pd.DataFrame(values, index=self._tasks()))
+        return self._by_output(frames)
+
+    def _related(self):
+        """Correlations of the tasks for each output."""
+        n_tasks = len(self.tasks_)
+        return map(
+            correlation, np.reshape(self.task_covariance_, (-1, n_tasks, n_tasks))
+        )
+
+    def _tasks(self):
+        return pd.Index(self.tasks_, name="task")
+
+    def _frame(self, values, columns):
+        return pd.DataFrame(values, index=self._tasks(), columns=columns)
+
+    def _by_output(self, frames):
+        """One frame, with the outputs as its first index if y had two dimensions."""
+        if self._single_output:
+            return frames[0]
+        return pd.concat(dict(enumerate(frames)), names=["output"])
+
+    def _closest(self, R):
+        """The other task of the largest correlation with each, and that."""
+        rows, others = np.arange(len(R)), R - np.eye(len(R))
+        found = np.abs(others).round(9).argmax(axis=1)  # of equal ones the first
+        value = others[rows, found]
+        names = np.where(value == 0.0, None, self.tasks_.astype(object)[found])
+        return {"closest": names, "correlation": value}
+
+    def _explained(self):
+        """One less the nMSE of each task's samples given the others."""
+        n_outputs, n_tasks = len(self._posteriors), len(self.tasks_)
+        if not hasattr(self, "X_train_"):
+            return np.full((n_outputs, n_tasks), np.nan)
+        Y = self.y_train_.reshape(-1, n_outputs)
+        error = np.square(Y - self.loo_predict()[0].reshape(Y.shape))
+        error, around = (
+            pd.DataFrame(of).groupby(self.tasks_train_) for of in (error, Y)
+        )
+        variance = around.var(ddof=0).where(around.nunique() > 1)
+        return 1.0 - (error.mean() / variance).to_numpy().T

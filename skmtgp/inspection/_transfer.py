@@ -1,0 +1,381 @@
+"""Which tasks the others help."""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Literal, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.stats import norm, t
+from sklearn.base import BaseEstimator, clone
+from sklearn.gaussian_process.kernels import ConstantKernel
+from sklearn.utils import check_consistent_length
+
+from skmtgp._estimators.relations import evidence_of_relations
+from skmtgp.exceptions import UnidentifiedNoiseWarning
+from skmtgp.inspection._drawing import COLORS, Display, check_option, label_positions
+from skmtgp.inspection._models import (
+    check_output,
+    check_tasks,
+    check_vector,
+    model_with,
+)
+from skmtgp.single_task import SingleTaskGP
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOR_OF = {"helped": COLORS[2], "harmed": COLORS[1], "neither": COLORS[6]}
+# Nats of a relation before it counts, beside half the logarithm of the number of rows
+# for each number that it has learned: odds of 20 to 1. benchmarks/transfer.py has the
+# errors of either kind, which 2 and 4 shift from one to the other.
+CLEAR = 3.0
+# Those that matter: what a task owes to the others, and to what has it alone. A third
+# function was found to add next to nothing, were the model of full rank.
+MOST_NUMBERS = 2
+
+
+class TransferDisplay(Display):
+    r"""What each task gains from the others.
+
+    Each sample is predicted from all the others by the multi-task model, and from those
+    of its own task by a model that knows no other.
+
+    Parameters
+    ----------
+    transfer : DataFrame of n_tasks rows
+        With the tasks as index and the columns
+
+        - rows: number of samples;
+        - log_density, log_density_alone: mean log density of a sample, by the
+          multi-task model and by that of the task alone;
+        - gain, gain_std: their difference, and its standard error, from the differences
+          of the samples;
+        - error, error_alone: root mean squared error, in units of y;
+        - verdict: "helped" or "harmed" where the 95 % interval of the gain, by
+          Student's t, is above or below zero, or "neither";
+        - evidence: nats by which the targets are likelier than if the task had no
+          relation to the others, at the same hyperparameters;
+        - related: whether that is more than its relation costs.
+
+        The last two are from `from_estimator` only.
+
+    Attributes
+    ----------
+    bars_ : dict of matplotlib ErrorbarContainer
+        The gains of the tasks of each verdict, if these are drawn.
+    lines_ : list of two matplotlib Line2D
+        The errors by the multi-task model and by that of the task alone, if these are.
+    ax_ : matplotlib Axes
+        Where they are drawn.
+    figure_ : matplotlib Figure
+        The figure of the axes.
+
+    See Also
+    --------
+    TaskCovarianceDisplay : How the tasks are related.
+    skmtgp.SingleTaskGP : The model of each task alone.
+
+    Notes
+    -----
+    `verdict` and `related` ask different questions. The verdict compares with another
+    model, which has hyperparameters of its own: a task may be helped by what the others
+    say of noise and length-scales alone. A task that has rows enough is "neither",
+    however much it has in common with others. And `related` cuts the relation of one
+    task in the model that was learned:
+
+    .. math::
+        \log p(y_m | y_{-m}) - \log p(y_m) > 3 + \tfrac12 \min(r, 2) \log n_m
+
+    with the rank r of the task covariance, by which so many numbers say how the task is
+    related, of which two matter, and the number :math:`n_m` of its rows. A task that is
+    harmed is better left out, or learned with `diagonal=True`, with a higher rank or
+    alone; one that is not related gains little, and harms none where the rank is high
+    enough.
+
+    Both models' hyperparameters have seen the sample that is left out. Those of a task
+    alone are fewer for the model, but many for the rows of the task.
+
+    Examples
+    --------
+    >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor
+    >>> from skmtgp.inspection import TransferDisplay
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 60), np.repeat(["a", "b", "c", "odd"], 15)
+    >>> y = np.repeat([1.0, -2.0, 0.5, 0.0], 15) * np.sin(2 * x)
+    >>> y += np.where(task == "odd", np.cos(x**2 / 3), 0.0)
+    >>> y += 0.2 * rng.standard_normal(60)
+    >>> X = np.column_stack([x.astype(object), task])
+    >>> model = MultiTaskGPRegressor(rank=2).fit(X, y)
+    >>> display = TransferDisplay.from_estimator(model)
+    >>> display.transfer["related"].to_dict()
+    {'a': True, 'b': True, 'c': True, 'odd': False}
+    >>> plt.show()
+
+    The errors of the same:
+
+    >>> display.plot(kind="error")
+    <...>
+    >>> plt.show()
+    """
+
+    def __init__(self, *, transfer: pd.DataFrame) -> None:
+        self.transfer = transfer
+
+    def plot(
+        self,
+        *,
+        ax: Axes | None = None,
+        kind: Literal["gain", "error"] = "gain",
+    ) -> Self:
+        """Draw the gains of the tasks, or their errors.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        kind : {"gain", "error"}, default="gain"
+            The gains in log density with their 95 % intervals, in the colour of the
+            verdict, hollow where a task is not related to others; or both models'
+            errors.
+
+        Returns
+        -------
+        display : TransferDisplay
+            This one.
+
+        Raises
+        ------
+        ValueError
+            If `kind` is neither.
+        """
+        check_option("kind", kind, ("gain", "error"))
+        ax, table = self._set_axes(ax), self.transfer
+        draw = self._draw_gains if kind == "gain" else self._draw_errors
+        draw(table, np.arange(len(table)))
+        ax.set(xlim=(-0.6, len(table) - 0.4), xlabel="task")
+        label_positions(ax.xaxis, [str(task) for task in table.index])
+        ax.legend()
+        return self
+
+    def _draw_gains(self, table, place):
+        self.ax_.axhline(0.0, color="0.5", lw=0.8, zorder=0)
+        self.bars_ = {}
+        for verdict, color in COLOR_OF.items():
+            rows = (table["verdict"] == verdict).to_numpy()
+            if not rows.any():
+                continue
+            some, bars = table[rows], {"fmt": "none", "ecolor": color, "capsize": 3}
+            self.bars_[verdict] = self.ax_.errorbar(
+                place[rows], some["gain"], _edge(some), label=verdict, **bars
+            )
+            self._mark(place[rows], some["gain"], some, color)
+        self._explain_hollow(table)
+        self.ax_.set_ylabel("gain in log density of a sample, nats")
+
+    def _draw_errors(self, table, place):
+        names = {"error_alone": "task alone", "error": "multi-task"}
+        colors = {"error_alone": COLORS[6], "error": COLORS[0]}
+        self.lines_ = []
+        for name, label in names.items():
+            style = {"color": colors[name], "marker": "o", "ls": "none"}
+            found = self.ax_.plot(place, table[name], label=label, **style)
+            self.lines_ = found + self.lines_
+        self.ax_.set_ylim(bottom=0.0)
+        self.ax_.set_ylabel("error of a sample left out, in units of y")
+
+    def _mark(self, place, values, table, color):
+        related = _related(table)
+        for rows, face in ((related, color), (~related, "white")):
+            style = {"ls": "none", "marker": "o", "color": color, "mfc": face}
+            self.ax_.plot(place[rows], values.to_numpy()[rows], **style)
+
+    def _explain_hollow(self, table):
+        if not _related(table).all():
+            style = {"ls": "none", "marker": "o", "color": "0.3", "mfc": "white"}
+            self.ax_.plot([], [], label="not related", **style)
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator,
+        *,
+        output: int = 0,
+        ax: Axes | None = None,
+        kind: Literal["gain", "error"] = "gain",
+    ) -> Self:
+        """Learn each task alone, and draw what the multi-task model gains.
+
+        Parameters
+        ----------
+        estimator : estimator
+            Fitted: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC, or a
+            Pipeline that ends with one. The models of the tasks alone are learned from
+            the same rows, with the same kernel, an amplitude and, if the estimator has
+            `task_levels`, a level.
+        output : int, default=0
+            Which of several outputs.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        kind : {"gain", "error"}, default="gain"
+            What is drawn, see :meth:`plot`.
+
+        Returns
+        -------
+        display : TransferDisplay
+            Drawn.
+
+        Raises
+        ------
+        NotFittedError
+            If the estimator was not fitted.
+        TypeError
+            If the tasks of the model were learned alone.
+        ValueError
+            If there is no such output or kind, or if the rows are not kept, as
+            those of Dask collections.
+        """
+        instead = "its tasks are learned alone, so that there is nothing to compare."
+        model = model_with("task_covariance_", estimator, instead)
+        check_output(output, len(model.log_marginal_likelihoods_))
+        check_option("kind", kind, ("gain", "error"))
+        of_model = _output(model.loo_predict(include_noise=True), output)
+        y = model.y_train_.reshape(len(of_model[0]), -1)[:, output]
+        tasks = model.tasks_train_
+        of_alone = _alone(model, y)
+        table = _table(y, of_model, of_alone, tasks)
+        table.index = pd.Index(model.tasks_, name="task")
+        table["evidence"] = evidence_of_relations(model, output)
+        table["related"] = table["evidence"] > _cost(model, table["rows"])
+        return cls(transfer=table).plot(ax=ax, kind=kind)
+
+    @classmethod
+    def from_predictions(
+        cls,
+        y_true: ArrayLike,
+        y_mean: ArrayLike,
+        y_std: ArrayLike,
+        y_mean_alone: ArrayLike,
+        y_std_alone: ArrayLike,
+        *,
+        tasks: ArrayLike,
+        ax: Axes | None = None,
+        kind: Literal["gain", "error"] = "gain",
+    ) -> Self:
+        """Draw what one model's predictions gain over another's.
+
+        Parameters
+        ----------
+        y_true : array-like of shape (n_samples,)
+            Targets, of samples that neither model was given.
+        y_mean, y_std : array-like of shape (n_samples,)
+            Predictive means and standard deviations of the targets (noise included) by
+            the multi-task model.
+        y_mean_alone, y_std_alone : array-like of shape (n_samples,)
+            The same by the model of each task alone, or by any other.
+        tasks : array-like of shape (n_samples,)
+            Task of each sample.
+        ax : matplotlib Axes, default=None
+            Where to draw. None makes a new figure.
+        kind : {"gain", "error"}, default="gain"
+            What is drawn, see :meth:`plot`.
+
+        Returns
+        -------
+        display : TransferDisplay
+            Drawn.
+
+        Raises
+        ------
+        ValueError
+            If there is no such kind, or a standard deviation is not positive.
+        """
+        given = {
+            "y_true": y_true,
+            "y_mean": y_mean,
+            "y_std": y_std,
+            "y_mean_alone": y_mean_alone,
+            "y_std_alone": y_std_alone,
+        }
+        y, *columns = (check_vector(values, name) for name, values in given.items())
+        labels = check_tasks(tasks, len(y))
+        check_consistent_length(y, *columns, labels.codes)
+        for name in ("y_std", "y_std_alone"):
+            least = np.min(given[name])
+            if not least > 0.0:
+                raise ValueError(f"{name} must be positive; its minimum is {least!s}.")
+        table = _table(y, columns[:2], columns[2:], labels.codes)
+        table.index = pd.Index(labels.tasks, name="task")
+        return cls(transfer=table).plot(ax=ax, kind=kind)
+
+
+def _related(table):
+    """Whether each task is, as far as it is known."""
+    if "related" not in table:
+        return np.ones(len(table), dtype=bool)
+    return table["related"].to_numpy()
+
+
+def _cost(model, n):
+    """Nats that a relation must be worth, of tasks of so many rows."""
+    rank = getattr(model, "rank_", 0) + getattr(model, "shared", False)
+    return CLEAR + 0.5 * min(rank, MOST_NUMBERS) * np.log(n)
+
+
+def _output(columns, output):
+    return [values.reshape(len(values), -1)[:, output] for values in columns]
+
+
+def _alone(model, y):
+    """Means and deviations by a model of each task's other rows; NaN without any."""
+    kernel = model.kernel
+    if kernel is None:
+        kernel = model._default_kernel(model.X_train_)
+    kernel = ConstantKernel(1.0, (1e-3, 1e3)) * clone(kernel)
+    if model._has_levels():
+        kernel += ConstantKernel(1.0, "fixed")
+    given = SingleTaskGP().get_params().keys() & model.get_params().keys()
+    params = {name: getattr(model, name) for name in given}
+    params |= {"kernel": kernel, "task_feature": -1, "normalize_y": True}
+    if model.inference_ == "kronecker":
+        params["inference"] = "auto"
+    X = np.column_stack([model.X_train_, model.tasks_train_])
+    with warnings.catch_warnings():  # few rows are what others are to make up for
+        warnings.simplefilter("ignore", UnidentifiedNoiseWarning)
+        alone = SingleTaskGP(**params).fit(X, y)
+    found = np.stack(alone.loo_predict(include_noise=True))
+    counts = np.bincount(model.tasks_train_)
+    found[:, counts[model.tasks_train_] == 1] = np.nan  # their own mean was taken off
+    return found
+
+
+def _table(y, of_model, of_alone, codes):
+    """The frame without what only the model knows."""
+    densities = [norm.logpdf(y, *of) for of in (of_model, of_alone)]
+    of_row = {
+        "log_density": densities[0],
+        "log_density_alone": densities[1],
+        "gain": densities[0] - densities[1],
+        "error": np.square(y - of_model[0]),
+        "error_alone": np.square(y - of_alone[0]),
+    }
+    by_task = pd.DataFrame(of_row).groupby(codes)
+    table, n = by_task.mean(), by_task.size()
+    table.insert(0, "rows", n)
+    table.insert(4, "gain_std", by_task["gain"].std() / np.sqrt(n))
+    errors = ["error", "error_alone"]
+    table[errors] = np.sqrt(table[errors])
+    edge = _edge(table)
+    helped, harmed = table["gain"] > edge, table["gain"] < -edge
+    table["verdict"] = np.select([helped, harmed], ["helped", "harmed"], "neither")
+    return table
+
+
+def _edge(table):
+    """Half the length of the 95 % interval of a gain; NaN with a single row."""
+    freedom = np.maximum(table["rows"] - 1, 1)
+    return t.ppf(0.975, freedom) * table["gain_std"]

@@ -439,3 +439,29 @@ class TestLimitedMemory:
         tracemalloc.stop()
         np.testing.assert_allclose(step, -0.5)
         assert peak < 10 * 8 * n
+
+
+def test_a_report_may_end_it():
+    asked = []
+
+    def report(n_iter, x, value):
+        asked.append(value)
+        return n_iter == 3
+
+    best = minimize(
+        rosenbrock, np.zeros(20), *free(20), max_iter=50, tol=1e-14, report=report
+    )
+    assert best.n_iter == len(asked) == 3
+    assert best.value == asked[-1]
+    assert not best.converged
+    assert not best.stalled
+
+
+@pytest.mark.parametrize("patience", [2, 7])
+def test_patience(patience):
+    """What gains less than the tolerance for so long is over."""
+    best = minimize(
+        rosenbrock, np.zeros(20), *free(20), max_iter=50, tol=30.0, patience=patience
+    )
+    assert best.n_iter == patience
+    assert best.converged

@@ -458,9 +458,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(training.features) - len(self.X_train_),
             len(training.tasks),
         )
-        demand = Demand(
-            len(training.features), n_tasks, rank=self.rank_ + 1, n_kept=n_outputs
-        )
+        rank = self.rank_ + self._is_full()
+        demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_outputs)
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
         self._engine.check_joining(demand, tiles, n_before, n_new)
 

@@ -1,4 +1,5 @@
 import pickle
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -31,7 +32,8 @@ def data(request):
 
 @pytest.fixture(scope="module")
 def search(data):
-    with pytest.warns(ConvergenceWarning):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
         return RankSearchIC(MODEL, ranks=(1, 2, 3, 4)).fit(*data)
 
 
@@ -286,7 +288,8 @@ def test_failed_fit_changes_nothing(monkeypatch):
 
 @pytest.fixture(scope="module")
 def kept(data):
-    with pytest.warns(ConvergenceWarning):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
         return RankSearchIC(MODEL, ranks=(1, 2, 4), keep_estimators=True).fit(*data)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
@@ -14,6 +13,7 @@ from sklearn.gaussian_process.kernels import ConstantKernel
 from sklearn.utils import check_consistent_length
 
 from skmtgp._estimators.relations import evidence_of_relations
+from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import UnidentifiedNoiseWarning
 from skmtgp.inspection._drawing import COLORS, Display, check_option, label_positions
 from skmtgp.inspection._models import (
@@ -344,9 +344,11 @@ def _alone(model, y):
     if model.inference_ == "kronecker":
         params["inference"] = "auto"
     X = np.column_stack([model.X_train_, model.tasks_train_])
-    with warnings.catch_warnings():  # few rows are what others are to make up for
-        warnings.simplefilter("ignore", UnidentifiedNoiseWarning)
+    with collect_warnings() as collected:
         alone = SingleTaskGP(**params).fit(X, y)
+    for category, message in collected:
+        if category is not UnidentifiedNoiseWarning:  # others make up for few rows
+            warn(message, category)
     found = np.stack(alone.loo_predict(include_noise=True))
     counts = np.bincount(model.tasks_train_)
     found[:, counts[model.tasks_train_] == 1] = np.nan  # their own mean was taken off

@@ -39,6 +39,7 @@ FIRST_COLUMN = [
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.ConstantTargetWarning"),
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore:.*inducing:skmtgp.exceptions.JitterWarning"),
 ]
 
 

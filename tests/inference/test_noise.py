@@ -92,7 +92,7 @@ each = pytest.mark.parametrize("model", FITTED.values(), ids=FITTED.keys())
 
 
 class TestWarning:
-    @pytest.mark.parametrize("seed", [103, 106, 112, 115])
+    @pytest.mark.parametrize("seed", [103, 106, 109, 115])
     def test_noise_of_a_few_rows_that_is_lost(self, seed):
         model, messages = fitted(SHARED, *draw(3, 5, seed))
         assert model.noise_variance_ < 1e-3 * NOISE**2

@@ -22,10 +22,12 @@ from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.novel import learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.screening import criterion
 from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.model.task_covariance import low_rank
 
 ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
+FEW = 8  # rows of a task on average: fewer may tell no more than what all share
 
 
 class MultiTaskGPRegressor(BaseMultiTaskGP):
@@ -54,9 +56,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         standard deviation; the task covariance is its amplitude.
     rank : int, default=None
         Rank of the task covariance, 1 to the number of tasks. None is full rank, or
-        the highest that leaves four rows for each number of the task covariance:
-        `rank_` tells. 0 needs `shared`: one function of all tasks and, with
-        `task_levels`, a level of each, for many tasks of a handful of rows.
+        the highest that leaves four rows for each number of the task covariance; where
+        tasks have fewer than eight rows on average, that or 0, by BIC. `rank_` tells. 0
+        needs `shared`: one function of all tasks and, with `task_levels`, a level of
+        each, for many tasks of a handful of rows.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
@@ -343,9 +346,18 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 "rank=0 leaves tasks nothing in common: set shared=True, for one "
                 "function of all of them, or rank=1 or more."
             )
-        form = self._form(M, self._rank(M, len(problems[0].data)))
-        (modes,) = self._learn_ranks(problems, [form], progress)
-        return [problem.with_form(form) for problem in problems], modes
+        forms = self._forms(M, len(problems[0].data))
+        modes = self._learn_ranks(problems, forms, progress)
+        of_forms = [[of.with_form(form) for of in problems] for form in forms]
+        found = zip(of_forms, modes, strict=True)
+        return max(found, key=lambda of: sum(map(criterion, *of)))
+
+    def _forms(self, n_tasks, n):
+        """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
+        rank = self._rank(n_tasks, n)
+        few = self.rank is None and n < FEW * n_tasks and self.max_iter > 0
+        ranks = [0, rank] if few else [rank]
+        return [self._form(n_tasks, rank) for rank in ranks]
 
     def _form(self, n_tasks, rank):
         """The form of K^rho."""

@@ -370,3 +370,24 @@ def test_the_default_rank_is_what_the_rows_can_tell(n_tasks, rows, expected):
     model = MultiTaskGPRegressor(max_iter=0).fit(X, y)
     assert model.rank_ == expected
     assert MultiTaskGPRegressor(rank=n_tasks, max_iter=0).fit(X, y).rank_ == n_tasks
+
+
+@pytest.mark.parametrize(("common", "expected"), [(True, 0), (False, 1)])
+def test_tasks_of_few_rows_share_a_function_if_bic_says_so(common, expected):
+    rng = np.random.default_rng(0)
+    tasks = np.repeat(np.arange(12), 6)
+    x = rng.uniform(0.0, 6.0, 72)
+    slopes = np.ones(12) if common else np.tile([1.0, -1.0, 2.0], 4)
+    y = slopes[tasks] * np.sin(x) + 0.1 * rng.standard_normal(72)
+    X = np.column_stack([x, tasks])
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert model.rank_ == expected
+    assert model.get_params()["rank"] is None
+    new = np.column_stack([x, np.full(72, 99)])
+    if common:
+        np.testing.assert_allclose(model.predict(new), np.sin(x), atol=0.3)
+        joined = model.add_task(new[:3], y[:3])
+        assert joined.rank_ == 0
+    else:
+        with pytest.raises(ValueError, match="Unknown task 99"):
+            model.predict(new)

@@ -189,7 +189,7 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
 
     def _shares(self):
         """Whether all tasks share a function alike."""
-        return getattr(self, "shared", False)
+        return self._likelihoods[0].prior.task_covariance.shared
 
     def _posteriors_for(self, codes):
         """The posteriors, with tasks that were never seen if there are any."""

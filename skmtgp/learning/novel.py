@@ -168,9 +168,10 @@ def learn_border(border, factor, budget, *, informed):
         return rows.scale.T @ information @ rows.scale + np.eye(len(u))
 
     upper = np.full_like(rows.lower, TUNING.farthest)
+    own = TUNING.first * rows.scale[-1, -1] if border.own else None
     starts = [
         np.clip(rows.coordinates(row), rows.lower, upper)
-        for row in _starts(border, factor, TUNING.first * rows.scale[-1, -1])
+        for row in _starts(border, factor, own)
     ]
     options = {"metric": metric, "max_iter": budget.max_iter, "tol": budget.tol}
     optima = [

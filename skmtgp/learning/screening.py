@@ -15,9 +15,11 @@ Data that speak for nothing but common units are not asked at length:
 """
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from skmtgp._data.dask import map_parts
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.climbing import climb
@@ -141,7 +143,7 @@ def price(n_parameters, n):
 
 def price_of_tasks(data):
     """Nats that a parameter for each task is worth: only its own rows tell it."""
-    counts = _of_tasks(data, np.ones(len(data)))
+    counts = sum(map_parts(partial(np.bincount, minlength=data.n_tasks), data.tasks))
     return 0.5 * np.log(np.maximum(counts, 1.0)).sum()
 
 

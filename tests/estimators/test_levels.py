@@ -308,3 +308,26 @@ def test_one_function_has_no_levels():
     assert model.level_variance_ == 0.0
     np.testing.assert_array_equal(model.task_level_, np.full(M, model.y_mean_))
     np.testing.assert_array_equal(model.task_level_std_, np.zeros(M))
+
+
+@pytest.mark.parametrize("inference", ["dense", "sparse"])
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_a_task_joins_what_all_share(inference):
+    """Of rank 0 there is nothing to learn: the rows count, with what is known."""
+    X, y = draw(units=False)[:2]
+    new = X[:, -1] == 2
+    options = {"rank": 0, "shared": True, "noise": "shared", "normalize_y": False}
+    model = MultiTaskGPRegressor(
+        KERNEL, inference=inference, n_inducing=28, max_iter=3, **options
+    )
+    before = model.fit(X[~new], y[~new])
+    joined = before.add_task(X[new], y[new])
+    assert joined.rank_ == 0
+    np.testing.assert_array_equal(joined.theta_, before.theta_)
+    if inference == "dense":
+        level, K = before.level_variance_, before.kernel_(X[:, :-1])
+        same = np.equal.outer(X[:, -1], X[:, -1])
+        K = before.task_covariance_[0, 0] * K + level * same
+        noise = before.noise_variance_ * np.eye(len(K))
+        mean = K @ np.linalg.solve(K + noise, y - before.y_mean_)
+        np.testing.assert_allclose(joined.predict(X) - before.y_mean_, mean, rtol=1e-7)

@@ -188,8 +188,8 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
         return not self._units.per_task and self._shares()
 
     def _shares(self):
-        """Whether all tasks share a function alike."""
-        return self._likelihoods[0].prior.task_covariance.shared
+        """Whether the user asked for a function that all tasks share alike."""
+        return getattr(self, "shared", False)
 
     def _posteriors_for(self, codes):
         """The posteriors, with tasks that were never seen if there are any."""

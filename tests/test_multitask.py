@@ -384,7 +384,7 @@ def test_tasks_of_few_rows_share_a_function_if_bic_says_so(common, expected):
     assert model.rank_ == expected
     assert model.get_params()["rank"] is None
     new = np.column_stack([x, np.full(72, 99)])
-    with pytest.raises(ValueError, match="Unknown task 99.* shared=True"):
+    with pytest.raises(ValueError, match=r"Unknown task 99.* shared=True"):
         model.predict(new)  # nobody asked for it
     if common:
         joined = model.add_task(new[:3], y[:3])

@@ -24,15 +24,6 @@ from skmtgp.learning.problem import best_of, spent_on
 from skmtgp.learning.stages import Start, augmented_task_covariance
 from skmtgp.model.task_covariance import identity, ones
 
-FEWEST = 3  # rows of each task, on average
-NOISES = 1e-1, 1e-2  # in variances of what is left
-FASTER = -1.5, -3.0  # steps of log parameters: a length-scale a fifth, a twentieth
-SLOWER = 2.0  # of all of them
-UNUSED = 3.0  # of those of all features but one
-ROWS = 300  # that the test takes
-HINT = 4.0  # deviations
-QUICK = 60  # rows that are learned again at once
-
 
 def reveal(problem, mode):
     """The better of a mode and those that explain what it may take for noise.
@@ -70,11 +61,12 @@ def may_hide(problem, mode):
 
     All noise of a few rows may be functions, and they are quickly learned again.
     """
-    told = len(problem.data) >= FEWEST * problem.data.n_tasks
+    tuning, n = problem.tuning, len(problem.data)
+    told = n >= tuning.least_rows * problem.data.n_tasks
     learned = problem.budget.max_iter and np.isfinite(mode.value)
     if not (told and learned and problem.is_noisy(mode)):
         return False
-    return len(problem.data) <= QUICK or max(_scores(problem, mode)) > HINT
+    return n <= tuning.quick or any(z > tuning.hint for z in _scores(problem, mode))
 
 
 def _scores(problem, mode):
@@ -85,14 +77,15 @@ def _scores(problem, mode):
     :math:`\tfrac12 \mathrm{tr}\,WAWA`.
     """
     prior, data = problem.prior, problem.data
-    rows = np.linspace(0, len(data) - 1, min(len(data), ROWS)).astype(int)
+    rows = np.linspace(0, len(data) - 1, min(len(data), problem.tuning.tested))
+    rows = rows.astype(int)
     X, tasks, y = (np.asarray(of[rows]) for of in (data.X, data.tasks, data.y))
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
     with limit_threads(len(rows)):
         K = prior.covariance(mode.theta, X, tasks) + np.diag(noise)
         W = np.linalg.inv(K)
         alpha, of_each = W @ y, np.equal.outer(tasks, tasks)
-        for kernel in _kernels(prior):
+        for kernel in _kernels(problem):
             K_x = prior.kernel.clone_with_theta(kernel)(X)
             for A in (K_x, K_x * of_each):
                 WA = W @ A
@@ -123,7 +116,7 @@ def hidden_start(problem):
     rest = problem.with_data(_without_levels(problem.data))
     likelihood = rest.likelihood()
     variance = np.square(rest.data.y).mean()
-    theta = max(_candidates(problem.prior, variance), key=likelihood.value)
+    theta = max(_candidates(problem, variance), key=likelihood.value)
     likelihood.release()
     mode, prior = climb(rest, theta), problem.prior
     kernel, log_noise = prior.values(mode.theta).kernel, prior.log_noise_at(mode.theta)
@@ -141,24 +134,26 @@ def _without_levels(data):
     return replace(data, y=data.y - level[data.tasks])
 
 
-def _candidates(prior, variance):
+def _candidates(problem, variance):
     """Where step 1 may begin."""
+    prior, part = problem.prior, problem.tuning.noise_of_rest
     smallest = np.exp(prior.log_noise_bounds[0])
-    noises = np.log(np.maximum(np.multiply(NOISES, variance), smallest))
+    noises = np.log(np.maximum(np.multiply(part, variance), smallest))
     noises = np.minimum(noises, prior.log_noise_bounds[1])
     return [
         prior.theta(kernel=kernel, log_noise=noise)
-        for kernel in _kernels(prior)
+        for kernel in _kernels(problem)
         for noise in noises
     ]
 
 
-def _kernels(prior):
+def _kernels(problem):
     """Theta of k^x of faster and slower functions, of all features or of one."""
-    start, bounds = prior.kernel.theta, prior.kernel.bounds.reshape(-1, 2).T
-    kernels = [start, *(start + step for step in (*FASTER, SLOWER))]
+    kernel, tuning = problem.prior.kernel, problem.tuning
+    start, bounds = kernel.theta, kernel.bounds.reshape(-1, 2).T
+    kernels = [start, *(start + step for step in (*tuning.faster, tuning.slower))]
     if len(start) > 1:
-        for step in FASTER:
+        for step in tuning.faster:
             alone = np.eye(len(start), dtype=bool)
-            kernels += list(np.where(alone, start + step, start + UNUSED))
+            kernels += list(np.where(alone, start + step, start + tuning.unused))
     return [np.clip(kernel, *bounds) for kernel in kernels]

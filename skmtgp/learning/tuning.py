@@ -51,6 +51,22 @@ class Tuning:
         Most iterations while the noise is held down: k^x needs no more to take shape.
     lowered : tuple of float
         Noise variance of noisy data while it is held down, of a mode's.
+    least_rows : int
+        Rows of each task, on average, of which its mean leaves enough to learn from.
+    quick : int
+        Rows that are learned again without asking what their noise hides.
+    tested : int
+        Rows that are asked.
+    hint : float
+        Deviations above zero at which noise hides something: by chance few of some
+        dozens of scores are above 3.
+    noise_of_rest : tuple of float
+        Noise variances where learning without levels begins, of what is left.
+    faster, slower : tuple of float, float
+        Steps of the log parameters of k^x to other functions: a length-scale a fifth, a
+        twentieth; seven times.
+    unused : float
+        The same of all features but one.
     shakes : int
         How often the best mode is shaken at most: the third time seldom gains.
     singular : float
@@ -98,6 +114,14 @@ class Tuning:
     poorer: float = 30.0
     held_down: int = 20
     lowered: tuple = (1e-3, 1e-1)
+    least_rows: int = 3
+    quick: int = 60
+    tested: int = 300
+    hint: float = 4.0
+    noise_of_rest: tuple = (1e-1, 1e-2)
+    faster: tuple = (-1.5, -3.0)
+    slower: float = 2.0
+    unused: float = 3.0
     shakes: int = 3
     singular: float = 1e-12
     report_every: int = 100

@@ -105,8 +105,8 @@ class TestHiddenStart:
     def test_candidates_are_within_the_bounds(self, data, form, n_noise):
         kernel = RBF([1.0, 2.0, 5.0], (0.5, 6.0))
         bounds = {"log_noise": -3.0, "log_noise_bounds": (-3.5, -2.5)}
-        prior = pose(data, form, kernel, n_noise=n_noise, **bounds).prior
-        candidates = hidden._candidates(prior, 1.0)
+        problem = pose(data, form, kernel, n_noise=n_noise, **bounds)
+        prior, candidates = problem.prior, hidden._candidates(problem, 1.0)
         assert len(candidates) == 2 * (4 + 2 * 3)
         theta = np.array(candidates)
         assert theta.shape[1] == 3 + n_noise
@@ -144,7 +144,7 @@ class TestMayHide:
 
         mode = Mode(theta, 0.0, 7, 70, True, False, 1.0, len(data))
         scores = list(hidden._scores(problem, mode))
-        kernels = hidden._kernels(problem.prior)
+        kernels = hidden._kernels(problem)
         assert len(scores) == 2 * len(kernels)
         for k in (0, 1, 5):
             A = problem.prior.kernel.clone_with_theta(kernels[k])(data.X)
@@ -174,7 +174,7 @@ class TestMayHide:
         deviations = np.std(found, axis=0)
         assert deviations.min() > 0.6
         assert deviations.max() < 1.5
-        assert np.mean(np.array(found) > hidden.HINT) < 0.01
+        assert np.mean(np.array(found) > problem.tuning.hint) < 0.01
 
     def test_functions_are_seen(self, data):
         problem = pose(data, low_rank(M, M))

@@ -11,6 +11,7 @@ from skmtgp.learning.screening import (
     criterion,
     differ_in_noise,
     differ_in_size,
+    leaves_noise,
     score,
     screen,
     tells_noise,
@@ -137,7 +138,8 @@ def decide_noise(model, training, problems, modes):
         return training, problems, modes
     before = _criteria(problems, modes)
     best = int(np.argmax(before))
-    if not any(map(differ_in_noise, problems[best], modes[best])):
+    of_best = problems[best], modes[best]
+    if not (all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best))):
         return training, problems, modes
     others, learned = _with_own_noise(problems, modes, model.n_jobs)
     after = _criteria(others, learned)

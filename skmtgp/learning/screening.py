@@ -93,17 +93,28 @@ def differ_in_noise(problem, mode):
     -------
     differ : bool
     """
+    freedom, squares = _left_to_noise(problem, mode)
+    told = freedom > 1e-3
+    ratio = np.maximum(squares[told] / freedom[told], 1e-10)
+    gain = 0.5 * freedom[told] @ (ratio - 1.0 - np.log(ratio))
+    by_chance = 0.5 * told.sum() + np.sqrt(2.0 * told.sum())
+    return bool(gain > max(0.25 * price_of_tasks(problem.data), by_chance))
+
+
+def leaves_noise(problem, mode):
+    """Whether each task's rows leave more than one degree of freedom to the noise."""
+    return bool((_left_to_noise(problem, mode)[0] > 1.0).all())
+
+
+def _left_to_noise(problem, mode):
+    """Of each task: degrees of freedom, and squared residuals over the variance."""
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)
         noise = posterior.noise + posterior.jitter
         freedom = _of_tasks(problem.data, noise * posterior.precision())
         squares = _of_tasks(problem.data, noise * np.square(posterior.alpha))
-    told = freedom > 1e-3
-    ratio = np.maximum(squares[told] / freedom[told], 1e-10)
-    gain = 0.5 * freedom[told] @ (ratio - 1.0 - np.log(ratio))
-    by_chance = 0.5 * told.sum() + np.sqrt(2.0 * told.sum())
-    return bool(gain > max(0.25 * price_of_tasks(problem.data), by_chance))
+    return freedom, squares
 
 
 def with_own_noise(problem, mode):

@@ -11,6 +11,7 @@ from sklearn.base import clone
 from strategies import examples, seeds
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
+from skmtgp._estimators import deciding
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 OWN = {"normalize_y": "per_task", "noise": "shared"}
@@ -340,3 +341,26 @@ def test_a_gp_for_each_task_has_units_of_its_own(word):
     as_usual = SingleTaskGP(KERNEL, max_iter=3).fit(X, y)
     model = clone(as_usual).set_params(normalize_y=word).fit(X, y)
     np.testing.assert_array_equal(model.predict(X), as_usual.predict(X))
+
+
+def test_noise_of_tasks_is_not_asked_where_one_has_no_row_for_it(monkeypatch):
+    """One row of a task is for its level."""
+    rng = np.random.default_rng(0)
+    tasks = np.repeat([0, 1, 2], [40, 40, 1])
+    x = rng.uniform(0.0, 6.0, 81)
+    y = np.sin(x) + np.array([0.01, 1.0, 0.1])[tasks] * rng.standard_normal(81)
+    X = np.column_stack([x, tasks])
+    asked = []
+    plain = deciding.differ_in_noise
+    monkeypatch.setattr(
+        deciding, "differ_in_noise", lambda *of: asked.append(of) or plain(*of)
+    )
+    monkeypatch.setattr(
+        deciding, "_screened", lambda _, training, __: (0.0, training, "shared")
+    )
+    model = MultiTaskGPRegressor(rank=1).fit(X, y)
+    assert model.noise_ == "shared"
+    assert not asked
+    model.fit(X[tasks < 2], y[tasks < 2])
+    assert model.noise_ == "per_task"
+    assert asked

@@ -322,7 +322,8 @@ def _related(table):
 
 def _cost(model, n):
     """Nats that a relation must be worth, of tasks of so many rows."""
-    rank = getattr(model, "rank_", 0) + getattr(model, "shared", False)
+    form = model._likelihoods[0].prior.task_covariance  # BIC may have chosen to share
+    rank = getattr(model, "rank_", 0) + form.shared
     return CLEAR + 0.5 * min(rank, MOST_NUMBERS) * np.log(n)
 
 

@@ -5,18 +5,20 @@ others, see :mod:`skmtgp.learning.nesting`. A model with a diagonal is learned
 on its own, and from the mode of the one without, which is part of it.
 """
 
+from dataclasses import replace
 from functools import partial
 
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
 from skmtgp.learning.hidden import reveal
-from skmtgp.learning.nesting import descend, nest
+from skmtgp.learning.nesting import descend, detour, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
     add_diagonal,
     first_stage,
     full_rank_start,
+    likeliest,
     perturbed,
     second_stage,
     with_starts,
@@ -72,8 +74,6 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     fine = any(
         few.data is not all_.data for few, all_ in zip(coarse, problems, strict=True)
     )
-    alone = len(forms) == 1 and not fine  # else other ranks and rows will help
-    shakes = problems[0].tuning.shakes if alone else 1
     jobs = [
         (problem.with_form(form), of)
         for problem, of in zip(coarse, starts, strict=True)
@@ -86,7 +86,10 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
         partial(progress, "starts", n_starts * len(jobs), each),
         partial(progress, "learning", len(jobs), shaken),
     )
-    modes = second_stage(jobs, shakes=shakes, n_jobs=n_jobs, reporters=reporters)
+    modes = second_stage(jobs, shakes=1, n_jobs=n_jobs, reporters=reporters)
+    if len(forms) == 1 and not fine:  # else other ranks and rows help
+        ways = [(*job, mode) for job, mode in zip(jobs, modes, strict=True)]
+        modes = run(_another_way, ways, n_jobs=n_jobs)
     modes = _revealed(coarse, forms, by_output(modes, forms), n_jobs)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
@@ -97,6 +100,26 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     report = progress("learning from all rows", len(jobs), of_all)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
+
+
+def _another_way(problem, starts, mode):
+    """The better of a mode of data without noise and one that is found another way.
+
+    Where levels vanish it is that of the model without them, whose starts are others;
+    elsewhere a detour.
+    """
+    if problem.is_noisy(mode):
+        return mode
+    prior = problem.prior
+    if not prior.levels_vanish(mode.theta):
+        return detour(problem, likeliest(starts), mode)
+    bare = replace(problem, prior=replace(prior, levels=False))
+    [starts] = make_starts([bare], None)
+    [other] = second_stage([(bare, starts)], shakes=1)
+    theta = prior.with_least_levels(other.theta)
+    value = problem.likelihood().value(theta)
+    other = with_starts(other, starts)._replace(theta=theta, value=value)
+    return best_of([mode, other])
 
 
 def _revealed(problems, forms, modes, n_jobs):

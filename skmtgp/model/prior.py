@@ -262,9 +262,22 @@ class Prior:
 
     # bounds, and what is held while learning
 
+    def levels_vanish(self, theta):
+        """Whether there are levels, with a variance below that of the noise."""
+        values = self.values(theta)
+        return self.levels and bool(values.level <= values.noise.min())
+
+    def with_least_levels(self, theta):
+        """Theta with levels as small as can be, from that of the prior without."""
+        return np.insert(theta, len(theta) - self.n_noise, self._log_level_bounds[0])
+
+    @property
+    def _log_level_bounds(self):
+        return np.log(np.multiply([self.least_level, MOST_LEVEL], self.scale**2))
+
     def bounds(self):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
-        level = np.log(np.multiply([self.least_level, MOST_LEVEL], self.scale**2))
+        level = self._log_level_bounds
         parts = [
             self.kernel.bounds.reshape(-1, 2),
             self.task_covariance.bounds(self.scale),

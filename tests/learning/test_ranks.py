@@ -1,6 +1,7 @@
 import re
 from dataclasses import replace
 
+import building
 import numpy as np
 import pytest
 from drawn import (
@@ -16,7 +17,7 @@ from samples import Listener
 
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.learning import ranks
-from skmtgp.learning.problem import Budget
+from skmtgp.learning.problem import Budget, Mode
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.stages import first_stage, full_rank_start, perturbed, second_stage
 from skmtgp.model.task_covariance import identity, low_rank, ones
@@ -183,3 +184,47 @@ def test_what_varies_little_is_not_noise(rank, size, levels):
     model.fit(X[~test], y[~test])
     error = model.predict(X[test]) - y[test]
     assert np.sqrt(np.square(error).mean()) < 0.1
+
+
+class TestAnotherWay:
+    """Of data without noise: of the model without levels, or a detour."""
+
+    @pytest.fixture
+    def problem(self):
+        rng = np.random.default_rng(0)
+        X, tasks = rng.uniform(-2.0, 2.0, (36, 2)), np.repeat(np.arange(M), 12)
+        y = np.array([1.0, 2.0, -1.0])[tasks] * np.sin(X[:, 0])
+        bounds = tuple(np.log([1e-10, 10.0]))
+        return pose(
+            building.data(X, tasks, y, M),
+            low_rank(M, 1),
+            levels=True,
+            log_noise_bounds=bounds,
+        )
+
+    @staticmethod
+    def at(problem, *, level, noise):
+        theta = problem.theta()
+        theta[-2:] = np.log([level, noise])
+        value = problem.likelihood().value(theta)
+        return Mode(theta, value, 7, 8, True, False, 0.5, len(problem.data))
+
+    def test_without_levels_where_they_vanish(self, problem, monkeypatch):
+        monkeypatch.setattr(ranks, "detour", None)
+        poor = self.at(problem, level=1e-12, noise=1e-9)
+        found = ranks._another_way(problem, [], poor)
+        assert found.value > poor.value + 10.0
+        assert found.n_evaluations > poor.n_evaluations
+        value = problem.likelihood().value(found.theta)
+        np.testing.assert_allclose(found.value, value, rtol=1e-8)
+        assert problem.prior.levels_vanish(found.theta)
+
+    def test_detour_where_there_are_levels(self, problem, monkeypatch):
+        monkeypatch.setattr(ranks, "detour", lambda *args: "detour")
+        start = first_stage(problem.with_form(identity(M)))
+        mode = self.at(problem, level=0.1, noise=1e-9)
+        assert ranks._another_way(problem, [start], mode) == "detour"
+
+    def test_noisy_data_have_their_mode(self, problem):
+        mode = self.at(problem, level=0.1, noise=0.1)
+        assert ranks._another_way(problem, None, mode) is mode

@@ -1,5 +1,7 @@
 """The prior of the targets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
@@ -46,3 +48,20 @@ def test_covariance_by_the_book(levels):
         for i, m in enumerate(tasks)
     ]
     np.testing.assert_allclose(prior.covariance(theta, X, tasks), expected, rtol=1e-12)
+
+
+def test_levels_that_vanish():
+    with_levels = Prior(RBF([1.0, 2.0]), low_rank(3, 2), n_noise=3, levels=True)
+    bare = replace(with_levels, levels=False)
+    theta = bare.theta(K_rho=np.eye(3))
+    assert not bare.levels_vanish(theta)
+    least = with_levels.with_least_levels(theta)
+    assert with_levels.levels_vanish(least)
+    values = with_levels.values(least)
+    np.testing.assert_allclose(values.level, with_levels.least_level)
+    expected = bare.values(theta)._replace(level=values.level)
+    for part, same in zip(values, expected, strict=True):
+        np.testing.assert_array_equal(part, same)
+    larger = least.copy()
+    larger[-4] = larger[-3:].min() + 0.1
+    assert not with_levels.levels_vanish(larger)

@@ -192,6 +192,11 @@ class Prior:
             return None
         return form.unseen(self._split(theta)[1])[0][0]
 
+    def equal_variance(self, theta):
+        """Variance of what each task has of its own, if all have the same; else 0."""
+        equal = getattr(self.task_covariance, "equal", False)
+        return float(np.exp(self._split(theta)[1][-1])) if equal else 0.0
+
     def unseen(self, theta):
         """A task without data at theta, see `WithShared.unseen`; None if unknown."""
         return self.task_covariance.unseen(self._split(theta)[1])

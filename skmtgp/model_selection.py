@@ -125,11 +125,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     lower one, see :mod:`skmtgp.learning`. Where rank 0 or compound symmetry is chosen,
     tasks that `fit` has not seen are predicted too, if the units are shared.
 
-    Single tasks are separate models of separate data: their BIC is the sum of the
-    tasks', each with the logarithm of its own number of samples. The level of a task
-    has there the prior of unit information around the mean of its samples. Where they
-    are chosen, `summary`, `add_task` and what shows how tasks are related say that
-    there is nothing of the kind.
+    The level of a single task has the prior of unit information around the mean of its
+    samples; all other hyperparameters of the tasks are counted. Where single tasks are
+    chosen, `summary`, `add_task` and what shows how tasks are related say that there is
+    nothing of the kind.
 
     For "loo" the hyperparameters have seen the observation that is left out, so that it
     may take larger ranks than needed; where ranks predict all but alike, BIC takes the
@@ -234,15 +233,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
         loo = self.criterion == "loo"
-        table = _results(training, of_forms, modes, loo=loo)
+        table = _results(training, of_forms, modes, alone, loo=loo)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
         makes = [
             partial(_fitted, model, training, *of)
             for of in zip(settings, of_forms, modes, strict=True)
         ]
         if alone is not None:
-            row = alone.results(training.counts, loo=loo)
-            table = {k: np.append(of, row[k]) for k, of in table.items()}
             names, makes = [*names, ALONE], [*makes, alone.told]
         best = int(np.argmin(table[self.criterion]))
         # arrays, for a frame cannot be kept by skops
@@ -500,51 +497,36 @@ class _Alone:
             warn(message, category)
         return self.estimator
 
-    def results(self, counts, *, loo):
-        """Its row of the table. Each task's parameters are told by its own rows."""
-        values = self.estimator.log_marginal_likelihoods_
-        numbers = np.array([of.n_hyperparameters_ for of in self.estimator.estimators_])
-        log_n, n_all = np.log(counts * len(values)), numbers.sum()
-        deviance = -2.0 * values.sum()
-        row = {
-            "rank": 0,
-            "model": ALONE,
-            "log_marginal_likelihood": values.sum(),
-            "n_hyperparameters": n_all,
-            "bic": deviance + numbers @ log_n,
-            "aic": deviance + 2.0 * n_all,
-            "hqc": deviance + 2.0 * numbers @ np.log(np.maximum(log_n, 1.0)),
-            "fit_time": self.seconds,
-        }
-        row |= {_of_output(j): value for j, value in enumerate(values)}
-        return row | ({"loo": self._leave_out()} if loo else {})
-
-    def _leave_out(self):
-        targets = [of.y_train_ for of in self.estimator.estimators_]
-        found = [
-            of.loo_predict(include_noise=True) for of in self.estimator.estimators_
-        ]
-        densities = [
-            norm.logpdf(y, *of).sum() for y, of in zip(targets, found, strict=True)
-        ]
-        return -2.0 * sum(densities)
+    def leave_out(self):
+        """Log density of each target given the others of its task, summed."""
+        return sum(map(_density_of_others, self.estimator.estimators_))
 
 
-def _results(training, of_forms, modes, *, loo):
-    """The table of criteria, one row for each form."""
-    n, n_outputs = training.Y.shape
+def _density_of_others(estimator):
+    found = estimator.loo_predict(include_noise=True)
+    return float(norm.logpdf(estimator.y_train_, *found).sum())
+
+
+def _results(training, of_forms, modes, alone, *, loo):
+    """The table of criteria, one row for each form, and one for single tasks."""
+    log_n = np.log(training.Y.size)
     jacobian = training.units.log_jacobian(training.counts)
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values += jacobian
-    log_likelihood = values.sum(axis=1)
-    count = np.array(
-        [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
-    )
-    n_observations = n * n_outputs
-    deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
+    forms = [of_form[0].prior.task_covariance for of_form in of_forms]
+    names, ranks = [str(form) for form in forms], [form.rank for form in forms]
+    count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
+    seconds = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
+    if alone is not None:
+        values = np.vstack([values, alone.estimator.log_marginal_likelihoods_])
+        names, ranks = [*names, ALONE], [*ranks, 0]
+        count.append(alone.estimator.n_hyperparameters_)
+        seconds.append(alone.seconds)
+    log_likelihood, count = values.sum(axis=1), np.array(count)
+    deviance = -2.0 * log_likelihood
     table = {
-        "rank": [of_form[0].prior.task_covariance.rank for of_form in of_forms],
-        "model": [str(of_form[0].prior.task_covariance) for of_form in of_forms],
+        "rank": ranks,
+        "model": names,
         "log_marginal_likelihood": log_likelihood,
         "n_hyperparameters": count,
         "bic": deviance + count * log_n,  # eq. 8
@@ -553,8 +535,10 @@ def _results(training, of_forms, modes, *, loo):
     }
     if loo:
         scaled = [sum(map(_leave_out, *of)) for of in zip(of_forms, modes, strict=True)]
-        table["loo"] = -2.0 * (np.array(scaled) + jacobian.sum())
-    table["fit_time"] = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
+        of_forms = np.array(scaled) + jacobian.sum()
+        beside = [] if alone is None else [alone.leave_out()]
+        table["loo"] = -2.0 * np.append(of_forms, beside)
+    table["fit_time"] = seconds
     if not training.single_output:
         table |= {_of_output(j): column for j, column in enumerate(values.T)}
     return {name: np.asarray(column) for name, column in table.items()}

@@ -21,12 +21,13 @@ from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.estimator import Estimator
-from skmtgp._estimators.fitted import likelihood_at
+from skmtgp._estimators.fitted import evidence_of, likelihood_at
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
+from skmtgp.learning.evidence import beside_likelihood
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
@@ -61,6 +62,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     and 2 log log n in place of log n. "loo" is
     :math:`-2 \sum_i \log p(y_i | y_{-i})`, what each observation's density is given all
     the others, in the units of y and in closed form: it counts no parameters.
+    "laplace" is -2 log p(y), the hyperparameters integrated out by Laplace's method
+    under a weak prior.
 
     Parameters
     ----------
@@ -78,9 +81,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         diagonal="equal"``; "single tasks", a SingleTaskGP, if inference is exact and
         each task has twice as many samples as hyperparameters. "auto" is True where
         `ranks` is None and inference is exact.
-    criterion : {"bic", "aic", "hqc", "loo"}, default="bic"
-        Which criterion chooses. "loo" takes one more decomposition for each rank and
-        output, and needs the rows: it refuses Dask collections.
+    criterion : {"bic", "aic", "hqc", "loo", "laplace"}, default="bic"
+        Which criterion chooses. "loo" takes one more decomposition for each candidate
+        and output, and needs the rows: it refuses Dask collections. "laplace" takes two
+        more gradients for each hyperparameter of each candidate.
     keep_estimators : bool, default=False
         Whether all models are kept, not the best one alone.
     n_jobs : int, default=None
@@ -100,10 +104,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         The chosen model, fitted.
     results_ : DataFrame of n_candidates rows
         rank, model (its name), log_marginal_likelihood (of y in its own units, summed
-        over outputs), n_hyperparameters, bic, aic, hqc, loo if that is the criterion,
-        fit_time: seconds of computing spent on it, the first stage that they share
-        counted for each, and chosen: whether it is `best_model_`. With several outputs,
-        output0_log_marginal_likelihood and so on too.
+        over outputs), n_hyperparameters, bic, aic, hqc, loo or laplace if that is the
+        criterion, fit_time: seconds of computing spent on it, the first stage that they
+        share counted for each, and chosen: whether it is `best_model_`. With several
+        outputs, output0_log_marginal_likelihood and so on too.
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_candidates estimators
@@ -151,7 +155,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         "estimator": [MultiTaskGPRegressor, None],
         "ranks": ["array-like", None],
         "simpler": [StrOptions({"auto"}), "boolean"],
-        "criterion": [StrOptions({"bic", "aic", "hqc", "loo"})],
+        "criterion": [StrOptions({"bic", "aic", "hqc", "loo", "laplace"})],
         "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -163,7 +167,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         *,
         ranks: ArrayLike | None = None,
         simpler: Literal["auto"] | bool = "auto",
-        criterion: Literal["bic", "aic", "hqc", "loo"] = "bic",
+        criterion: Literal["bic", "aic", "hqc", "loo", "laplace"] = "bic",
         keep_estimators: bool = False,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -232,8 +236,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
-        loo = self.criterion == "loo"
-        table = _results(training, of_forms, modes, alone, loo=loo)
+        table = _results(training, of_forms, modes, alone, self.criterion)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
         makes = [
             partial(_fitted, model, training, *of)
@@ -501,13 +504,17 @@ class _Alone:
         """Log density of each target given the others of its task, summed."""
         return sum(map(_density_of_others, self.estimator.estimators_))
 
+    def evidence(self):
+        """Log evidence by Laplace's method, summed over the tasks."""
+        return sum(map(evidence_of, self.estimator.estimators_))
+
 
 def _density_of_others(estimator):
     found = estimator.loo_predict(include_noise=True)
     return float(norm.logpdf(estimator.y_train_, *found).sum())
 
 
-def _results(training, of_forms, modes, alone, *, loo):
+def _results(training, of_forms, modes, alone, criterion):
     """The table of criteria, one row for each form, and one for single tasks."""
     log_n = np.log(training.Y.size)
     jacobian = training.units.log_jacobian(training.counts)
@@ -533,11 +540,12 @@ def _results(training, of_forms, modes, alone, *, loo):
         "aic": deviance + count * 2.0,
         "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
     }
-    if loo:
-        scaled = [sum(map(_leave_out, *of)) for of in zip(of_forms, modes, strict=True)]
-        of_forms = np.array(scaled) + jacobian.sum()
-        beside = [] if alone is None else [alone.leave_out()]
-        table["loo"] = -2.0 * np.append(of_forms, beside)
+    if criterion in DENSITIES:
+        of_form, of_alone = DENSITIES[criterion]
+        scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
+        beside = [] if alone is None else [of_alone(alone)]
+        densities = np.append(np.array(scaled) + jacobian.sum(), beside)
+        table[criterion] = -2.0 * densities
     table["fit_time"] = seconds
     if not training.single_output:
         table |= {_of_output(j): column for j, column in enumerate(values.T)}
@@ -554,3 +562,16 @@ def _leave_out(problem, mode):
     posterior = likelihood_at(problem, mode).posterior(mode.theta)
     residual, variance = posterior.leave_one_out(include_noise=True)
     return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
+
+
+def _evidence(problem, mode):
+    """Log evidence by Laplace's method, in the problem's units."""
+    likelihood = likelihood_at(problem, mode)
+    return mode.value + beside_likelihood(likelihood, mode.theta)
+
+
+# Log densities of y: of a form of the multi-task model, and of single tasks.
+DENSITIES = {
+    "loo": (_leave_out, _Alone.leave_out),
+    "laplace": (_evidence, _Alone.evidence),
+}

@@ -15,7 +15,7 @@ from skmtgp.inspection._drawing import Display, check_option, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CRITERIA = "bic", "aic", "hqc", "loo"
+CRITERIA = "bic", "aic", "hqc", "loo", "laplace"
 # A difference of BIC that is very strong evidence (Kass and Raftery, 1995).
 CLEAR = 10.0
 
@@ -30,8 +30,8 @@ class RankSelectionDisplay(Display):
     ----------
     results : mapping or DataFrame
         ``results_`` of a RankSearchIC: columns rank, bic, aic, hqc and, if it was the
-        search's criterion, loo. With several candidates of a rank model and chosen,
-        too.
+        search's criterion, loo or laplace. With several candidates of a rank model and
+        chosen, too.
     best_rank : int
         The rank that was chosen.
 
@@ -86,8 +86,8 @@ class RankSelectionDisplay(Display):
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         criteria : str or sequence of str, default="bic"
-            "bic", "aic", "hqc" or "loo"; several are drawn less the minimum of each,
-            on an axis that is linear up to 10 and logarithmic above.
+            "bic", "aic", "hqc", "loo" or "laplace"; several are drawn less the minimum
+            of each, on an axis that is linear up to 10 and logarithmic above.
 
         Returns
         -------
@@ -97,7 +97,8 @@ class RankSelectionDisplay(Display):
         Raises
         ------
         ValueError
-            If a criterion is none of these, or is "loo" and the search did not use it.
+            If a criterion is none of these, or is "loo" or "laplace" and the search
+            did not use it.
         """
         names: list[str] = [criteria] if isinstance(criteria, str) else [*criteria]
         for name in names or [""]:
@@ -168,8 +169,8 @@ class RankSelectionDisplay(Display):
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         criteria : str or sequence of str, default=None
-            "bic", "aic", "hqc" or "loo"; several are drawn less the minimum of each.
-            None is the one that the search used.
+            "bic", "aic", "hqc", "loo" or "laplace"; several are drawn less the minimum
+            of each. None is the one that the search used.
 
         Returns
         -------
@@ -183,7 +184,8 @@ class RankSelectionDisplay(Display):
         TypeError
             If the estimator is not a RankSearchIC.
         ValueError
-            If a criterion is none of these, or is "loo" and the search did not use it.
+            If a criterion is none of these, or is "loo" or "laplace" and the search
+            did not use it.
         """
         search = estimator[-1] if isinstance(estimator, Pipeline) else estimator
         check_is_fitted(search)

@@ -284,6 +284,14 @@ class Prior:
         return np.arange(self.n_theta) < self.kernel.n_dims
 
     @cached_property
+    def of_factor(self):
+        """Which are elements of a factor of K^rho, row by row; a mask."""
+        begin = self.kernel.n_dims
+        rank = getattr(self.task_covariance, "rank", 0)
+        position = np.arange(self.n_theta) - begin
+        return (position >= 0) & (position < self.n_tasks * rank)
+
+    @cached_property
     def unexplained(self):
         """Which are variances of what is unexplained, kappa and the noise; a mask."""
         n_kernel, n_rho, _, n_noise = self._sizes

@@ -220,11 +220,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         n_kept = n_forms if self.keep_estimators else 1
         model.set_params(rank=ranks[-1])
         problems = model._problems(training, n_forms, n_kept)
-        simpler = simpler and (self.simpler is True or problems[0].engine.exact)
+        exact = problems[0].engine.exact  # without, likelihoods of each task take long
+        simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
         forms = [low_rank(len(training.tasks), **each) for each in settings]
         model._warn_of_duration(problems, len(forms))
-        alone = _alone(model, training, X, y) if simpler else None
+        alone = _alone(model, training, X, y) if simpler and exact else None
         with limit_threads(side(problems)):
             modes = model._learn_ranks(problems, forms, progress)
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
@@ -476,8 +477,6 @@ def _fitted(model, training, settings, problems, modes):
 
 def _alone(model, training, X, y):
     """The tasks learned alone, or None where their rows cannot tell as much."""
-    if model.inference == "sparse" or is_dask(training.features):  # likelihoods alone
-        return None
     alone = alone_like(model, training.features)
     learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
     if training.counts.min() < TOLD * (alone.kernel.n_dims + learned):

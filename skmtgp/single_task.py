@@ -422,7 +422,10 @@ def alone_like(model, features):
         kernel += ConstantKernel(1.0, "fixed")
     given = SingleTaskGP().get_params().keys() & model.get_params(deep=False).keys()
     params = {name: getattr(model, name) for name in given}
-    return SingleTaskGP(**params | {"kernel": kernel, "normalize_y": True})
+    params |= {"kernel": kernel, "normalize_y": True}
+    if params["inference"] == "kronecker":  # it needs several tasks
+        params["inference"] = "auto"
+    return SingleTaskGP(**params)
 
 
 def _fit_alone(estimator, X, y):

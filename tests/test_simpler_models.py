@@ -19,6 +19,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp._estimators.fitted import evidence_of
 from skmtgp.exceptions import UnidentifiedNoiseWarning
 from skmtgp.inspection import (
     RankSelectionDisplay,
@@ -308,6 +309,46 @@ class TestSingleTasks:
         for method in ("summary", "loo_predict"):
             with pytest.raises(NotFittedError):
                 getattr(RankSearchIC(), method)()
+
+
+@pytest.fixture(scope="module", params=[None, 2], ids=["one output", "two outputs"])
+def laplace(request):
+    X, y = DATA["compound symmetry"]
+    y = y if request.param is None else np.column_stack([y, -y])
+    search = clone(SEARCH).set_params(criterion="laplace", keep_estimators=True)
+    return search.set_params(ranks=(0, 1), simpler=True).fit(X, y), y
+
+
+class TestLaplace:
+    def test_it_is_the_evidence_of_each_candidate(self, laplace):
+        search, _ = laplace
+        found = search.results_["laplace"]
+        for value, model in zip(found, search.estimators_, strict=True):
+            parts = getattr(model, "estimators_", [model])
+            assert value == pytest.approx(-2.0 * sum(map(evidence_of, parts)), rel=1e-6)
+        assert found.argmin() == search.results_["chosen"].argmax()
+        assert search.best_model_ == "compound symmetry"
+
+    def test_units_of_y_do_not_matter(self, laplace):
+        search, y = laplace
+        other = clone(search).fit(DATA["compound symmetry"][0], 8.0 * y)
+        change = other.results_["laplace"] - search.results_["laplace"]
+        np.testing.assert_allclose(change, 2.0 * y.size * np.log(8.0), rtol=1e-3)
+
+    def test_only_if_asked(self, searched):
+        assert "laplace" not in searched[1].results_
+
+    def test_noise_that_vanishes_is_paid_for(self):
+        """Eight tasks of five rows, whose noise BIC lets a rank explain away."""
+        rng = np.random.default_rng(7)
+        tasks = np.repeat(np.arange(8), 5)
+        x = rng.uniform(0.0, 6.0, 40)
+        y = rng.standard_normal(8)[tasks] * np.sin(x) + 0.3 * rng.standard_normal(40)
+        X = np.column_stack([x, tasks])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            search = clone(SEARCH).set_params(criterion="laplace").fit(X, y)
+        assert search.best_estimator_.noise_variance_ > 1e-3
 
 
 class TestEqualDiagonal:

@@ -333,8 +333,6 @@ def _output(columns, output):
 def _alone(model, y):
     """Means and deviations by a model of each task's other rows; NaN without any."""
     alone = alone_like(model, model.X_train_).set_params(task_feature=-1)
-    if model.inference_ == "kronecker":
-        alone.set_params(inference="auto")
     X = np.column_stack([model.X_train_, model.tasks_train_])
     with collect_warnings() as collected:
         alone.fit(X, y)

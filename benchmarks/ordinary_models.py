@@ -209,6 +209,9 @@ def learned(estimator, params, drawn):
     """
     of = getattr(estimator, "best_estimator_", estimator)
     row = {"lml": getattr(of, "log_marginal_likelihood_value_", None)}
+    if isinstance(estimator, RankSearchIC):
+        row["chose"] = estimator.best_model_
+        row["right"] = is_right(estimator.best_model_, drawn)
     if isinstance(of, MultiTaskGPRegressor):
         row["config"] = {
             **{key: params[key] for key in OF_THE_MODEL if key in params},
@@ -224,6 +227,16 @@ def learned(estimator, params, drawn):
         log_noise = 0.5 * np.log(of.noise_variance_) - np.log(drawn.truth.noise)
         row["noise"] = float(f"{np.exp(log_noise.mean()):.4g}")
     return row
+
+
+def is_right(name, drawn):
+    """Whether the search has chosen the model of the problem; None if none is."""
+    if drawn.rank is None:
+        return None
+    factor = drawn.truth.factor
+    if drawn.rank == len(factor) > 1 and np.count_nonzero(factor) == len(factor):
+        return name in ("independent", "single tasks", f"rank {drawn.rank}")
+    return name == (f"rank {drawn.rank}" if drawn.rank else "shared")
 
 
 def scores(estimator, drawn):

@@ -110,12 +110,13 @@ def described(fit, best, errors):
     kept |= {"below": np.nan, "best": np.nan, "lml": fit.get("lml")}
     if kept["failed"]:
         return kept
-    value, sought = best.get((fit["problem"], config_of(fit)), (np.nan, False))
-    if sought:
-        kept |= {"below": value - fit["lml"], "best": value}
-    kept["chose"] = chosen(fit["config"])
-    if fit["model"] == "search" and fit["true_rank"] is not None:
-        kept["right"] = fit["config"]["rank"] == fit["true_rank"]
+    if "config" in fit:
+        value, sought = best.get((fit["problem"], config_of(fit)), (np.nan, False))
+        if sought:
+            kept |= {"below": value - fit["lml"], "best": value}
+    kept["chose"] = chosen(fit)
+    if fit.get("right") is not None:
+        kept["right"] = fit["right"]
     own = np.array(fit["errors"], dtype=float)
     of_this = {m: e for (problem, m), e in errors.items() if problem == fit["problem"]}
     kept |= {f"/{m}": own.mean() / np.nanmean(e) for m, e in of_this.items()}
@@ -132,9 +133,13 @@ def worse(own, other):
     return float(more.mean() > ERRORS * more.std(ddof=1) / np.sqrt(len(more)))
 
 
-def chosen(config):
+def chosen(fit):
     """What was chosen, in a few words."""
-    return f"rank {config['rank']}, {config['normalize_y']} units, {config['noise']}"
+    if "config" not in fit:
+        return fit["chose"]
+    config = fit["config"]
+    model = fit.get("chose", f"rank {config['rank']}")
+    return f"{model}, {config['normalize_y']} units, {config['noise']}"
 
 
 def over_best(own, of_this, tasks=slice(None)):

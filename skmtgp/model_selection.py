@@ -1,14 +1,17 @@
-"""Choosing the rank by an information criterion, and cross-validation by task."""
+"""Choosing the model by an information criterion, and cross-validation by task."""
 
 from __future__ import annotations
 
 from copy import copy
+from functools import partial
 from numbers import Integral
+from time import perf_counter
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
@@ -18,23 +21,34 @@ from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.estimator import Estimator
-from skmtgp._estimators.fitted import likelihood_at
+from skmtgp._estimators.fitted import evidence_of, likelihood_at
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp._support.warnings import collect_warnings, warn
+from skmtgp.learning.evidence import beside_likelihood
 from skmtgp.model.task_covariance import low_rank
-from skmtgp.multitask import MultiTaskGPRegressor
+from skmtgp.multitask import ROWS, MultiTaskGPRegressor
+from skmtgp.single_task import SingleTaskGP, alone_like
 
 __all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
+# Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
+SIMPLER = tuple(
+    {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
+)
+ALONE = "single tasks"
+TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 
 
 class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     r"""Multi-task GP whose rank is chosen by an information criterion.
 
-    One rank is chosen for all outputs, the one that minimises
+    By default simpler models are candidates too: independent tasks, tasks that are
+    equally alike, a model for each task. One of the candidates is chosen for all
+    outputs, the one that minimises
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
@@ -43,11 +57,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     over J outputs and M tasks, with :math:`L_{jr}` the likelihood learned for output j
     at rank r, :math:`d_j` the number of hyperparameters of its kernel, e the number of
     the others that each output has (1 or M of the noise, 1 of levels, 1 of a function
-    that all tasks share, M of a diagonal) and n the number of observations, those of
-    all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
+    that all tasks share, 1 or M of a diagonal) and n the number of observations, those
+    of all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
     and 2 log log n in place of log n. "loo" is
     :math:`-2 \sum_i \log p(y_i | y_{-i})`, what each observation's density is given all
     the others, in the units of y and in closed form: it counts no parameters.
+    "laplace" is -2 log p(y), the hyperparameters integrated out by Laplace's method
+    under a weak prior.
 
     Parameters
     ----------
@@ -56,13 +72,21 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     ranks : sequence of int, default=None
         Ranks to compare. Those above the number of tasks count as that number. 0 is one
         function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
-        the number of tasks, as long as a task covariance has no more free parameters
-        than half the samples; the paper has (2, 4, 5, 6, 8, 10).
-    criterion : {"bic", "aic", "hqc", "loo"}, default="bic"
-        Which criterion chooses. "loo" takes one more decomposition for each rank and
-        output, and needs the rows: it refuses Dask collections.
+        the number of tasks, as long as four samples come on each free parameter of a
+        task covariance; the paper has (2, 4, 5, 6, 8, 10).
+    simpler : {"auto"} or bool, default="auto"
+        Whether these are candidates, too: "independent", independent tasks that share
+        their kernel, ``rank=0, diagonal="equal"``; "compound symmetry", a function of
+        all tasks and an independent deviation of each, ``rank=0, shared=True,
+        diagonal="equal"``; "single tasks", a SingleTaskGP, if inference is exact and
+        each task has twice as many samples as hyperparameters. "auto" is True where
+        `ranks` is None and inference is exact.
+    criterion : {"bic", "aic", "hqc", "loo", "laplace"}, default="bic"
+        Which criterion chooses. "loo" takes one more decomposition for each candidate
+        and output, and needs the rows: it refuses Dask collections. "laplace" takes two
+        more gradients for each hyperparameter of each candidate.
     keep_estimators : bool, default=False
-        Whether the models of all ranks are kept, not the best one's alone.
+        Whether all models are kept, not the best one alone.
     n_jobs : int, default=None
         Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
@@ -71,19 +95,23 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     Attributes
     ----------
     best_rank_ : int
-        The chosen rank.
-    best_estimator_ : MultiTaskGPRegressor
-        The model of that rank, fitted.
-    results_ : DataFrame of n_ranks rows
-        rank, log_marginal_likelihood (of y in its own units, summed over outputs),
-        n_hyperparameters, bic, aic, hqc, loo if that is the criterion, fit_time:
-        seconds of computing spent on that rank, the first stage that all ranks share
-        counted for each, and chosen: whether it is `best_rank_`. With several outputs,
-        output0_log_marginal_likelihood and so on too.
+        The chosen rank, 0 for each of the simpler models: how many functions the tasks
+        share each in a way of its own.
+    best_model_ : str
+        The name of the chosen candidate: "rank 2", "shared" for rank 0, or that of a
+        simpler model, see `simpler`.
+    best_estimator_ : MultiTaskGPRegressor or SingleTaskGP
+        The chosen model, fitted.
+    results_ : DataFrame of n_candidates rows
+        rank, model (its name), log_marginal_likelihood (of y in its own units, summed
+        over outputs), n_hyperparameters, bic, aic, hqc, loo or laplace if that is the
+        criterion, fit_time: seconds of computing spent on it, the first stage that they
+        share counted for each, and chosen: whether it is `best_model_`. With several
+        outputs, output0_log_marginal_likelihood and so on too.
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
-    estimators_ : list of n_ranks MultiTaskGPRegressor
-        The model of each rank in `results_`, fitted. Only if `keep_estimators`.
+    estimators_ : list of n_candidates estimators
+        The model of each row of `results_`, fitted. Only if `keep_estimators`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -98,8 +126,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     Section 4 and eq. 8 of Chai, Williams, Klanke and Vijayakumar (2008). The stages of
     learning that do not depend on the rank are done once, and all ranks have the same
     units and noise. Where the estimator's `learning` is "annealed" no rank ends below a
-    lower one, see :mod:`skmtgp.learning`. Where rank 0 is chosen, tasks that `fit` has
-    not seen are predicted too, if the units are shared.
+    lower one, see :mod:`skmtgp.learning`. Where rank 0 or compound symmetry is chosen,
+    tasks that `fit` has not seen are predicted too, if the units are shared.
+
+    The level of a single task has the prior of unit information around the mean of its
+    samples; all other hyperparameters of the tasks are counted. Where single tasks are
+    chosen, `summary`, `add_task` and what shows how tasks are related say that there is
+    nothing of the kind.
 
     For "loo" the hyperparameters have seen the observation that is left out, so that it
     may take larger ranks than needed; where ranks predict all but alike, BIC takes the
@@ -121,7 +154,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     _parameter_constraints = {
         "estimator": [MultiTaskGPRegressor, None],
         "ranks": ["array-like", None],
-        "criterion": [StrOptions({"bic", "aic", "hqc", "loo"})],
+        "simpler": [StrOptions({"auto"}), "boolean"],
+        "criterion": [StrOptions({"bic", "aic", "hqc", "loo", "laplace"})],
         "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -132,13 +166,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         estimator: MultiTaskGPRegressor | None = None,
         *,
         ranks: ArrayLike | None = None,
-        criterion: Literal["bic", "aic", "hqc", "loo"] = "bic",
+        simpler: Literal["auto"] | bool = "auto",
+        criterion: Literal["bic", "aic", "hqc", "loo", "laplace"] = "bic",
         keep_estimators: bool = False,
         n_jobs: int | None = None,
         verbose: int = 0,
     ) -> None:
         self.estimator = estimator
         self.ranks = ranks
+        self.simpler = simpler
         self.criterion = criterion
         self.keep_estimators = keep_estimators
         self.n_jobs = n_jobs
@@ -147,7 +183,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=False)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn the model at each rank and keep the best one.
+        """Learn all candidates and keep the best one.
 
         Parameters
         ----------
@@ -178,33 +214,47 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
                 "criterion='loo' leaves out one row after another, which Dask "
                 "collections do not allow. Use criterion='bic', or fit to arrays."
             )
-        n_tasks = len(training.tasks)
-        ranks = self._check_ranks(n_tasks, len(training.Y))
+        ranks = self._check_ranks(len(training.tasks), len(training.Y))
+        simpler = len(training.tasks) > 1 and self._asks_simpler()
+        n_forms = len(ranks) + len(SIMPLER) * simpler
+        n_kept = n_forms if self.keep_estimators else 1
         model.set_params(rank=ranks[-1])
-        n_kept = len(ranks) if self.keep_estimators else 1
-        problems = model._problems(training, len(ranks), n_kept)
-        model._warn_of_duration(problems, len(ranks))
-        forms = [model._form(n_tasks, rank) for rank in ranks]
+        problems = model._problems(training, n_forms, n_kept)
+        exact = problems[0].engine.exact  # without, likelihoods of each task take long
+        simpler = simpler and (exact or not isinstance(self.simpler, str))
+        settings = _settings(model, ranks, simpler=simpler)
+        forms = [low_rank(len(training.tasks), **each) for each in settings]
+        model._warn_of_duration(problems, len(forms))
+        alone = _alone(model, training, X, y) if simpler and exact else None
         with limit_threads(side(problems)):
             modes = model._learn_ranks(problems, forms, progress)
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
             decided = decide_noise(model, training, of_forms, modes)
-            self._keep(model, forms, *decided)
+            self._keep(model, settings, alone, *decided)
 
-    def _keep(self, model, forms, training, of_forms, modes):
+    def _asks_simpler(self):
+        return self.ranks is None if isinstance(self.simpler, str) else self.simpler
+
+    def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
-        loo = self.criterion == "loo"
-        table = _results(training, of_forms, modes, loo=loo)
+        table = _results(training, of_forms, modes, alone, self.criterion)
+        names = [str(of[0].prior.task_covariance) for of in of_forms]
+        makes = [
+            partial(_fitted, model, training, *of)
+            for of in zip(settings, of_forms, modes, strict=True)
+        ]
+        if alone is not None:
+            names, makes = [*names, ALONE], [*makes, alone.told]
         best = int(np.argmin(table[self.criterion]))
         # arrays, for a frame cannot be kept by skops
-        self._table = table | {"chosen": np.arange(len(forms)) == best}
-        self.best_rank_ = forms[best].rank
-        fitted = {
-            k: _fitted(model, training, forms[k].rank, of_forms[k], modes[k])
-            for k in (range(len(forms)) if self.keep_estimators else [best])
-        }
+        self._table = table | {"chosen": np.arange(len(names)) == best}
+        self.best_model_, self.best_rank_ = names[best], 0
+        kept = range(len(names)) if self.keep_estimators else [best]
+        fitted = {k: makes[k]() for k in kept}
         self.best_estimator_ = fitted[best]
-        self.best_estimator_._warn_of_noise(modes[best])
+        if best < len(modes):
+            self.best_rank_ = settings[best]["rank"]
+            self.best_estimator_._warn_of_noise(modes[best])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())
@@ -225,7 +275,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _check_ranks(self, n_tasks, n):
         if self.ranks is None:
             ranks = range(min(n_tasks, MOST_RANK) + 1)
-            return [r for r in ranks if r < 2 or low_rank(n_tasks, r).n_free <= n / 2]
+            free = [low_rank(n_tasks, rank).n_free for rank in ranks]
+            return [r for r in ranks if r < 2 or ROWS * free[r] <= n]
         ranks = np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
             raise ValueError(
@@ -236,6 +287,17 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return np.unique(np.minimum(ranks, n_tasks)).tolist()
 
     def _model(self):
+        return self.best_estimator_
+
+    def _joint(self, method):
+        """The chosen model, which must be one of all tasks."""
+        check_is_fitted(self)
+        if isinstance(self.best_estimator_, SingleTaskGP):
+            raise TypeError(
+                f"{method} is about how tasks are related, but the search has chosen "
+                f"{ALONE}, whose models best_estimator_.estimators_ has. Fit it with "
+                "simpler=False for the best model of all tasks."
+            )
         return self.best_estimator_
 
     def loo_predict(
@@ -297,9 +359,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ------
         NotFittedError
             If no rank was chosen yet.
+        TypeError
+            If single tasks were chosen.
         """
-        check_is_fitted(self)
-        return self.best_estimator_.summary()
+        return self._joint("summary").summary()
 
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
@@ -321,10 +384,16 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model : RankSearchIC
             A new fitted estimator with another `best_estimator_`; `results_` are those
             of the search, without the new task. This one stays as it is.
+
+        Raises
+        ------
+        TypeError
+            If single tasks were chosen.
+        ValueError
+            See :meth:`MultiTaskGPRegressor.add_task`.
         """
-        check_is_fitted(self)
-        model = copy(self)
-        model.best_estimator_ = self.best_estimator_.add_task(X, y, prior=prior)
+        best, model = self._joint("add_task"), copy(self)
+        model.best_estimator_ = best.add_task(X, y, prior=prior)
         model.__dict__.pop("estimators_", None)
         return model
 
@@ -390,41 +459,101 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return "best_estimator_" in vars(self)
 
 
-def _fitted(model, training, rank, problems, modes):
+def _settings(model, ranks, *, simpler):
+    """Parameters of the candidates, those that are part of no other one first."""
+    of_ranks = [
+        {"rank": r, "shared": model.shared or r == 0, "diagonal": model.diagonal}
+        for r in ranks
+    ]
+    return [of for of in SIMPLER if simpler and of not in of_ranks] + of_ranks
+
+
+def _fitted(model, training, settings, problems, modes):
     """A copy of the model that has learned these modes."""
-    model = copy(model).set_params(rank=rank, shared=model.shared or rank == 0)
+    model = copy(model).set_params(**settings)
     model._store(training, problems, modes)
     return model
 
 
-def _results(training, of_forms, modes, *, loo):
-    """The table of criteria, one row for each form."""
-    n, n_outputs = training.Y.shape
+def _alone(model, training, X, y):
+    """The tasks learned alone, or None where their rows cannot tell as much."""
+    alone = alone_like(model, training.features)
+    learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
+    if training.counts.min() < TOLD * (alone.kernel.n_dims + learned):
+        return None
+    return _Alone(alone.set_params(verbose=0), X, y)
+
+
+class _Alone:
+    """A candidate beside the forms of a multi-task model: a model of each task."""
+
+    def __init__(self, estimator, X, y):
+        begin = perf_counter()
+        with collect_warnings() as self.collected:
+            self.estimator = estimator.fit(X, y)
+        self.seconds = perf_counter() - begin
+
+    def told(self):
+        """The fitted estimator; what its fit warned of is said now."""
+        for category, message in self.collected:
+            warn(message, category)
+        return self.estimator
+
+    def leave_out(self):
+        """Log density of each target given the others of its task, summed."""
+        return sum(map(_density_of_others, self.estimator.estimators_))
+
+    def evidence(self):
+        """Log evidence by Laplace's method, summed over the tasks."""
+        return sum(map(evidence_of, self.estimator.estimators_))
+
+
+def _density_of_others(estimator):
+    found = estimator.loo_predict(include_noise=True)
+    return float(norm.logpdf(estimator.y_train_, *found).sum())
+
+
+def _results(training, of_forms, modes, alone, criterion):
+    """The table of criteria, one row for each form, and one for single tasks."""
+    log_n = np.log(training.Y.size)
     jacobian = training.units.log_jacobian(training.counts)
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values += jacobian
-    log_likelihood = values.sum(axis=1)
-    count = np.array(
-        [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
-    )
-    n_observations = n * n_outputs
-    deviance, log_n = -2.0 * log_likelihood, np.log(n_observations)
+    forms = [of_form[0].prior.task_covariance for of_form in of_forms]
+    names, ranks = [str(form) for form in forms], [form.rank for form in forms]
+    count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
+    seconds = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
+    if alone is not None:
+        values = np.vstack([values, alone.estimator.log_marginal_likelihoods_])
+        names, ranks = [*names, ALONE], [*ranks, 0]
+        count.append(alone.estimator.n_hyperparameters_)
+        seconds.append(alone.seconds)
+    log_likelihood, count = values.sum(axis=1), np.array(count)
+    deviance = -2.0 * log_likelihood
     table = {
-        "rank": [of_form[0].prior.task_covariance.rank for of_form in of_forms],
+        "rank": ranks,
+        "model": names,
         "log_marginal_likelihood": log_likelihood,
         "n_hyperparameters": count,
         "bic": deviance + count * log_n,  # eq. 8
         "aic": deviance + count * 2.0,
         "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
     }
-    if loo:
-        scaled = [sum(map(_leave_out, *of)) for of in zip(of_forms, modes, strict=True)]
-        table["loo"] = -2.0 * (np.array(scaled) + jacobian.sum())
-    table["fit_time"] = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
+    if criterion in DENSITIES:
+        of_form, of_alone = DENSITIES[criterion]
+        scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
+        beside = [] if alone is None else [of_alone(alone)]
+        densities = np.append(np.array(scaled) + jacobian.sum(), beside)
+        table[criterion] = -2.0 * densities
+    table["fit_time"] = seconds
     if not training.single_output:
-        names = [f"output{j}_log_marginal_likelihood" for j in range(n_outputs)]
-        table |= dict(zip(names, values.T, strict=True))
+        table |= {_of_output(j): column for j, column in enumerate(values.T)}
     return {name: np.asarray(column) for name, column in table.items()}
+
+
+def _of_output(j):
+    """The column of an output's likelihood."""
+    return f"output{j}_log_marginal_likelihood"
 
 
 def _leave_out(problem, mode):
@@ -432,3 +561,16 @@ def _leave_out(problem, mode):
     posterior = likelihood_at(problem, mode).posterior(mode.theta)
     residual, variance = posterior.leave_one_out(include_noise=True)
     return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
+
+
+def _evidence(problem, mode):
+    """Log evidence by Laplace's method, in the problem's units."""
+    likelihood = likelihood_at(problem, mode)
+    return mode.value + beside_likelihood(likelihood, mode.theta)
+
+
+# Log densities of y: of a form of the multi-task model, and of single tasks.
+DENSITIES = {
+    "loo": (_leave_out, _Alone.leave_out),
+    "laplace": (_evidence, _Alone.evidence),
+}

@@ -59,14 +59,16 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         the highest that leaves four rows for each number of the task covariance; where
         tasks have fewer than eight rows on average, that or 0, by BIC. `rank_` tells. 0
         needs `shared`: one function of all tasks and, with `task_levels`, a level of
-        each, for many tasks of a handful of rows.
+        each, for many tasks of a handful of rows; or ``diagonal="equal"``.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
         seen is then predicted by what all share.
-    diagonal : bool, default=False
+    diagonal : bool or "equal", default=False
         Whether to add a learned diagonal to the task covariance: variation that a task
-        shares with no other.
+        shares with no other, with a variance of its own or, "equal", one that is the
+        same for all. ``rank=0, diagonal="equal"`` has independent tasks, and with
+        ``shared=True`` too it is compound symmetry: any two tasks are equally alike.
     task_levels : bool, default=True
         Whether each task has a level: a constant that is added to its function, drawn
         from N(0, v). The variance v is learned. Levels are integrated out exactly.
@@ -278,7 +280,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         **BaseMultiTaskGP._parameter_constraints,
         "rank": [Interval(Integral, 0, None, closed="left"), None],
         "shared": ["boolean"],
-        "diagonal": ["boolean"],
+        "diagonal": ["boolean", StrOptions({"equal"})],
         "task_levels": ["boolean"],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
         "truncation": [StrOptions({"eigen", "cholesky"})],
@@ -292,7 +294,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         *,
         rank: int | None = None,
         shared: bool = False,
-        diagonal: bool = False,
+        diagonal: Literal["equal"] | bool = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
         noise: Literal["auto", "shared", "per_task"] = "auto",
@@ -341,10 +343,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
         if self.rank is not None and self.rank > M:
             raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
-        if self.rank == 0 and not self.shared:
+        if self.rank == 0 and not (self.shared or self._equal()):
             raise ValueError(
                 "rank=0 leaves tasks nothing in common: set shared=True, for one "
-                "function of all of them, or rank=1 or more."
+                "function of all of them, diagonal='equal', for an independent one of "
+                "each, or rank=1 or more."
             )
         forms = self._forms(M, len(problems[0].data))
         modes = self._learn_ranks(problems, forms, progress)
@@ -361,8 +364,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _form(self, n_tasks, rank):
         """The form of K^rho."""
-        shared = self.shared or rank == 0
+        alone = self.rank == 0 and self._equal()  # as the user asked for
+        shared = self.shared or (rank == 0 and not alone)
         return low_rank(n_tasks, rank, self.diagonal, shared)
+
+    def _equal(self):
+        """Whether what tasks have of their own has the same variance for all."""
+        return isinstance(self.diagonal, str)
 
     def _rank(self, n_tasks, n):
         if self.rank is not None:
@@ -493,7 +501,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 data.X[new],
                 data.y[new],
                 position=position,
-                own=self.diagonal or self._is_full(),
+                own=self._has_own(),
                 own_noise=training.noise == "per_task",
                 informed=informed,
                 budget=self._budget(),
@@ -501,8 +509,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             more = likelihood, prior, data, position, posterior.kernel
             yield self._engine.joined(*more), mode
 
+    def _has_own(self):
+        """Whether a joining task may have something of its own, of any variance."""
+        return not self._equal() and (self.diagonal or self._is_full())
+
     def _is_full(self):
-        """Whether a joining task may have something of its own."""
+        """Whether the task covariance is as general as it can be."""
         return self.rank is None and self.rank_ == len(self.tasks_)
 
     def _store_learned(self, training, engine, likelihoods, modes):

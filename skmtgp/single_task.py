@@ -8,7 +8,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import Kernel
+from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_theta, check_training, name_tasks
@@ -395,6 +395,37 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     @property
     def _single_output(self):
         return self.estimators_[0]._single_output
+
+
+def alone_like(model, features):
+    """Models of the tasks alone that are comparable to a multi-task model.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Fitted or not.
+    features : ndarray of shape (n_samples, n_features - 1)
+        Training inputs, to which a default kernel is scaled.
+
+    Returns
+    -------
+    alone : SingleTaskGP
+        Not fitted: with the model's parameters and kernel, which gets an amplitude
+        and, if the model has levels, a level around the mean of the task. The level has
+        the variance of the task's targets, which is the prior of unit information.
+    """
+    kernel = model.kernel
+    if kernel is None:
+        kernel = model._default_kernel(features)
+    kernel = ConstantKernel(1.0, (1e-3, 1e3)) * clone(kernel)
+    if model._has_levels():
+        kernel += ConstantKernel(1.0, "fixed")
+    given = SingleTaskGP().get_params().keys() & model.get_params(deep=False).keys()
+    params = {name: getattr(model, name) for name in given}
+    params |= {"kernel": kernel, "normalize_y": True}
+    if params["inference"] == "kronecker":  # it needs several tasks
+        params["inference"] = "auto"
+    return SingleTaskGP(**params)
 
 
 def _fit_alone(estimator, X, y):

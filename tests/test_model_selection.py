@@ -21,7 +21,7 @@ from skmtgp.learning import ranks
 
 MODEL = MultiTaskGPRegressor(**PAPER, max_iter=3)
 CRITERIA = ("bic", "aic", "hqc")
-CHOSEN = {"bic": 1, "aic": 3, "hqc": 2, "loo": 4}
+CHOSEN = {"bic": 1, "aic": 3, "hqc": 2, "loo": 4, "laplace": 3}
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
 
@@ -39,7 +39,7 @@ def search(data):
 
 def likelihoods(search):
     """Without the times, which differ."""
-    return search.results_.drop(columns="fit_time")
+    return search.results_.drop(columns=["model", "fit_time"])
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,8 @@ def test_criteria_are_those_of_eq_8(data, params, d_j, of_tasks):
 
 def test_results_are_a_table(search, data):
     table = search.results_
-    columns = ["rank", "log_marginal_likelihood", "n_hyperparameters", *CRITERIA]
+    columns = ["rank", "model", "log_marginal_likelihood", "n_hyperparameters"]
+    columns += CRITERIA
     of_outputs = [f"output{j}_log_marginal_likelihood" for j in (0, 1)]
     columns += ["fit_time", *(of_outputs if data[1].ndim > 1 else []), "chosen"]
     assert table.columns.tolist() == columns
@@ -99,7 +100,7 @@ def test_best_estimator_is_that_of_the_results(search, data):
 
 @pytest.mark.parametrize(("criterion", "chosen"), CHOSEN.items())
 def test_criterion_chooses(data, monkeypatch, criterion, chosen):
-    def disagreeing(training, of_forms, modes, loo):
+    def disagreeing(training, of_forms, modes, *_, **__):
         ranks = np.array([of[0].prior.task_covariance.rank for of in of_forms])
         return {c: np.abs(ranks - r) for c, r in CHOSEN.items()}
 
@@ -148,8 +149,17 @@ def test_ranks_are_merged_and_sorted(search, data):
 
 
 def test_default_ranks_are_capped():
-    search = RankSearchIC(clone(MODEL).set_params(max_iter=0)).fit(*draw(n_tasks=3))
+    model = clone(MODEL).set_params(max_iter=0)
+    search = RankSearchIC(model, simpler=False).fit(*draw(n_tasks=3))
     assert search.results_["rank"].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize(("per_task", "most"), [(8, 2), (12, 3), (5, 1), (1, 1)])
+def test_default_ranks_leave_four_rows_for_each_parameter(per_task, most):
+    model = clone(MODEL).set_params(max_iter=0)
+    search = RankSearchIC(model, simpler=False)
+    found = search.fit(*draw(n_tasks=8, per_task=per_task)).results_["rank"]
+    assert found.tolist() == [*range(most + 1)]
 
 
 def test_rank_of_the_estimator_does_not_matter(search, data):

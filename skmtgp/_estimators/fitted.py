@@ -21,6 +21,7 @@ from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.posterior import noise_is_told
+from skmtgp.learning.evidence import beside_likelihood
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
@@ -351,6 +352,13 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
         ]
         tasks = self.tasks_ if self.noise_ == "per_task" else None
         warn_of_noise(np.array(told), tasks)
+
+
+def evidence_of(model):
+    """The log evidence of a fitted model by Laplace's method, in units of y."""
+    parts = np.split(model.theta_, len(model._likelihoods))
+    beside = map(beside_likelihood, model._likelihoods, parts)
+    return model.log_marginal_likelihood_value_ + sum(beside)
 
 
 def likelihood_at(problem, mode):

@@ -36,6 +36,8 @@ class BorderLikelihood:
     shared : float, default=None
         What the novel task has of a function that all tasks share alike, if they do;
         `factor` is then without it.
+    equal : float, default=0.0
+        Variance of a function of its own that is known, beside that of w.
 
     Attributes
     ----------
@@ -45,10 +47,14 @@ class BorderLikelihood:
         Targets, less the mean of the function that all share.
     """
 
-    def __init__(self, posterior, factor, X, y, noise, own, level=0.0, shared=None):
+    def __init__(
+        self, posterior, factor, X, y, noise, own, level=0.0, shared=None, equal=0.0
+    ):
         self.rank, self.own, self.y = factor.shape[1], own, y
-        self.noise, self.level = noise, level
+        self.noise, self.level, self.equal = noise, level, equal
         self.K_x = posterior.kernel(X)
+        if shared is None and not self.rank:
+            shared = 0.0  # independent tasks: a function of which they have nothing
         self.fixed = np.array([] if shared is None else [shared])
         factor = np.hstack([np.tile(self.fixed, (len(factor), 1)), factor])
         # halves: C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
@@ -111,7 +117,7 @@ class BorderLikelihood:
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
         half = self.half_of_fixed
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
-        amplitude = row @ row + self.fixed @ self.fixed
+        amplitude = row @ row + self.fixed @ self.fixed + self.equal
         S = amplitude * self.K_x - half.T @ half + self.level
         S.flat[:: len(S) + 1] += self.noise
         return S, half

@@ -15,7 +15,7 @@ from skmtgp.inspection._drawing import Display, check_option, style
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CRITERIA = "bic", "aic", "hqc", "loo"
+CRITERIA = "bic", "aic", "hqc", "loo", "laplace"
 # A difference of BIC that is very strong evidence (Kass and Raftery, 1995).
 CLEAR = 10.0
 
@@ -23,11 +23,15 @@ CLEAR = 10.0
 class RankSelectionDisplay(Display):
     """Information criteria against the rank of the task covariance.
 
+    Where simpler models of the same rank were candidates too, the axis has the names of
+    all candidates.
+
     Parameters
     ----------
     results : mapping or DataFrame
         ``results_`` of a RankSearchIC: columns rank, bic, aic, hqc and, if it was the
-        search's criterion, loo.
+        search's criterion, loo or laplace. With several candidates of a rank model and
+        chosen, too.
     best_rank : int
         The rank that was chosen.
 
@@ -82,8 +86,8 @@ class RankSelectionDisplay(Display):
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         criteria : str or sequence of str, default="bic"
-            "bic", "aic", "hqc" or "loo"; several are drawn less the minimum of each,
-            on an axis that is linear up to 10 and logarithmic above.
+            "bic", "aic", "hqc", "loo" or "laplace"; several are drawn less the minimum
+            of each, on an axis that is linear up to 10 and logarithmic above.
 
         Returns
         -------
@@ -93,7 +97,8 @@ class RankSelectionDisplay(Display):
         Raises
         ------
         ValueError
-            If a criterion is none of these, or is "loo" and the search did not use it.
+            If a criterion is none of these, or is "loo" or "laplace" and the search
+            did not use it.
         """
         names: list[str] = [criteria] if isinstance(criteria, str) else [*criteria]
         for name in names or [""]:
@@ -105,9 +110,9 @@ class RankSelectionDisplay(Display):
                     f"criterion={name!r}."
                 )
         ax = self._set_axes(ax)
-        label = f"rank {self.best_rank}, chosen"
+        at, label = self._chosen()
         self.chosen_ = ax.axvline(
-            self.best_rank, color="0.6", lw=6, alpha=0.4, label=label
+            at, color="0.6", lw=6, alpha=0.4, label=f"{label}, chosen"
         )
         several = len(names) > 1
         self.lines_ = [self._draw(name, k, several) for k, name in enumerate(names)]
@@ -115,16 +120,36 @@ class RankSelectionDisplay(Display):
         if several and largest > CLEAR:
             ax.set_yscale("symlog", linthresh=CLEAR)
         ax.set_ylabel("criterion less its minimum" if several else names[0].upper())
-        ax.set_xticks(np.asarray(self.results["rank"]))
-        ax.set_xlabel("rank of the task covariance")
+        if self._has_names():
+            names = np.asarray(self.results["model"])
+            ax.set_xticks(self._positions(), names, rotation=30, ha="right")
+        else:
+            ax.set_xticks(self._positions())
+            ax.set_xlabel("rank of the task covariance")
         ax.legend()
         return self
+
+    def _has_names(self):
+        """Whether ranks do not tell the candidates apart."""
+        ranks = np.asarray(self.results["rank"])
+        return len(np.unique(ranks)) < len(ranks)
+
+    def _positions(self):
+        ranks = np.asarray(self.results["rank"])
+        return np.arange(len(ranks)) if self._has_names() else ranks
+
+    def _chosen(self):
+        """Where the chosen candidate is, and its name."""
+        if not self._has_names():
+            return self.best_rank, f"rank {self.best_rank}"
+        at = int(np.argmax(self.results["chosen"]))
+        return at, np.asarray(self.results["model"])[at]
 
     def _draw(self, name, k, relative):
         values = np.asarray(self.results[name], dtype=np.float64)
         values = values - values.min() if relative else values
-        ranks = np.asarray(self.results["rank"])
-        (line,) = self.ax_.plot(ranks, values, label=name.upper(), **style(k))
+        at = self._positions()
+        (line,) = self.ax_.plot(at, values, label=name.upper(), **style(k))
         return line
 
     @classmethod
@@ -144,8 +169,8 @@ class RankSelectionDisplay(Display):
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         criteria : str or sequence of str, default=None
-            "bic", "aic", "hqc" or "loo"; several are drawn less the minimum of each.
-            None is the one that the search used.
+            "bic", "aic", "hqc", "loo" or "laplace"; several are drawn less the minimum
+            of each. None is the one that the search used.
 
         Returns
         -------
@@ -159,7 +184,8 @@ class RankSelectionDisplay(Display):
         TypeError
             If the estimator is not a RankSearchIC.
         ValueError
-            If a criterion is none of these, or is "loo" and the search did not use it.
+            If a criterion is none of these, or is "loo" or "laplace" and the search
+            did not use it.
         """
         search = estimator[-1] if isinstance(estimator, Pipeline) else estimator
         check_is_fitted(search)

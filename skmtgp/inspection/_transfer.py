@@ -8,8 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.stats import norm, t
-from sklearn.base import BaseEstimator, clone
-from sklearn.gaussian_process.kernels import ConstantKernel
+from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length
 
 from skmtgp._estimators.relations import evidence_of_relations
@@ -22,7 +21,7 @@ from skmtgp.inspection._models import (
     check_vector,
     model_with,
 )
-from skmtgp.single_task import SingleTaskGP
+from skmtgp.single_task import alone_like
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -333,20 +332,10 @@ def _output(columns, output):
 
 def _alone(model, y):
     """Means and deviations by a model of each task's other rows; NaN without any."""
-    kernel = model.kernel
-    if kernel is None:
-        kernel = model._default_kernel(model.X_train_)
-    kernel = ConstantKernel(1.0, (1e-3, 1e3)) * clone(kernel)
-    if model._has_levels():
-        kernel += ConstantKernel(1.0, "fixed")
-    given = SingleTaskGP().get_params().keys() & model.get_params().keys()
-    params = {name: getattr(model, name) for name in given}
-    params |= {"kernel": kernel, "task_feature": -1, "normalize_y": True}
-    if model.inference_ == "kronecker":
-        params["inference"] = "auto"
+    alone = alone_like(model, model.X_train_).set_params(task_feature=-1)
     X = np.column_stack([model.X_train_, model.tasks_train_])
     with collect_warnings() as collected:
-        alone = SingleTaskGP(**params).fit(X, y)
+        alone.fit(X, y)
     for category, message in collected:
         if category is not UnidentifiedNoiseWarning:  # others make up for few rows
             warn(message, category)

@@ -11,7 +11,6 @@ import numpy as np
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.climbing import annealed, climb, shake
 from skmtgp.learning.problem import best_of, spent_on
-from skmtgp.model.task_covariance import low_rank
 
 
 def descend(problems, modes):
@@ -62,10 +61,7 @@ def detour(problem, start, mode):
     form = problem.prior.task_covariance
     if form.rank == form.n_tasks:  # there is no next one
         return shake(problem, mode, problem.tuning.shakes - 1)
-    next_form = low_rank(
-        form.n_tasks, form.rank + 1, diagonal=form.n_kappa > 0, shared=form.shared
-    )
-    higher = problem.with_form(next_form)
+    higher = problem.with_form(form.with_rank(form.rank + 1))
     above = annealed(higher, start.theta(higher)).mode
     if above.value < mode.value + problem.tuning.doubt:
         return spent_on(mode, [mode, above])
@@ -89,13 +85,35 @@ def nest(problems, modes):
     """
     modes = list(modes)
     for k in range(1, len(problems)):
-        lower = modes[k - 1]
-        if modes[k].value < lower.value:
-            embedded, grown = _embed(*problems[k - 1 : k + 1], lower)
+        lower, pair = modes[k - 1], problems[k - 1 : k + 1]
+        if modes[k].value < lower.value and _is_part(*pair):
+            embedded, grown = _embed(*pair, lower)
             regrown = lower.led_to(climb(problems[k], grown))
-            same = lower._replace(theta=embedded, n_evaluations=0, seconds=0.0)
-            modes[k] = best_of([modes[k], regrown, same])
+            modes[k] = best_of([modes[k], regrown, _same(*pair, lower, embedded)])
     return modes
+
+
+def _is_part(lower, higher):
+    """Whether all that a model of a rank can be the next one can be, too.
+
+    Ranks ascend; but what tasks have of their own, one has and another has not.
+    """
+    pair = lower.prior.task_covariance, higher.prior.task_covariance
+    return pair[0].n_own <= pair[1].n_own
+
+
+def _same(lower, higher, mode, theta):
+    """A mode as one of the next rank."""
+    same = mode._replace(theta=theta, n_evaluations=0, seconds=0.0)
+    if _has_columns_more(lower, higher):
+        return same
+    return same._replace(value=higher.likelihood().value(theta))
+
+
+def _has_columns_more(lower, higher):
+    """Whether a model is another one with more columns, and nothing else."""
+    form, other = lower.prior.task_covariance, higher.prior.task_covariance
+    return (form.shared, form.n_own) == (other.shared, other.n_own)
 
 
 def _embed(lower, higher, mode):
@@ -105,7 +123,7 @@ def _embed(lower, higher, mode):
     length is the best of a few.
     """
     form, prior = lower.prior.task_covariance, higher.prior
-    if form.shared != prior.task_covariance.shared:  # 1 1^T is of rank 1
+    if not _has_columns_more(lower, higher):  # as where 1 1^T is of rank 1
         K_rho = lower.prior.K_rho_at(mode.theta)
         same = prior.with_rho(mode.theta, prior.task_covariance.parameters(K_rho))
         return same, same

@@ -64,6 +64,7 @@ def learn_novel(
     shared = prior.shared_loading(theta)
     noise = np.exp(prior.log_noise_at(theta).mean())  # if the tasks have one each
     known = {"level": values.level, "shared": shared}
+    known |= {"equal": prior.equal_variance(theta)}
     with limit_threads(len(y)):
         border = BorderLikelihood(posterior, factor, X, y, noise, own, **known)
         best = learn_border(border, factor, budget, informed=informed)

@@ -58,8 +58,9 @@ def learn_simultaneously(problems, forms, *, seeds, n_jobs=None, progress=silent
 
 def _from_random(problem, seed):
     n_tasks, rank = problem.prior.n_tasks, problem.prior.task_covariance.rank
-    draw = np.random.default_rng(seed).standard_normal((n_tasks, rank))
-    F = draw / np.sqrt(max(rank, 1))
+    n_columns = max(rank, 1)  # of rank 0, too, something is shared
+    draw = np.random.default_rng(seed).standard_normal((n_tasks, n_columns))
+    F = draw / np.sqrt(n_columns)
     return climb(problem, problem.theta(K_rho=F @ F.T))
 
 

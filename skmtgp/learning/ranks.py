@@ -7,6 +7,7 @@ on its own, and from the mode of the one without, which is part of it.
 
 from dataclasses import replace
 from functools import partial
+from itertools import compress
 
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
@@ -33,8 +34,9 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     ----------
     problems : list of Problem
         For each output.
-    forms : list of LowRank or list of WithDiagonal
-        Forms of K^rho of ascending rank.
+    forms : list of LowRank, WithShared or WithDiagonal
+        Forms of K^rho of ascending rank. Those that are not part of the next one come
+        first.
     seeds : sequence of int, default=()
         One for each additional start: the first of them truncates a full-rank fit, the
         others are perturbed with these seeds.
@@ -54,10 +56,7 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
     options = {"n_jobs": n_jobs, "progress": progress}
     modes = _coarse_to_fine(problems, forms, starts, **options)
-    if isinstance(forms[0], WithDiagonal):
-        without = [form.form for form in forms]
-        simpler = _coarse_to_fine(problems, without, starts, **options)
-        modes = _with_diagonal(problems, forms, simpler, modes, n_jobs)
+    modes = _with_diagonal(problems, forms, starts, modes, **options)
     return [
         [with_starts(mode, of_output) for mode in of]
         for of, of_output in zip(modes, starts, strict=True)
@@ -134,19 +133,35 @@ def _revealed(problems, forms, modes, n_jobs):
     return [[*of[:-1], mode] for of, mode in zip(modes, found, strict=True)]
 
 
-def _with_diagonal(problems, forms, simpler, modes, n_jobs):
+def _with_diagonal(problems, forms, starts, modes, **options):
     """The better of a mode and what a diagonal makes of the one without.
 
     The model without is part of the model with a diagonal, whose mode must not be
-    worse.
+    worse. Where it is learned anyway, what it found is handed down already.
     """
-    jobs = _of_each(problems, forms, simpler)
-    grown = by_output(run(add_diagonal, jobs, n_jobs=n_jobs), forms)
-    modes = [
-        [best_of(both) for both in zip(*of_output, strict=True)]
-        for of_output in zip(modes, grown, strict=True)
+    names = {str(form) for form in forms}
+    grows = [
+        isinstance(form, WithDiagonal) and form.n_kappa and str(form.form) not in names
+        for form in forms
     ]
+    if not any(grows):
+        return modes
+    with_one, n_jobs = list(compress(forms, grows)), options["n_jobs"]
+    without = [form.form for form in with_one]
+    simpler = _coarse_to_fine(problems, without, starts, **options)
+    jobs = _of_each(problems, with_one, simpler)
+    grown = by_output(run(add_diagonal, jobs, n_jobs=n_jobs), with_one)
+    modes = [_better(*of, grows) for of in zip(modes, grown, strict=True)]
     return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
+
+
+def _better(modes, others, those):
+    """The modes, of some the better of two."""
+    others = iter(others)
+    return [
+        best_of([mode, next(others)]) if is_one else mode
+        for mode, is_one in zip(modes, those, strict=True)
+    ]
 
 
 def description(problems, forms, n_starts=1, *, stage=""):

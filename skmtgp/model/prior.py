@@ -192,6 +192,11 @@ class Prior:
             return None
         return form.unseen(self._split(theta)[1])[0][0]
 
+    def equal_variance(self, theta):
+        """Variance of what each task has of its own, if all have the same; else 0."""
+        equal = getattr(self.task_covariance, "equal", False)
+        return float(np.exp(self._split(theta)[1][-1])) if equal else 0.0
+
     def unseen(self, theta):
         """A task without data at theta, see `WithShared.unseen`; None if unknown."""
         return self.task_covariance.unseen(self._split(theta)[1])
@@ -290,6 +295,14 @@ class Prior:
     def of_kernel(self):
         """Which elements of theta are those of k^x; a mask."""
         return np.arange(self.n_theta) < self.kernel.n_dims
+
+    @cached_property
+    def of_factor(self):
+        """Which are elements of a factor of K^rho, row by row; a mask."""
+        begin = self.kernel.n_dims
+        rank = getattr(self.task_covariance, "rank", 0)
+        position = np.arange(self.n_theta) - begin
+        return (position >= 0) & (position < self.n_tasks * rank)
 
     @cached_property
     def unexplained(self):

@@ -46,7 +46,7 @@ class FixedTaskCovariance:
         K^rho.
     """
 
-    n_parameters = n_free = n_kappa = 0
+    n_parameters = n_free = n_kappa = n_own = 0
     shared = False
 
     def __init__(self, matrix):
@@ -125,7 +125,7 @@ class LowRank:
     the same start ends at worse modes.
     """
 
-    n_kappa = 0
+    n_kappa = n_own = 0
     shared = False
 
     def __init__(self, n_tasks, rank):
@@ -135,6 +135,10 @@ class LowRank:
 
     def __str__(self):
         return f"rank {self.rank}"
+
+    def with_rank(self, rank):
+        """The same form of another rank."""
+        return LowRank(self.n_tasks, rank)
 
     def columns(self, parameters):
         """F as it is learned, of shape (n_tasks, rank)."""
@@ -176,7 +180,7 @@ class LowRank:
 
     def pull_back_latent(self, parameters, d_F, d_kappa):
         """Gradient of the parameters, from those of F and kappa."""
-        return d_F.ravel()
+        return d_F[:, : self.rank].ravel()
 
     def derivatives(self, parameters):
         """Derivatives of K^rho: an OfTasks for each column of F."""
@@ -288,13 +292,18 @@ class WithShared(Enlarged):
         The other one. Its parameters come first, the logarithm of a last.
     """
 
-    n_kappa, shared = 0, True
+    n_kappa = n_own = 0
+    shared = True
 
     def __init__(self, form):
         super().__init__(form, 1)
 
     def __str__(self):
         return f"shared and {self.form}" if self.rank else "shared"
+
+    def with_rank(self, rank):
+        """The same form of another rank."""
+        return WithShared(self.form.with_rank(rank))
 
     def bounds(self, scale):
         """Bounds of the parameters, of shape (n_parameters, 2)."""
@@ -362,24 +371,49 @@ class WithDiagonal(Enlarged):
     ----------
     form : FixedTaskCovariance, LowRank or WithShared
         The other one. Its parameters come first, the logarithms of kappa last.
+    equal : bool, default=False
+        Whether kappa is the same number for all tasks. With a function that all share,
+        and nothing else, that is compound symmetry; with nothing else at all the tasks
+        are independent.
+
+    Notes
+    -----
+    kappa is what the other one leaves unexplained, and is held up with the noise. Where
+    it is all that there is, it is the variance of the functions, and is not.
     """
 
-    def __init__(self, form):
-        super().__init__(form, form.n_tasks)
-        self.n_kappa = form.n_tasks
+    def __init__(self, form, equal=False):
+        super().__init__(form, 1 if equal else form.n_tasks)
+        self.equal, self.n_own = equal, self.n_more
+        rests = form.n_free or isinstance(form, FixedTaskCovariance)
+        self.n_kappa = self.n_more if rests else 0
 
     def __str__(self):
-        return f"{self.form} and diagonal"
+        if self.equal and self.rank == 0:
+            return "compound symmetry" if self.shared else "independent"
+        return f"{self.form} and {'equal ' * self.equal}diagonal"
+
+    def with_rank(self, rank):
+        """The same form of another rank."""
+        return WithDiagonal(self.form.with_rank(rank), self.equal)
+
+    def _of_tasks(self, kappa):
+        """One number for each task."""
+        return np.broadcast_to(kappa, self.n_tasks)
+
+    def _summed(self, of_tasks):
+        """What falls to each number of kappa, from what falls to each task."""
+        return of_tasks.sum(keepdims=True) if self.equal else of_tasks
 
     def bounds(self, scale):
         """Bounds of the parameters, of shape (n_parameters, 2)."""
         kappa = np.log(np.multiply(KAPPA_BOUNDS, scale**2))
-        return np.vstack([self.form.bounds(scale), np.tile(kappa, (self.n_tasks, 1))])
+        return np.vstack([self.form.bounds(scale), np.tile(kappa, (self.n_more, 1))])
 
     def matrix(self, parameters):
         """K^rho, of shape (n_tasks, n_tasks)."""
         parameters, kappa = self._split(parameters)
-        return self.form.matrix(parameters) + np.diag(kappa)
+        return self.form.matrix(parameters) + np.diag(self._of_tasks(kappa))
 
     def unseen(self, parameters):
         """A task without data: the other one's, and the mean of kappa."""
@@ -391,45 +425,51 @@ class WithDiagonal(Enlarged):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
         parameters, kappa = self._split(parameters)
         gradient = self.form.pull_back(parameters, D)
-        return np.concatenate([gradient, np.diagonal(D) * kappa])
+        return np.concatenate([gradient, self._summed(np.diagonal(D)) * kappa])
 
     def latent(self, parameters):
-        """F and kappa: the other one's, and the diagonal."""
+        """F and kappa: the other one's, and the diagonal; F has a column at least."""
         parameters, own = self._split(parameters)
         F, kappa = self.form.latent(parameters)
-        return F, kappa + own
+        return F if F.shape[1] else np.zeros((self.n_tasks, 1)), kappa + own
 
     def pull_back_latent(self, parameters, d_F, d_kappa):
         """Gradient of the parameters, from those of F and kappa."""
         parameters, own = self._split(parameters)
         gradient = self.form.pull_back_latent(parameters, d_F, d_kappa)
-        return np.concatenate([gradient, d_kappa * own])
+        return np.concatenate([gradient, self._summed(d_kappa) * own])
 
     def derivatives(self, parameters):
-        """Derivatives of K^rho: the other one's, and an OfTasks of the diagonal."""
+        """Derivatives of K^rho: the other one's, and those by the diagonal.
+
+        They are an OfTasks, or a matrix where it is one number.
+        """
         parameters, kappa = self._split(parameters)
         yield from self.form.derivatives(parameters)
+        own = np.diag(self._of_tasks(kappa))
         positions = np.arange(self.form.n_parameters, self.n_parameters)
-        yield OfTasks(positions, np.diag(0.5 * kappa))
+        yield own if self.equal else OfTasks(positions, 0.5 * own)
 
     def parameters(self, K, truncation="eigen"):
         """Parameters from K: what the other one leaves of its diagonal is kappa."""
         parameters = self.form.parameters(K, truncation)
         rest = np.diagonal(K - self.form.matrix(parameters))
+        rest = self._summed(rest) / (self.n_tasks if self.equal else 1)
         floor = 1e-6 * np.trace(K) / len(K) + np.finfo(float).tiny
         return np.concatenate([parameters, np.log(np.maximum(rest, floor))])
 
     def with_smallest(self, parameters, scale):
         """Parameters of the other one with the smallest diagonal of their bounds."""
-        smallest = self.bounds(scale)[-self.n_kappa :, 0]
+        smallest = self.bounds(scale)[-self.n_more :, 0]
         return np.concatenate([parameters, smallest])
 
     def bordered(self, parameters, row, own, position):
-        """The model of one more task, whose kappa is the square of `own`."""
+        """The model of one more task, whose kappa is the square of `own`, or equal."""
         parameters, log_kappa = np.split(parameters, [self.form.n_parameters])
         form, parameters = self.form.bordered(parameters, row, None, position)
-        log_kappa = np.insert(log_kappa, position, 2.0 * np.log(own))
-        return WithDiagonal(form), np.concatenate([parameters, log_kappa])
+        if not self.equal:
+            log_kappa = np.insert(log_kappa, position, 2.0 * np.log(own))
+        return WithDiagonal(form, self.equal), np.concatenate([parameters, log_kappa])
 
 
 def identity(n_tasks, diagonal=False):
@@ -445,10 +485,13 @@ def ones(n_tasks, diagonal=False):
 
 
 def low_rank(n_tasks, rank, diagonal=False, shared=False):
-    """K^rho = F F^T of the given rank (mGP), perhaps with a function that all share."""
+    """K^rho = F F^T of the given rank (mGP), perhaps with a function that all share.
+
+    `diagonal` is whether it has a diagonal; "equal" is one of one number.
+    """
     form = LowRank(n_tasks, rank)
     form = WithShared(form) if shared else form
-    return WithDiagonal(form) if diagonal else form
+    return WithDiagonal(form, diagonal == "equal") if diagonal else form
 
 
 def leading_eigenvectors(K, rank):

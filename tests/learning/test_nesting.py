@@ -174,3 +174,25 @@ class TestDetour:
         full = problem.with_form(low_rank(M, M))
         detour(full, start, mode_at(full, full.theta()))
         assert times == [full.tuning.shakes - 1]
+
+
+class TestWhatIsNoPart:
+    """A form with something of each task's own is no part of one without."""
+
+    def test_it_is_not_handed_on(self, data):
+        forms = [low_rank(M, 0, "equal"), low_rank(M, 0, shared=True), low_rank(M, 1)]
+        problems = pose_each(data, forms)
+        good = climb(problems[0], start_of(problems[0]))
+        modes = [good, poor(problems[1]), poor(problems[2])]
+        nested = nest(problems, modes)
+        assert nested[1] is modes[1]
+        assert nested[1].value < good.value
+
+    def test_independent_tasks_are_part_of_compound_symmetry(self, data):
+        forms = [low_rank(M, 0, "equal"), low_rank(M, 0, "equal", shared=True)]
+        problems = pose_each(data, forms)
+        good = climb(problems[0], start_of(problems[0]))
+        nested = nest(problems, [good, poor(problems[1])])
+        assert nested[1].value > good.value - 0.1
+        value = problems[1].likelihood().value(nested[1].theta)
+        assert nested[1].value == pytest.approx(value, rel=1e-10)

@@ -379,3 +379,92 @@ def test_relabelled_tasks(shape, seed, diagonal, random):
     truncated = form.matrix(form.parameters(K))
     again = form.matrix(form.parameters(K[between]))
     np.testing.assert_allclose(again, truncated[between], atol=1e3 * atol)
+
+
+EQUAL = {
+    "independent": low_rank(4, 0, "equal"),
+    "compound symmetry": low_rank(4, 0, "equal", shared=True),
+    "rank 2 and equal diagonal": low_rank(4, 2, "equal"),
+    "shared and rank 1 and equal diagonal": low_rank(4, 1, "equal", shared=True),
+}
+
+
+@pytest.mark.parametrize(("name", "form"), EQUAL.items(), ids=EQUAL)
+class TestEqualDiagonal:
+    def test_matrix_is_that_of_the_other_form_and_one_variance(self, name, form):
+        parameters = draw(form)
+        other = form.form.matrix(parameters[:-1])
+        expected = other + np.exp(parameters[-1]) * np.eye(4)
+        np.testing.assert_allclose(form.matrix(parameters), expected, rtol=1e-14)
+        assert str(form) == name
+        assert form.n_free == form.form.n_free + 1
+        assert len(form.bounds(2.0)) == form.n_parameters
+        np.testing.assert_allclose(form.bounds(2.0)[-1], np.log([4e-16, 4e4]))
+
+    def test_gradients(self, name, form):
+        parameters, target = draw(form), positive_semi_definite(4)
+
+        def loss(parameters):
+            return 0.5 * np.square(form.matrix(parameters) - target).sum()
+
+        D = form.matrix(parameters) - target
+        expected = textbook.derivative(loss, parameters)
+        found = form.pull_back(parameters, D)
+        np.testing.assert_allclose(found, expected, rtol=1e-8, atol=1e-8)
+        last = list(form.derivatives(parameters))[-1]
+        np.testing.assert_allclose(last, np.exp(parameters[-1]) * np.eye(4))
+
+    def test_latent_functions(self, name, form):
+        parameters = draw(form)
+        F, kappa = form.latent(parameters)
+        K = F @ F.T + np.diag(kappa)
+        np.testing.assert_allclose(K, form.matrix(parameters), rtol=1e-13)
+
+        def loss(parameters):
+            F, kappa = form.latent(parameters)
+            return 0.5 * np.square(F).sum() + 0.5 * np.square(kappa).sum()
+
+        expected = textbook.derivative(loss, parameters)
+        found = form.pull_back_latent(parameters, F, kappa)
+        np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-9)
+
+    def test_parameters_of_its_own_matrix(self, name, form):
+        if form.shared and form.rank:
+            pytest.skip("the columns may take of what is shared")
+        K = form.matrix(draw(form))
+        if form.rank:  # what the columns leave is spread over the diagonal
+            K = form.matrix(form.parameters(K))
+            np.testing.assert_allclose(np.diagonal(K).mean(), np.trace(K) / 4)
+        else:
+            np.testing.assert_allclose(form.matrix(form.parameters(K)), K, rtol=1e-12)
+
+    def test_a_task_that_joins_has_the_same_variance(self, name, form):
+        parameters, row = draw(form), np.full(form.rank, 0.3)
+        other, found = form.bordered(parameters, row, None, 1)
+        K, before = other.matrix(found), form.matrix(parameters)
+        others = [0, 2, 3, 4]
+        np.testing.assert_allclose(K[np.ix_(others, others)], before, rtol=1e-13)
+        a = np.exp(parameters[-2]) if form.shared else 0.0
+        corner = row @ row + a + np.exp(parameters[-1])
+        assert K[1, 1] == pytest.approx(corner)
+        assert str(other) == name
+
+    def test_it_is_held_up_with_the_noise_unless_it_is_all_there_is(self, name, form):
+        assert form.n_kappa == (0 if name == "independent" else 1)
+
+
+def test_a_task_without_data_has_the_shared_function_and_the_equal_variance():
+    form = EQUAL["compound symmetry"]
+    loadings, own = form.unseen(np.log([4.0, 0.5]))
+    np.testing.assert_allclose(loadings, [2.0])
+    assert own == pytest.approx(0.5)
+    assert EQUAL["independent"].unseen(np.log([0.5])) is None
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize("diagonal", [False, True, "equal"])
+def test_another_rank(diagonal, shared):
+    form = low_rank(4, 1, diagonal, shared).with_rank(2)
+    same = low_rank(4, 2, diagonal, shared)
+    assert (str(form), form.n_free, form.rank) == (str(same), same.n_free, 2)
+    assert form.n_parameters == same.n_parameters

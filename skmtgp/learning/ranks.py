@@ -14,10 +14,11 @@ from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
 from skmtgp.learning.hidden import reveal
 from skmtgp.learning.nesting import descend, detour, nest
-from skmtgp.learning.problem import best_of
+from skmtgp.learning.problem import best_of, spent_on
 from skmtgp.learning.stages import (
     add_diagonal,
     first_stage,
+    first_without_levels,
     full_rank_start,
     likeliest,
     perturbed,
@@ -51,7 +52,7 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         The best mode found, for each output and form.
     """
     coarse = _coarsest(problems)
-    starts = make_starts(coarse, n_jobs)
+    starts = make_starts(coarse, n_jobs, bare=True)
     more = more_starts(coarse, starts, seeds, n_jobs)
     starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
     options = {"n_jobs": n_jobs, "progress": progress}
@@ -104,15 +105,14 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
 def _another_way(problem, starts, mode):
     """The better of a mode of data without noise and one that is found another way.
 
-    Where levels vanish it is that of the model without them, whose starts are others;
-    elsewhere a detour.
+    Where levels vanish it is that of the model without them; elsewhere a detour.
     """
     if problem.is_noisy(mode):
         return mode
     prior = problem.prior
     if not prior.levels_vanish(mode.theta):
         return detour(problem, likeliest(starts), mode)
-    bare = replace(problem, prior=replace(prior, levels=False))
+    bare = replace(problem, prior=prior.without_levels)
     [starts] = make_starts([bare], None)
     [other] = second_stage([(bare, starts)], shakes=1)
     theta = prior.with_least_levels(other.theta)
@@ -209,13 +209,23 @@ def _of_each(problems, forms, modes):
     ]
 
 
-def make_starts(problems, n_jobs, *, relaxed=True):
+def make_starts(problems, n_jobs, *, relaxed=True, bare=False):
     """Where step 3 begins, after I and 1 1^T, for each output; the same for all ranks.
 
-    With one task I and 1 1^T are the same, and so are the starts.
+    With one task I and 1 1^T are the same, and so are the starts. With `bare` there is
+    the likelier one of the model without levels, too, where they may vanish.
     """
-    first = partial(first_stage, relaxed=relaxed)
-    return _from_fixed(first, problems, n_jobs)
+    starts = _from_fixed(partial(first_stage, relaxed=relaxed), problems, n_jobs)
+    if not bare or problems[0].prior.without_levels is None:
+        return starts
+    others = _from_fixed(first_without_levels, problems, n_jobs)
+    return [[*of, _one_of(more)] for of, more in zip(starts, others, strict=True)]
+
+
+def _one_of(starts):
+    """The likeliest start, with what was spent on all."""
+    start = likeliest(starts)
+    return start._replace(mode=spent_on(start.mode, [of.mode for of in starts]))
 
 
 def _from_fixed(start, problems, n_jobs):

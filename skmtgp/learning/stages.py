@@ -8,6 +8,7 @@ r"""The staged heuristic of the paper's section 3.
 Stages 1 and 2 do not depend on the rank.
 """
 
+from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
 
@@ -47,12 +48,15 @@ class Start(NamedTuple):
         What step 1 found, if it comes from there.
     log_noise : ndarray of shape (n_noise,), default=None
         Logarithm of the noise variance. None is that of sigma_0^2.
+    log_level : float, default=None
+        Logarithm of the levels' variance. None is where it begins.
     """
 
     kernel_theta: np.ndarray
     K_rho: np.ndarray
     mode: Mode | None = None
     log_noise: np.ndarray | None = None
+    log_level: float | None = None
 
     def theta(self, problem):
         """All parameters of the problem's model."""
@@ -60,18 +64,29 @@ class Start(NamedTuple):
             kernel=self.kernel_theta,
             K_rho=self.K_rho,
             log_noise=self.log_noise,
-            like=self.mode and self.mode.theta,
+            log_level=self.log_level,
         )
 
 
 def first_stage(problem, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho as the problem has it."""
     mode = climb(problem, problem.theta(), relaxed=relaxed)
-    likelihood = problem.likelihood()
+    likelihood, prior = problem.likelihood(), problem.prior
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)
         K_rho = augmented_task_covariance(problem.data, posterior)
-    return Start(problem.prior.values(mode.theta).kernel, K_rho, mode)
+    kernel, level = prior.values(mode.theta).kernel, prior.log_level_at(mode.theta)
+    return Start(kernel, K_rho, mode, log_level=level)
+
+
+def first_without_levels(problem):
+    """The same of the model without levels, which begin as small as can be.
+
+    K_1^rho has then what tasks differ in by constants, too.
+    """
+    prior = problem.prior
+    start = first_stage(replace(problem, prior=prior.without_levels))
+    return start._replace(log_level=prior.log_level_bounds[0])
 
 
 def augmented_task_covariance(data, posterior):
@@ -246,7 +261,11 @@ def full_rank_start(problem, start):
     theta = start._replace(K_rho=np.eye(n_tasks)).theta(problem)
     mode = climb(problem, theta, relaxed=True)
     kernel = problem.prior.values(mode.theta).kernel
-    return Start(kernel, problem.prior.K_rho_at(mode.theta), mode)
+    K_rho, level = (
+        problem.prior.K_rho_at(mode.theta),
+        problem.prior.log_level_at(mode.theta),
+    )
+    return Start(kernel, K_rho, mode, log_level=level)
 
 
 def perturbed(start, seed):

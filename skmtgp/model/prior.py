@@ -181,6 +181,10 @@ class Prior:
         K_rho = self.K_rho_at(theta)[np.ix_(tasks, tasks)]
         return K_rho * self.kernel_at(theta)(X) + level
 
+    def log_level_at(self, theta):
+        """Logarithm of the levels' variance at theta, None without levels."""
+        return float(self._split(theta)[2][0]) if self.levels else None
+
     def log_noise_at(self, theta):
         """Logarithms of the noise variances at theta, of shape (n_noise,)."""
         return self._split(theta)[3]
@@ -202,7 +206,13 @@ class Prior:
         return self.task_covariance.unseen(self._split(theta)[1])
 
     def theta(
-        self, *, kernel=None, K_rho=None, log_noise=None, like=None, truncation="eigen"
+        self,
+        *,
+        kernel=None,
+        K_rho=None,
+        log_level=None,
+        log_noise=None,
+        truncation="eigen",
     ):
         """All parameters: starting values, but for what is given.
 
@@ -212,10 +222,10 @@ class Prior:
             Theta of k^x.
         K_rho : ndarray of shape (n_tasks, n_tasks), default=None
             A matrix near which K^rho starts. None is the identity.
+        log_level : float, default=None
+            Logarithm of the levels' variance, if there are levels.
         log_noise : float or ndarray of shape (n_noise,), default=None
             Logarithms of noise variances.
-        like : ndarray, default=None
-            Theta of a prior with the same levels: theirs are taken.
         truncation : {"eigen", "cholesky"}, default="eigen"
             How K_rho gets the rank of the model.
 
@@ -226,9 +236,7 @@ class Prior:
         rho = self.task_covariance.parameters(
             np.eye(self.n_tasks) if K_rho is None else K_rho, truncation
         )
-        level = [self.log_level] * self.levels
-        if like is not None and self.levels:
-            level = [like[-1 - self.n_noise]]
+        level = [self.log_level if log_level is None else log_level] * self.levels
         noise = self.log_noise if log_noise is None else log_noise
         kernel = self.kernel.theta if kernel is None else kernel
         return np.concatenate([kernel, rho, level, np.full(self.n_noise, noise)])
@@ -270,19 +278,27 @@ class Prior:
     def levels_vanish(self, theta):
         """Whether there are levels, with a variance below that of the noise."""
         values = self.values(theta)
-        return self.levels and bool(values.level <= values.noise.min())
+        vanish = self.without_levels is not None
+        return vanish and bool(values.level <= values.noise.min())
 
     def with_least_levels(self, theta):
         """Theta with levels as small as can be, from that of the prior without."""
-        return np.insert(theta, len(theta) - self.n_noise, self._log_level_bounds[0])
+        return np.insert(theta, len(theta) - self.n_noise, self.log_level_bounds[0])
 
     @property
-    def _log_level_bounds(self):
+    def without_levels(self):
+        """The same without levels, if these may vanish; else None."""
+        vanish = self.levels and self.least_level < 1.0
+        return replace(self, levels=False) if vanish else None
+
+    @property
+    def log_level_bounds(self):
+        """Logarithms of the bounds of the levels' variance."""
         return np.log(np.multiply([self.least_level, MOST_LEVEL], self.scale**2))
 
     def bounds(self):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
-        level = self._log_level_bounds
+        level = self.log_level_bounds
         parts = [
             self.kernel.bounds.reshape(-1, 2),
             self.task_covariance.bounds(self.scale),

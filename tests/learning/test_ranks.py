@@ -186,6 +186,40 @@ def test_what_varies_little_is_not_noise(rank, size, levels):
     assert np.sqrt(np.square(error).mean()) < 0.1
 
 
+class TestStartsWithoutLevels:
+    def test_of_tasks_whose_levels_may_vanish(self, data):
+        problem = pose(data, levels=True)
+        [[*plain, bare]] = ranks.make_starts([problem], None, bare=True)
+        assert len(plain) == 2
+        assert bare.log_level == problem.prior.log_level_bounds[0]
+        assert problem.prior.log_level_at(bare.theta(problem)) == bare.log_level
+        without = replace(problem, prior=problem.prior.without_levels)
+        of_bare = ranks.make_starts([without], None)[0]
+        np.testing.assert_allclose(
+            bare.K_rho, max(of_bare, key=lambda of: of.mode.value).K_rho
+        )
+        spent = sum(of.mode.n_evaluations for of in of_bare)
+        assert bare.mode.n_evaluations == spent
+
+    @pytest.mark.parametrize("changes", [{}, {"levels": True, "least_level": 1.0}])
+    def test_no_others(self, data, changes):
+        [starts] = ranks.make_starts([pose(data, **changes)], None, bare=True)
+        assert len(starts) == 2
+
+    def test_constants_that_functions_explain(self):
+        """From the starts with levels alone it ends 2.7 nats lower."""
+        rng = np.random.default_rng(6)
+        x, tasks = rng.uniform(0.0, 6.0, 80), np.repeat(np.arange(8), 10)
+        K = np.exp(-(np.subtract.outer(x, x) ** 2) / 8.0) + 1e-9 * np.eye(80)
+        f = np.linalg.cholesky(K) @ rng.standard_normal(80)
+        y = 2.0 * rng.standard_normal(8)[tasks] * f + 0.1 * rng.standard_normal(80)
+        model = MultiTaskGPRegressor(normalize_y="shared", noise="shared", rank=2)
+        X = np.column_stack([x, tasks])
+        with_levels = model.fit(X, y).log_marginal_likelihood_value_
+        without = model.set_params(task_levels=False).fit(X, y)
+        assert with_levels > without.log_marginal_likelihood_value_ - 0.1
+
+
 class TestAnotherWay:
     """Of data without noise: of the model without levels, or a detour."""
 

@@ -17,6 +17,7 @@ from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.deciding import decide_noise
+from skmtgp._estimators.doubts import warn_of_doubts
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.fitted import likelihood_at
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -66,7 +67,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     n_jobs : int, default=None
         Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each output and rank, 2 more of them during each climb.
+        1 prints a line for each output and rank and, where one takes long, every few
+        seconds how far it is; 2 more of them during each climb.
 
     Attributes
     ----------
@@ -183,7 +185,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model.set_params(rank=ranks[-1])
         n_kept = len(ranks) if self.keep_estimators else 1
         problems = model._problems(training, len(ranks), n_kept)
-        model._warn_of_duration(problems, len(ranks))
+        problems = model._foretell(problems, len(ranks))
         forms = [model._form(n_tasks, rank) for rank in ranks]
         with limit_threads(side(problems)):
             modes = model._learn_ranks(problems, forms, progress)
@@ -205,6 +207,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         }
         self.best_estimator_ = fitted[best]
         self.best_estimator_._warn_of_noise(modes[best])
+        warn_of_doubts(of_forms[best], modes[best])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())

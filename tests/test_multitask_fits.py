@@ -225,7 +225,7 @@ def test_missing_digits_are_reported(monkeypatch):
     monkeypatch.setattr(multitask, "learn_ranks", stalled)
     match = r"Learning of output \[1, 2\] ended for lack of digits.* See the user guide"
     with pytest.warns(PrecisionWarning, match=match):
-        MultiTaskGPRegressor(rank=1, **SHARED).fit(*draw(n_outputs=2))
+        MultiTaskGPRegressor(rank=2, **SHARED).fit(*draw(n_outputs=2))
 
 
 @pytest.mark.filterwarnings("error")

@@ -55,7 +55,8 @@ def nest(problems, modes):
         if modes[k].value < lower.value:
             embedded, grown = _embed(*problems[k - 1 : k + 1], lower)
             regrown = lower.led_to(climb(problems[k], grown))
-            same = lower._replace(theta=embedded, n_evaluations=0, seconds=0.0)
+            same = lower._replace(theta=embedded, rivals=())
+            same = same._replace(n_evaluations=0, seconds=0.0)
             modes[k] = best_of([modes[k], regrown, same])
     return modes
 

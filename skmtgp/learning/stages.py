@@ -223,7 +223,7 @@ def add_diagonal(problem, simpler):
     theta = prior.with_rho(simpler.theta, rho)
     value = problem.likelihood().value(theta)
     raised = climb(problem, problem.with_noise(theta))
-    simplest = simpler._replace(theta=theta, value=value)
+    simplest = simpler._replace(theta=theta, value=value, rivals=())
     return best_of([simplest, simpler.led_to(raised)])
 
 

@@ -6,10 +6,10 @@ from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
-from skmtgp._estimators import base
+from skmtgp._estimators import base, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
-from skmtgp.learning.forecast import seconds_of
+from skmtgp.learning.forecast import Forecast, foresee
 
 
 @pytest.fixture
@@ -21,25 +21,25 @@ def few(monkeypatch):
 
 def test_more_models_take_longer(few):
     problem = pose(draw(np.eye(3)))
-    seconds = seconds_of([problem], 1)
+    seconds = foresee([problem]).seconds
     assert seconds > 0.0
-    assert seconds_of([problem] * 20, 20) > 20.0 * seconds
+    assert foresee([problem] * 20, 20).seconds > 20.0 * seconds
 
 
 def test_few_rows_are_not_foreseen():
-    assert seconds_of([pose(draw(np.eye(3)))], 1) == 0.0
+    assert foresee([pose(draw(np.eye(3)))]).seconds == 0.0
 
 
 def test_it_grows_with_the_cube_of_the_rows(few, monkeypatch):
     times = iter([0.0, 1.0] * 2)
     monkeypatch.setattr(forecast, "perf_counter", lambda: next(times))
     problem, larger = (pose(draw(np.eye(3), per_task=n)) for n in (12, 24))
-    assert seconds_of([larger], 1) == pytest.approx(8.0 * seconds_of([problem], 1))
+    assert foresee([larger]).seconds == pytest.approx(8.0 * foresee([problem]).seconds)
 
 
 @pytest.mark.parametrize("make", [lambda of: of, RankSearchIC])
 def test_a_long_fit_says_so(few, make, monkeypatch):
-    monkeypatch.setattr(base, "LONG", 1e-3)
+    monkeypatch.setattr(doubts, "LONG", 1e-3)
     data = draw(np.eye(3))
     X = np.column_stack([data.X, data.tasks])
     gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, learning="staged")
@@ -49,9 +49,10 @@ def test_a_long_fit_says_so(few, make, monkeypatch):
 
 
 def test_the_time_is_in_minutes_or_hours(few, monkeypatch):
-    data = draw(np.eye(3))
+    data = draw(np.ones((3, 3)))
     X, gp = np.column_stack([data.X, data.tasks]), MultiTaskGPRegressor(rank=1)
     for seconds, match in [(300.0, "5 minutes"), (3e4, "8 hours")]:
-        monkeypatch.setattr(base, "seconds_of", lambda *_, of=seconds: of)
+        forecast = Forecast([100], [1], seconds / 100**3)
+        monkeypatch.setattr(base, "foresee", lambda *_, of=forecast: of)
         with pytest.warns(LongFitWarning, match=match):
             gp.fit(X, data.y)

@@ -8,7 +8,7 @@ from skmtgp.exceptions import (
     LongFitWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
-from skmtgp.learning.neighbours import correlated_share
+from skmtgp.learning.neighbours import LARGE, correlated_share
 
 LONG = 120.0  # seconds of learning that a user wants to know of before
 
@@ -43,11 +43,10 @@ def warn_of_doubts(problems, modes):
 
 
 def _warn_of_neighbours(problem, mode):
-    share = correlated_share(problem, mode)
-    if share:
+    if correlated_share(problem, mode):
         warn(
             f"The noise of {problem.name} is correlated between neighbouring rows, in "
-            f"the order that fit was given: roughly {share:.1f} of its variance is. "
+            f"the order that fit was given: more than {LARGE} of its variance is. "
             "Learning takes it for independent and a part of it for a function of the "
             "inputs: standard deviations are too small, and scores of random folds or "
             "of leaving out one row too good. Rows of a time series: cross-validate "

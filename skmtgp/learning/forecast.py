@@ -42,7 +42,8 @@ class Forecast(NamedTuple):
     def __str__(self):
         levels = zip(self.n_evaluations, self.rows, self.each, strict=True)
         return ", ".join(
-            f"{n} of {rows} rows ({s:.1g} s each)" for n, rows, s in levels
+            f"{n} likelihoods of {rows} rows, {seconds:.2g} s each"
+            for n, rows, seconds in levels
         )
 
 

@@ -5,7 +5,7 @@ import pytest
 from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP, single_task
 from skmtgp._estimators import base, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
@@ -56,3 +56,46 @@ def test_the_time_is_in_minutes_or_hours(few, monkeypatch):
         monkeypatch.setattr(base, "foresee", lambda *_, of=forecast: of)
         with pytest.warns(LongFitWarning, match=match):
             gp.fit(X, data.y)
+
+
+@pytest.mark.parametrize("make", [lambda of: of, RankSearchIC])
+def test_with_verbose_it_is_said_how_much_there_is_to_do(few, make, capsys):
+    data = draw(np.ones((3, 3)))
+    X = np.column_stack([data.X, data.tasks])
+    gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, learning="staged", verbose=1)
+    make(gp).fit(X, data.y)
+    lines = [
+        line for line in capsys.readouterr().out.splitlines() if "units" not in line
+    ]
+    n_forms = 1 if make(gp) is gp else 4
+    assert first.startswith(
+        "[skmtgp] Learning from 36 rows by dense inference will take very roughly "
+        f"{250 * n_forms} likelihoods of 36 rows, "
+    )
+
+
+@pytest.mark.parametrize("verbose", [0, 1])
+def test_single_tasks_are_foreseen_together(few, capsys, monkeypatch, verbose):
+    """Before the first one begins, and once."""
+    monkeypatch.setattr(single_task, "FEW", 30)
+    data = draw(np.ones((3, 3)), per_task=36)
+    X, begun = np.column_stack([data.X, data.tasks]), []
+
+    def foresee(problems):
+        begun.append(len(problems[0].data))
+        return Forecast([36], [2], 60.0 / 36**3)
+
+    monkeypatch.setattr(single_task, "foresee", foresee)
+    monkeypatch.setattr(doubts, "LONG", 100.0)
+    gp = SingleTaskGP(RBF([1.0, 1.0]), verbose=verbose)
+    with pytest.warns(LongFitWarning, match="3 tasks of up to 36 rows .* 6 minutes"):
+        gp.fit(X[:108], data.y[:108])
+    assert begun == [36]
+    lines = capsys.readouterr().out.splitlines()
+    if not verbose:
+        assert lines == []
+    else:
+        assert lines[0].endswith("will take very roughly 360 s on one processor")
+        assert lines[1].startswith("[skmtgp] task 1 of 3, Learning from 36 rows by")
+    gp.set_params(max_iter=0).fit(X, data.y)
+    assert begun == [36]

@@ -4,8 +4,8 @@
   shuffled and with those of each task sorted by its first input. A warning of
   correlated noise is a false alarm. One of another mode is right where the rows do not
   tell: printed is the error of the fits that it was given of, beside the others'.
-- Correlated noise: the same rows, sorted, and noise of which a half of the variance is
-  correlated along them, by 0.9 from one to the next.
+- Correlated noise: the same rows, shuffled, and noise of which a half of the variance
+  is correlated along them, by 0.9 from one to the next.
 - With ``--data FOLDER``: currents of a UR10e's joints, 200 rows of each payload, from
   the whole trajectory in the order of time, as many in random order, and consecutive
   ones. See real_data_sets.py for the data.
@@ -53,8 +53,8 @@ def in_order(problem, rng):
 
 
 def correlated(problem, rng):
-    """The same, with noise of half the deviation of the targets of each task."""
-    X, y = in_order(problem, rng)
+    """Shuffled, with correlated noise of half the deviation of each task's targets."""
+    X, y = shuffled(problem, rng)
     for task in np.unique(X[:, -1]):
         rows = X[:, -1] == task
         walk = np.sqrt(1.0 - ALONG**2) * rng.standard_normal(rows.sum())

@@ -64,7 +64,7 @@ def _warn_of_rivals(problem, mode):
             f"Another mode of {problem.name} is {doubt.nats:.1f} nats less likely "
             "than the one that was learned, and predicts differently: by "
             f"{doubt.apart:.1f} deviations of the targets within tasks, in the root "
-            "mean square, and by more than the standard deviations of either. The rows "
+            "mean square, and by more than two standard deviations of either. The rows "
             "do not tell which is right. More of them do, and a lower rank, narrower "
             "bounds of the kernel or of the noise may; a larger n_restarts_optimizer "
             "looks for a better mode still.",

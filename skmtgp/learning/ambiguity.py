@@ -10,7 +10,8 @@ LEAST = 30  # rows: fewer never tell modes apart
 REACH = 2.0  # nats
 MOST = 5  # modes within reach that are kept
 POINTS, LEAST_INPUTS = 1000, 10  # at which predictions are compared
-APART = 0.2  # difference of predictions, of the deviation in a task, that matters
+APART = 0.2  # difference of predictions, of the deviation in a task, that matters,
+UNSURE = 2.0  # and in standard deviations of theirs
 
 
 class Rival(NamedTuple):
@@ -79,7 +80,7 @@ def doubt_about(problem, mode):
     -------
     doubt : Doubt or None
         None where no rival's predictions, of all tasks at some of the inputs, differ
-        by more than their standard deviation and a part of the targets'.
+        by more than twice their standard deviation and a part of the targets'.
     """
     if len(problem.data) < LEAST or not (mode.rivals and problem.is_noisy(mode)):
         return None
@@ -88,10 +89,10 @@ def doubt_about(problem, mode):
         mean, variance = _predicted(problem, likelihood, mode.theta)
         doubts = []
         for rival in mode.rivals:
-            other, spread = _predicted(problem, likelihood, rival.theta)
+            other, of_other = _predicted(problem, likelihood, rival.theta)
             apart = np.sqrt(np.square(mean - other).mean())
-            sure = np.sqrt(np.maximum(variance, spread).mean())
-            if apart > max(sure, APART * deviation):
+            spread = np.sqrt(np.maximum(variance, of_other).mean())
+            if apart > max(UNSURE * spread, APART * deviation):
                 nats = float(mode.value - rival.value)
                 doubts.append(Doubt(nats, float(apart / deviation)))
     likelihood.release()

@@ -38,8 +38,8 @@ def correlated_share(problem, mode):
 
     Notes
     -----
-    With :math:`W = K^{-1}` and the covariance A of what is added, whose correlation
-    falls with the distance of the rows, the derivative is
+    With :math:`W = K^{-1}` and the covariance A of what is added, which falls with the
+    distance of the rows, the derivative is
     :math:`\tfrac12 (y^T W A W y - \mathrm{tr}\,WA)`. Of normal targets its variance is
     :math:`\tfrac12 \mathrm{tr}\,(WA)^2` and its third moment
     :math:`\mathrm{tr}\,(WA)^3`; a chi-squared variable with these says what is chance.
@@ -51,9 +51,7 @@ def correlated_share(problem, mode):
     X, tasks, y = (np.asarray(of[rows]) for of in (data.X, data.tasks, data.y))
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
     K = prior.covariance(mode.theta, X.astype(float), tasks) + np.diag(noise)
-    A = np.sqrt(np.outer(noise, noise)) * np.equal.outer(tasks, tasks)
-    A *= CORRELATION ** np.abs(np.subtract.outer(places, places))
-    np.fill_diagonal(A, 0.0)
+    A = np.sqrt(np.outer(noise, noise)) * _along(tasks, places)
     with limit_threads(len(rows)):
         W = np.linalg.inv(K)
         alpha, WA = W @ y, W @ A
@@ -71,6 +69,19 @@ def _neighbours(tasks):
         starts = np.linspace(0, len(order) - RUN, MOST // RUN).astype(int)
         places = np.add.outer(starts, np.arange(RUN)).ravel()
     return order[places], places
+
+
+def _along(tasks, places):
+    """The correlations of what is added, zero in the mean of all pairs of a task.
+
+    So a misfit that has nothing to do with the order, such as a level, adds nothing.
+    """
+    C = CORRELATION ** np.abs(np.subtract.outer(places, places))
+    pairs = np.equal.outer(tasks, tasks) & ~np.eye(len(tasks), dtype=bool)
+    of_task = np.eye(tasks.max() + 1)[tasks]
+    sums, counts = (of_task.T @ of @ of_task for of in (C * pairs, 1.0 * pairs))
+    means = np.diagonal(sums) / np.maximum(np.diagonal(counts), 1.0)
+    return (C - means[tasks]) * pairs
 
 
 def _is_rare(value, variance, third):

@@ -58,7 +58,7 @@ def test_nothing_is_said_of_what_was_not_learned():
     MultiTaskGPRegressor(max_iter=0).fit(*recorded())
 
 
-def apart(seed=9):
+def apart(seed=23):
     """Two tasks that are never seen at the same inputs."""
     rng = np.random.default_rng(seed)
     task = np.repeat([0, 1], 25)

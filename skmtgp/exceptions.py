@@ -81,8 +81,8 @@ class CorrelatedResidualsWarning(UserWarning):
     This is common where rows are a time series. Learning takes the noise of all rows
     for independent, so that some of it is learned as if it were a function of the
     inputs: the noise variance and standard deviations of predictions are too small, and
-    scores of random folds, and of leaving out one row, too good. A kernel that is too
-    smooth for rows that are sorted does the same.
+    scores of random folds, and of leaving out one row, too good. A misfit of
+    rows that are sorted by an input looks the same.
 
     What helps are folds that keep stretches of rows together,
     :class:`~skmtgp.model_selection.TaskStratifiedGroupKFold`; a higher lower bound in

@@ -52,7 +52,8 @@ def _warn_of_neighbours(problem, mode):
             "of leaving out one row too good. Rows of a time series: cross-validate "
             "with TaskStratifiedGroupKFold, stretches of rows as groups, choose a "
             "higher lower bound in noise_variance_bounds by it, or fit fewer rows, "
-            "farther apart. Rows sorted by an input: k^x may be too smooth.",
+            "farther apart. Rows sorted by an input: k^x may be too smooth, or tasks "
+            "more alike in the model than they are.",
             CorrelatedResidualsWarning,
         )
 

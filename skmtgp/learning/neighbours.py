@@ -16,7 +16,7 @@ from skmtgp._numerics.parallel import limit_threads
 LEAST, MOST = 30, 600  # rows that are asked
 RUN = 50  # neighbouring rows, of which as many as are asked are made up
 CORRELATION = 0.8  # of what is added, between neighbours
-BY_CHANCE = 1e-4  # how often a right model is accused, before it is fitted
+BY_CHANCE = 1e-3  # how often a right model is accused, before it is fitted
 LARGE = 0.3  # of the noise variance, that matters
 
 

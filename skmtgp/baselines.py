@@ -120,7 +120,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each of them, 2 more of them during each climb.
+        1 prints a line for each of them and, where one takes long, every few seconds
+        how far it is; 2 more of them during each climb.
 
     Attributes
     ----------
@@ -321,7 +322,8 @@ class PooledGP(_FixedTaskCovarianceGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each of them, 2 more of them during each climb.
+        1 prints a line for each of them and, where one takes long, every few seconds
+        how far it is; 2 more of them during each climb.
 
     Attributes
     ----------

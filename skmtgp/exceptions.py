@@ -3,7 +3,9 @@
 import numpy as np
 
 __all__ = [
+    "AmbiguousFitWarning",
     "ConstantTargetWarning",
+    "CorrelatedResidualsWarning",
     "IncompleteDataWarning",
     "InsufficientMemoryError",
     "JitterWarning",
@@ -43,6 +45,23 @@ class NotPositiveDefiniteError(np.linalg.LinAlgError):
     """
 
 
+class AmbiguousFitWarning(UserWarning):
+    """Another mode is nearly as likely as the learned one, and predicts differently.
+
+    The rows do not say which of them is right, and standard deviations of predictions
+    do not have the doubt about it. The message says how many nats the modes are apart,
+    and how far their predictions are. More rows tell them apart; so may another kernel,
+    a lower rank or narrower bounds. `n_restarts_optimizer` looks for a better mode
+    still.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import AmbiguousFitWarning
+    >>> warnings.simplefilter("error", AmbiguousFitWarning)
+    """
+
+
 class ConstantTargetWarning(RuntimeWarning):
     """A Gaussian process was fitted to an output that is constant over many rows.
 
@@ -53,6 +72,27 @@ class ConstantTargetWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import ConstantTargetWarning
     >>> warnings.simplefilter("error", ConstantTargetWarning)
+    """
+
+
+class CorrelatedResidualsWarning(UserWarning):
+    """Noise is correlated between neighbouring rows, in the order that fit was given.
+
+    This is common where rows are a time series. Learning takes the noise of all rows
+    for independent, so that some of it is learned as if it were a function of the
+    inputs: the noise variance and standard deviations of predictions are too small, and
+    scores of random folds, and of leaving out one row, too good. A misfit of
+    rows that are sorted by an input looks the same.
+
+    What helps are folds that keep stretches of rows together,
+    :class:`~skmtgp.model_selection.TaskStratifiedGroupKFold`; a higher lower bound in
+    `noise_variance_bounds`, chosen by these folds; and fewer rows, farther apart.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import CorrelatedResidualsWarning
+    >>> warnings.simplefilter("error", CorrelatedResidualsWarning)
     """
 
 

@@ -20,6 +20,7 @@ from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.deciding import decide_noise
+from skmtgp._estimators.doubts import warn_of_doubts
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.fitted import evidence_of, likelihood_at
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -90,7 +91,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     n_jobs : int, default=None
         Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each output and rank, 2 more of them during each climb.
+        1 prints a line for each output and rank and, where one takes long, every few
+        seconds how far it is; 2 more of them during each climb.
 
     Attributes
     ----------
@@ -224,7 +226,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
         forms = [low_rank(len(training.tasks), **each) for each in settings]
-        model._warn_of_duration(problems, len(forms))
+        problems = model._foretell(problems, len(forms))
         alone = _alone(model, training, X, y) if simpler and exact else None
         with limit_threads(side(problems)):
             modes = model._learn_ranks(problems, forms, progress)
@@ -255,6 +257,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if best < len(modes):
             self.best_rank_ = settings[best]["rank"]
             self.best_estimator_._warn_of_noise(modes[best])
+            warn_of_doubts(of_forms[best], modes[best])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())

@@ -136,8 +136,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Source of the random starts. Not used if `n_restarts_optimizer` is 0, unless
         `learning` is "simultaneous".
     verbose : int, default=0
-        1 prints a line for each output and stage of learning, 2 more of them during
-        each climb.
+        1 prints a line for each output and stage of learning and, where one takes
+        long, every few seconds how far it is; 2 more of them during each climb.
 
     Attributes
     ----------

@@ -15,16 +15,19 @@ from skmtgp._data.checks import check_theta, check_training, name_tasks
 from skmtgp._data.data import Data
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import at_a_time, run
-from skmtgp._support.progress import fitting
+from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
+from skmtgp.exceptions import LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.engines import alone
 from skmtgp.inference.memory import TileMemory
+from skmtgp.learning.forecast import FEW, foresee
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import ones
@@ -85,7 +88,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     n_jobs : int, default=None
         Number of tasks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        Whether to print a line for each of them.
+        1 prints a line for each of them and, where one takes long, every few seconds
+        how far it is; 2 more of them during each climb.
 
     Attributes
     ----------
@@ -200,7 +204,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
-        model = PooledGP(**params | {"verbose": 0})
+        model = PooledGP(**params)
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
         kernel = model._default_kernel(features) if self.kernel is None else self.kernel
@@ -214,14 +218,33 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             engine.check(prior, task, self.tasks_[[m]])
         tiles = TileMemory(kernel, features[:1])
         self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
+        self._foretell(model, rows, features, Y)
+        names = [f"task {m} of {len(rows)}" for m in range(1, len(rows) + 1)]
         results = run(
             _fit_alone,
-            [(model, X[r], Y[r]) for r in rows],
+            [(model, X[r], Y[r], name) for r, name in zip(rows, names, strict=True)],
             n_jobs=self.n_jobs,
             report=progress("learning", len(rows), self._describe),
         )
         self._warn([caught for _, caught in results])
         self._store([estimator for estimator, _ in results])
+
+    def _foretell(self, model, rows, X, Y):
+        """Say before it begins that learning all tasks will take minutes."""
+        n = max(map(len, rows))
+        if n < FEW or not self.max_iter:
+            return
+        longest = next(r for r in rows if len(r) == n)
+        with collect_warnings():  # the fit gives them
+            alone = np.zeros_like(longest), np.zeros(1), Y[longest]
+            problems = model._problems(model._scale(X[longest], *alone))
+        if problems[0].engine.exact:
+            of_longest = foresee(problems).seconds
+            seconds = of_longest * sum((len(r) / n) ** 3 for r in rows)
+            learning = f"Learning {len(rows)} tasks of up to {n} rows will take"
+            if self.verbose:
+                say(f"{learning} very roughly {seconds:.0f} s on one processor")
+            warn_of_duration(learning, seconds)
 
     def _warn(self, caught):
         """Say what the fits of the tasks warned of, once for all tasks of which it is.
@@ -233,6 +256,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             for warning in dict.fromkeys(warned):
                 tasks[warning].append(m)
         for (category, message), of in tasks.items():
+            if category is LongFitWarning:  # said before, of all tasks
+                continue
             names = name_tasks(self.tasks_[of])
             warn(f"T{names[1:]}: {message}", category)
 
@@ -428,8 +453,8 @@ def alone_like(model, features):
     return SingleTaskGP(**params)
 
 
-def _fit_alone(estimator, X, y):
+def _fit_alone(estimator, X, y, name):
     """A fitted clone, and what it warned of: the caller names the task."""
-    with collect_warnings() as collected:
+    with collect_warnings() as collected, part(name):
         fitted = clone(estimator).fit(X, y)
     return fitted, collected

@@ -43,7 +43,9 @@ ERRORS = ValueError, TypeError, NotFittedError, exceptions.InsufficientMemoryErr
 WARNINGS = (
     ConvergenceWarning,
     UndefinedMetricWarning,  # of r2_score, for a single row
+    exceptions.AmbiguousFitWarning,
     exceptions.ConstantTargetWarning,
+    exceptions.CorrelatedResidualsWarning,
     exceptions.JitterWarning,
     exceptions.PrecisionWarning,
     exceptions.TaskColumnWarning,

@@ -202,7 +202,7 @@ def test_verbosity(capsys):
     assert decided.startswith("[skmtgp] units and noise of the tasks: ")
     begin = [line.split(": log marginal likelihood ")[0] for line in lines]
     rank = [f"[skmtgp] output {j} of 2, rank 2" for j in (1, 2)]
-    stages = ("the best of 2 starts", "shaken")
+    stages = ("the best of 3 starts", "shaken")
     assert begin == [f"{name}, {stage}" for stage in stages for name in rank]
     model.set_params(verbose=0).fit(*draw())
     assert capsys.readouterr() == ("", "")
@@ -225,7 +225,7 @@ def test_missing_digits_are_reported(monkeypatch):
     monkeypatch.setattr(multitask, "learn_ranks", stalled)
     match = r"Learning of output \[1, 2\] ended for lack of digits.* See the user guide"
     with pytest.warns(PrecisionWarning, match=match):
-        MultiTaskGPRegressor(rank=1, **SHARED).fit(*draw(n_outputs=2))
+        MultiTaskGPRegressor(rank=2, **SHARED).fit(*draw(n_outputs=2))
 
 
 @pytest.mark.filterwarnings("error")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace
 from numbers import Integral, Real
+from time import time
 from typing import Self
 
 import numpy as np
@@ -16,24 +17,23 @@ from skmtgp._data.checks import FEW_ROWS, check_training, warn_of_constants
 from skmtgp._data.dask import is_dask
 from skmtgp._data.partitions import check_partitions
 from skmtgp._estimators.deciding import decide, decide_noise
+from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._estimators.training import Training, default_kernel
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
-from skmtgp._support.progress import fitting
+from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import (
     Interval,
     StrOptions,
     fit_context,
     with_callbacks,
 )
-from skmtgp._support.warnings import warn
-from skmtgp.exceptions import LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
-from skmtgp.learning.forecast import seconds_of
+from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import Budget, Problem
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
@@ -43,7 +43,6 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 # Its least where each task was taken off its own mean: learned from such targets it
 # would be zero, as if the means were known. This is the prior of unit information.
 CENTRED = 1.0
-LONG = 120.0  # seconds of learning that a user wants to know of before
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -99,34 +98,30 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y, progress)
-            problems = self._problems(training)
-            self._warn_of_duration(problems)
+            problems = self._foretell(self._problems(training))
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
                 training, [problems], [modes] = decided
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
+                warn_of_doubts(problems, modes)
         return self
 
-    def _warn_of_duration(self, problems, n_forms=1):
-        """Say that learning will take minutes, and what takes less."""
+    def _foretell(self, problems, n_forms=1):
+        """The problems with the pace of learning; where it is slow, that is said."""
         if self.max_iter == 0 or not problems[0].engine.exact:
-            return
-        seconds = seconds_of(problems, n_forms)
-        if seconds < LONG:
-            return
-        n = len(problems[0].data)
-        minutes = seconds / 60.0
-        about = (
-            f"{minutes:.0f} minutes" if minutes < 90 else f"{minutes / 60.0:.0f} hours"
+            return problems
+        forecast = foresee(problems, n_forms)
+        learning = (
+            f"Learning from {len(problems[0].data)} rows by {problems[0].engine.name} "
+            "inference will take"
         )
-        warn(
-            f"Learning from {n} rows by {problems[0].engine.name} inference will take "
-            f"very roughly {about} on one processor. inference='sparse' takes less, "
-            "and so do fewer rows.",
-            LongFitWarning,
-        )
+        if self.verbose and forecast.rows:
+            say(f"{learning} very roughly {forecast} on one processor")
+        warn_of_duration(learning, forecast.seconds)
+        budget = replace(problems[0].budget, pace=forecast.pace)
+        return [replace(problem, budget=budget) for problem in problems]
 
     def _form_for_screening(self, n_tasks):
         """K^rho of the small model that says in which units to learn."""
@@ -202,7 +197,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         return {name: getattr(self, name) for name in names}
 
     def _budget(self):
-        return Budget(self.max_iter, self.tol, verbose=self.verbose)
+        verbose = self.verbose
+        return Budget(self.max_iter, self.tol, verbose=verbose, begun=time())
 
     def _prior(self, training):
         """The model, with K^rho = I until its form is known."""

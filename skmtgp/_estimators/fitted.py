@@ -17,11 +17,13 @@ from skmtgp._estimators.summary import SummaryMixin
 from skmtgp._estimators.training import Training
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.guide import INFERENCE, PARALLEL
+from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import beside_likelihood
+from skmtgp.learning.forecast import FEW
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
@@ -245,6 +247,8 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
 
     def _store(self, training, problems, modes):
         """Set the fitted attributes, in the target's own units."""
+        if self.verbose and len(problems[0].data) >= FEW:
+            say(f"the posterior of {len(problems[0].data)} rows begins")
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
 

@@ -1,12 +1,17 @@
 """What a long fit tells while it goes on: lines, and scikit-learn's callbacks."""
 
 from contextlib import contextmanager
+from contextvars import ContextVar
 from threading import Lock
+from time import time
 
 from skmtgp._support.sklearn_compat import begin_callbacks
 
 # A process has one connection to a progress bar, whose messages threads would mix.
 _TELLING = Lock()
+_PART = ContextVar("part", default="")
+SILENCE = 5.0  # seconds after which a fit that prints lines says how far it is
+_last = 0.0  # when a line was printed, by any fit of this process
 
 
 @contextmanager
@@ -49,6 +54,31 @@ def fitting(estimator, X, y, *, verbose=0):
         raise
 
 
+def say(line):
+    """Print a line of a fit."""
+    global _last
+    _last = time()
+    print(f"[skmtgp] {_PART.get()}{line}", flush=True)
+
+
+def is_due(since):
+    """Whether nothing was said for some seconds, since a time at the earliest."""
+    return time() - max(_last, since) >= SILENCE
+
+
+@contextmanager
+def part(name):
+    """Context of a fit within another one, whose name begins its lines.
+
+    What is done of it the other one says.
+    """
+    token = _PART.set(f"{name}, ")
+    try:
+        yield
+    finally:
+        _PART.reset(token)
+
+
 def silent(stage, n_jobs, describe):
     """Progress that nobody listens to."""
 
@@ -64,9 +94,9 @@ def _reporter(estimator, context, verbose):
                 of_stage.call_on_fit_task_begin(estimator=estimator)
 
         def report(i, result):
-            line = describe(i, result) if verbose else None
+            line = describe(i, result) if verbose and not _PART.get() else None
             if line:
-                print(f"[skmtgp] {line}", flush=True)
+                say(line)
             if context:
                 job = of_stage.subcontext(task_name="job")
                 with _TELLING:

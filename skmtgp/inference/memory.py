@@ -10,7 +10,7 @@ from skmtgp.model._nodes import count_arrays, count_elements
 WORK = 8  # arrays of a tile that come and go, at most
 # Matrices between tasks, with levels: of each climb, with where it starts, and of each
 # posterior
-OF_CLIMB, OF_POSTERIOR = 16, 8
+OF_CLIMB, OF_POSTERIOR = 18, 8
 
 
 class TileMemory:

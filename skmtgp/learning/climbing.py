@@ -8,6 +8,7 @@ import numpy as np
 from skmtgp._numerics.bfgs import PATIENCE, minimize
 from skmtgp.learning.agreement import Rivals
 from skmtgp.learning.problem import Mode, best_of
+from skmtgp.learning.telling import Teller
 
 
 def climb(problem, theta, *, relaxed=False, held=None, known=()):
@@ -40,9 +41,10 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
     penalise = _penalty(problem, relaxed)
     lower, upper = _bounds(problem, theta, held)
     tol = max(budget.tol, problem.tuning.relaxed_tol) if relaxed else budget.tol
-    begin = perf_counter()
+    begin, teller = perf_counter(), Teller(problem)
+    teller.begin()
     best = minimize(
-        _objective(likelihood, penalise),
+        teller.told(_objective(likelihood, penalise)),
         np.clip(theta, lower, upper),
         lower,
         upper,
@@ -50,12 +52,12 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
         max_iter=_most_iterations(problem, held),
         tol=tol,
         patience=problem.tuning.relaxed_patience if relaxed else PATIENCE,
-        report=_watch(problem, known, penalise),
+        report=_watch(problem, known, penalise, teller),
     )
     value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
     data = problem.data
     mode = Mode(best.x, value, *best[2:], seconds, len(data), data.Z)
-    _report_end(problem, mode)
+    teller.end(mode)
     return mode
 
 
@@ -255,43 +257,12 @@ def lower(problem, mode):
     return modes[1:]
 
 
-def _watch(problem, known, penalise):
+def _watch(problem, known, penalise, teller):
     """What is called after each iteration: it may print, and may end the climb."""
-    say, rivals = _reporter(problem), Rivals(problem, known)
+    rivals = Rivals(problem, known)
 
     def watch(n_iter, x, value):
-        if say:
-            say(n_iter, x, value)
+        teller.iterated(n_iter, x, -value)
         return rivals.settle(n_iter, x, penalise(x)[0] - value)
 
     return watch
-
-
-def _reporter(problem):
-    """What prints a line every so many iterations, or None."""
-    if problem.budget.verbose < 2:
-        return None
-
-    def report(n_iter, x, value):
-        if n_iter % problem.tuning.report_every == 0:
-            _say(problem, n_iter, -value, x)
-
-    return report
-
-
-def _report_end(problem, mode):
-    if problem.budget.verbose >= 2:
-        why = "no more gain" if mode.converged else "budget spent"
-        why = "no digits left" if mode.stalled else why
-        _say(problem, mode.n_iter, mode.value, mode.theta, f": {why}")
-
-
-def _say(problem, n_iter, value, theta, why=""):
-    prior = problem.prior
-    noise = np.exp(prior.log_noise_at(theta).min()) / prior.scale**2
-    print(
-        f"[skmtgp] {problem.name}, {prior}, {len(problem.data)} rows, iteration "
-        f"{n_iter}: log marginal likelihood {value:.2f}, noise variance {noise:.1e} of "
-        f"the target's{why}",
-        flush=True,
-    )

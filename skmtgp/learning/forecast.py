@@ -1,6 +1,7 @@
 """About how long learning will take, before it begins."""
 
 from time import perf_counter
+from typing import NamedTuple
 
 from skmtgp._numerics.parallel import limit_threads
 
@@ -9,8 +10,45 @@ SAMPLE = 500  # rows of the evaluation that is timed
 COARSE, FINE = 250, 120  # evaluations that a model takes at each level, roughly
 
 
-def seconds_of(problems, n_forms):
-    """Seconds that learning will take about, on one processor.
+class Forecast(NamedTuple):
+    """What learning will take, roughly.
+
+    Attributes
+    ----------
+    rows : list of int
+        Of the matrices of each level, from coarse to fine. Empty where they are few.
+    n_evaluations : list of int
+        Likelihoods with their gradients at each level.
+    pace : float
+        Seconds that one takes, over the cube of the rows of its matrices.
+    """
+
+    rows: list
+    n_evaluations: list
+    pace: float
+
+    @property
+    def seconds(self):
+        """In all, on one processor."""
+        return sum(
+            n * each for n, each in zip(self.n_evaluations, self.each, strict=True)
+        )
+
+    @property
+    def each(self):
+        """Seconds that one evaluation takes, at each level."""
+        return [self.pace * n**3 for n in self.rows]
+
+    def __str__(self):
+        levels = zip(self.n_evaluations, self.rows, self.each, strict=True)
+        return ", ".join(
+            f"{n} likelihoods of {rows} rows, {seconds:.2g} s each"
+            for n, rows, seconds in levels
+        )
+
+
+def foresee(problems, n_forms=1):
+    """What learning will take about.
 
     One evaluation with some of the rows is timed. Its time grows with the cube of the
     side of the matrices.
@@ -19,27 +57,29 @@ def seconds_of(problems, n_forms):
     ----------
     problems : list of Problem
         For each output, exact.
-    n_forms : int
+    n_forms : int, default=1
         Models of each.
 
     Returns
     -------
-    seconds : float
-        0 where there are few rows.
+    forecast : Forecast
+        Nothing where there are few rows.
     """
-    sides = [level.likelihood().side for level in problems[0].coarse_to_fine()]
-    if sides[-1] < FEW:
-        return 0.0
     problem = problems[0]
-    data = problem.data.thinned(SAMPLE)
-    likelihood = problem.with_data(data).likelihood()
+    sides = [problem.engine.side(of.data) for of in problem.coarse_to_fine()]
+    if sides[-1] < FEW:
+        return Forecast([], [], 0.0)
+    n_models = len(problems) * n_forms
+    counts = [COARSE] + [FINE] * (len(sides) - 1)
+    return Forecast(sides, [n * n_models for n in counts], _pace(problem))
+
+
+def _pace(problem):
+    """Seconds of one evaluation over the cube of the side of its matrices."""
+    likelihood = problem.with_data(problem.data.thinned(SAMPLE)).likelihood()
     with limit_threads(likelihood.side):
         theta = problem.theta()
         likelihood.value_and_grad(theta)  # what is done once
         begin = perf_counter()
         likelihood.value_and_grad(theta)
-        seconds = perf_counter() - begin
-    n_evaluations = [COARSE] + [FINE] * (len(sides) - 1)
-    cubes = [(side / likelihood.side) ** 3 for side in sides]
-    evaluations = sum(n * cube for n, cube in zip(n_evaluations, cubes, strict=True))
-    return seconds * evaluations * len(problems) * n_forms
+        return (perf_counter() - begin) / likelihood.side**3

@@ -10,7 +10,7 @@ import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.climbing import annealed, climb, shake
-from skmtgp.learning.problem import best_of, spent_on
+from skmtgp.learning.problem import best_of
 
 
 def descend(problems, modes):
@@ -64,7 +64,7 @@ def detour(problem, start, mode):
     higher = problem.with_form(form.with_rank(form.rank + 1))
     above = annealed(higher, start.theta(higher)).mode
     if above.value < mode.value + problem.tuning.doubt:
-        return spent_on(mode, [mode, above])
+        return mode.counting([above])
     cut = problem.with_noise(_cut(problem.prior, higher, above))
     found = best_of([mode, above.then(climb(problem, cut, known=[mode]))])
     gained = found.value > mode.value + problem.tuning.doubt
@@ -104,7 +104,7 @@ def _is_part(lower, higher):
 
 def _same(lower, higher, mode, theta):
     """A mode as one of the next rank."""
-    same = mode._replace(theta=theta, n_evaluations=0, seconds=0.0)
+    same = mode._replace(theta=theta, n_evaluations=0, seconds=0.0, rivals=())
     if _has_columns_more(lower, higher):
         return same
     return same._replace(value=higher.likelihood().value(theta))

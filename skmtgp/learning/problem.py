@@ -8,6 +8,7 @@ import numpy as np
 
 from skmtgp._data.data import Data
 from skmtgp.inference.engine import Engine
+from skmtgp.learning.ambiguity import rivals_of
 from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.prior import Prior
 
@@ -25,13 +26,20 @@ class Budget:
     truncation : {"eigen", "cholesky"}, default="eigen"
         How K_aug^rho gets the rank of the model, section 3.2.
     verbose : int, default=0
-        2 or more prints lines during each climb.
+        Whether to print how far a climb is, after some seconds; 2 or more prints lines
+        during each.
+    begun : float, default=0.0
+        When the fit began, in seconds as of `time.time`.
+    pace : float, default=0.0
+        Seconds that one likelihood takes, over the cube of its rows. 0 is unknown.
     """
 
     max_iter: int
     tol: float
     truncation: str = "eigen"
     verbose: int = 0
+    begun: float = 0.0
+    pace: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -142,6 +150,8 @@ class Mode(NamedTuple):
         Rows that it was learned from.
     Z : ndarray of shape (n_inducing, n_features), default=None
         Inducing inputs, if its value is a bound.
+    rivals : tuple of Rival, default=()
+        Nearly as good modes of the same model that it was preferred to.
     """
 
     theta: np.ndarray
@@ -153,6 +163,7 @@ class Mode(NamedTuple):
     seconds: float
     n_samples: int
     Z: np.ndarray | None = None
+    rivals: tuple = ()
 
     def led_to(self, later):
         """A later mode whose climb began at this one; what each took counts apart."""
@@ -164,6 +175,13 @@ class Mode(NamedTuple):
             n_iter=self.n_iter + later.n_iter,
             n_evaluations=self.n_evaluations + later.n_evaluations,
             seconds=self.seconds + later.seconds,
+        )
+
+    def counting(self, others):
+        """The same, with what others took counted, too."""
+        return self._replace(
+            n_evaluations=self.n_evaluations + sum(of.n_evaluations for of in others),
+            seconds=self.seconds + sum(of.seconds for of in others),
         )
 
 
@@ -183,8 +201,9 @@ def best_of(modes, *, doubt=0.0):
 
 
 def spent_on(mode, modes):
-    """The mode, with what was spent on all of some modes."""
+    """The mode, with what was spent on all of some modes, and its rivals among them."""
     return mode._replace(
+        rivals=rivals_of(mode, modes),
         n_evaluations=sum(mode.n_evaluations for mode in modes),
         seconds=sum(mode.seconds for mode in modes),
     )

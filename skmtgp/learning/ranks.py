@@ -14,7 +14,7 @@ from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
 from skmtgp.learning.hidden import reveal
 from skmtgp.learning.nesting import descend, detour, nest
-from skmtgp.learning.problem import best_of, spent_on
+from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
     add_diagonal,
     first_stage,
@@ -117,8 +117,8 @@ def _another_way(problem, starts, mode):
     [other] = second_stage([(bare, starts)], shakes=1)
     theta = prior.with_least_levels(other.theta)
     value = problem.likelihood().value(theta)
-    other = with_starts(other, starts)._replace(theta=theta, value=value)
-    return best_of([mode, other])
+    other = with_starts(other, starts)
+    return best_of([mode, other._replace(theta=theta, value=value, rivals=())])
 
 
 def _revealed(problems, forms, modes, n_jobs):
@@ -224,8 +224,9 @@ def make_starts(problems, n_jobs, *, relaxed=True, bare=False):
 
 def _one_of(starts):
     """The likeliest start, with what was spent on all."""
-    start = likeliest(starts)
-    return start._replace(mode=spent_on(start.mode, [of.mode for of in starts]))
+    best = likeliest(starts)
+    others = [start.mode for start in starts if start is not best]
+    return best._replace(mode=best.mode.counting(others))
 
 
 def _from_fixed(start, problems, n_jobs):

@@ -238,17 +238,13 @@ def add_diagonal(problem, simpler):
     theta = prior.with_rho(simpler.theta, rho)
     value = problem.likelihood().value(theta)
     raised = climb(problem, problem.with_noise(theta))
-    simplest = simpler._replace(theta=theta, value=value)
+    simplest = simpler._replace(theta=theta, value=value, rivals=())
     return best_of([simplest, simpler.led_to(raised)])
 
 
 def with_starts(mode, starts):
     """The mode, with what was spent on its starts, which all ranks share."""
-    first = [start.mode for start in starts if start.mode]
-    return mode._replace(
-        n_evaluations=mode.n_evaluations + sum(m.n_evaluations for m in first),
-        seconds=mode.seconds + sum(m.seconds for m in first),
-    )
+    return mode.counting([start.mode for start in starts if start.mode])
 
 
 def full_rank_start(problem, start):

@@ -14,7 +14,7 @@ from joblib import parallel_config
 
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import run
-from skmtgp._support.progress import silent
+from skmtgp._support.progress import say, silent
 from skmtgp.inference.engines import Dense
 from skmtgp.inference.inducing import greedy_variance, k_means, optimised
 from skmtgp.learning.climbing import climb
@@ -114,6 +114,11 @@ def climb_bounds(problems, modes):
     problems, best = [_with_gain(problem) for problem in problems], None
     for _ in range(problems[0].tuning.rounds):
         begin = perf_counter()
+        if problems[-1].budget.verbose:
+            say(
+                f"{problems[-1].name}: inducing inputs are chosen from "
+                f"{len(problems[-1].data)} rows"
+            )
         Z, n_evaluations = inducing_inputs(problems[-1], modes[-1])
         seconds = perf_counter() - begin
         summarised = [p.with_data(replace(p.data, Z=Z)) for p in problems]

@@ -269,6 +269,7 @@ def test_a_combination_of_the_tasks_is_recognised(seed):
         np.testing.assert_allclose(K[-1, -1], weights @ old @ weights, **close)
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.AmbiguousFitWarning")
 def test_the_other_tasks_help_where_there_is_one_sample():
     errors = []
     for seed in range(11):

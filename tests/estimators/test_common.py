@@ -39,6 +39,10 @@ FIRST_COLUMN = [
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.ConstantTargetWarning"),
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    # targets that are sorted
+    pytest.mark.filterwarnings(
+        "ignore:Task:skmtgp.exceptions.CorrelatedResidualsWarning"
+    ),
     pytest.mark.filterwarnings("ignore:.*inducing:skmtgp.exceptions.JitterWarning"),
 ]
 

@@ -70,6 +70,7 @@ def test_both_tell_the_same(estimator, params, n_outputs):
 
 
 @every_model
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.AmbiguousFitWarning")  # 30 rows
 def test_both_learn_the_same(estimator, params, n_outputs):
     (X, y), Z = draw(n_outputs=n_outputs), draw(4, seed=1)[0]
     model, dense = (

@@ -33,7 +33,11 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp.exceptions import ConstantTargetWarning, UnderflowWarning
+from skmtgp.exceptions import (
+    ConstantTargetWarning,
+    CorrelatedResidualsWarning,
+    UnderflowWarning,
+)
 from skmtgp.inference.dense import DenseLikelihood
 
 pytestmark = pytest.mark.usefixtures("nothing_is_printed")
@@ -145,8 +149,9 @@ class TestTargets:
     @each_shared
     def test_repeated_rows_that_disagree(self, model):
         """The noise that learning begins with is far too small."""
-        twice = np.vstack([X, X])
-        model = fitted(model, twice, np.r_[Y, Y + 1.0], noise_variance=1e-10)
+        twice, far = np.vstack([X, X]), np.r_[Y, Y + 1.0]
+        with pytest.warns(CorrelatedResidualsWarning):  # one half after the other
+            model = fitted(model, twice, far, noise_variance=1e-10)
         assert_sound(model, X)
         assert model.noise_variance_ > 0.2
 

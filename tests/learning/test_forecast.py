@@ -1,15 +1,17 @@
 """Fits that take minutes are foreseen."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC
-from skmtgp._estimators import base
+from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP, single_task
+from skmtgp._estimators import base, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
-from skmtgp.learning.forecast import seconds_of
+from skmtgp.learning.forecast import Forecast, foresee
 
 
 @pytest.fixture
@@ -21,25 +23,25 @@ def few(monkeypatch):
 
 def test_more_models_take_longer(few):
     problem = pose(draw(np.eye(3)))
-    seconds = seconds_of([problem], 1)
-    assert seconds > 0.0
-    assert seconds_of([problem] * 20, 20) > 20.0 * seconds
+    one, many = foresee([problem]), foresee([problem] * 20, 20)
+    assert one.seconds > 0.0
+    assert np.divide(many.n_evaluations, one.n_evaluations).tolist() == [400.0]
 
 
 def test_few_rows_are_not_foreseen():
-    assert seconds_of([pose(draw(np.eye(3)))], 1) == 0.0
+    assert foresee([pose(draw(np.eye(3)))]).seconds == 0.0
 
 
 def test_it_grows_with_the_cube_of_the_rows(few, monkeypatch):
     times = iter([0.0, 1.0] * 2)
     monkeypatch.setattr(forecast, "perf_counter", lambda: next(times))
     problem, larger = (pose(draw(np.eye(3), per_task=n)) for n in (12, 24))
-    assert seconds_of([larger], 1) == pytest.approx(8.0 * seconds_of([problem], 1))
+    assert foresee([larger]).seconds == pytest.approx(8.0 * foresee([problem]).seconds)
 
 
 @pytest.mark.parametrize("make", [lambda of: of, RankSearchIC])
 def test_a_long_fit_says_so(few, make, monkeypatch):
-    monkeypatch.setattr(base, "LONG", 1e-3)
+    monkeypatch.setattr(doubts, "LONG", 1e-3)
     data = draw(np.eye(3))
     X = np.column_stack([data.X, data.tasks])
     gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, learning="staged")
@@ -49,9 +51,53 @@ def test_a_long_fit_says_so(few, make, monkeypatch):
 
 
 def test_the_time_is_in_minutes_or_hours(few, monkeypatch):
-    data = draw(np.eye(3))
+    data = draw(np.ones((3, 3)))
     X, gp = np.column_stack([data.X, data.tasks]), MultiTaskGPRegressor(rank=1)
     for seconds, match in [(300.0, "5 minutes"), (3e4, "8 hours")]:
-        monkeypatch.setattr(base, "seconds_of", lambda *_, of=seconds: of)
+        forecast = Forecast([100], [1], seconds / 100**3)
+        monkeypatch.setattr(base, "foresee", lambda *_, of=forecast: of)
         with pytest.warns(LongFitWarning, match=match):
             gp.fit(X, data.y)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda of: of, partial(RankSearchIC, ranks=(0, 1, 2, 3))]
+)
+def test_with_verbose_it_is_said_how_much_there_is_to_do(few, make, capsys):
+    data = draw(np.ones((3, 3)))
+    X = np.column_stack([data.X, data.tasks])
+    gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, learning="staged", verbose=1)
+    make(gp).fit(X, data.y)
+    first = capsys.readouterr().out.splitlines()[1]  # after the units
+    n_forms = 1 if make(gp) is gp else 4
+    assert first.startswith(
+        "[skmtgp] Learning from 36 rows by dense inference will take very roughly "
+        f"{250 * n_forms} likelihoods of 36 rows, "
+    )
+
+
+@pytest.mark.parametrize("verbose", [0, 1])
+def test_single_tasks_are_foreseen_together(few, capsys, monkeypatch, verbose):
+    """Before the first one begins, and once."""
+    monkeypatch.setattr(single_task, "FEW", 30)
+    data = draw(np.ones((3, 3)), per_task=36)
+    X, begun = np.column_stack([data.X, data.tasks]), []
+
+    def foresee(problems):
+        begun.append(len(problems[0].data))
+        return Forecast([36], [2], 60.0 / 36**3)
+
+    monkeypatch.setattr(single_task, "foresee", foresee)
+    monkeypatch.setattr(doubts, "LONG", 100.0)
+    gp = SingleTaskGP(RBF([1.0, 1.0]), verbose=verbose)
+    with pytest.warns(LongFitWarning, match="3 tasks of up to 36 rows .* 6 minutes"):
+        gp.fit(X[:108], data.y[:108])
+    assert begun == [36]
+    lines = capsys.readouterr().out.splitlines()
+    if not verbose:
+        assert lines == []
+    else:
+        assert lines[0].endswith("will take very roughly 360 s on one processor")
+        assert lines[1].startswith("[skmtgp] task 1 of 3, Learning from 36 rows by")
+    gp.set_params(max_iter=0).fit(X, data.y)
+    assert begun == [36]

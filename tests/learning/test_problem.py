@@ -70,8 +70,9 @@ def test_best_of():
         Mode(np.zeros(1), value, 3, 4, True, False, 0.5, 9) for value in (1.0, 3.0, 2.0)
     ]
     spent = {"seconds": 1.5, "n_evaluations": 12}
-    assert best_of(modes) == modes[1]._replace(**spent)
+    assert best_of(modes) == modes[1]._replace(**spent, rivals=((0.0, 2.0),))
     modes[1] = modes[1]._replace(stalled=True)
-    assert best_of(modes) == modes[1]._replace(**spent)
-    assert best_of(modes, doubt=0.5) == modes[1]._replace(**spent)
-    assert best_of(modes, doubt=1.5) == modes[2]._replace(**spent)
+    for doubt, best, others in [(0.0, 1, [2.0]), (0.5, 1, [2.0]), (1.5, 2, [3.0, 1.0])]:
+        rivals = tuple((0.0, value) for value in others)
+        expected = modes[best]._replace(**spent, rivals=rivals)
+        assert best_of(modes, doubt=doubt) == expected

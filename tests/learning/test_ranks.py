@@ -139,7 +139,7 @@ class TestLearnRanks:
         lines = capsys.readouterr().out.splitlines()
         pattern = (
             r"\[skmtgp\] torque, (rank 2|fixed task covariance), 36 rows, "
-            r"iteration (\d+): log marginal likelihood -?\d+\.\d\d, "
+            r"iteration (\d+), \d+ likelihoods: log marginal likelihood -?\d+\.\d\d, "
             r"noise variance \d\.\de[+-]\d\d of the target's"
             r"(: no more gain|: budget spent|: no digits left|)"
         )

@@ -35,7 +35,7 @@ MODELS = {
 }
 # Outputs, tasks, or outputs and ranks; where there are several starts, these before.
 N_JOBS = dict(zip(MODELS, [2, 2, 2, 3, None, 4], strict=True))
-N_STARTS = {"MultiTaskGPRegressor": 2 * 2, "RankSearchIC": 2 * 4}
+N_STARTS = {"MultiTaskGPRegressor": 2 * 3, "RankSearchIC": 2 * 6}
 DECIDE = "MultiTaskGPRegressor", "IndependentGP", "PooledGP", "RankSearchIC"
 EACH = pytest.mark.parametrize("name", MODELS)
 X, Y = draw(n_outputs=2)

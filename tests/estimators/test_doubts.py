@@ -1,0 +1,76 @@
+"""What a fit leaves in doubt, and says."""
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, SingleTaskGP
+from skmtgp.exceptions import AmbiguousFitWarning, CorrelatedResidualsWarning
+
+N = 100  # rows of each task
+CORRELATED = "correlated between neighbouring rows.*TaskStratifiedGroupKFold"
+QUICK = {"rank": 1, "learning": "staged", "normalize_y": "shared", "noise": "shared"}
+
+
+def recorded(seed=0):
+    """An arm that comes back to where it was, and drifting sensors."""
+    rng, time = np.random.default_rng(seed), np.arange(N)
+    task = np.repeat([0, 1], N)
+    x = np.tile(2.0 * np.sin(0.13 * time), 2)
+    drift = lfilter([1.0], [1.0, -0.9], rng.standard_normal((2, N)), axis=1)
+    y = np.choose(task, [1.0, 1.5]) * np.sin(2.0 * x) + 0.15 * drift.ravel()
+    return np.column_stack([x, task]), y
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        MultiTaskGPRegressor(**QUICK),
+        RankSearchIC(MultiTaskGPRegressor(**QUICK), ranks=[1]),
+        MultiTaskGPRegressor(**QUICK, inference="sparse", n_inducing=20, n_exact=50),
+        PooledGP(normalize_y="shared", noise="shared"),
+    ],
+    ids=["dense", "search", "sparse", "pooled"],
+)
+def test_noise_along_the_rows(model):
+    X, y = recorded()
+    with pytest.warns(CorrelatedResidualsWarning, match=CORRELATED):
+        model.fit(X, y)
+    order = np.random.default_rng(0).permutation(2 * N)
+    model.fit(X[order], y[order])
+
+
+def test_single_tasks_are_named():
+    match = f"Tasks 0, 1: The noise of the output is {CORRELATED}"
+    with pytest.warns(CorrelatedResidualsWarning, match=match):
+        SingleTaskGP().fit(*recorded())
+
+
+def test_outputs_are_named():
+    X, y = recorded()
+    Y = np.column_stack([np.sin(X[:, 0]), y])
+    Y[:, 0] += 0.1 * np.random.default_rng(0).standard_normal(2 * N)
+    with pytest.warns(CorrelatedResidualsWarning, match="noise of output 2 of 2 is"):
+        MultiTaskGPRegressor(**QUICK).fit(X, Y)
+
+
+def test_nothing_is_said_of_what_was_not_learned():
+    MultiTaskGPRegressor(max_iter=0).fit(*recorded())
+
+
+def apart(seed=23):
+    """Two tasks that are never seen at the same inputs."""
+    rng = np.random.default_rng(seed)
+    task = np.repeat([0, 1], 25)
+    x = rng.uniform(0.0, 3.0, 50) + 3.0 * task
+    y = np.sin(1.5 * x) + 2.0 * rng.standard_normal(2)[task]
+    return np.column_stack([x, task]), y + 0.2 * rng.standard_normal(50)
+
+
+@pytest.mark.parametrize("search", [False, True])
+def test_another_mode(search):
+    model = MultiTaskGPRegressor(rank=2)
+    model = RankSearchIC(model, ranks=[2]) if search else model
+    match = r"output is \d\.\d nats less likely .* differently: by \d\.\d dev.*More"
+    with pytest.warns(AmbiguousFitWarning, match=match):
+        model.fit(*apart())

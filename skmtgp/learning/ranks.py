@@ -213,20 +213,16 @@ def make_starts(problems, n_jobs, *, relaxed=True, bare=False):
     """Where step 3 begins, after I and 1 1^T, for each output; the same for all ranks.
 
     With one task I and 1 1^T are the same, and so are the starts. With `bare` there is
-    the likelier one of the model without levels, too, where they may vanish.
+    one of the model without levels, from I, too, where they may vanish.
     """
     starts = _from_fixed(partial(first_stage, relaxed=relaxed), problems, n_jobs)
     if not bare or problems[0].prior.without_levels is None:
         return starts
-    others = _from_fixed(first_without_levels, problems, n_jobs)
-    return [[*of, _one_of(more)] for of, more in zip(starts, others, strict=True)]
-
-
-def _one_of(starts):
-    """The likeliest start, with what was spent on all."""
-    best = likeliest(starts)
-    others = [start.mode for start in starts if start is not best]
-    return best._replace(mode=best.mode.counting(others))
+    alone = [
+        (problem.with_form(identity(problem.prior.n_tasks)),) for problem in problems
+    ]
+    others = run(first_without_levels, alone, n_jobs=n_jobs)
+    return [[*of, other] for of, other in zip(starts, others, strict=True)]
 
 
 def _from_fixed(start, problems, n_jobs):

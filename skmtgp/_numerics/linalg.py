@@ -12,9 +12,9 @@ from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 NEGLIGIBLE = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
 INDEFINITE = 1e-6  # of the largest eigenvalue: more than that
 RESOLVED = 10.0 * np.finfo(np.float64).eps  # of what it is part of: less is rounding
-# Rows of triangles that are inverted in halves. With fewer, calls cost more; with more,
-# copies of halves take memory, and LAPACK is nearly as fast
-HALVED = range(65, 900)
+# Rows of triangles that are inverted in halves, whose copies take half as much again.
+# With fewer rows calls cost more; with more LAPACK is nearly as fast
+HALVED = range(65, 1500)
 
 
 class Cholesky:

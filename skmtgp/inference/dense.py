@@ -24,6 +24,7 @@ class DenseLikelihood(TiledLikelihood):
         self.present = {
             tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
         }
+        self.ranges = {tile.start: self._ranges(tile) for tile in self.tiles}
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -87,7 +88,7 @@ class DenseLikelihood(TiledLikelihood):
 
     def _blocks_of_tasks(self, tile, rows, cols):
         """The parts of a tile that are between samples of the same task."""
-        of_rows, of_cols = self._ranges(rows), self._ranges(cols)
+        of_rows, of_cols = self.ranges[rows.start], self.ranges[cols.start]
         for task in of_rows.keys() & of_cols.keys():
             yield tile[of_rows[task], of_cols[task]]
 

@@ -1,8 +1,8 @@
 """Cholesky factorisations and eigen-decompositions, and what happens when they fail."""
 
 import numpy as np
-from scipy.linalg import LinAlgError, eigh, solve_triangular
-from scipy.linalg.blas import dtrmm, dtrsv
+from scipy.linalg import LinAlgError, eigh
+from scipy.linalg.blas import dtrmm, dtrsm, dtrsv
 from scipy.linalg.lapack import dlauum, dpotrf, dtrtri
 
 from skmtgp._support.guide import INFERENCE
@@ -66,9 +66,9 @@ class Cholesky:
         """C^{-1} b, or C^{-T} b."""
         if b.ndim == 1:  # a third of the time of LAPACK's solver for several b
             return dtrsv(self.factor, b, lower=1, trans=transposed)
-        return solve_triangular(
-            self.factor, b, trans=int(transposed), lower=True, check_finite=False
-        )
+        # b^T C^{-T} takes rows as they are, and a third less time than C^{-1} b
+        options = {"side": 1, "lower": 1, "trans_a": not transposed}
+        return dtrsm(1.0, self.factor, b.T, **options).T
 
     def invert(self):
         """Lower triangle of K^{-1}; it takes the place of the factor.

@@ -35,9 +35,10 @@ def test_solve(K, cholesky, shape):
     np.testing.assert_allclose(x, np.linalg.solve(K, b), rtol=1e-11, atol=1e-13)
 
 
-@pytest.mark.parametrize("shape", [(8,), (8, 3)])
-def test_half_solve(K, cholesky, shape):
-    b = np.random.default_rng(1).standard_normal(shape)
+@pytest.mark.parametrize("order", "CF")
+@pytest.mark.parametrize("shape", [(8,), (8, 0), (8, 1), (8, 3)])
+def test_half_solve(K, cholesky, shape, order):
+    b = np.random.default_rng(1).standard_normal(shape).copy(order=order)
     C = np.linalg.cholesky(K)
     close = {"rtol": 1e-12, "atol": 1e-14}
     np.testing.assert_allclose(cholesky.half_solve(b), np.linalg.solve(C, b), **close)

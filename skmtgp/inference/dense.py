@@ -94,8 +94,8 @@ class DenseLikelihood(TiledLikelihood):
 
     def _ranges(self, part):
         """Where the samples of each task are in a part of the rows."""
-        tasks, starts = self.present[part.start]
-        stops = np.append(starts[1:], part.stop - part.start)
+        tasks, starts = map(np.ndarray.tolist, self.present[part.start])
+        stops = [*starts[1:], part.stop - part.start]
         return dict(zip(tasks, map(slice, starts, stops), strict=True))
 
     def _between(self, K_rho, rows, cols):

@@ -22,7 +22,7 @@ from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
 
 N_TASKS, RANK = 14, 4
-GOALS = {280: 3.0, 1400: 1.7, 2800: 1.4, 4000: 1.25}
+GOALS = {280: 1.7, 1400: 1.15, 2800: 1.15, 4000: 1.15}
 
 
 def make_problem(n, seed=0):

@@ -1,9 +1,9 @@
 """Cholesky factorisations and eigen-decompositions, and what happens when they fail."""
 
 import numpy as np
-from scipy.linalg import LinAlgError, eigh, solve_triangular
-from scipy.linalg.blas import dtrsv
-from scipy.linalg.lapack import dpotrf, dpotri, dtrtri
+from scipy.linalg import LinAlgError, eigh
+from scipy.linalg.blas import dtrmm, dtrsm, dtrsv
+from scipy.linalg.lapack import dlauum, dpotrf, dtrtri
 
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
@@ -12,6 +12,9 @@ from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 NEGLIGIBLE = 5.0 * np.finfo(np.float64).eps  # of the largest eigenvalue, in any of them
 INDEFINITE = 1e-6  # of the largest eigenvalue: more than that
 RESOLVED = 10.0 * np.finfo(np.float64).eps  # of what it is part of: less is rounding
+# Rows of triangles that are inverted in halves, whose copies take half as much again.
+# With fewer rows calls cost more; with more LAPACK is nearly as fast
+HALVED = range(65, 1500)
 
 
 class Cholesky:
@@ -63,9 +66,9 @@ class Cholesky:
         """C^{-1} b, or C^{-T} b."""
         if b.ndim == 1:  # a third of the time of LAPACK's solver for several b
             return dtrsv(self.factor, b, lower=1, trans=transposed)
-        return solve_triangular(
-            self.factor, b, trans=int(transposed), lower=True, check_finite=False
-        )
+        # b^T C^{-T} takes rows as they are, and a third less time than C^{-1} b
+        options = {"side": 1, "lower": 1, "trans_a": not transposed}
+        return dtrsm(1.0, self.factor, b.T, **options).T
 
     def invert(self):
         """Lower triangle of K^{-1}; it takes the place of the factor.
@@ -73,13 +76,39 @@ class Cholesky:
         Whatever is asked of the factor afterwards raises a RuntimeError.
         """
         factor, self._factor = self.factor, None
-        return dpotri(factor, lower=1, overwrite_c=1)[0]
+        return dlauum(invert_triangle(factor), lower=1, overwrite_c=1)[0]
 
     def inverse_diagonal(self):
         """Diagonal of K^{-1} = C^{-T} C^{-1}; the factor stays."""
-        half, _ = dtrtri(self.factor, lower=1)
+        half = invert_triangle(self.factor.copy(order="F"))
         columns = (half[j:, j] for j in range(len(half)))  # above them is anything
         return np.array([column @ column for column in columns])
+
+
+def invert_triangle(L):
+    """Put the inverse of a lower triangle in its place; above it is anything.
+
+    LAPACK's, to which one of few hundred rows is twice as slow, does not multiply
+    matrices as large as halves are.
+
+    Parameters
+    ----------
+    L : ndarray of shape (n, n), Fortran-ordered
+        The triangle, or a block of one.
+
+    Returns
+    -------
+    L : ndarray of shape (n, n)
+        The same array.
+    """
+    if len(L) not in HALVED:
+        L[...] = dtrtri(L, lower=1, overwrite_c=1)[0]
+        return L
+    a, b = slice(len(L) // 2), slice(len(L) // 2, None)
+    first, second = invert_triangle(L[a, a]), invert_triangle(L[b, b])
+    left = dtrmm(-1.0, second, L[b, a], lower=1)
+    L[b, a] = dtrmm(1.0, first, left, side=1, lower=1, overwrite_b=1)
+    return L
 
 
 def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):

@@ -64,9 +64,11 @@ class OneThread:
 
     def n_threads(self):
         """Threads for pieces of work: one inside, else as many as BLAS has outside."""
+        if self.depth:
+            return 1
         with self.lock:
             now = [library.num_threads for library in self.libraries]
-            return 1 if self.depth else max([1, *now, *self.found.values()])
+            return max([1, *now, *self.found.values()])
 
     def _limit(self):
         """Set all numbers to one, and return those that were this thread's own."""

@@ -119,9 +119,9 @@ def map_threads(function, jobs):
     results : list
         In the order of the jobs.
     """
-    n_threads = min(count_threads(), len(jobs))
+    n_threads = min(count_threads(), len(jobs)) if len(jobs) > 1 else 1
     with ONE_THREAD:
-        if n_threads < 2:
+        if n_threads == 1:
             return [function(*job) for job in jobs]
         with ThreadPoolExecutor(n_threads) as pool:
             return list(pool.map(lambda job: _inside(function, job), jobs))

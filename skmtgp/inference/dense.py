@@ -1,6 +1,7 @@
 """Exact inference with the dense n x n covariance matrix."""
 
 import numpy as np
+from scipy.linalg.blas import dsyr
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._numerics.parallel import limit_threads
@@ -23,6 +24,7 @@ class DenseLikelihood(TiledLikelihood):
         self.present = {
             tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
         }
+        self.ranges = {tile.start: self._ranges(tile) for tile in self.tiles}
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -62,11 +64,10 @@ class DenseLikelihood(TiledLikelihood):
         half = cholesky.half_solve(self.y)
         value = self.log_density(cholesky, half)
         alpha = cholesky.half_solve(half, transposed=True)
-        inverse = cholesky.invert().T  # its upper triangle, in C order
-        gradients = self._contract(bound, K_rho, tapes, alpha, inverse)
-        d_row = 0.5 * (np.square(alpha) - np.diagonal(inverse))
+        G = dsyr(-1.0, alpha, a=cholesky.invert(), lower=1, overwrite_a=1)
+        d_row = -0.5 * np.diagonal(G)
         d_noise = np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
-        return value, *gradients, d_noise
+        return value, *self._contract(bound, K_rho, tapes, G.T), d_noise
 
     def log_density(self, cholesky, half):
         """Log density of y, given the factor C of K and half = C^{-1} y."""
@@ -87,14 +88,14 @@ class DenseLikelihood(TiledLikelihood):
 
     def _blocks_of_tasks(self, tile, rows, cols):
         """The parts of a tile that are between samples of the same task."""
-        of_rows, of_cols = self._ranges(rows), self._ranges(cols)
+        of_rows, of_cols = self.ranges[rows.start], self.ranges[cols.start]
         for task in of_rows.keys() & of_cols.keys():
             yield tile[of_rows[task], of_cols[task]]
 
     def _ranges(self, part):
         """Where the samples of each task are in a part of the rows."""
-        tasks, starts = self.present[part.start]
-        stops = np.append(starts[1:], part.stop - part.start)
+        tasks, starts = map(np.ndarray.tolist, self.present[part.start])
+        stops = [*starts[1:], part.stop - part.start]
         return dict(zip(tasks, map(slice, starts, stops), strict=True))
 
     def _between(self, K_rho, rows, cols):
@@ -103,31 +104,30 @@ class DenseLikelihood(TiledLikelihood):
         met = K_rho[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]  # of many tasks few
         return met.take(cols - cols[0], axis=1).take(rows - rows[0], axis=0)
 
-    def _contract(self, bound, K_rho, tapes, alpha, inverse):
+    def _contract(self, bound, K_rho, tapes, G):
         """Gradients by the kernel's theta, K^rho and the levels' variance.
 
-        With G = alpha alpha^T - K^{-1}, dL = 1/2 sum_ij G_ij dK_ij, summed over the
+        With G = K^{-1} - alpha alpha^T, dL = -1/2 sum_ij G_ij dK_ij, summed over the
         upper triangle alone with half the diagonal.
         """
 
         def contract(rows, cols, K_x, tape):
-            G = np.multiply.outer(alpha[rows], alpha[cols])
-            G -= inverse[rows, cols]
-            self._halve(G, rows, cols)  # the lower half is not the inverse's
-            d_level = self._sum_within_tasks(G, rows, cols)
-            H = self._sum_by_task(G * K_x, rows, cols)
-            G *= self._between(K_rho, rows, cols)
-            return bound.contract(G, tape, rows, cols), H, d_level
+            of_tile = G[rows, cols].copy()  # row after row: faster, more than once
+            self._halve(of_tile, rows, cols)  # the lower half is anything
+            d_level = self._sum_within_tasks(of_tile, rows, cols)
+            H = self._sum_by_task(of_tile * K_x, rows, cols)
+            of_tile *= self._between(K_rho, rows, cols)
+            return bound.contract(of_tile, tape, rows, cols), H, d_level
 
         d_kernel, d_level = np.zeros(self.prior.node.n_dims), 0.0
         D = np.zeros(K_rho.shape)
         for (rows, cols), (d_tile, H, d_level_of_tile) in zip(
             self.blocks, self._map_tiles(contract, tapes), strict=True
         ):
-            d_kernel += d_tile
-            d_level += d_level_of_tile
+            d_kernel -= d_tile
+            d_level -= d_level_of_tile
             present = self.present[rows.start][0], self.present[cols.start][0]
-            D[present[0][:, None], present[1]] += H
+            D[present[0][:, None], present[1]] -= H
         D = D + D.T
         D *= 0.5
         return d_kernel, D, d_level

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from skmtgp._data.complete import check_complete, nearly_complete
+from skmtgp._numerics.linalg import HALVED
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import IncompleteDataWarning
@@ -45,7 +46,8 @@ class Dense(Engine):
         Warns of data that are all but complete, and many.
         """
         n = demand.n_samples
-        check_memory(demand, tiles, n, rows="samples", n_matrices=1, why=self.why)
+        needed = 1.5 if n in HALVED else 1.0
+        check_memory(demand, tiles, n, rows="samples", n_matrices=needed, why=self.why)
         if self.why and n > MANY:
             warn(
                 f"{self.why} As it is, inference is dense, of {n} samples. {INFERENCE}",

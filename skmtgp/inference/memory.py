@@ -89,7 +89,7 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices, why=""):
         Rows of a covariance.
     rows : str
         What they are.
-    n_matrices : int
+    n_matrices : float
         How many of them a likelihood takes beside the tiles.
     why : str, default=""
         What keeps the data from an engine that takes less.

@@ -210,6 +210,8 @@ class Covariances:
         Covariances of omega_m.
     taken : ndarray of shape (n_tasks, n_features)
         c_m falls by `taken` . omega_m, whatever omega_m is.
+    along : ndarray of shape (n_tasks, n_features)
+        -cov(omega_m, c_m).
     of_level : ndarray of shape (n_tasks,)
         Variance of c_m for a given omega_m.
     """
@@ -225,6 +227,7 @@ class Covariances:
         for task, keep in self.keep.items():
             own = self.kappa[task] * keep
             self.Sigma[task] = own + keep @ self.Sigma[task] @ keep
+        self.along = np.einsum("mij,mj->mi", self.Sigma, self.taken)
 
     def shared(self, tasks):
         """Covariances of F_m . v."""
@@ -234,8 +237,7 @@ class Covariances:
 
     def level_variances(self):
         """Variances of c_m, whatever omega_m is."""
-        along = np.einsum("mij,mj->mi", self.Sigma, self.taken)
-        return self.of_level + np.einsum("mi,mi->m", along, self.taken)
+        return self.of_level + np.einsum("mi,mi->m", self.along, self.taken)
 
     def with_unseen(self, common, own, n_unseen):
         """The same with tasks without data, which share functions with all."""
@@ -247,7 +249,9 @@ class Covariances:
         other.keep = self.keep | dict.fromkeys(unseen, np.eye(m))
         Sigma = other.shared(unseen) + own * np.eye(m)
         other.Sigma = np.concatenate([self.Sigma, Sigma])
-        other.taken = np.vstack([self.taken, np.zeros((n_unseen, m))])
+        without_level = np.zeros((n_unseen, m))
+        other.taken = np.vstack([self.taken, without_level])
+        other.along = np.vstack([self.along, without_level])
         other.of_level = np.append(self.of_level, np.full(n_unseen, self.level))
         return other
 
@@ -311,14 +315,9 @@ class Gradients:
         weights, scale = self.weights, self.weights.K_diagonal / self.weights.noise
         C = self.covariances.Sigma / -weights.noise[:, None, None]
         np.einsum("mii->mi", C)[...] += scale[:, None]
-        with_level = self._along_level() / weights.noise[:, None]
+        with_level = self.covariances.along / weights.noise[:, None]
         means, noise = (weights.omega, weights.levels), weights.noise
         return Adjoint(*means, C, with_level, noise, -0.5 * scale)
-
-    def _along_level(self):
-        """-cov(omega_m, c_m), of shape (n_tasks, n_features)."""
-        covariances = self.covariances
-        return np.einsum("mij,mj->mi", covariances.Sigma, covariances.taken)
 
     def omega_bar(self):
         """sum_i phibar_i phi_i^T, the adjoint of K_ZZ for `Features.contract`.
@@ -372,10 +371,11 @@ class Gradients:
 
     def _spreads(self):
         """Variances of c_m, and sums of those of f at the rows, for each task."""
-        sums, Sigma = self.weights.sums, self.covariances.Sigma
-        along, of_level = self._along_level(), self.covariances.level_variances()
-        spread = np.einsum("mij,mij->m", sums.S, Sigma) + sums.n * of_level
-        return of_level, spread - 2.0 * np.einsum("mi,mi->m", along, sums.phi)
+        sums, covariances = self.weights.sums, self.covariances
+        of_level = covariances.level_variances()
+        spread = np.einsum("mij,mij->m", sums.S, covariances.Sigma)
+        spread -= 2.0 * np.einsum("mi,mi->m", covariances.along, sums.phi)
+        return of_level, spread + sums.n * of_level
 
     def _overlaps(self):
         """tr(T_m cov(v_alpha, v_beta)), of shape (n_tasks, rank, rank)."""

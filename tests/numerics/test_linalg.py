@@ -1,7 +1,13 @@
 import numpy as np
 import pytest
 
-from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter, correlation
+from skmtgp._numerics.linalg import (
+    HALVED,
+    Cholesky,
+    cholesky_with_jitter,
+    correlation,
+    invert_triangle,
+)
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
 
@@ -29,9 +35,10 @@ def test_solve(K, cholesky, shape):
     np.testing.assert_allclose(x, np.linalg.solve(K, b), rtol=1e-11, atol=1e-13)
 
 
-@pytest.mark.parametrize("shape", [(8,), (8, 3)])
-def test_half_solve(K, cholesky, shape):
-    b = np.random.default_rng(1).standard_normal(shape)
+@pytest.mark.parametrize("order", "CF")
+@pytest.mark.parametrize("shape", [(8,), (8, 0), (8, 1), (8, 3)])
+def test_half_solve(K, cholesky, shape, order):
+    b = np.random.default_rng(1).standard_normal(shape).copy(order=order)
     C = np.linalg.cholesky(K)
     close = {"rtol": 1e-12, "atol": 1e-14}
     np.testing.assert_allclose(cholesky.half_solve(b), np.linalg.solve(C, b), **close)
@@ -43,6 +50,17 @@ def test_invert(K, cholesky):
     inverse = np.tril(cholesky.invert())
     expected = np.tril(np.linalg.inv(K))
     np.testing.assert_allclose(inverse, expected, rtol=1e-11, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "n", [1, HALVED.start - 1, HALVED.start, 131, HALVED.stop - 1, HALVED.stop]
+)
+def test_invert_triangle(n):
+    rng = np.random.default_rng(0)
+    lower = np.tril(0.1 * rng.standard_normal((n, n)), -1) + 3.0 * np.eye(n)
+    L = np.asfortranarray(lower + np.triu(np.full_like(lower, np.nan), 1))
+    assert invert_triangle(L) is L
+    np.testing.assert_allclose(np.tril(L) @ lower, np.eye(n), atol=1e-13)
 
 
 ASKED = {

@@ -24,20 +24,21 @@ class ColumnsNode(Node):
     """A kernel of some of the features."""
 
     def __init__(self, kernel):
-        self.select, self.inner = kernel.select, compile_kernel(kernel.kernel)
+        self.columns = np.asarray(kernel.columns)
+        self.inner = compile_kernel(kernel.kernel)
         self.n_dims, self.n_slices = kernel.n_dims, self.inner.n_slices
 
     def bind(self, theta, X):
-        return BoundColumns(self.select, self.inner.bind(theta, self.select(X)))
+        return BoundColumns(self.columns, self.inner.bind(theta, X[:, self.columns]))
 
 
 class BoundColumns(Bound):
-    def __init__(self, select, inner):
-        self.select, self.inner = select, inner
+    def __init__(self, columns, inner):
+        self.columns, self.inner = columns, inner
         self.block, self.contract = inner.block, inner.contract
 
     def against(self, Z):
-        return self.inner.against(self.select(Z))
+        return self.inner.against(Z[:, self.columns])
 
 
 class JoinedNode(Node):

@@ -79,8 +79,7 @@ def _(bound: BoundStationary, W, tape, rows, cols, n_features):
 
 @contract_inputs.register
 def _(bound: BoundColumns, W, tape, rows, cols, n_features):
-    columns = bound.select(np.arange(n_features)[None])[0]
-    gradient = np.zeros((len(W), n_features))
+    gradient, columns = np.zeros((len(W), n_features)), bound.columns
     inner = contract_inputs(bound.inner, W, tape, rows, cols, len(columns))
     np.add.at(gradient.T, columns, inner.T)  # a column may be named twice
     return gradient

@@ -109,9 +109,8 @@ class Node:
         gradient : ndarray of shape (n_dims,)
             The gradient.
         """
-        return np.concatenate(
-            [np.empty(0), *(np.ravel(gradients[name]) for name in self.free)]
-        )
+        of_free = [gradients[name] for name in self.free]
+        return np.concatenate([np.empty(0), *of_free], axis=None)
 
 
 class Bound:
@@ -222,7 +221,7 @@ class BoundLinear(Bound):
     def __init__(self, node, X, weights, bias):
         self.node, self.is_ard = node, np.ndim(weights) > 0
         # the bias is the weight of a further feature, which is one
-        self.w = append(np.broadcast_to(weights, X.shape[1]), bias)
+        self.w = append(np.full(X.shape[1], weights), bias)
         self.right = append(X, 1.0)
         self.left = self.right * self.w
 

@@ -132,7 +132,7 @@ bench-sparse: $(VENV)/ready-to-bench $(ENVS)/gpytorch/ready $(ENVS)/gpflow/ready
 
 # What the package's own benchmarks print is kept, and shown on the page.
 OWN := likelihood memory prediction large_fit modes noisy_modes kronecker digits \
-    levels_and_units
+    levels_and_units defaults
 bench-own: $(VENV)/ready-to-bench
 	$(BIN)/python benchmarks/peers/own_run.py $(OWN) $(OWNFLAGS)
 	$(BIN)/python benchmarks/growth.py

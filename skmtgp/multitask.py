@@ -57,9 +57,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     rank : int, default=None
         Rank of the task covariance, 1 to the number of tasks. None is full rank, or
         the highest that leaves four rows for each number of the task covariance; where
-        tasks have fewer than eight rows on average, that or 0, by BIC. `rank_` tells. 0
-        needs `shared`: one function of all tasks and, with `task_levels`, a level of
-        each, for many tasks of a handful of rows; or ``diagonal="equal"``.
+        tasks have fewer than eight rows on average, that, 0, or 0 with an equal
+        diagonal, by BIC. `rank_` and `diagonal_` tell. 0 needs `shared`: one function
+        of all tasks and, with `task_levels`, a level of each, for many tasks of a
+        handful of rows; or ``diagonal="equal"``.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
@@ -192,6 +193,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         ``L @ L.T``.
     rank_ : int
         Rank of the task covariance, a function that all share not counted.
+    diagonal_ : bool or "equal"
+        Which diagonal the task covariance has.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
@@ -349,18 +352,22 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 "function of all of them, diagonal='equal', for an independent one of "
                 "each, or rank=1 or more."
             )
-        forms = self._forms(M, len(problems[0].data))
+        forms = self._forms(problems[0])
         modes = self._learn_ranks(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
         found = zip(of_forms, modes, strict=True)
         return max(found, key=lambda of: sum(map(criterion, *of)))
 
-    def _forms(self, n_tasks, n):
+    def _forms(self, problem):
         """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
-        rank = self._rank(n_tasks, n)
-        few = self.rank is None and n < FEW * n_tasks and self.max_iter > 0
-        ranks = [0, rank] if few else [rank]
-        return [self._form(n_tasks, rank) for rank in ranks]
+        n_tasks, n = problem.prior.n_tasks, len(problem.data)
+        form = self._form(n_tasks, self._rank(n_tasks, n))
+        if self.rank is not None or n >= FEW * n_tasks or self.max_iter == 0:
+            return [form]
+        forms = [self._form(n_tasks, 0), form]
+        if self.diagonal or not problem.engine.exact:  # to which diagonals take long
+            return forms
+        return [low_rank(n_tasks, 0, "equal", shared=True), *forms]
 
     def _form(self, n_tasks, rank):
         """The form of K^rho."""
@@ -511,7 +518,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _has_own(self):
         """Whether a joining task may have something of its own, of any variance."""
-        return not self._equal() and (self.diagonal or self._is_full())
+        return self.diagonal_ is True or (not self.diagonal_ and self._is_full())
 
     def _is_full(self):
         """Whether the task covariance is as general as it can be."""
@@ -519,4 +526,6 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _store_learned(self, training, engine, likelihoods, modes):
         super()._store_learned(training, engine, likelihoods, modes)
-        self.rank_ = likelihoods[0].prior.task_covariance.rank
+        form = likelihoods[0].prior.task_covariance
+        self.rank_ = form.rank
+        self.diagonal_ = "equal" if getattr(form, "equal", False) else form.n_own > 0

@@ -421,3 +421,24 @@ def test_simultaneous_learning_of_one_function_starts_with_one(params):
     model.set_params(learning="simultaneous", n_restarts_optimizer=2)
     found = model.fit(X, y).log_marginal_likelihood_value_
     assert found > best - 5.0
+
+
+def test_default_of_many_tasks_of_few_rows():
+    """Any two tasks are equally alike: the default has an equal diagonal, too."""
+    rng, tasks = np.random.default_rng(0), np.repeat(np.arange(20), 5)
+    x = rng.uniform(0.0, 6.0, 100)
+    K = np.exp(-0.5 * np.subtract.outer(x, x) ** 2)
+    K *= 1.0 + 0.5 * np.equal.outer(tasks, tasks)
+    f = np.linalg.cholesky(K + 1e-9 * np.eye(100)) @ rng.standard_normal(100)
+    y = f + rng.standard_normal(20)[tasks] + 0.1 * rng.standard_normal(100)
+    X = np.column_stack([x, tasks])
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert (model.rank_, model.diagonal_) == (0, "equal")
+    same = MultiTaskGPRegressor(rank=0, shared=True, diagonal="equal").fit(X, y)
+    assert same.diagonal_ == "equal"
+    np.testing.assert_allclose(model.predict(X), same.predict(X), atol=1e-3)
+    joined = model.add_task(np.array([[1.0, 20.0], [2.0, 20.0]]), [0.0, 1.0])
+    assert joined.diagonal_ == "equal"
+    plain = MultiTaskGPRegressor(rank=1, max_iter=0).fit(X, y)
+    assert plain.diagonal_ is False
+    assert plain.set_params(diagonal=True).fit(X, y).diagonal_ is True

@@ -37,6 +37,7 @@ OWN = {
     "modes": "Likelihoods found, and the time to find them",
     "noisy_modes": "Likelihoods found for small and noisy data",
     "levels_and_units": "Tasks with different levels, units and precisions",
+    "defaults": "What each choice of the defaults costs, where",
     "kronecker": "One evaluation of complete data over one eigh of its N inputs",
     "digits": "Digits lost where there is next to no noise",
 }

@@ -84,8 +84,9 @@ class Kronecker(Engine):
         self._check_rows(demand, tiles, n_before + n_new)
 
     def _check_rows(self, demand, tiles, n_rows):
-        # K, and two for its eigen-decomposition
-        check_memory(demand, tiles, n_rows, rows="inputs of each task", n_matrices=3)
+        # K, and two for its eigen-decomposition; that of K^rho
+        rows = {"rows": "inputs of each task", "n_matrices": 3, "n_of_tasks": 1}
+        check_memory(demand, tiles, n_rows, **rows)
 
     def likelihood(self, prior, data):
         """The likelihood of the data."""

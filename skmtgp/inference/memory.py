@@ -10,7 +10,7 @@ from skmtgp.model._nodes import count_arrays, count_elements
 WORK = 8  # arrays of a tile that come and go, at most
 # Matrices between tasks, with levels: of each climb, with where it starts, and of each
 # posterior
-OF_CLIMB, OF_POSTERIOR = 18, 8
+OF_CLIMB, OF_POSTERIOR = 17, 8
 
 
 class TileMemory:
@@ -76,7 +76,7 @@ class TileMemory:
         return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size))
 
 
-def check_memory(demand, tiles, n_rows, *, rows, n_matrices, why=""):
+def check_memory(demand, tiles, n_rows, *, rows, n_matrices, n_of_tasks=0, why=""):
     """Raise an InsufficientMemoryError where exact covariances cannot be held.
 
     Parameters
@@ -91,6 +91,8 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices, why=""):
         What they are.
     n_matrices : float
         How many of them a likelihood takes beside the tiles.
+    n_of_tasks : int, default=0
+        Matrices between tasks that it takes beside.
     why : str, default=""
         What keeps the data from an engine that takes less.
     """
@@ -98,6 +100,7 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices, why=""):
     of_climbs += tiles.of_triangle(n_rows, demand.n_climbs)
     of_rows = max(of_climbs, _matrices(n_rows, demand.n_kept))
     of_tasks = _of_tasks(demand, demand.n_climbs, demand.n_parameters)
+    of_tasks += _matrices(demand.n_tasks, n_of_tasks * demand.n_climbs)
     tasks = f" and {demand.n_tasks} tasks" if of_tasks > of_rows else ""
     single = "a SingleTaskGP, whose matrices are of one task each, or "
     check_available(

@@ -230,6 +230,6 @@ class TestManyTasks:
     def test_of_climbs_and_posteriors(self, n_climbs):
         few, many = Demand(0, 50), Demand(0, 50, n_kept=30)
         one = memory._of_tasks(few, 1, 0)
-        assert one == 8.0 * 18 * 50**2
+        assert one == 8.0 * 17 * 50**2
         assert memory._of_tasks(few, n_climbs, 0) == n_climbs * one
         assert memory._of_tasks(many, 1, 0) == 8.0 * 8 * 30 * 50**2

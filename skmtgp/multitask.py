@@ -528,8 +528,5 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         super()._store_learned(training, engine, likelihoods, modes)
         form = likelihoods[0].prior.task_covariance
         self.rank_ = form.rank
-        self.diagonal_ = (
-            "equal"
-            if getattr(form, "equal", False)
-            else bool(getattr(form, "n_own", 0))
-        )
+        has_own = bool(getattr(form, "n_own", 0))
+        self.diagonal_ = "equal" if getattr(form, "equal", False) else has_own

@@ -220,8 +220,9 @@ class TestMemory:
     def little(self, monkeypatch):
         for between_tasks in ("OF_CLIMB", "OF_POSTERIOR"):
             monkeypatch.setattr(memory, between_tasks, 0)
-        # 3, one of the kernel's tiles and 8 that come and go
-        monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 12 * 11**2)
+        # 3, one of the kernel's tiles and 8 that come and go; one between 4 tasks
+        available = 8.0 * (12 * 11**2 + 4**2)
+        monkeypatch.setattr(_memory, "available_memory", lambda: available)
 
     def test_matrices_of_the_inputs_fit(self):
         X, y = draw()

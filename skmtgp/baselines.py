@@ -111,6 +111,16 @@ class IndependentGP(_FixedTaskCovarianceGP):
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
         its square.
+    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+        What predictions take for the hyperparameters. "mode" is the maximum of the
+        likelihood. "map" is the maximum of the likelihood times weak priors, which are
+        relative to the sizes of the data. "sampled" averages over draws from that
+        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
+        the hyperparameters in doubt, and it takes some ten times as long. The
+        attributes are those of the mode all the same.
+    n_draws : int, default=100
+        How many draws predictions average over, only for "sampled". Each takes as much
+        memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -166,6 +176,16 @@ class IndependentGP(_FixedTaskCovarianceGP):
         the noise variances of the scaled target, for each output. A target is scaled by
         `y_scale_`; without `normalize_y`, if the kernel is the default, by its root
         mean square, with `task_levels` by the deviation around the means of the tasks.
+    theta_samples_ : ndarray of shape (n_draws, n_theta)
+        Draws of `theta_`. This and the next three only if hyperparameters are sampled.
+    effective_sample_size_ : float
+        Of how many independent draws all that were drawn, ten for each that is kept,
+        are worth, of the hyperparameter for which that is least.
+    r_hat_ : float
+        How far the chains disagree about the hyperparameter for which that is most; 1
+        is not at all.
+    n_divergences_ : int
+        Trajectories that left the region where the posterior can be computed.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
@@ -236,6 +256,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
+        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -253,6 +275,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
         self.n_exact = n_exact
+        self.hyperparameters = hyperparameters
+        self.n_draws = n_draws
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
@@ -313,6 +337,16 @@ class PooledGP(_FixedTaskCovarianceGP):
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
         its square.
+    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+        What predictions take for the hyperparameters. "mode" is the maximum of the
+        likelihood. "map" is the maximum of the likelihood times weak priors, which are
+        relative to the sizes of the data. "sampled" averages over draws from that
+        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
+        the hyperparameters in doubt, and it takes some ten times as long. The
+        attributes are those of the mode all the same.
+    n_draws : int, default=100
+        How many draws predictions average over, only for "sampled". Each takes as much
+        memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -363,6 +397,16 @@ class PooledGP(_FixedTaskCovarianceGP):
         Theta of the kernel, logarithms of the diagonal and of the noise variances of
         the scaled target, for each output. A target is scaled by `y_scale_`; without
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
+    theta_samples_ : ndarray of shape (n_draws, n_theta)
+        Draws of `theta_`. This and the next three only if hyperparameters are sampled.
+    effective_sample_size_ : float
+        Of how many independent draws all that were drawn, ten for each that is kept,
+        are worth, of the hyperparameter for which that is least.
+    r_hat_ : float
+        How far the chains disagree about the hyperparameter for which that is most; 1
+        is not at all.
+    n_divergences_ : int
+        Trajectories that left the region where the posterior can be computed.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
@@ -435,6 +479,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
+        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -451,6 +497,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
         self.n_exact = n_exact
+        self.hyperparameters = hyperparameters
+        self.n_draws = n_draws
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs

@@ -13,6 +13,7 @@ __all__ = [
     "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
     "PrecisionWarning",
+    "SamplingWarning",
     "TaskColumnWarning",
     "UnderflowWarning",
     "UnidentifiedNoiseWarning",
@@ -162,6 +163,21 @@ class PrecisionWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import PrecisionWarning
     >>> warnings.simplefilter("ignore", PrecisionWarning)
+    """
+
+
+class SamplingWarning(UserWarning):
+    """Draws of the hyperparameters do not tell their posterior well.
+
+    Chains move slowly, or lie around modes that they do not leave, so that the draws
+    are worth few independent ones and intervals may be too narrow. The message gives
+    the effective sample size, R-hat and the number of divergent trajectories.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import SamplingWarning
+    >>> warnings.simplefilter("error", SamplingWarning)
     """
 
 

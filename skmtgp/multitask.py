@@ -125,6 +125,16 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_restarts_optimizer : int, default=0
         Number of additional starts. The first truncates a fit of full rank, the others
         are random; with "simultaneous" all are.
+    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+        What predictions take for the hyperparameters. "mode" is the maximum of the
+        likelihood. "map" is the maximum of the likelihood times weak priors, which are
+        relative to the sizes of the data. "sampled" averages over draws from that
+        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
+        the hyperparameters in doubt, and it takes some ten times as long. The
+        attributes are those of the mode all the same.
+    n_draws : int, default=100
+        How many draws predictions average over, only for "sampled". Each takes as much
+        memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -195,6 +205,16 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Rank of the task covariance, a function that all share not counted.
     diagonal_ : bool or "equal"
         Which diagonal the task covariance has.
+    theta_samples_ : ndarray of shape (n_draws, n_theta)
+        Draws of `theta_`. This and the next three only if hyperparameters are sampled.
+    effective_sample_size_ : float
+        Of how many independent draws all that were drawn, ten for each that is kept,
+        are worth, of the hyperparameter for which that is least.
+    r_hat_ : float
+        How far the chains disagree about the hyperparameter for which that is most; 1
+        is not at all.
+    n_divergences_ : int
+        Trajectories that left the region where the posterior can be computed.
     n_iter_ : int
         Iterations on the way to the mode, of the output with most of them.
     n_evaluations_ : int
@@ -311,6 +331,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
+        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -334,6 +356,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.learning = learning
         self.truncation = truncation
         self.n_restarts_optimizer = n_restarts_optimizer
+        self.hyperparameters = hyperparameters
+        self.n_draws = n_draws
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs

@@ -79,6 +79,16 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         before the bound is, only for "sparse". Without noise it is from them that most
         is learned of the kernel: more take time with the cube of their number, and
         memory with its square.
+    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+        What predictions take for the hyperparameters. "mode" is the maximum of the
+        likelihood. "map" is the maximum of the likelihood times weak priors, which are
+        relative to the sizes of the data. "sampled" averages over draws from that
+        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
+        the hyperparameters in doubt, and it takes some ten times as long. The
+        attributes are those of the mode all the same.
+    n_draws : int, default=100
+        How many draws predictions average over, only for "sampled". Each takes as much
+        memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
     tol : float, default=1e-2
@@ -159,6 +169,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
+        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
@@ -173,6 +185,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
         self.n_exact = n_exact
+        self.hyperparameters = hyperparameters
+        self.n_draws = n_draws
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs

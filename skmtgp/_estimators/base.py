@@ -59,6 +59,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
         "n_exact": [Interval(Integral, 1, None, closed="left")],
+        "hyperparameters": [StrOptions({"mode", "map", "sampled"})],
+        "n_draws": [Interval(Integral, 4, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
         "n_jobs": [Integral, None],
@@ -141,6 +143,11 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _read(self, X, y, progress):
         """The training data, checked, encoded and scaled."""
         stay = is_dask(X, y) and leaves_rows(self.inference)
+        if stay and self.hyperparameters == "sampled":
+            raise ValueError(
+                "hyperparameters='sampled' needs the rows in memory, and X is a Dask "
+                "collection. Give arrays, or set hyperparameters='mode'."
+            )
         check = check_partitions if stay else check_training
         training = self._scale(*check(self, X, y))
         report = "auto" in (self.normalize_y, self.noise) and progress(
@@ -187,6 +194,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 engine=engine,
                 budget=self._budget(),
                 name=f"output {j} of {n}" if n > 1 else "the output",
+                weak_priors=self.hyperparameters == "map",
             )
             for j, data in enumerate(of_outputs, start=1)
         ]
@@ -242,13 +250,17 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             n,
             n_tasks,
             rank=rank,
-            n_kept=n_outputs * n_kept,
+            n_kept=n_outputs * n_kept * self._n_posteriors(),
             n_climbs=at_a_time(self.n_jobs, climbs if engine.exact else n_outputs),
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
         )
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))
+
+    def _n_posteriors(self):
+        """How many posteriors an output is predicted by, beside that of the mode."""
+        return 1 + self.n_draws if self.hyperparameters == "sampled" else 1
 
     def _check_noise_bounds(self):
         bounds = self.noise_variance_bounds

@@ -13,6 +13,7 @@ from skmtgp._data.checks import check_theta, warn_of_noise
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.sampled import SampledMixin
 from skmtgp._estimators.summary import SummaryMixin
 from skmtgp._estimators.training import Training
 from skmtgp._numerics.parallel import limit_threads
@@ -27,7 +28,7 @@ from skmtgp.learning.forecast import FEW
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
-class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
+class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
     @public
@@ -111,9 +112,9 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
         """
         check_is_fitted(self)
         order = self._training().order(self._engine)  # the posteriors' samples
-        shape = len(self.tasks_train_), len(self._posteriors)
+        shape = len(self.tasks_train_), len(self._predictive)
         residual, variance = np.empty((2, *shape))
-        for j, posterior in enumerate(self._posteriors):
+        for j, posterior in enumerate(self._predictive):
             with limit_threads(self._side):
                 found = posterior.leave_one_out(include_noise)
             residual[order, j], variance[order, j] = found
@@ -195,17 +196,11 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
         return getattr(self, "shared", False)
 
     def _posteriors_for(self, codes):
-        """The posteriors, with tasks that were never seen if there are any."""
+        """What predicts, with tasks that were never seen if there are any."""
         n_unseen = max(0, codes.max(initial=0) + 1 - len(self.tasks_))
         if not n_unseen:
-            return self._posteriors
-        parts = np.split(self.theta_, len(self._likelihoods))
-        return [
-            posterior.with_unseen(*likelihood.prior.unseen(theta), n_unseen)
-            for posterior, likelihood, theta in zip(
-                self._posteriors, self._likelihoods, parts, strict=True
-            )
-        ]
+            return self._predictive
+        return [posterior.with_unseen(n_unseen) for posterior in self._predictive]
 
     def _means(self, features, codes):
         posteriors = self._posteriors_for(codes)
@@ -233,15 +228,20 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
         return self._units.of_rows(self._units.scale, codes)
 
     def _noise(self, codes):
-        """Noise variances, of shape (n_samples, n_outputs).
+        """Noise variances, of shape (n_samples, n_outputs)."""
+        return self._noises(codes).mean(axis=0)
+
+    def _noises(self, codes):
+        """Those of each draw of the hyperparameters, (n_draws, n_samples, n_outputs).
 
         A task that was never seen has the geometric mean of the others'.
         """
-        noise = np.asarray(self.noise_variance_).reshape(len(self._posteriors), -1)
-        if noise.shape[1] == 1:
-            return np.repeat(noise.T, len(codes), axis=0)
-        usual = np.exp(np.log(noise).mean(axis=1, keepdims=True))
-        return np.hstack([noise, usual]).T[np.minimum(codes, noise.shape[1])]
+        noise = self._noise_variances
+        if noise.shape[2] == 1:
+            return np.repeat(noise.swapaxes(1, 2), len(codes), axis=1)
+        usual = np.exp(np.log(noise).mean(axis=2, keepdims=True))
+        noise = np.concatenate([noise, usual], axis=2).swapaxes(1, 2)
+        return noise[:, np.minimum(codes, noise.shape[1] - 1)]
 
     # what is kept of a fit
 
@@ -251,6 +251,8 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
             say(f"the posterior of {len(problems[0].data)} rows begins")
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
+        if self.hyperparameters == "sampled" and self.max_iter:
+            self._draw_hyperparameters()
 
     def _store_learned(self, training, engine, likelihoods, modes):
         """The same of likelihoods that are there already."""
@@ -263,6 +265,8 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
             likelihood.posterior(mode.theta)
             for likelihood, mode in zip(likelihoods, modes, strict=True)
         ]
+        self._predictive = self._posteriors
+        self._forget_draws()
         self._units = training.units
         self._single_output = training.single_output
         units = "per_task" if training.units.per_task else "shared"
@@ -304,6 +308,7 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
         rho, factor, level, noise = map(np.array, arrays)
         self.kernel_ = kernels[0] if self._single_output else list(kernels)
         self.task_covariance_, self.task_factor_ = self._of_outputs(rho, factor)
+        self._noise_variances = noise[None]
         level = _of_all_tasks(level)
         noise = noise if self.noise_ == "per_task" else _of_all_tasks(noise)
         self.level_variance_, self.noise_variance_ = self._of_outputs(level, noise)
@@ -315,8 +320,8 @@ class FittedGP(SummaryMixin, PosteriorMixin, Estimator):
     def _store_levels(self):
         """The level of each task, in units of y, and its deviation."""
         units = self._units
-        levels = np.array([posterior.levels for posterior in self._posteriors])
-        variances = np.array([p.level_variances() for p in self._posteriors])
+        levels = np.array([posterior.levels for posterior in self._predictive])
+        variances = np.array([p.level_variances() for p in self._predictive])
         levels = levels * units.scale + units.centre
         deviations = np.sqrt(variances) * units.scale
         self.task_level_, self.task_level_std_ = self._of_outputs(levels, deviations)
@@ -367,7 +372,7 @@ def evidence_of(model):
 
 def likelihood_at(problem, mode):
     """The likelihood by the inducing inputs of a mode, if it has any."""
-    return problem.with_data(replace(problem.data, Z=mode.Z)).likelihood()
+    return problem.engine.likelihood(problem.prior, replace(problem.data, Z=mode.Z))
 
 
 def _of_all_tasks(array):

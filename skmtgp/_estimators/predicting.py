@@ -174,6 +174,11 @@ class PosteriorMixin(RegressorMixin):
             ]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
 
+    def _components(self, features, codes, include_noise):
+        """Means and variances of the normals that are mixed, (1, n_samples, ...)."""
+        means = self._means(features, codes)
+        return means[None], self._variances(features, codes, include_noise)[None]
+
     def _knows_unseen(self):
         """Whether it can predict a task that it never saw."""
         return False

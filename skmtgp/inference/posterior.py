@@ -64,6 +64,7 @@ class Posterior(ABC):
 
     def __init__(self, likelihood, theta):
         prior, values = likelihood.prior, likelihood.prior.values(theta)
+        self.prior, self.theta = prior, theta
         self.kernel, self.K_rho = prior.kernel_at(theta), prior.K_rho_at(theta)
         self.bound = prior.node.bind(values.kernel, likelihood.inputs)
         self.tasks, self.level = likelihood.tasks, values.level
@@ -209,15 +210,11 @@ class Posterior(ABC):
         of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
         self.levels = self.level * of_tasks
 
-    def with_unseen(self, common, own, n_unseen):
+    def with_unseen(self, n_unseen):
         """The same that knows tasks without data, too, the last ones.
 
         Parameters
         ----------
-        common : ndarray of shape (n_common,)
-            Their loadings, and those of all tasks, of functions that all share alike.
-        own : float
-            Variance of what each has beside these.
         n_unseen : int
             How many they are.
 
@@ -227,6 +224,7 @@ class Posterior(ABC):
             This one stays as it is.
         """
         posterior = copy(self)
+        common, own = self.prior.unseen(self.theta)
         posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
         posterior._set_means()
         return posterior
@@ -242,7 +240,10 @@ class Posterior(ABC):
 
 
 def bordered(K_rho, common, own, n_unseen):
-    """K^rho with tasks that share functions with all, and nothing else."""
+    """K^rho with tasks that share functions with all, and nothing else.
+
+    `common` and `own` are those of :meth:`skmtgp.model.prior.Prior.unseen`.
+    """
     n_tasks = len(K_rho)
     found = np.full((n_tasks + n_unseen,) * 2, common @ common)
     found[:n_tasks, :n_tasks] = K_rho

@@ -68,7 +68,7 @@ class SparsePosterior:
             solve = self.features.cholesky.half_solve
             self.weights = solve(self.omega.T, transposed=True).T
         self.features.warn_of_jitter()
-        self.bound, self.noise = bound, weights.noise
+        self.bound, self.theta, self.noise = bound, theta, weights.noise
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho, self.level = bound.prior.K_rho_at(theta), weights.level
         prior = largest_prior(self.K_rho, self.kernel, bound.Z) + self.level
@@ -129,12 +129,12 @@ class SparsePosterior:
             spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
         return spread + covariances.of_level[tasks]
 
-    def with_unseen(self, common, own, n_unseen):
+    def with_unseen(self, n_unseen):
         """The same that knows tasks without data, too, the last ones.
 
         See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
         """
-        posterior = copy(self)
+        posterior, (common, own) = copy(self), self.bound.prior.unseen(self.theta)
         posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
         posterior.covariances = self.covariances.with_unseen(common, own, n_unseen)
         omega = posterior.covariances.F[-n_unseen:] @ self.V

@@ -9,6 +9,7 @@ import numpy as np
 from skmtgp._data.data import Data
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.ambiguity import rivals_of
+from skmtgp.learning.penalised import WithHyperprior
 from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.prior import Prior
 
@@ -60,6 +61,8 @@ class Problem:
         What is learned, for the lines that are printed.
     tuning : Tuning
         Constants.
+    weak_priors : bool, default=False
+        Whether theta has the priors of `Hyperprior`.
     """
 
     prior: Prior
@@ -68,6 +71,7 @@ class Problem:
     budget: Budget
     name: str = "the output"
     tuning: Tuning = TUNING
+    weak_priors: bool = False
 
     def with_form(self, form):
         """The same with another form of K^rho."""
@@ -79,7 +83,8 @@ class Problem:
 
     def likelihood(self):
         """What is maximised."""
-        return self.engine.likelihood(self.prior, self.data)
+        likelihood = self.engine.likelihood(self.prior, self.data)
+        return WithHyperprior(likelihood) if self.weak_priors else likelihood
 
     def theta(self, **given):
         """Starting values of the prior's parameters, but for what is given."""

@@ -241,6 +241,24 @@ class Prior:
         kernel = self.kernel.theta if kernel is None else kernel
         return np.concatenate([kernel, rho, level, np.full(self.n_noise, noise)])
 
+    def centre(self, log_variance):
+        """Starting values with a given logarithm of all variances in K^rho.
+
+        Parameters
+        ----------
+        log_variance : float
+            That of a function that all share, and of a diagonal.
+
+        Returns
+        -------
+        theta : ndarray of shape (n_theta,)
+            Its factor is zero.
+        """
+        theta, part = self.theta(), self._slices[1]
+        theta[part] = log_variance
+        theta[self.of_factor] = 0.0
+        return theta
+
     def with_rho(self, theta, rho):
         """Theta of this prior from one that differs in K^rho alone, whose are given."""
         n_kernel, _, n_level, n_noise = self._sizes

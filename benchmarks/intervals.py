@@ -1,0 +1,131 @@
+"""How often intervals hold, by the mode of the hyperparameters and by draws of them.
+
+``python benchmarks/intervals.py`` draws data from the model itself: a squared
+exponential of length-scale 1 on [0, 8], K^rho = F F^T with normal F of rank 1 to 3,
+noise of deviation 0.2; 3 and 8 tasks of 5, 10, 20 and 50 rows, 20 test points each. The
+model is fitted at the true rank and at BIC's, once, and predicts by its mode and by
+draws of its hyperparameters. "y" and "f" are shares of 95 % intervals that hold new
+observations and the function, "density" is the mean log density of new observations,
+"mse" the mean squared error of f, all averaged over the draws of a cell. "times" is how
+many times a fit's likelihoods sampling took, "ess" the effective sample size of the
+hyperparameter for which it is least, "rhat" the largest R-hat; medians.
+"""
+
+import argparse
+import warnings
+from concurrent.futures import ProcessPoolExecutor
+from copy import copy
+from functools import partial
+from itertools import product
+
+import numpy as np
+import pandas as pd
+from scipy.special import logsumexp
+from scipy.stats import norm
+from threadpoolctl import threadpool_limits
+
+from skmtgp import MultiTaskGPRegressor, RankSearchIC
+
+N_TEST, NOISE, RANGE = 20, 0.2, 8.0
+
+
+def draw(n_tasks, n_rows, rank, seed):
+    """Training and test rows: X, y and, of the latter, f."""
+    rng = np.random.default_rng([n_tasks, n_rows, rank, seed])
+    F = rng.standard_normal((n_tasks, rank)) / np.sqrt(rank)
+    n = n_rows + N_TEST
+    x, task = rng.uniform(0.0, RANGE, n_tasks * n), np.repeat(np.arange(n_tasks), n)
+    K = (F @ F.T)[np.ix_(task, task)] * np.exp(-0.5 * (x[:, None] - x) ** 2)
+    values, vectors = np.linalg.eigh(K)
+    f = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(x)))
+    y, X = f + NOISE * rng.standard_normal(len(x)), np.column_stack([x, task])
+    trained = np.tile(np.arange(n) < n_rows, n_tasks)
+    return X[trained], y[trained], X[~trained], y[~trained], f[~trained]
+
+
+def measured(model, X, y, f):
+    """Coverage of y and f, log density and squared error."""
+    found, rows = {}, (X[:, :-1], X[:, -1].astype(int))
+    for name, target, include_noise in (("y", y, True), ("f", f, False)):
+        means, variances = (of[..., 0] for of in model._components(*rows, include_noise))
+        deviations = np.sqrt(np.maximum(variances, np.finfo(float).tiny))
+        below = norm.cdf(target, means, deviations).mean(axis=0)
+        found[name] = np.mean((below >= 0.025) & (below <= 0.975))
+        if include_noise:
+            densities = norm.logpdf(target, means, deviations)
+            density = logsumexp(densities, axis=0) - np.log(len(means))
+            found["density"] = density.mean()
+    found["mse"] = np.mean((model.predict(X) - f) ** 2)
+    return found
+
+
+def fitted(way, rank, X, y):
+    """The model by the mode of its hyperparameters."""
+    if way == "true rank":
+        return MultiTaskGPRegressor(rank=rank).fit(X, y)
+    return RankSearchIC(simpler=False).fit(X, y).best_estimator_
+
+
+def compared(n_draws, job):
+    """Rows of the table: the mode and the draws of one data set, each way."""
+    n_tasks, n_rows, rank, seed = job
+    X, y, *test = draw(*job)
+    rows, known = [], {}
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for way in ("true rank", "BIC's rank"):
+            mode = fitted(way, rank, X, y)
+            setting = mode.rank_, mode.shared
+            if setting not in known:
+                by_draws = copy(mode).set_params(n_draws=n_draws)
+                by_draws._draw_hyperparameters()
+                sampled = {
+                    "times": by_draws.n_evaluations_ / mode.n_evaluations_ - 1.0,
+                    "ess": by_draws.effective_sample_size_,
+                    "rhat": by_draws.r_hat_,
+                    **measured(by_draws, *test),
+                }
+                known[setting] = measured(mode, *test), sampled
+            for name, values in zip(("mode", "sampled"), known[setting], strict=True):
+                cell = {"tasks": n_tasks, "rows": n_rows, "rank": rank, "seed": seed}
+                rows.append({**cell, "fit": way, "by": name, **values})
+    return rows
+
+
+def main():
+    """Run the cells and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--tasks", type=int, nargs="+", default=[3, 8])
+    parser.add_argument("--rows", type=int, nargs="+", default=[5, 10, 20, 50])
+    parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--seeds", type=int, default=40, help="draws of each cell")
+    parser.add_argument("--first", type=int, default=0, help="the first of them")
+    parser.add_argument("--n-draws", type=int, default=40, help="of hyperparameters")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--output", help="file of the rows, one JSON object each")
+    args = parser.parse_args()
+    seeds = range(args.first, args.first + args.seeds)
+    jobs = list(product(args.tasks, args.rows, args.ranks, seeds))
+    jobs.sort(key=lambda job: job[3])  # a part of a run has every cell
+    rows = []
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for found in pool.map(partial(compared, args.n_draws), jobs):
+            rows += found
+            if args.output:
+                pd.DataFrame(found).to_json(
+                    args.output, orient="records", lines=True, mode="a"
+                )
+    report(pd.DataFrame(rows))
+
+
+def report(rows):
+    """Print the table of the cells."""
+    cells = rows.groupby(["fit", "tasks", "rows", "rank", "by"])
+    table = cells[["y", "f", "density", "mse"]].mean()
+    table[["times", "ess", "rhat"]] = cells[["times", "ess", "rhat"]].median()
+    table["draws"] = cells.size()
+    print(table.round(3).to_string(na_rep="-"))
+
+
+if __name__ == "__main__":
+    main()

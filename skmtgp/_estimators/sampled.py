@@ -1,0 +1,197 @@
+"""Models whose hyperparameters are drawn: predictions average over the draws."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pandas as pd
+from sklearn.utils import check_random_state
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._estimators.doubts import warn_of_duration
+from skmtgp._estimators.estimator import public
+from skmtgp._numerics.linalg import correlation
+from skmtgp._support.progress import say
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import SamplingWarning
+from skmtgp.inference.mixture import Mixture
+from skmtgp.learning.sampling import N_CHAINS, sample_hyperparameters
+
+FEWEST = 100  # effective draws, of all chains, below which intervals are uncertain
+LARGEST = 1.1  # R-hat
+
+
+class SampledMixin:
+    """Fitted model with draws of its hyperparameters, if they were asked for."""
+
+    @public
+    def task_correlation_interval(
+        self, level: float = 0.95
+    ) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Between which values the correlations of the tasks are.
+
+        An interval without zero says that two tasks are related.
+
+        Parameters
+        ----------
+        level : float, default=0.95
+            Posterior probability of each interval, the same on both sides.
+
+        Returns
+        -------
+        lower, upper : DataFrame of n_tasks rows and columns
+            Bounds, labelled as `task_correlation_`.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        ValueError
+            If the model has no draws of its hyperparameters, or if `level` is not
+            between 0 and 1.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 45), np.repeat([0, 1, 2], 15)
+        >>> y = np.array([1, -2, 0.5])[task] * np.sin(x + (task == 2))
+        >>> y += 0.1 * rng.standard_normal(45)
+        >>> model = MultiTaskGPRegressor(rank=2, hyperparameters="sampled")
+        >>> model = model.fit(np.column_stack([x, task]), y)
+        >>> lower, upper = model.task_correlation_interval(0.9)
+        >>> bool(upper.loc[0, 1] < 0), bool(lower.loc[0, 2] > 0)
+        (True, True)
+        """
+        check_is_fitted(self)
+        if not 0.0 < level < 1.0:
+            raise ValueError(f"level={level} must be between 0 and 1, such as 0.95.")
+        if not self._is_sampled():
+            raise ValueError(
+                "task_correlation_interval needs draws of the hyperparameters, and "
+                f"this {type(self).__name__} has their mode alone. Fit it with "
+                "hyperparameters='sampled'."
+            )
+        tails = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
+        parts = np.split(self.theta_samples_, len(self._likelihoods), axis=1)
+        found = [
+            np.quantile(_correlations(likelihood.prior, thetas), tails, axis=0)
+            for likelihood, thetas in zip(self._likelihoods, parts, strict=True)
+        ]
+        lower, upper = (
+            self._by_output([self._frame(R, self._tasks()) for R in of])
+            for of in zip(*found, strict=True)
+        )
+        return lower, upper
+
+    def _is_sampled(self):
+        return hasattr(self, "theta_samples_")
+
+    def _components(self, features, codes, include_noise):
+        """Means and variances of each draw, (n_draws, n_samples, n_outputs)."""
+        if not self._is_sampled():
+            return super()._components(features, codes, include_noise)
+        mixtures, scales = self._posteriors_for(codes), self._scales(codes)
+        means = np.stack([of.means(features, codes) for of in mixtures], axis=2)
+        variances = np.stack([of.variances(features, codes) for of in mixtures], axis=2)
+        variances *= np.square(scales)
+        if include_noise:
+            variances += self._noises(codes)
+        centre = self._units.of_rows(self._units.centre, codes)
+        return means * scales + centre, variances
+
+    # drawing
+
+    def _draw_hyperparameters(self):
+        """Draw them at the learned mode, and predict by the draws from now on."""
+        rng = check_random_state(getattr(self, "random_state", None) or 0)
+        seed, n = rng.randint(2**31 - 1), len(self._likelihoods)
+        samples = []
+        parts = np.split(self.theta_, n)
+        for j, (likelihood, theta) in enumerate(
+            zip(self._likelihoods, parts, strict=True), start=1
+        ):
+            name = f"output {j} of {n}" if n > 1 else "the output"
+            sample = sample_hyperparameters(
+                likelihood,
+                theta,
+                n_draws=self.n_draws,
+                seed=[seed, j],
+                n_jobs=self.n_jobs,
+                tell=partial(self._tell_of_chains, name, n - j + 1),
+            )
+            _warn_of_sample(name, sample)
+            samples.append(sample)
+        self._store_draws([sample.theta for sample in samples])
+        self.effective_sample_size_ = min(_least(sample) for sample in samples)
+        self.r_hat_ = max(_largest(sample) for sample in samples)
+        self.n_divergences_ = sum(sample.n_divergent for sample in samples)
+        self.n_evaluations_ += sum(sample.n_evaluations for sample in samples)
+
+    def _tell_of_chains(self, name, n_outputs, n_modes, seconds):
+        """Say how long sampling takes; what reports its chains, or None."""
+        warn_of_duration(
+            f"Sampling the hyperparameters of {name}", seconds * n_outputs
+        )
+        if not self.verbose:
+            return None
+        modes = "one mode" if n_modes == 1 else f"{n_modes} modes"
+        say(f"{name}: sampling {N_CHAINS} chains from {modes}, about {seconds:.0f} s")
+        return lambda k, _: say(f"{name}: chain {k + 1} of {N_CHAINS} is done")
+
+    def _store_draws(self, thetas):
+        """Predict by draws of theta, (n_draws, n_theta) for each output."""
+        self.theta_samples_ = np.hstack(thetas)
+        self._predictive = [
+            Mixture(likelihood, of_output)
+            for likelihood, of_output in zip(self._likelihoods, thetas, strict=True)
+        ]
+        noises = [
+            [likelihood.prior.in_units(theta, scale).noise_variance for theta in of]
+            for likelihood, of, scale in zip(
+                self._likelihoods, thetas, self._units.scale, strict=True
+            )
+        ]
+        self._noise_variances = np.array(noises).swapaxes(0, 1)
+        self._store_levels()
+
+    def _forget_draws(self):
+        """Predict by the mode."""
+        for name in (
+            "theta_samples_",
+            "effective_sample_size_",
+            "r_hat_",
+            "n_divergences_",
+        ):
+            vars(self).pop(name, None)
+
+
+def _correlations(prior, thetas):
+    return np.array([correlation(prior.K_rho_at(theta)) for theta in thetas])
+
+
+def _least(sample):
+    return float(np.nanmin(sample.effective, initial=np.inf))
+
+
+def _largest(sample):
+    return float(np.nanmax(sample.r_hat, initial=1.0))
+
+
+def _warn_of_sample(name, sample):
+    """Say that the chains did not mix, or that their steps failed."""
+    least, largest = _least(sample), _largest(sample)
+    n_divergent = sample.n_divergent
+    if least >= FEWEST and largest <= LARGEST and not n_divergent:
+        return
+    warn(
+        f"The draws of the hyperparameters of {name} are worth {least:.0f} independent "
+        f"ones where they are worth least ({FEWEST} or more are good), R-hat is "
+        f"{largest:.2f} where it is largest ({LARGEST} or less is good), and "
+        f"{n_divergent} trajectories diverged (0 is good). Intervals may be too narrow. "
+        "A lower rank, fixed or narrower bounds of the kernel, and more rows help; so "
+        "does a larger n_draws, for which chains are longer.",
+        SamplingWarning,
+    )

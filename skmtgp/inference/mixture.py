@@ -1,0 +1,86 @@
+"""The posterior of f where the hyperparameters are drawn: a mixture of normals."""
+
+from copy import copy
+
+import numpy as np
+
+
+class Mixture:
+    """Posteriors of f at several draws of theta, each as likely as the others.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Where the data and the model's form come from.
+    thetas : ndarray of shape (n_draws, n_theta)
+        Draws of the parameters.
+
+    Attributes
+    ----------
+    parts : list of n_draws Posterior
+        Those of the draws.
+
+    Notes
+    -----
+    Its methods are those of a Posterior. Variances are the mean of the parts'
+    variances and the variance of their means.
+    """
+
+    def __init__(self, likelihood, thetas):
+        self.parts = [likelihood.posterior(theta) for theta in thetas]
+
+    def _of_parts(self, evaluate):
+        """What the parts give, (n_draws, ...)."""
+        return np.array([evaluate(part) for part in self.parts])
+
+    def means(self, X, tasks):
+        """Mean of f of each part, (n_draws, n_samples)."""
+        return self._of_parts(lambda part: part.mean(X, tasks))
+
+    def variances(self, X, tasks):
+        """Variance of f of each part, (n_draws, n_samples)."""
+        return self._of_parts(lambda part: part.variance(X, tasks))
+
+    def mean(self, X, tasks):
+        """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
+        return self.means(X, tasks).mean(axis=0)
+
+    def variance(self, X, tasks):
+        """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
+        return _variance(self.means(X, tasks), self.variances(X, tasks))
+
+    def covariance(self, X, tasks):
+        """Covariance of f, of shape (n_samples, n_samples)."""
+        means = self.means(X, tasks)
+        away = (means - means.mean(axis=0)) / np.sqrt(len(means))
+        total = away.T @ away
+        for part in self.parts:
+            total += part.covariance(X, tasks) / len(means)
+        return total
+
+    def leave_one_out(self, include_noise=False):
+        """Each training sample predicted from the others, see Posterior."""
+        found = self._of_parts(lambda part: part.leave_one_out(include_noise))
+        residuals, variances = np.moveaxis(found, 1, 0)
+        return residuals.mean(axis=0), _variance(residuals, variances)
+
+    @property
+    def levels(self):
+        """Mean of the level of each task, (n_tasks,)."""
+        return self._of_parts(lambda part: part.levels).mean(axis=0)
+
+    def level_variances(self):
+        """Variance of the level of each task, (n_tasks,)."""
+        means = self._of_parts(lambda part: part.levels)
+        return _variance(means, self._of_parts(lambda part: part.level_variances()))
+
+    def with_unseen(self, n_unseen):
+        """The same that knows tasks without data, too; this one stays as it is."""
+        mixture = copy(self)
+        mixture.parts = [part.with_unseen(n_unseen) for part in self.parts]
+        return mixture
+
+
+def _variance(means, variances):
+    """Of a mixture, from the means and variances of its parts."""
+    return variances.mean(axis=0) + means.var(axis=0)

@@ -47,7 +47,9 @@ def measured(model, X, y, f):
     """Coverage of y and f, log density and squared error."""
     found, rows = {}, (X[:, :-1], X[:, -1].astype(int))
     for name, target, include_noise in (("y", y, True), ("f", f, False)):
-        means, variances = (of[..., 0] for of in model._components(*rows, include_noise))
+        means, variances = (
+            of[..., 0] for of in model._components(*rows, include_noise)
+        )
         deviations = np.sqrt(np.maximum(variances, np.finfo(float).tiny))
         below = norm.cdf(target, means, deviations).mean(axis=0)
         found[name] = np.mean((below >= 0.025) & (below <= 0.975))

@@ -28,7 +28,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
-from skmtgp.learning.evidence import beside_likelihood
+from skmtgp.learning.evidence import evidence_around
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
@@ -257,7 +257,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if best < len(modes):
             self.best_rank_ = settings[best]["rank"]
             self.best_estimator_._warn_of_noise(modes[best])
-            warn_of_doubts(of_forms[best], modes[best])
+            sampled = model.hyperparameters == "sampled"
+            warn_of_doubts(of_forms[best], modes[best], sampled=sampled)
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())
@@ -366,6 +367,33 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             If single tasks were chosen.
         """
         return self._joint("summary").summary()
+
+    def task_correlation_interval(
+        self, level: float = 0.95
+    ) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Between which values the correlations of the tasks are, by the best model.
+
+        Parameters
+        ----------
+        level : float, default=0.95
+            Posterior probability of each interval.
+
+        Returns
+        -------
+        lower, upper : DataFrame of n_tasks rows and columns
+            See :meth:`MultiTaskGPRegressor.task_correlation_interval`.
+
+        Raises
+        ------
+        NotFittedError
+            If no rank was chosen yet.
+        TypeError
+            If single tasks were chosen.
+        ValueError
+            If the model has no draws of its hyperparameters.
+        """
+        best = self._joint("task_correlation_interval")
+        return best.task_correlation_interval(level)
 
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
@@ -484,13 +512,16 @@ def _alone(model, training, X, y):
     learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
     if training.counts.min() < TOLD * (alone.kernel.n_dims + learned):
         return None
-    return _Alone(alone.set_params(verbose=0), X, y)
+    sampled = alone.hyperparameters == "sampled"  # if chosen, not before
+    quick = {"verbose": 0} | ({"hyperparameters": "mode"} if sampled else {})
+    return _Alone(alone.set_params(**quick), X, y, sampled)
 
 
 class _Alone:
     """A candidate beside the forms of a multi-task model: a model of each task."""
 
-    def __init__(self, estimator, X, y):
+    def __init__(self, estimator, X, y, sampled):
+        self.data, self.sampled = (X, y), sampled
         begin = perf_counter()
         with collect_warnings() as self.collected:
             self.estimator = estimator.fit(X, y)
@@ -498,6 +529,9 @@ class _Alone:
 
     def told(self):
         """The fitted estimator; what its fit warned of is said now."""
+        if self.sampled:
+            model = clone(self.estimator).set_params(hyperparameters="sampled")
+            return model.fit(*self.data)
         for category, message in self.collected:
             warn(message, category)
         return self.estimator
@@ -568,8 +602,7 @@ def _leave_out(problem, mode):
 
 def _evidence(problem, mode):
     """Log evidence by Laplace's method, in the problem's units."""
-    likelihood = likelihood_at(problem, mode)
-    return mode.value + beside_likelihood(likelihood, mode.theta)
+    return evidence_around(likelihood_at(problem, mode), mode.theta)
 
 
 # Log densities of y: of a form of the multi-task model, and of single tasks.

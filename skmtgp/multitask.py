@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from functools import partial
 from numbers import Integral
 from typing import Literal, Self
 
@@ -496,10 +497,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         training, position = self._training().with_task(*check_new_task(self, X, y))
         self._check_room(training)
         n_new, model = len(training.features) - len(self.X_train_), copy(self)
+        informed = prior is not None
         with limit_threads(self._side + n_new):
-            outputs = self._extend(training, position, informed=prior is not None)
+            outputs = self._extend(training, position, informed=informed)
             likelihoods, modes = map(list, zip(*outputs, strict=True))
             model._store_learned(training, self._engine, likelihoods, modes)
+            if self._is_sampled():
+                told = self._chains_told()
+                model._store_draws(self._extend_draws(training, position, informed))
+                vars(model).update(told)
         return model
 
     def _check_room(self, training):
@@ -510,7 +516,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(training.tasks),
         )
         rank = self.rank_ + self._is_full()
-        demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_outputs)
+        n_kept = n_outputs * self._n_posteriors()
+        demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_kept)
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
         self._engine.check_joining(demand, tiles, n_before, n_new)
 
@@ -524,21 +531,40 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             strict=True,
         )
         for likelihood, posterior, theta, data in outputs:
-            new = data.tasks == position
-            prior, mode = learn_novel(
-                likelihood,
-                posterior,
-                theta,
-                data.X[new],
-                data.y[new],
-                position=position,
-                own=self._has_own(),
-                own_noise=training.noise == "per_task",
-                informed=informed,
-                budget=self._budget(),
-            )
+            learn = self._border(likelihood, data, training, position, informed)
+            prior, mode = learn(posterior, theta)
             more = likelihood, prior, data, position, posterior.kernel
             yield self._engine.joined(*more), mode
+
+    def _extend_draws(self, training, position, informed):
+        """The draws of each output with a border of the task for each of them."""
+        rng, n = np.random.default_rng(position), len(self._likelihoods)
+        outputs = zip(
+            self._likelihoods,
+            self._predictive,
+            np.split(self.theta_samples_, n, axis=1),
+            training.data(self._engine),
+            strict=True,
+        )
+        for likelihood, mixture, thetas, data in outputs:
+            learn = self._border(likelihood, data, training, position, informed)
+            draws = zip(mixture.parts, thetas, strict=True)
+            yield np.array([learn(*draw, rng=rng)[1].theta for draw in draws])
+
+    def _border(self, likelihood, data, training, position, informed):
+        """What learns the border of a new task, at a posterior and its theta."""
+        new = data.tasks == position
+        return partial(
+            learn_novel,
+            likelihood,
+            X=data.X[new],
+            y=data.y[new],
+            position=position,
+            own=self._has_own(),
+            own_noise=training.noise == "per_task",
+            informed=informed,
+            budget=self._budget(),
+        )
 
     def _has_own(self):
         """Whether a joining task may have something of its own, of any variance."""

@@ -324,6 +324,17 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             covariances[np.ix_(rows, rows)] = block
         return covariances
 
+    def _components(self, features, codes, include_noise):
+        found = [
+            (rows, model._components(features[rows], 0 * rows, include_noise))
+            for rows, model in self._parts(codes)
+        ]
+        n_components = max((len(of[0]) for _, of in found), default=1)
+        together = np.empty((2, n_components, len(features), self._n_outputs))
+        for rows, of_rows in found:
+            together[:, :, rows] = of_rows
+        return together
+
     def _noise(self, codes):
         noise = np.empty((len(codes), self._n_outputs))
         for rows, model in self._parts(codes):

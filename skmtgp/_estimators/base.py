@@ -107,7 +107,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 training, [problems], [modes] = decided
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
-                warn_of_doubts(problems, modes)
+                sampled = self.hyperparameters == "sampled"
+                warn_of_doubts(problems, modes, sampled=sampled)
         return self
 
     def _foretell(self, problems, n_forms=1):

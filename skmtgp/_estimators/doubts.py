@@ -26,7 +26,7 @@ def warn_of_duration(learning, seconds):
     )
 
 
-def warn_of_doubts(problems, modes):
+def warn_of_doubts(problems, modes, *, sampled=False):
     """Say what the modes that were learned leave in doubt.
 
     Parameters
@@ -35,11 +35,14 @@ def warn_of_doubts(problems, modes):
         Of each output.
     modes : sequence of Mode
         Their modes.
+    sampled : bool, default=False
+        Whether predictions average over draws, which are of other modes too.
     """
     for problem, mode in zip(problems, modes, strict=True):
         if mode.n_iter and mode.converged and not is_dask(problem.data.X):
             _warn_of_neighbours(problem, mode)
-            _warn_of_rivals(problem, mode)
+            if not sampled:
+                _warn_of_rivals(problem, mode)
 
 
 def _warn_of_neighbours(problem, mode):
@@ -66,8 +69,8 @@ def _warn_of_rivals(problem, mode):
             "than the one that was learned, and predicts differently: by "
             f"{doubt.apart:.1f} deviations of the targets within tasks, in the root "
             "mean square, and by more than two standard deviations of either. The rows "
-            "do not tell which is right. More of them do, and a lower rank, narrower "
-            "bounds of the kernel or of the noise may; a larger n_restarts_optimizer "
-            "looks for a better mode still.",
+            "do not tell which is right. hyperparameters='sampled' averages over both. "
+            "More rows tell, and a lower rank, narrower bounds of the kernel or of the "
+            "noise may; a larger n_restarts_optimizer looks for a better mode still.",
             AmbiguousFitWarning,
         )

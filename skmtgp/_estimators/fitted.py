@@ -23,7 +23,7 @@ from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.posterior import noise_is_told
-from skmtgp.learning.evidence import beside_likelihood
+from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import FEW
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
@@ -366,8 +366,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 def evidence_of(model):
     """The log evidence of a fitted model by Laplace's method, in units of y."""
     parts = np.split(model.theta_, len(model._likelihoods))
-    beside = map(beside_likelihood, model._likelihoods, parts)
-    return model.log_marginal_likelihood_value_ + sum(beside)
+    found = map(evidence_around, model._likelihoods, parts)
+    return sum(found) + float(model._log_jacobian.sum())
 
 
 def likelihood_at(problem, mode):

@@ -18,8 +18,8 @@ from skmtgp.exceptions import SamplingWarning
 from skmtgp.inference.mixture import Mixture
 from skmtgp.learning.sampling import N_CHAINS, sample_hyperparameters
 
-FEWEST = 100  # effective draws, of all chains, below which intervals are uncertain
-LARGEST = 1.1  # R-hat
+FEWEST, LARGEST = 50, 1.2  # effective draws of all chains, and R-hat, to be warned of
+CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"
 
 
 class SampledMixin:
@@ -132,9 +132,7 @@ class SampledMixin:
 
     def _tell_of_chains(self, name, n_outputs, n_modes, seconds):
         """Say how long sampling takes; what reports its chains, or None."""
-        warn_of_duration(
-            f"Sampling the hyperparameters of {name}", seconds * n_outputs
-        )
+        warn_of_duration(f"Sampling the hyperparameters of {name}", seconds * n_outputs)
         if not self.verbose:
             return None
         modes = "one mode" if n_modes == 1 else f"{n_modes} modes"
@@ -143,6 +141,7 @@ class SampledMixin:
 
     def _store_draws(self, thetas):
         """Predict by draws of theta, (n_draws, n_theta) for each output."""
+        thetas = list(thetas)
         self.theta_samples_ = np.hstack(thetas)
         self._predictive = [
             Mixture(likelihood, of_output)
@@ -157,14 +156,13 @@ class SampledMixin:
         self._noise_variances = np.array(noises).swapaxes(0, 1)
         self._store_levels()
 
+    def _chains_told(self):
+        """What was told of the chains."""
+        return {name: getattr(self, name) for name in CHAINS}
+
     def _forget_draws(self):
         """Predict by the mode."""
-        for name in (
-            "theta_samples_",
-            "effective_sample_size_",
-            "r_hat_",
-            "n_divergences_",
-        ):
+        for name in ("theta_samples_", *CHAINS):
             vars(self).pop(name, None)
 
 
@@ -190,8 +188,8 @@ def _warn_of_sample(name, sample):
         f"The draws of the hyperparameters of {name} are worth {least:.0f} independent "
         f"ones where they are worth least ({FEWEST} or more are good), R-hat is "
         f"{largest:.2f} where it is largest ({LARGEST} or less is good), and "
-        f"{n_divergent} trajectories diverged (0 is good). Intervals may be too narrow. "
-        "A lower rank, fixed or narrower bounds of the kernel, and more rows help; so "
+        f"{n_divergent} trajectories diverged (0 is good). Intervals may be too "
+        "narrow. A lower rank, narrower bounds of the kernel, and more rows help; so "
         "does a larger n_draws, for which chains are longer.",
         SamplingWarning,
     )

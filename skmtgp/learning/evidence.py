@@ -1,106 +1,153 @@
-r"""The evidence of a model by Laplace's method: its hyperparameters integrated out.
+r"""Modes of the posterior of the hyperparameters, and the evidence around them.
 
-At a mode the likelihood times a prior is taken for a normal density of d parameters,
-
-.. math::
-    \log p(y) \approx \log p(y | \hat\theta) + \log p(\hat\theta)
-    + \tfrac d2 \log 2\pi - \tfrac12 \log |H + P|
-
-with the Hessian H of minus the log likelihood and the precision P of the prior. The
-prior is weak: normal, of deviation `WIDE` for a logarithm, around what has the size of
-the targets, and as wide as that for the factor F of K^rho.
-
-Rotations of F do not change the likelihood. Along them nothing is a normal density, but
-the integral is known: the volume of all rotations,
-
-.. math:: \mathrm{vol}\,O(r) \prod_{i < j} \sqrt{s_i^2 + s_j^2}
-
-with the singular values s of F. The determinant is that of all other directions. Where
-the likelihood has less curvature than none, as at a bound, only the prior counts.
+The posterior is the likelihood times the weak prior of `Hyperprior`, in the coordinates
+of a `Chart`, in which it is nearly normal. By Laplace's method the integral around a
+mode is that of the normal density with its value and curvature.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.linalg import eigvalsh, null_space
 from scipy.special import gammaln
 
+from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.model.chart import Chart
+from skmtgp.model.hyperprior import Hyperprior
 
-WIDE = 3.0  # deviation of a logarithm: from a twentieth to twenty times, mostly
-STEP = 1e-4  # of the parameters, between two gradients
+STEP = 1e-4  # of the coordinates, between two gradients
+LEAST_CURVATURE = 0.5  # of a coordinate that nothing tells but the bounds
 
 
-def beside_likelihood(likelihood, theta):
-    """What Laplace's method adds to the log likelihood of a mode.
+class LogPosterior:
+    """Log posterior density of a chart's coordinates, but for a constant.
 
     Parameters
     ----------
     likelihood : Likelihood
-        What was maximised.
+        Of one output.
+    hyperprior : Hyperprior
+        Of its prior.
+    chart : Chart
+        The coordinates.
+    """
+
+    def __init__(self, likelihood, hyperprior, chart):
+        self.likelihood, self.hyperprior, self.chart = likelihood, hyperprior, chart
+
+    def __call__(self, x):
+        """The value and its gradient; -inf where the likelihood cannot be computed."""
+        with np.errstate(all="ignore"):  # far from the data
+            theta = self.chart.theta(x)
+            value, gradient = self.likelihood.value_and_grad(theta)
+            of_prior, slope = self.hyperprior.log_density(theta)
+            value, gradient = self.chart.density(x, value + of_prior, gradient + slope)
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
+            return -np.inf, np.zeros(len(x))
+        return value, gradient
+
+
+class Peak(NamedTuple):
+    """A mode of the posterior.
+
+    Attributes
+    ----------
+    density : LogPosterior
+        In the coordinates around it.
+    x : ndarray of shape (n_coordinates,)
+        Where it is.
+    value : float
+        Log density there.
+    n_evaluations : int
+        That it took to find it.
+    """
+
+    density: LogPosterior
+    x: np.ndarray
+    value: float
+    n_evaluations: int
+
+    def curvature(self):
+        """Eigenvalues, positive, and eigenvectors of the Hessian of minus the log."""
+        H = np.empty((len(self.x),) * 2)
+        for row, step in zip(H, STEP * np.eye(len(self.x)), strict=True):
+            row[:] = self.density(self.x - step)[1] - self.density(self.x + step)[1]
+        values, vectors = np.linalg.eigh((H + H.T) / (4.0 * STEP))
+        return np.maximum(values, LEAST_CURVATURE), vectors
+
+
+def climb_posterior(likelihood, theta, *, tol=1e-2):
+    """The mode of the posterior that a climb from theta leads to.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of one output.
     theta : ndarray of shape (n_theta,)
-        Its mode.
+        Where the climb begins.
+    tol : float, default=1e-2
+        Gain in nats under which it ends.
 
     Returns
     -------
-    beside : float
-        The log evidence less the log likelihood. It takes two gradients for each
-        parameter.
+    peak : Peak
     """
-    prior = likelihood.prior
-    free = np.not_equal(*prior.bounds())
-    mean, deviation = _weak_prior(prior)
-    turns, log_volume = _rotations(prior, theta)
-    others = np.eye(len(theta))[:, free]
-    if turns.shape[1]:
-        others = others @ null_space(turns[free].T)
+    hyperprior = Hyperprior(likelihood.prior)
+    density = LogPosterior(likelihood, hyperprior, Chart(hyperprior, theta))
+    x = density.chart.coordinates(theta)
+    wide = np.full(len(x), np.inf)
+
+    def objective(x):
+        value, gradient = density(x)
+        return -value, -gradient
+
+    found = minimize(objective, x, -wide, wide, max_iter=500, tol=tol, patience=10)
+    return Peak(density, found.x, -found.value, found.n_evaluations)
+
+
+def log_evidence(peak, eigenvalues):
+    r"""Log of the integral around a peak, by Laplace's method.
+
+    .. math::
+        \log p(y | \hat\theta) + \log p(\hat x) + \tfrac d2 \log 2\pi
+        - \tfrac12 \log |H|
+
+    with the volume of all rotations of F, which the d coordinates leave out.
+
+    Parameters
+    ----------
+    peak : Peak
+        The mode.
+    eigenvalues : ndarray of shape (d,)
+        Of the Hessian H there.
+
+    Returns
+    -------
+    log_evidence : float
+    """
+    k = np.arange(1, peak.density.chart.shape[1] + 1)  # O(r): spheres of k - 1 dims
+    rotations = np.log(2.0) + 0.5 * k * np.log(np.pi) - gammaln(0.5 * k)
+    normal = 0.5 * np.log(2.0 * np.pi / eigenvalues).sum()
+    constant = peak.density.hyperprior.log_constant
+    return float(peak.value + normal + rotations.sum() + constant)
+
+
+def evidence_around(likelihood, theta):
+    """The log evidence of the mode of the posterior that a climb from theta leads to.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of one output.
+    theta : ndarray of shape (n_theta,)
+        The mode of the likelihood.
+
+    Returns
+    -------
+    log_evidence : float
+    """
     with limit_threads(likelihood.side):
-        H = _hessian(likelihood, theta, np.flatnonzero(free))
+        peak = climb_posterior(likelihood, theta)
+        found = log_evidence(peak, peak.curvature()[0])
     likelihood.release()
-    away, precision = (theta - mean)[free], deviation[free] ** -2.0
-    P = others.T @ (deviation[:, None] ** -2.0 * others)
-    curvature = np.maximum(eigvalsh(others.T @ H @ others, P), 0.0)
-    log_det = np.linalg.slogdet(P)[1] + np.log1p(curvature).sum()
-    log_prior = 0.5 * (np.log(precision) - precision * away**2).sum()
-    n_turns = free.sum() - others.shape[1]
-    return float(
-        log_prior - 0.5 * n_turns * np.log(2.0 * np.pi) + log_volume - 0.5 * log_det
-    )
-
-
-def _weak_prior(prior):
-    """Mean and deviation of each parameter."""
-    M, variance = prior.n_tasks, prior.scale**2
-    mean = prior.theta(K_rho=0.5 * variance * (np.eye(M) + 1.0))
-    mean[prior.of_factor] = 0.0
-    rank = max(1, prior.of_factor.sum() // M)
-    wide = np.where(prior.of_factor, np.sqrt(variance / rank), WIDE)
-    return mean, wide
-
-
-def _rotations(prior, theta):
-    """Directions in which the factor turns, as columns, and the log volume of all."""
-    factor = theta[prior.of_factor].reshape(prior.n_tasks, -1)
-    rank, sizes = factor.shape[1], np.linalg.svd(factor, compute_uv=False)
-    pairs = [(i, j) for i in range(rank) for j in range(i)]
-    turns = np.zeros((len(theta), len(pairs)))
-    for turn, (i, j) in zip(turns.T, pairs, strict=True):
-        turned = np.zeros_like(factor)
-        turned[:, i], turned[:, j] = factor[:, j], -factor[:, i]
-        turn[prior.of_factor] = turned.ravel()
-    speeds = [np.hypot(sizes[i], sizes[j]) for i, j in pairs]
-    k = np.arange(1, rank + 1)  # O(r) is made of spheres: two points, a circle, ...
-    spheres = np.log(2.0) + 0.5 * k * np.log(np.pi) - gammaln(0.5 * k)
-    smallest = np.finfo(np.float64).tiny
-    return turns, spheres.sum() + np.log(np.maximum(speeds, smallest)).sum()
-
-
-def _hessian(likelihood, theta, free):
-    """Of minus the log likelihood by the free parameters, from gradients."""
-    H = np.zeros((len(theta), len(theta)))
-    for i in free:
-        step = np.zeros_like(theta)
-        step[i] = STEP
-        with np.errstate(all="ignore"):
-            pair = [likelihood.value_and_grad(theta + s * step)[1] for s in (-1, 1)]
-        H[i] = (pair[0] - pair[1]) / (2.0 * STEP)
-    H = np.nan_to_num(0.5 * (H + H.T), posinf=0.0, neginf=0.0)
-    return H
+    return found

@@ -11,14 +11,28 @@ from time import perf_counter
 import numpy as np
 
 from skmtgp._numerics.bfgs import minimize
+from skmtgp._numerics.hmc import sample
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
 
+N_WARM, N_DRAWS = 20, 5  # trajectories of a border that is drawn; the last one counts
+
 
 def learn_novel(
-    likelihood, posterior, theta, X, y, *, position, own, own_noise, informed, budget
+    likelihood,
+    posterior,
+    theta,
+    X,
+    y,
+    *,
+    position,
+    own,
+    own_noise,
+    informed,
+    budget,
+    rng=None,
 ):
     """Extend a model by a task of which little is known.
 
@@ -44,6 +58,9 @@ def learn_novel(
         Whether the border has the prior of `Population`; maximum likelihood otherwise.
     budget : Budget
         As for the estimators.
+    rng : Generator, default=None
+        Where an informed border is drawn from its posterior, not the mode: the source
+        of randomness.
 
     Returns
     -------
@@ -67,7 +84,7 @@ def learn_novel(
     known |= {"equal": prior.equal_variance(theta)}
     with limit_threads(len(y)):
         border = BorderLikelihood(posterior, factor, X, y, noise, own, **known)
-        best = learn_border(border, factor, budget, informed=informed)
+        best = learn_border(border, factor, budget, informed=informed, rng=rng)
         value = border.value(best.x)
     row, rest = best.x[: border.rank], best.x[border.rank :]
     own = rest[0] if own else None
@@ -134,7 +151,7 @@ class Population:
         return -0.5 * (nu + self.rank) * np.log(distance), gradient
 
 
-def learn_border(border, factor, budget, *, informed):
+def learn_border(border, factor, budget, *, informed, rng=None):
     """The border that the novel task's samples, and perhaps the prior, tell.
 
     Parameters
@@ -147,6 +164,8 @@ def learn_border(border, factor, budget, *, informed):
         As for the estimators.
     informed : bool
         Whether the prior counts.
+    rng : Generator, default=None
+        Where it does: x is a draw from the posterior.
 
     Returns
     -------
@@ -181,7 +200,24 @@ def learn_border(border, factor, budget, *, informed):
     ]
     n_evaluations = len(starts) + sum(optimum.n_evaluations for optimum in optima)
     best = min(optima, key=lambda optimum: optimum.value)
+    if informed and rng is not None:
+        chain = _drawn(objective, metric(best.x), best.x, rows.lower, rng)
+        n_evaluations += chain.n_evaluations
+        best = best._replace(x=chain.draws[-1])
     return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
+
+
+def _drawn(objective, precision, u, lower, rng):
+    """A chain of the density exp(-objective) from its mode u."""
+
+    def log_density(u):
+        value, gradient = objective(u)
+        if (u < lower).any() or not np.isfinite(value):
+            return -np.inf, np.zeros_like(u)
+        return -value, -gradient
+
+    scale = np.linalg.inv(np.linalg.cholesky(precision)).T
+    return sample(log_density, u, scale, rng, n_warm=N_WARM, n_draws=N_DRAWS)
 
 
 def _starts(border, factor, own):

@@ -1,4 +1,4 @@
-r"""Draws of the hyperparameters from their posterior, the likelihood times a weak prior.
+"""Draws of the hyperparameters from their posterior, likelihood times weak prior.
 
 Four chains of Hamiltonian Monte Carlo move in coordinates in which the posterior is
 nearly normal (`Chart`), with the inverse Hessian of a mode for the metric. Few rows
@@ -12,13 +12,10 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import gammaln
 
-from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.hmc import Chain, diagnose, sample
 from skmtgp._numerics.parallel import limit_threads, run
-from skmtgp.model.chart import Chart
-from skmtgp.model.hyperprior import Hyperprior
+from skmtgp.learning.evidence import climb_posterior, log_evidence
 
 N_CHAINS = 4  # as many agree by chance seldom enough
 N_WARM = 100  # trajectories of each, half of them for the metric, half with it
@@ -27,124 +24,7 @@ LEAPS = 6  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new
 NARROWER = 0.5  # deviations of these, of the prior's: its tails lead nowhere
 SAME, HOPELESS = 0.05, 15.0  # nats between modes: one and the same; not worth a chain
-STEP = 1e-4  # of the coordinates, between two gradients
-LEAST_CURVATURE = 1.0  # the prior alone has more, but at the edges of the bounds
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at
-
-
-class LogPosterior:
-    """Log posterior density of a chart's coordinates, but for a constant.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Of one output.
-    hyperprior : Hyperprior
-        Of its prior.
-    chart : Chart
-        The coordinates.
-    """
-
-    def __init__(self, likelihood, hyperprior, chart):
-        self.likelihood, self.hyperprior, self.chart = likelihood, hyperprior, chart
-
-    def __call__(self, x):
-        """The value and its gradient; -inf where the likelihood cannot be computed."""
-        with np.errstate(all="ignore"):  # far from the data
-            theta = self.chart.theta(x)
-            value, gradient = self.likelihood.value_and_grad(theta)
-            of_prior, slope = self.hyperprior.log_density(theta)
-            value, gradient = self.chart.density(
-                x, value + of_prior, gradient + slope
-            )
-        if not (np.isfinite(value) and np.isfinite(gradient).all()):
-            return -np.inf, np.zeros(len(x))
-        return value, gradient
-
-
-class Peak(NamedTuple):
-    """A mode of the posterior.
-
-    Attributes
-    ----------
-    density : LogPosterior
-        In the coordinates around it.
-    x : ndarray of shape (n_coordinates,)
-        Where it is.
-    value : float
-        Log density there.
-    n_evaluations : int
-        That it took to find it.
-    """
-
-    density: LogPosterior
-    x: np.ndarray
-    value: float
-    n_evaluations: int
-
-    def curvature(self):
-        """Eigenvalues, positive, and eigenvectors of the Hessian of minus the log."""
-        H = np.empty((len(self.x),) * 2)
-        for row, step in zip(H, STEP * np.eye(len(self.x)), strict=True):
-            row[:] = self.density(self.x - step)[1] - self.density(self.x + step)[1]
-        values, vectors = np.linalg.eigh((H + H.T) / (4.0 * STEP))
-        return np.maximum(values, LEAST_CURVATURE), vectors
-
-
-def climb_posterior(likelihood, theta, *, tol=1e-2):
-    """The mode of the posterior that a climb from theta leads to.
-
-    Parameters
-    ----------
-    likelihood : Likelihood
-        Of one output.
-    theta : ndarray of shape (n_theta,)
-        Where the climb begins.
-    tol : float, default=1e-2
-        Gain in nats under which it ends.
-
-    Returns
-    -------
-    peak : Peak
-    """
-    hyperprior = Hyperprior(likelihood.prior)
-    density = LogPosterior(likelihood, hyperprior, Chart(hyperprior, theta))
-    x = density.chart.coordinates(theta)
-    wide = np.full(len(x), np.inf)
-
-    def objective(x):
-        value, gradient = density(x)
-        return -value, -gradient
-
-    found = minimize(objective, x, -wide, wide, max_iter=500, tol=tol, patience=10)
-    return Peak(density, found.x, -found.value, found.n_evaluations)
-
-
-def log_evidence(peak, eigenvalues):
-    r"""Log of the integral around a peak, by Laplace's method.
-
-    .. math::
-        \log p(y | \hat\theta) + \log p(\hat x) + \tfrac d2 \log 2\pi
-        - \tfrac12 \log |H|
-
-    with the volume of all rotations of F, which the d coordinates leave out.
-
-    Parameters
-    ----------
-    peak : Peak
-        The mode.
-    eigenvalues : ndarray of shape (d,)
-        Of the Hessian H there.
-
-    Returns
-    -------
-    log_evidence : float
-    """
-    k = np.arange(1, peak.density.chart.shape[1] + 1)  # O(r): spheres of k - 1 dims
-    rotations = np.log(2.0) + 0.5 * k * np.log(np.pi) - gammaln(0.5 * k)
-    normal = 0.5 * np.log(2.0 * np.pi / eigenvalues).sum()
-    constant = peak.density.hyperprior.log_constant
-    return float(peak.value + normal + rotations.sum() + constant)
 
 
 class Sample(NamedTuple):
@@ -155,7 +35,7 @@ class Sample(NamedTuple):
     theta : ndarray of shape (n_draws, n_theta)
         Those that are kept.
     effective, r_hat : ndarray of shape (n_quantities,)
-        Effective sample size and R-hat of the quantities of `quantities`.
+        Effective sample size and R-hat of the quantities of `quantities`, within modes.
     n_divergent : int
         Divergent trajectories.
     n_evaluations : int
@@ -211,15 +91,25 @@ def sample_hyperparameters(likelihood, theta, *, n_draws, seed, n_jobs=None, tel
         np.array(list(map(peaks[p].density.chart.theta, chain.draws)))
         for p, chain in zip(chosen, chains, strict=True)
     ]
-    prior = likelihood.prior
-    of_draws = np.array([[quantities(prior, t) for t in chain] for chain in thetas])
     return Sample(
         np.concatenate([of[THINNED - 1 :: THINNED] for of in thetas])[:n_draws],
-        *diagnose(of_draws),
+        *_diagnose(likelihood.prior, np.array(chosen), np.array(thetas)),
         sum(chain.n_divergent for chain in chains),
         spent + sum(chain.n_evaluations for chain in chains),
         len(set(chosen)),
     )
+
+
+def _diagnose(prior, chosen, thetas):
+    """Effective sample size and R-hat of the quantities of all chains.
+
+    Those that start from different modes are not compared: the evidence has shared
+    them out. Their effective sizes are added, and the largest R-hat counts.
+    """
+    of_draws = np.array([[quantities(prior, t) for t in chain] for chain in thetas])
+    found = [diagnose(of_draws[chosen == p]) for p in np.unique(chosen)]
+    effective, r_hat = map(np.array, zip(*found, strict=True))
+    return effective.sum(axis=0), r_hat.max(axis=0)
 
 
 def find_peaks(likelihood, theta, rng):
@@ -246,13 +136,13 @@ def find_peaks(likelihood, theta, rng):
 
 
 def _weigh(peaks):
-    """Square roots of the covariances around peaks, and their shares of the evidence."""
-    curvatures = [peak.curvature() for peak in peaks]
-    scales = [vectors / np.sqrt(values) for values, vectors in curvatures]
-    evidence = np.array(
-        [log_evidence(peak, values) for peak, (values, _) in zip(peaks, curvatures)]
-    )
-    weights = np.exp(evidence - evidence.max())
+    """Square roots of the covariances around peaks, and shares of the evidence."""
+    scales, evidence = [], []
+    for peak in peaks:
+        values, vectors = peak.curvature()
+        scales.append(vectors / np.sqrt(values))
+        evidence.append(log_evidence(peak, values))
+    weights = np.exp(np.array(evidence) - max(evidence))
     return scales, weights / weights.sum()
 
 

@@ -6,7 +6,7 @@ no bounds. The factor F of K^rho is
 .. math:: F = L Q, \qquad L = e^{\kappa (|g| - 1)}\, g / |g|,
 
 times the size of the targets. Q, which no data tell, is left out; L is a lower
-trapezoid whose first rows are those of the tasks that tell most, and g are its elements.
+trapezoid whose first rows are those of the tasks that tell most; g are its elements.
 Where the amplitude of F grows with the length-scales of k^x, along a ridge of the
 posterior, what is known of its direction stays as it is: |g| alone moves, and little,
 for :math:`\kappa` is large.
@@ -83,7 +83,9 @@ class Chart:
         share = (theta[self.of_logs] - self.lower) / self.width
         of_logs = logit(np.clip(share, INSIDE, 1.0 - INSIDE))
         L = np.empty(self.shape)
-        L[self.order] = lower_trapezoid(theta[self.of_factor].reshape(self.shape)[self.order])
+        L[self.order] = lower_trapezoid(
+            theta[self.of_factor].reshape(self.shape)[self.order]
+        )
         length = np.linalg.norm(L) or 1.0
         L[self.diagonal] = np.maximum(L[self.diagonal], LEAST * length)
         g = L[self.used] / np.linalg.norm(L[self.used])

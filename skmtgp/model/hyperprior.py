@@ -11,7 +11,7 @@ the targets.
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammaln
+from scipy.special import gammaln, ndtr
 
 # Deviations of logarithms. Length-scales: from a twentieth of where they start to
 # twenty times that, in 95 of 100 cases. Variances: from a fiftieth to fifty times, so
@@ -48,8 +48,10 @@ class Hyperprior:
     @cached_property
     def log_constant(self):
         """Of the density with respect to logarithms and directions on the sphere."""
-        precision = self.precision[self.precision > 0.0]
-        constant = 0.5 * np.log(precision / (2.0 * np.pi)).sum()
+        logs = self.precision > 0.0
+        root, ends = np.sqrt(self.precision[logs]), self.prior.bounds()[:, logs]
+        lower, upper = ndtr(root * (ends - self.centre[logs]))
+        constant = np.log(root / np.sqrt(2.0 * np.pi) / (upper - lower)).sum()
         size = self.prior.of_factor.sum()
         if size:
             sphere = np.log(2.0) + 0.5 * size * np.log(np.pi) - gammaln(0.5 * size)
@@ -82,7 +84,9 @@ class Hyperprior:
                 return -np.inf, np.full(len(theta), np.nan)
             log_amplitude = 0.5 * np.log(square / self.unit**2) / OF_AMPLITUDE
             value -= 0.5 * log_amplitude**2
-            gradient[of_factor] = -log_amplitude / OF_AMPLITUDE / square * theta[of_factor]
+            gradient[of_factor] = (
+                -log_amplitude / OF_AMPLITUDE / square * theta[of_factor]
+            )
         return value, gradient
 
     @property

@@ -1,0 +1,181 @@
+"""Draws of the hyperparameters, against integrals on a grid."""
+
+import building
+import numpy as np
+import pytest
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp._numerics.hmc import diagnose, sample
+from skmtgp.learning import sampling
+from skmtgp.learning.evidence import climb_posterior
+from skmtgp.learning.sampling import (
+    N_CHAINS,
+    find_peaks,
+    quantities,
+    sample_hyperparameters,
+)
+from skmtgp.model.hyperprior import Hyperprior
+from skmtgp.model.task_covariance import identity, low_rank, ones
+
+
+def likelihood_of(form, *, n=16, kernel=None, seed=0, **options):
+    rng = np.random.default_rng(seed)
+    X = np.sort(rng.uniform(0.0, 8.0, (n, 1)), axis=0)
+    tasks = np.arange(n) * form.n_tasks // n
+    y = np.sin(X[:, 0]) * np.where(tasks % 2, -1.0, 1.0)
+    y += 0.3 * rng.standard_normal(n)
+    return building.dense(kernel or RBF(1.0), form, X, tasks, y, **options)
+
+
+def on_a_grid(likelihood, n=81):
+    """Means and variances of two logarithms, by the rule of Simpson and prior."""
+    hyperprior = Hyperprior(likelihood.prior)
+    lower, upper = likelihood.prior.bounds()
+    deviation = hyperprior.precision**-0.5
+    axes = [
+        np.linspace(max(a, c - 5 * d), min(b, c + 5 * d), n)
+        for a, b, c, d in zip(lower, upper, hyperprior.centre, deviation, strict=True)
+    ]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    logs = [likelihood.value(t) + hyperprior.log_density(t)[0] for t in grid]
+    weights = np.exp(logs - np.max(logs))
+    weights /= weights.sum()
+    mean = weights @ grid
+    return mean, weights @ np.square(grid - mean)
+
+
+def long_run(likelihood, n_draws):
+    """A chain, by the same steps as `sample_hyperparameters`, of any length."""
+    peak = climb_posterior(likelihood, likelihood.prior.theta())
+    values, vectors = peak.curvature()
+    scale, rng = vectors / np.sqrt(values), np.random.default_rng(0)
+    chain = sample(peak.density, peak.x, scale, rng, n_warm=200, n_draws=n_draws)
+    return np.array([peak.density.chart.theta(x) for x in chain.draws])
+
+
+def test_moments_are_those_of_the_posterior():
+    likelihood = likelihood_of(ones(2), n=40)
+    mean, variance = on_a_grid(likelihood)
+    draws = long_run(likelihood, 1500)
+    effective = diagnose(draws[None])[0]
+    assert effective.min() > 300
+    error = (draws.mean(axis=0) - mean) / np.sqrt(variance / effective)
+    assert np.abs(error).max() < 4.0
+    np.testing.assert_allclose(draws.var(axis=0), variance, rtol=0.25)
+
+
+@pytest.mark.long
+def test_a_long_run_agrees_within_a_percent():
+    likelihood = likelihood_of(ones(2), n=40)
+    mean, variance = on_a_grid(likelihood, 161)
+    draws = long_run(likelihood, 40_000)
+    deviation = np.sqrt(variance)
+    away = (draws.mean(axis=0) - mean) / deviation
+    np.testing.assert_allclose(away, 0.0, atol=0.02)  # two or three standard errors
+    np.testing.assert_allclose(draws.std(axis=0), deviation, rtol=0.015)
+
+
+def test_draws_of_a_flat_likelihood_are_those_of_the_prior():
+    """One row tells nothing of the length-scale."""
+    likelihood = likelihood_of(ones(1), n=1)
+    hyperprior = Hyperprior(likelihood.prior)
+    draws = long_run(likelihood, 1500)[:, 0]
+    assert draws.mean() == pytest.approx(hyperprior.centre[0], abs=0.25)
+    assert draws.std() == pytest.approx(hyperprior.precision[0] ** -0.5, rel=0.12)
+
+
+@pytest.fixture(scope="module")
+def drawn():
+    likelihood = likelihood_of(low_rank(2, 1), levels=True)
+    theta = likelihood.prior.theta()
+    return likelihood, sample_hyperparameters(likelihood, theta, n_draws=10, seed=[1])
+
+
+def test_what_is_kept(drawn):
+    likelihood, sample = drawn
+    assert sample.theta.shape == (10, likelihood.prior.n_theta)
+    lower, upper = likelihood.prior.bounds()
+    logs = ~likelihood.prior.of_factor
+    assert (sample.theta[:, logs] > lower[logs]).all()
+    assert (sample.theta[:, logs] < upper[logs]).all()
+    assert len(np.unique(sample.theta[:, 0])) > 5
+    assert sample.n_evaluations > 4 * 130
+    assert sample.effective.shape == sample.r_hat.shape
+
+
+def test_is_deterministic(drawn):
+    likelihood, first = drawn
+    theta = likelihood.prior.theta()
+    again = sample_hyperparameters(likelihood, theta, n_draws=10, seed=[1])
+    np.testing.assert_array_equal(again.theta, first.theta)
+    other = sample_hyperparameters(likelihood, theta, n_draws=10, seed=[2])
+    assert (other.theta != first.theta).any()
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("ignore::UserWarning")  # of processes that start
+def test_processes_draw_the_same(drawn):
+    likelihood, first = drawn
+    theta = likelihood.prior.theta()
+    options = {"n_draws": 10, "seed": [1], "n_jobs": 2}
+    again = sample_hyperparameters(likelihood, theta, **options)
+    np.testing.assert_array_equal(again.theta, first.theta)
+
+
+def test_what_is_told_before_and_while_it_goes_on():
+    likelihood = likelihood_of(ones(2), n=8)
+    before, done = [], []
+
+    def tell(n_modes, seconds):
+        before.append((n_modes, seconds))
+        return lambda k, chain: done.append(k)
+
+    sample_hyperparameters(
+        likelihood, likelihood.prior.theta(), n_draws=4, seed=[0], tell=tell
+    )
+    [(n_modes, seconds)] = before
+    assert n_modes >= 1
+    assert 0.0 < seconds < 60.0
+    assert done == list(range(N_CHAINS))
+
+
+def test_a_better_mode_than_the_learned_one_is_found():
+    """From a start whose noise explains everything."""
+    likelihood = likelihood_of(low_rank(2, 1), n=40)
+    poor = likelihood.prior.theta(log_noise=0.0, kernel=np.array([6.0]))
+    peaks, _ = find_peaks(likelihood, poor, np.random.default_rng(0))
+    best = peaks[0]
+    assert best.value == max(peak.value for peak in peaks)
+    assert np.exp(best.density.chart.theta(best.x)[-1]) < 0.3
+
+
+@pytest.mark.parametrize(
+    ("weights", "expected"),
+    [
+        ([1.0], [0, 0, 0, 0]),
+        ([0.5, 0.5], [0, 0, 1, 1]),
+        ([0.7, 0.3], [0, 0, 0, 1]),
+        ([0.95, 0.05], [0, 0, 0, 0]),
+    ],
+)
+def test_chains_are_shared_out_by_weight(weights, expected):
+    assert sampling._share_out(np.array(weights)) == expected
+
+
+def test_quantities_do_not_see_rotations():
+    prior = building.prior(RBF(1.0), low_rank(3, 2), levels=True)
+    theta = Hyperprior(prior).draw(np.random.default_rng(0))
+    F = theta[prior.of_factor].reshape(3, 2)
+    turned = prior.with_rho(theta, (F @ [[0.0, 1.0], [-1.0, 0.0]]).ravel())
+    np.testing.assert_allclose(quantities(prior, turned), quantities(prior, theta))
+    found = quantities(prior, theta)
+    K = F @ F.T
+    assert len(found) == 3 + 3 + 3
+    np.testing.assert_allclose(found[3:6], 0.5 * np.log(np.diagonal(K)))
+    assert found[6] == pytest.approx(K[0, 1] / np.sqrt(K[0, 0] * K[1, 1]))
+
+
+def test_independent_tasks_have_no_correlation():
+    prior = building.prior(RBF(1.0), identity(3))
+    found = quantities(prior, prior.theta())
+    np.testing.assert_array_equal(found[-3:], 0.0)

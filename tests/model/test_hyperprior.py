@@ -1,0 +1,124 @@
+"""Weak priors of the hyperparameters."""
+
+import building
+import numpy as np
+import pytest
+import textbook
+from scipy.integrate import quad
+from scipy.stats import norm
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp.model.hyperprior import OF_KERNEL, OF_VARIANCE, Hyperprior
+from skmtgp.model.task_covariance import identity, low_rank
+
+FORMS = {
+    "rank 2": low_rank(3, 2),
+    "shared": low_rank(3, 1, shared=True),
+    "diagonal": low_rank(3, 1, diagonal=True),
+    "compound symmetry": low_rank(3, 0, "equal", shared=True),
+    "independent": identity(3),
+}
+
+
+def hyperprior_of(form, *, scale=1.0, **options):
+    kernel = RBF([1.0, 2.0])
+    return Hyperprior(building.prior(kernel, form, levels=True, scale=scale, **options))
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_gradient(form):
+    hyperprior = hyperprior_of(form)
+    theta = hyperprior.draw(np.random.default_rng(0))
+    _, gradient = hyperprior.log_density(theta)
+    numerical = textbook.derivative(lambda t: hyperprior.log_density(t)[0], theta)
+    np.testing.assert_allclose(gradient, numerical, rtol=1e-6, atol=1e-7)
+
+
+def test_rotations_of_the_factor_cost_nothing():
+    hyperprior = hyperprior_of(low_rank(3, 2))
+    theta = hyperprior.draw(np.random.default_rng(0))
+    F = theta[hyperprior.prior.of_factor].reshape(3, 2)
+    Q = np.linalg.qr(np.array([[1.0, 2.0], [3.0, 1.0]]))[0]
+    turned = hyperprior.prior.with_rho(theta, (F @ Q).ravel())
+    value, _ = hyperprior.log_density(theta)
+    assert hyperprior.log_density(turned)[0] == pytest.approx(value, rel=1e-12)
+
+
+def test_units_of_the_targets_cost_nothing():
+    """Of targets that are a hundred times as large everything else is."""
+    small = hyperprior_of(low_rank(3, 2, shared=True, diagonal=True))
+    prior = small.prior
+    large = Hyperprior(
+        building.prior(
+            prior.kernel,
+            prior.task_covariance,
+            levels=True,
+            scale=100.0,
+            log_level=prior.log_level + 2.0 * np.log(100.0),
+            log_noise=prior.log_noise + 2.0 * np.log(100.0),
+            log_noise_bounds=tuple(np.add(prior.log_noise_bounds, 2.0 * np.log(100.0))),
+        )
+    )
+    theta = small.draw(np.random.default_rng(0))
+    scaled = np.where(prior.of_kernel, theta, theta + 2.0 * np.log(100.0))
+    scaled[prior.of_factor] = 100.0 * theta[prior.of_factor]
+    value, _ = small.log_density(theta)
+    assert large.log_density(scaled)[0] == pytest.approx(value, rel=1e-12)
+
+
+def test_draws_have_the_spread_that_is_documented():
+    hyperprior = hyperprior_of(low_rank(3, 1))
+    rng = np.random.default_rng(0)
+    draws = np.array([hyperprior.draw(rng) for _ in range(4000)])
+    prior = hyperprior.prior
+    spread = draws[:, prior.of_kernel].std(axis=0)
+    np.testing.assert_allclose(spread, OF_KERNEL, rtol=0.05)
+    assert draws[:, -1].std() == pytest.approx(OF_VARIANCE, rel=0.05)
+    sizes = np.log(np.linalg.norm(draws[:, prior.of_factor], axis=1) / np.sqrt(3))
+    assert sizes.mean() == pytest.approx(0.0, abs=0.05)
+    assert sizes.std() == pytest.approx(1.0, rel=0.05)
+
+
+def test_draws_are_within_the_bounds():
+    kernel = RBF(1.0, (0.9, 1.1))
+    hyperprior = Hyperprior(building.prior(kernel, low_rank(2, 1)))
+    rng = np.random.default_rng(0)
+    draws = np.exp([hyperprior.draw(rng)[0] for _ in range(50)])
+    assert draws.min() >= 0.9
+    assert draws.max() <= 1.1
+    assert draws.std() > 0.02
+
+
+def test_what_is_held_has_no_prior():
+    fixed = hyperprior_of(identity(3), log_noise_bounds=(-2.0, -2.0), log_noise=-2.0)
+    theta = fixed.draw(np.random.default_rng(0))
+    assert theta[-1] == -2.0
+    value, gradient = fixed.log_density(theta)
+    assert gradient[-1] == 0.0
+    theta[-1] = 5.0
+    assert fixed.log_density(theta)[0] == value
+
+
+def test_the_constant_normalises():
+    """Over the logarithm of one number of K^rho, and the two signs of its factor."""
+    kernel = RBF(1.0, "fixed")
+    prior = building.prior(kernel, low_rank(1, 1))
+    hyperprior = Hyperprior(prior)
+
+    def density(log_amplitude, log_noise):
+        theta = np.array([np.exp(log_amplitude), log_noise])
+        return np.exp(hyperprior.log_density(theta)[0] + hyperprior.log_constant)
+
+    centre = hyperprior.centre[-1]
+    of_noise = norm.pdf(centre, centre, OF_VARIANCE)
+    inside = np.diff(norm.cdf(prior.bounds()[:, -1], centre, OF_VARIANCE))[0]
+    of_noise /= inside
+    total = quad(lambda u: density(u, centre), -8.0, 8.0)[0] / of_noise
+    assert 2.0 * total == pytest.approx(1.0, rel=1e-8)
+
+
+def test_no_amplitude_is_impossible():
+    hyperprior = hyperprior_of(low_rank(3, 1))
+    value, gradient = hyperprior.log_density(hyperprior.centre)
+    assert value == -np.inf
+    assert np.isnan(gradient).all()

@@ -338,6 +338,16 @@ class TestLaplace:
     def test_only_if_asked(self, searched):
         assert "laplace" not in searched[1].results_
 
+    def test_levels_that_vanish_are_not(self):
+        """Tasks without levels, whose variance ends anywhere: the others decide."""
+        rng = np.random.default_rng(9)
+        tasks, x = np.repeat(np.arange(3), 12), rng.uniform(0.0, 6.0, 36)
+        y = np.sin(x + 2.0 * tasks) + 0.1 * rng.standard_normal(36)
+        search = clone(SEARCH).set_params(criterion="laplace")
+        table = search.fit(np.column_stack([x, tasks]), y).results_
+        alike = table["laplace"][0], table["laplace"][1]
+        assert abs(np.diff(alike)) < 6.0
+
     def test_noise_that_vanishes_is_paid_for(self):
         """Eight tasks of five rows, whose noise BIC lets a rank explain away."""
         rng = np.random.default_rng(7)

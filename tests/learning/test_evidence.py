@@ -1,5 +1,7 @@
 """The evidence by Laplace's method, against integrals by brute force."""
 
+from dataclasses import replace
+
 import building
 import numpy as np
 import pytest
@@ -108,3 +110,46 @@ def test_flat_directions_cost_nothing():
         mode = mode_of(flat)
         found.append(beside_likelihood(flat.likelihood(), mode.theta))
     assert found[0] == pytest.approx(found[1], abs=1e-3)
+
+
+def test_it_does_not_matter_where_what_the_rows_do_not_tell_was_left():
+    """The variance of levels of tasks that have none."""
+    problem = problem_of(1)
+    problem = replace(problem, prior=replace(problem.prior, levels=True))
+    mode, found = mode_of(problem), []
+    at, likelihood = problem.prior.n_theta - 2, problem.likelihood()
+    for log_level in (problem.prior.log_level_bounds[0], np.log(1e-8), np.log(1e-4)):
+        theta = np.where(np.arange(len(mode.theta)) == at, log_level, mode.theta)
+        value = likelihood.value(theta) + beside_likelihood(likelihood, theta)
+        found.append(value)
+    assert np.ptp(found) < 0.1
+
+
+def test_noise_stays_as_it_was_learned():
+    problem = problem_of(1, n_noise_free=True)
+    mode, likelihood = mode_of(problem), problem.likelihood()
+    theta = mode.theta.copy()
+    theta[-1] = problem.prior.log_noise_bounds[0] + 0.1
+    far = likelihood.value(theta) + beside_likelihood(likelihood, theta)
+    assert far < mode.value + beside_likelihood(likelihood, mode.theta) - 15.0
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9])
+def test_columns_of_zeros_are_no_rotations(size):
+    """Two columns more than the rows need, as where a rank is made of a lower one's."""
+    problem = problem_of(1)
+    K_rho, tasks = np.outer([1.0, 0.8, -0.5], [1.0, 0.8, -0.5]), np.repeat(range(3), 20)
+    X = np.random.default_rng(0).uniform(0.0, 20.0, (60, 1))
+    K = textbook.covariance(KERNEL, K_rho, NOISE, X, tasks)
+    y = np.linalg.cholesky(K) @ np.random.default_rng(1).standard_normal(60)
+    data = building.data(X, tasks, y, 3)
+    low, high = (
+        replace(problem, prior=problem.prior.with_form(low_rank(3, r)), data=data)
+        for r in (1, 3)
+    )
+    mode = climb(low, low.theta(K_rho=K_rho))
+    F = np.pad(mode.theta[low.prior.of_factor][:, None], ((0, 0), (0, 2)))
+    F[:, 1:] = size
+    theta = high.prior.with_rho(mode.theta, F.ravel())
+    beside = beside_likelihood(high.likelihood(), theta)
+    assert -20.0 < beside - beside_likelihood(low.likelihood(), mode.theta) < 0.0

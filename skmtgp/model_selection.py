@@ -28,6 +28,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
+from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.evidence import beside_likelihood
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -131,10 +132,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     lower one, see :mod:`skmtgp.learning`. Where rank 0 or compound symmetry is chosen,
     tasks that `fit` has not seen are predicted too, if the units are shared.
 
-    The level of a single task has the prior of unit information around the mean of its
-    samples; all other hyperparameters of the tasks are counted. Where single tasks are
-    chosen, `summary`, `add_task` and what shows how tasks are related say that there is
-    nothing of the kind.
+    A single task is taken off the mean of its samples. With `task_levels` it has a
+    level around that, with the prior of unit information; without, the mean is not
+    counted. All other hyperparameters of the tasks are. Where single tasks are chosen,
+    `summary`, `add_task` and what shows how tasks are related say that there is nothing
+    of the kind.
 
     For "loo" the hyperparameters have seen the observation that is left out, so that it
     may take larger ranks than needed; where ranks predict all but alike, BIC takes the
@@ -204,12 +206,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ValueError
             If a rank, a feature, a label or a target cannot be used.
         """
-        with fitting(self, X, y, verbose=self._verbosity()) as progress:
-            self._fit(X, y, progress)
+        model = self._learner()
+        with fitting(self, X, y, verbose=model.verbose) as progress:
+            self._fit(model, X, y, progress)
         return self
 
-    def _fit(self, X, y, progress):
-        model = self._learner()
+    def _fit(self, model, X, y, progress):
         training = model._read(X, y, progress)
         if self.criterion == "loo" and is_dask(training.features):
             raise ValueError(
@@ -247,7 +249,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
-        best = int(np.argmin(table[self.criterion]))
+        # one that could not be computed is not chosen
+        best = int(np.argmin(np.nan_to_num(table[self.criterion], nan=np.inf)))
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
@@ -265,15 +268,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _learner(self):
         """A clone of the model, with the search's own parameters."""
         model = clone(self.estimator) if self.estimator else MultiTaskGPRegressor()
-        model.set_params(
-            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
-            verbose=self._verbosity(),
-        )
         model._validate_params()
-        return model
-
-    def _verbosity(self):
-        return max(self.verbose, getattr(self.estimator, "verbose", 0))
+        return model.set_params(
+            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
+            verbose=max(self.verbose, model.verbose),
+        )
 
     def _check_ranks(self, n_tasks, n):
         if self.ranks is None:
@@ -499,7 +498,8 @@ class _Alone:
     def told(self):
         """The fitted estimator; what its fit warned of is said now."""
         for category, message in self.collected:
-            warn(message, category)
+            if category is not LongFitWarning:  # it has been
+                warn(message, category)
         return self.estimator
 
     def leave_out(self):

@@ -110,6 +110,19 @@ def test_criterion_chooses(data, monkeypatch, criterion, chosen):
     assert search.best_rank_ == search.best_estimator_.rank_ == chosen
 
 
+def test_what_could_not_be_computed_is_not_chosen(data, monkeypatch):
+    monkeypatch.setattr(
+        model_selection, "_results", lambda *_, **__: {"bic": np.array([np.nan, 2.0])}
+    )
+    model = clone(MODEL).set_params(max_iter=0)
+    assert RankSearchIC(model, ranks=(1, 2)).fit(*data).best_rank_ == 2
+
+
+def test_parameters_of_the_estimator_are_checked_first(data):
+    with pytest.raises(ValueError, match="'verbose' parameter of MultiTaskGPRegressor"):
+        RankSearchIC(clone(MODEL).set_params(verbose="yes")).fit(*data)
+
+
 def related(rank, M=4, per_task=16):
     """Nearly noise-free data of the model itself."""
     rng = np.random.default_rng(0)

@@ -18,14 +18,17 @@ from skmtgp import (
     MultiTaskGPRegressor,
     RankSearchIC,
     SingleTaskGP,
+    single_task,
 )
+from skmtgp._estimators import doubts
 from skmtgp._estimators.fitted import evidence_of
-from skmtgp.exceptions import UnidentifiedNoiseWarning
+from skmtgp.exceptions import LongFitWarning, UnidentifiedNoiseWarning
 from skmtgp.inspection import (
     RankSelectionDisplay,
     TaskCovarianceDisplay,
     TransferDisplay,
 )
+from skmtgp.learning import forecast
 
 SIMPLE = {"noise": "shared", "normalize_y": "shared"}
 SEARCH = RankSearchIC(MultiTaskGPRegressor(**SIMPLE))
@@ -304,6 +307,19 @@ class TestSingleTasks:
             search = clone(SEARCH).set_params(keep_estimators=False).fit(X, y)
         told = [str(w.message) for w in caught if "Task" in str(w.message)]
         assert bool(told) <= (search.best_model_ == "single tasks")
+
+    def test_that_they_take_long_is_not_said_when_they_are_done(self, monkeypatch):
+        monkeypatch.setattr(single_task, "FEW", 10)
+        monkeypatch.setattr(forecast, "FEW", 10)
+        monkeypatch.setattr(doubts, "LONG", 0.0)
+        X, y = DATA["single tasks"]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            search = clone(SEARCH).set_params(ranks=(0, 1), simpler=True).fit(X, y)
+        assert search.best_model_ == "single tasks"
+        told = [str(w.message) for w in caught if w.category is LongFitWarning]
+        assert len(told) == 1
+        assert told[0].startswith("Learning from 80 rows by dense")
 
     def test_not_fitted(self):
         for method in ("summary", "loo_predict"):

@@ -104,7 +104,7 @@ def test_criterion_chooses(data, monkeypatch, criterion, chosen):
         ranks = np.array([of[0].prior.task_covariance.rank for of in of_forms])
         return {c: np.abs(ranks - r) for c, r in CHOSEN.items()}
 
-    monkeypatch.setattr(model_selection, "_results", disagreeing)
+    monkeypatch.setattr(model_selection, "tabulate", disagreeing)
     model = clone(MODEL).set_params(max_iter=0)
     search = RankSearchIC(model, ranks=(1, 2, 3, 4), criterion=criterion).fit(*data)
     assert search.best_rank_ == search.best_estimator_.rank_ == chosen
@@ -112,7 +112,7 @@ def test_criterion_chooses(data, monkeypatch, criterion, chosen):
 
 def test_what_could_not_be_computed_is_not_chosen(data, monkeypatch):
     monkeypatch.setattr(
-        model_selection, "_results", lambda *_, **__: {"bic": np.array([np.nan, 2.0])}
+        model_selection, "tabulate", lambda *_, **__: {"bic": np.array([np.nan, 2.0])}
     )
     model = clone(MODEL).set_params(max_iter=0)
     assert RankSearchIC(model, ranks=(1, 2)).fit(*data).best_rank_ == 2

@@ -51,9 +51,9 @@ class AmbiguousFitWarning(UserWarning):
 
     The rows do not say which of them is right, and standard deviations of predictions
     do not have the doubt about it. The message says how many nats the modes are apart,
-    and how far their predictions are. ``hyperparameters="sampled"`` averages over both. More rows
-    tell them apart; so may another kernel, a lower rank or narrower bounds. `n_restarts_optimizer` looks for a better mode
-    still.
+    and how far their predictions are. ``hyperparameters="sampled"`` averages over both.
+    More rows tell them apart; so may another kernel, a lower rank or narrower bounds.
+    `n_restarts_optimizer` looks for a better mode still.
 
     Examples
     --------

@@ -5,13 +5,11 @@ from __future__ import annotations
 from copy import copy
 from functools import partial
 from numbers import Integral
-from time import perf_counter
 from typing import TYPE_CHECKING, Literal, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
@@ -19,16 +17,14 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
+from skmtgp._estimators.criteria import ALONE, Alone, tabulate
 from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts
 from skmtgp._estimators.estimator import Estimator
-from skmtgp._estimators.fitted import evidence_of, likelihood_at
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
-from skmtgp._support.warnings import collect_warnings, warn
-from skmtgp.learning.evidence import evidence_around
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
@@ -40,7 +36,6 @@ MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom take
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
 )
-ALONE = "single tasks"
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 
 
@@ -131,10 +126,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     lower one, see :mod:`skmtgp.learning`. Where rank 0 or compound symmetry is chosen,
     tasks that `fit` has not seen are predicted too, if the units are shared.
 
-    The level of a single task has the prior of unit information around the mean of its
-    samples; all other hyperparameters of the tasks are counted. Where single tasks are
-    chosen, `summary`, `add_task` and what shows how tasks are related say that there is
-    nothing of the kind.
+    A single task is taken off the mean of its samples. With `task_levels` it has a
+    level around that, with the prior of unit information; without, the mean is not
+    counted. All other hyperparameters of the tasks are. Where single tasks are chosen,
+    `summary`, `add_task` and what shows how tasks are related say that there is nothing
+    of the kind.
 
     For "loo" the hyperparameters have seen the observation that is left out, so that it
     may take larger ranks than needed; where ranks predict all but alike, BIC takes the
@@ -204,12 +200,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ValueError
             If a rank, a feature, a label or a target cannot be used.
         """
-        with fitting(self, X, y, verbose=self._verbosity()) as progress:
-            self._fit(X, y, progress)
+        model = self._learner()
+        with fitting(self, X, y, verbose=model.verbose) as progress:
+            self._fit(model, X, y, progress)
         return self
 
-    def _fit(self, X, y, progress):
-        model = self._learner()
+    def _fit(self, model, X, y, progress):
         training = model._read(X, y, progress)
         if self.criterion == "loo" and is_dask(training.features):
             raise ValueError(
@@ -239,7 +235,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
-        table = _results(training, of_forms, modes, alone, self.criterion)
+        table = tabulate(training, of_forms, modes, alone, self.criterion)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
         makes = [
             partial(_fitted, model, training, *of)
@@ -247,7 +243,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
-        best = int(np.argmin(table[self.criterion]))
+        # one that could not be computed is not chosen
+        best = int(np.argmin(np.nan_to_num(table[self.criterion], nan=np.inf)))
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
@@ -266,15 +263,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _learner(self):
         """A clone of the model, with the search's own parameters."""
         model = clone(self.estimator) if self.estimator else MultiTaskGPRegressor()
-        model.set_params(
-            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
-            verbose=self._verbosity(),
-        )
         model._validate_params()
-        return model
-
-    def _verbosity(self):
-        return max(self.verbose, getattr(self.estimator, "verbose", 0))
+        return model.set_params(
+            n_jobs=model.n_jobs if self.n_jobs is None else self.n_jobs,
+            verbose=max(self.verbose, model.verbose),
+        )
 
     def _check_ranks(self, n_tasks, n):
         if self.ranks is None:
@@ -512,101 +505,4 @@ def _alone(model, training, X, y):
     learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
     if training.counts.min() < TOLD * (alone.kernel.n_dims + learned):
         return None
-    sampled = alone.hyperparameters == "sampled"  # if chosen, not before
-    quick = {"verbose": 0} | ({"hyperparameters": "mode"} if sampled else {})
-    return _Alone(alone.set_params(**quick), X, y, sampled)
-
-
-class _Alone:
-    """A candidate beside the forms of a multi-task model: a model of each task."""
-
-    def __init__(self, estimator, X, y, sampled):
-        self.data, self.sampled = (X, y), sampled
-        begin = perf_counter()
-        with collect_warnings() as self.collected:
-            self.estimator = estimator.fit(X, y)
-        self.seconds = perf_counter() - begin
-
-    def told(self):
-        """The fitted estimator; what its fit warned of is said now."""
-        if self.sampled:
-            model = clone(self.estimator).set_params(hyperparameters="sampled")
-            return model.fit(*self.data)
-        for category, message in self.collected:
-            warn(message, category)
-        return self.estimator
-
-    def leave_out(self):
-        """Log density of each target given the others of its task, summed."""
-        return sum(map(_density_of_others, self.estimator.estimators_))
-
-    def evidence(self):
-        """Log evidence by Laplace's method, summed over the tasks."""
-        return sum(map(evidence_of, self.estimator.estimators_))
-
-
-def _density_of_others(estimator):
-    found = estimator.loo_predict(include_noise=True)
-    return float(norm.logpdf(estimator.y_train_, *found).sum())
-
-
-def _results(training, of_forms, modes, alone, criterion):
-    """The table of criteria, one row for each form, and one for single tasks."""
-    log_n = np.log(training.Y.size)
-    jacobian = training.units.log_jacobian(training.counts)
-    values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
-    values += jacobian
-    forms = [of_form[0].prior.task_covariance for of_form in of_forms]
-    names, ranks = [str(form) for form in forms], [form.rank for form in forms]
-    count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
-    seconds = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
-    if alone is not None:
-        values = np.vstack([values, alone.estimator.log_marginal_likelihoods_])
-        names, ranks = [*names, ALONE], [*ranks, 0]
-        count.append(alone.estimator.n_hyperparameters_)
-        seconds.append(alone.seconds)
-    log_likelihood, count = values.sum(axis=1), np.array(count)
-    deviance = -2.0 * log_likelihood
-    table = {
-        "rank": ranks,
-        "model": names,
-        "log_marginal_likelihood": log_likelihood,
-        "n_hyperparameters": count,
-        "bic": deviance + count * log_n,  # eq. 8
-        "aic": deviance + count * 2.0,
-        "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
-    }
-    if criterion in DENSITIES:
-        of_form, of_alone = DENSITIES[criterion]
-        scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
-        beside = [] if alone is None else [of_alone(alone)]
-        densities = np.append(np.array(scaled) + jacobian.sum(), beside)
-        table[criterion] = -2.0 * densities
-    table["fit_time"] = seconds
-    if not training.single_output:
-        table |= {_of_output(j): column for j, column in enumerate(values.T)}
-    return {name: np.asarray(column) for name, column in table.items()}
-
-
-def _of_output(j):
-    """The column of an output's likelihood."""
-    return f"output{j}_log_marginal_likelihood"
-
-
-def _leave_out(problem, mode):
-    """Log density of each target given the others, in the problem's units, summed."""
-    posterior = likelihood_at(problem, mode).posterior(mode.theta)
-    residual, variance = posterior.leave_one_out(include_noise=True)
-    return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
-
-
-def _evidence(problem, mode):
-    """Log evidence by Laplace's method, in the problem's units."""
-    return evidence_around(likelihood_at(problem, mode), mode.theta)
-
-
-# Log densities of y: of a form of the multi-task model, and of single tasks.
-DENSITIES = {
-    "loo": (_leave_out, _Alone.leave_out),
-    "laplace": (_evidence, _Alone.evidence),
-}
+    return Alone(alone.set_params(verbose=0), X, y)

@@ -56,12 +56,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         one length-scale for each feature, started and bounded relative to the feature's
         standard deviation; the task covariance is its amplitude.
     rank : int, default=None
-        Rank of the task covariance, 1 to the number of tasks. None is full rank, or
-        the highest that leaves four rows for each number of the task covariance; where
-        tasks have fewer than eight rows on average, that, 0, or 0 with an equal
-        diagonal, by BIC. `rank_` and `diagonal_` tell. 0 needs `shared`: one function
-        of all tasks and, with `task_levels`, a level of each, for many tasks of a
-        handful of rows; or ``diagonal="equal"``.
+        Rank of the task covariance, 0 to the number of tasks. None is full rank, or
+        the highest that leaves four rows for each number of the task covariance. Where
+        tasks have fewer than eight rows on average, BIC chooses between that rank, one
+        function that all tasks share (rank 0) and, if inference is exact, compound
+        symmetry, see `diagonal`; `rank_` and `diagonal_` tell. Rank 0 needs
+        ``shared=True``, one function of all tasks and, with `task_levels`, a level of
+        each, for many tasks of a handful of rows; or ``diagonal="equal"``.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not

@@ -104,10 +104,23 @@ def test_criterion_chooses(data, monkeypatch, criterion, chosen):
         ranks = np.array([of[0].prior.task_covariance.rank for of in of_forms])
         return {c: np.abs(ranks - r) for c, r in CHOSEN.items()}
 
-    monkeypatch.setattr(model_selection, "_results", disagreeing)
+    monkeypatch.setattr(model_selection, "tabulate", disagreeing)
     model = clone(MODEL).set_params(max_iter=0)
     search = RankSearchIC(model, ranks=(1, 2, 3, 4), criterion=criterion).fit(*data)
     assert search.best_rank_ == search.best_estimator_.rank_ == chosen
+
+
+def test_what_could_not_be_computed_is_not_chosen(data, monkeypatch):
+    monkeypatch.setattr(
+        model_selection, "tabulate", lambda *_, **__: {"bic": np.array([np.nan, 2.0])}
+    )
+    model = clone(MODEL).set_params(max_iter=0)
+    assert RankSearchIC(model, ranks=(1, 2)).fit(*data).best_rank_ == 2
+
+
+def test_parameters_of_the_estimator_are_checked_first(data):
+    with pytest.raises(ValueError, match="'verbose' parameter of MultiTaskGPRegressor"):
+        RankSearchIC(clone(MODEL).set_params(verbose="yes")).fit(*data)
 
 
 def related(rank, M=4, per_task=16):

@@ -18,14 +18,17 @@ from skmtgp import (
     MultiTaskGPRegressor,
     RankSearchIC,
     SingleTaskGP,
+    single_task,
 )
+from skmtgp._estimators import doubts
 from skmtgp._estimators.fitted import evidence_of
-from skmtgp.exceptions import UnidentifiedNoiseWarning
+from skmtgp.exceptions import LongFitWarning, UnidentifiedNoiseWarning
 from skmtgp.inspection import (
     RankSelectionDisplay,
     TaskCovarianceDisplay,
     TransferDisplay,
 )
+from skmtgp.learning import forecast
 
 SIMPLE = {"noise": "shared", "normalize_y": "shared"}
 SEARCH = RankSearchIC(MultiTaskGPRegressor(**SIMPLE))
@@ -305,6 +308,19 @@ class TestSingleTasks:
         told = [str(w.message) for w in caught if "Task" in str(w.message)]
         assert bool(told) <= (search.best_model_ == "single tasks")
 
+    def test_that_they_take_long_is_not_said_when_they_are_done(self, monkeypatch):
+        monkeypatch.setattr(single_task, "FEW", 10)
+        monkeypatch.setattr(forecast, "FEW", 10)
+        monkeypatch.setattr(doubts, "LONG", 0.0)
+        X, y = DATA["single tasks"]
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            search = clone(SEARCH).set_params(ranks=(0, 1), simpler=True).fit(X, y)
+        assert search.best_model_ == "single tasks"
+        told = [str(w.message) for w in caught if w.category is LongFitWarning]
+        assert len(told) == 1
+        assert told[0].startswith("Learning from 80 rows by dense")
+
     def test_not_fitted(self):
         for method in ("summary", "loo_predict"):
             with pytest.raises(NotFittedError):
@@ -337,6 +353,16 @@ class TestLaplace:
 
     def test_only_if_asked(self, searched):
         assert "laplace" not in searched[1].results_
+
+    def test_levels_that_vanish_are_not(self):
+        """Tasks without levels, whose variance ends anywhere: the others decide."""
+        rng = np.random.default_rng(9)
+        tasks, x = np.repeat(np.arange(3), 12), rng.uniform(0.0, 6.0, 36)
+        y = np.sin(x + 2.0 * tasks) + 0.1 * rng.standard_normal(36)
+        search = clone(SEARCH).set_params(criterion="laplace")
+        table = search.fit(np.column_stack([x, tasks]), y).results_
+        alike = table["laplace"][0], table["laplace"][1]
+        assert abs(np.diff(alike)) < 6.0
 
     def test_noise_that_vanishes_is_paid_for(self):
         """Eight tasks of five rows, whose noise BIC lets a rank explain away."""

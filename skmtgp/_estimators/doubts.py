@@ -64,13 +64,16 @@ def _warn_of_neighbours(problem, mode):
 def _warn_of_rivals(problem, mode):
     doubt = doubt_about(problem, mode) if problem.engine.exact else None
     if doubt:
+        # more, where that is too little to take another one
+        nats = f"{abs(doubt.nats):.1f} nats {'less' if doubt.nats >= 0.0 else 'more'}"
         warn(
-            f"Another mode of {problem.name} is {doubt.nats:.1f} nats less likely "
-            "than the one that was learned, and predicts differently: by "
+            f"Another mode of {problem.name} is {nats} likely than the one that was "
+            "learned, and predicts differently: by "
             f"{doubt.apart:.1f} deviations of the targets within tasks, in the root "
             "mean square, and by more than two standard deviations of either. The rows "
             "do not tell which is right. hyperparameters='sampled' averages over both. "
-            "More rows tell, and a lower rank, narrower bounds of the kernel or of the "
-            "noise may; a larger n_restarts_optimizer looks for a better mode still.",
+            "More rows tell, and narrower bounds of the kernel or of the noise may. So "
+            "may a lower rank of a MultiTaskGPRegressor, whose n_restarts_optimizer "
+            "looks for a better mode still.",
             AmbiguousFitWarning,
         )

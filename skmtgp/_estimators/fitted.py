@@ -24,7 +24,7 @@ from skmtgp.exceptions import PrecisionWarning
 from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
-from skmtgp.learning.forecast import FEW
+from skmtgp.learning.forecast import is_large
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 
@@ -247,7 +247,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _store(self, training, problems, modes):
         """Set the fitted attributes, in the target's own units."""
-        if self.verbose and len(problems[0].data) >= FEW:
+        if self.verbose and is_large(problems[0]):
             say(f"the posterior of {len(problems[0].data)} rows begins")
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)

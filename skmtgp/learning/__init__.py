@@ -12,4 +12,9 @@ adds a task to a model. What goes beyond the paper:
 - *Shaken*: from a mode, the noise variance is raised again and all is learned anew.
 - Large data are learned *from coarse to fine*, beginning with a few hundred rows, or,
   of complete data, inputs.
+
+``agreement`` ends climbs that lead nowhere new, ``hidden`` finds functions that were
+taken for noise. ``forecast`` and ``telling`` say how long it takes and how far it is,
+``ambiguity`` and ``neighbours`` what a mode leaves in doubt. ``evidence`` integrates
+the hyperparameters out.
 """

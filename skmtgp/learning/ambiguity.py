@@ -35,7 +35,7 @@ class Doubt(NamedTuple):
     Attributes
     ----------
     nats : float
-        By which it is less likely.
+        By which it is less likely. Below zero where it gained too little to be chosen.
     apart : float
         Root mean square of the difference of their predictions, in deviations of the
         targets within tasks.

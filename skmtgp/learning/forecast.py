@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 from skmtgp._numerics.parallel import limit_threads
 
-FEW = 1500  # rows of the matrices: fits to fewer are not foreseen
+FEW = 1500  # rows: what fewer take is not worth saying
 SAMPLE = 500  # rows of the evaluation that is timed
 COARSE, FINE = 250, 120  # evaluations that a model takes at each level, roughly
 
@@ -47,6 +47,15 @@ class Forecast(NamedTuple):
         )
 
 
+def is_large(problem):
+    """Whether likelihoods take so long that a user should know.
+
+    Exact ones take it with the side of their matrices, bounds with all rows.
+    """
+    engine, data = problem.engine, problem.data
+    return (engine.side(data) if engine.exact else len(data)) >= FEW
+
+
 def foresee(problems, n_forms=1):
     """What learning will take about.
 
@@ -66,9 +75,9 @@ def foresee(problems, n_forms=1):
         Nothing where there are few rows.
     """
     problem = problems[0]
-    sides = [problem.engine.side(of.data) for of in problem.coarse_to_fine()]
-    if sides[-1] < FEW:
+    if not is_large(problem):
         return Forecast([], [], 0.0)
+    sides = [problem.engine.side(of.data) for of in problem.coarse_to_fine()]
     n_models = len(problems) * n_forms
     counts = [COARSE] + [FINE] * (len(sides) - 1)
     return Forecast(sides, [n * n_models for n in counts], _pace(problem))

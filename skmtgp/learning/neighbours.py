@@ -52,6 +52,8 @@ def correlated_share(problem, mode):
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
     K = prior.covariance(mode.theta, X.astype(float), tasks) + np.diag(noise)
     A = np.sqrt(np.outer(noise, noise)) * _along(tasks, places)
+    if not A.any():  # no task has more than two rows
+        return 0.0
     with limit_threads(len(rows)):
         W = np.linalg.inv(K)
         alpha, WA = W @ y, W @ A

@@ -3,7 +3,7 @@
 import numpy as np
 
 from skmtgp._support.progress import is_due, say
-from skmtgp.learning.forecast import FEW
+from skmtgp.learning.forecast import is_large
 
 
 class Teller:
@@ -25,12 +25,12 @@ class Teller:
 
         The first one may take longer than a user waits without a sign.
         """
-        n, budget = len(self.problem.data), self.problem.budget
-        if not self.verbose or n < FEW:
+        if not (self.verbose and is_large(self.problem)):
             return
-        seconds = budget.pace * self.problem.engine.side(self.problem.data) ** 3
+        data, pace = self.problem.data, self.problem.budget.pace
+        seconds = pace * self.problem.engine.side(data) ** 3
         each = f", about {seconds:.2g} s for each likelihood" if seconds else ""
-        say(f"{self.name}: a climb with {n} rows begins{each}")
+        say(f"{self.name}: a climb with {len(data)} rows begins{each}")
 
     def told(self, objective):
         """The objective, which says after some seconds how far the climb is."""

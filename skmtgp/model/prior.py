@@ -339,13 +339,16 @@ class Prior:
         return (position >= 0) & (position < self.n_tasks * rank)
 
     @cached_property
+    def of_noise(self):
+        """Which are logarithms of noise variances; a mask."""
+        return np.arange(self.n_theta) >= self.n_theta - self.n_noise
+
+    @cached_property
     def unexplained(self):
         """Which are variances of what is unexplained, kappa and the noise; a mask."""
-        n_kernel, n_rho, _, n_noise = self._sizes
-        mask = np.zeros(self.n_theta, dtype=bool)
-        end = n_kernel + n_rho
+        n_kernel, n_rho, *_ = self._sizes
+        mask, end = self.of_noise.copy(), n_kernel + n_rho
         mask[end - self.task_covariance.n_kappa : end] = True
-        mask[self.n_theta - n_noise :] = True
         return mask
 
     # other models

@@ -239,11 +239,12 @@ class TestSearch:
         assert len(search.task_correlation_interval()) == 2
 
     def test_single_tasks_are_drawn_if_chosen(self):
-        rng = np.random.default_rng(3)
+        rng = np.random.default_rng(0)
         x, task = rng.uniform(0.0, 6.0, 60), np.repeat([0, 1], 30)
-        t = np.where(task, np.sin(8.0 * x), 0.3 * x) + 0.05 * rng.standard_normal(60)
-        options = {"ranks": (1,), "simpler": True, "criterion": "aic"}
-        search = RankSearchIC(MultiTaskGPRegressor(**SAMPLED), **options)
+        t = np.where(task, np.sin(9.0 * x), 0.1 * x**2)
+        t = t + np.where(task, 0.05, 0.5) * rng.standard_normal(60)
+        estimator = MultiTaskGPRegressor(noise="shared", **SAMPLED)
+        search = RankSearchIC(estimator, ranks=(1,), simpler=True)
         search.fit(np.column_stack([x, task]), t)
         assert search.best_model_ == "single tasks"
         for estimator in search.best_estimator_.estimators_:

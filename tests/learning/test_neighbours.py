@@ -113,3 +113,12 @@ def test_few_rows_and_data_without_noise_are_not_asked(walking):
     problem, mode = at_truth(walking)
     theta = problem.theta(kernel=TRUTH, K_rho=FACTOR @ FACTOR.T, log_noise=np.log(1e-6))
     assert correlated_share(problem, mode._replace(theta=theta)) == 0.0
+
+
+@pytest.mark.parametrize("per_task", [1, 2])
+def test_tasks_of_one_or_two_rows_do_not_tell(per_task):
+    data = draw(np.eye(40), per_task=per_task, M=40)
+    problem = pose(data, low_rank(40, 1), noise=NOISE)
+    theta = problem.theta(kernel=TRUTH, K_rho=np.ones((40, 40)))
+    with np.errstate(all="raise"):
+        assert correlated_share(problem, mode_at(problem, theta)) == 0.0

@@ -1,0 +1,138 @@
+"""Criteria that choose among candidates: forms of K^rho, and single tasks."""
+
+from time import perf_counter
+
+import numpy as np
+from scipy.stats import norm
+from sklearn.base import clone
+
+from skmtgp._estimators.fitted import evidence_of, likelihood_at
+from skmtgp._support.warnings import collect_warnings, warn
+from skmtgp.exceptions import LongFitWarning
+from skmtgp.learning.evidence import evidence_around
+
+ALONE = "single tasks"
+
+
+class Alone:
+    """A candidate beside the forms of a multi-task model: a model of each task.
+
+    Parameters
+    ----------
+    estimator : SingleTaskGP
+        Is fitted. If it draws hyperparameters, it does so once it is chosen.
+    X, y : array-like
+        Training data.
+    """
+
+    def __init__(self, estimator, X, y):
+        self.data, self.sampled = (X, y), estimator.hyperparameters == "sampled"
+        if self.sampled:
+            estimator.set_params(hyperparameters="mode")
+        begin = perf_counter()
+        with collect_warnings() as self.collected:
+            self.estimator = estimator.fit(X, y)
+        self.seconds = perf_counter() - begin
+
+    def told(self):
+        """The fitted estimator; what its fit warned of is said now."""
+        if self.sampled:
+            model = clone(self.estimator).set_params(hyperparameters="sampled")
+            return model.fit(*self.data)
+        for category, message in self.collected:
+            if category is not LongFitWarning:  # it has been
+                warn(message, category)
+        return self.estimator
+
+    def leave_out(self):
+        """Log density of each target given the others of its task, summed."""
+        return sum(map(_density_of_others, self.estimator.estimators_))
+
+    def evidence(self):
+        """Log evidence by Laplace's method, summed over the tasks."""
+        return sum(map(evidence_of, self.estimator.estimators_))
+
+
+def _density_of_others(estimator):
+    found = estimator.loo_predict(include_noise=True)
+    return float(norm.logpdf(estimator.y_train_, *found).sum())
+
+
+def tabulate(training, of_forms, modes, alone, criterion):
+    """The table of criteria, one row for each form, and one for single tasks.
+
+    Parameters
+    ----------
+    training : Training
+        What was learned from.
+    of_forms : list of list of Problem
+        For each form of K^rho and each output.
+    modes : list of list of Mode
+        Their modes.
+    alone : Alone or None
+        The tasks learned alone, if they are a candidate.
+    criterion : str
+        The one that chooses: what takes time is only computed for it.
+
+    Returns
+    -------
+    table : dict of str to ndarray of shape (n_candidates,)
+    """
+    log_n = np.log(training.Y.size)
+    jacobian = training.units.log_jacobian(training.counts)
+    values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
+    values += jacobian
+    forms = [of_form[0].prior.task_covariance for of_form in of_forms]
+    names, ranks = [str(form) for form in forms], [form.rank for form in forms]
+    count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
+    seconds = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
+    if alone is not None:
+        values = np.vstack([values, alone.estimator.log_marginal_likelihoods_])
+        names, ranks = [*names, ALONE], [*ranks, 0]
+        count.append(alone.estimator.n_hyperparameters_)
+        seconds.append(alone.seconds)
+    log_likelihood, count = values.sum(axis=1), np.array(count)
+    deviance = -2.0 * log_likelihood
+    table = {
+        "rank": ranks,
+        "model": names,
+        "log_marginal_likelihood": log_likelihood,
+        "n_hyperparameters": count,
+        "bic": deviance + count * log_n,  # eq. 8
+        "aic": deviance + count * 2.0,
+        "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
+    }
+    if criterion in DENSITIES:
+        of_form, of_alone = DENSITIES[criterion]
+        scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
+        beside = [] if alone is None else [of_alone(alone)]
+        densities = np.append(np.array(scaled) + jacobian.sum(), beside)
+        table[criterion] = -2.0 * densities
+    table["fit_time"] = seconds
+    if not training.single_output:
+        table |= {_of_output(j): column for j, column in enumerate(values.T)}
+    return {name: np.asarray(column) for name, column in table.items()}
+
+
+def _of_output(j):
+    """The column of an output's likelihood."""
+    return f"output{j}_log_marginal_likelihood"
+
+
+def _leave_out(problem, mode):
+    """Log density of each target given the others, in the problem's units, summed."""
+    posterior = likelihood_at(problem, mode).posterior(mode.theta)
+    residual, variance = posterior.leave_one_out(include_noise=True)
+    return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
+
+
+def _evidence(problem, mode):
+    """Log evidence by Laplace's method, in the problem's units."""
+    return evidence_around(likelihood_at(problem, mode), mode.theta)
+
+
+# Log densities of y: of a form of the multi-task model, and of single tasks.
+DENSITIES = {
+    "loo": (_leave_out, Alone.leave_out),
+    "laplace": (_evidence, Alone.evidence),
+}

@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import stdtrit
 
 from skmtgp._data.checks import check_training
 from skmtgp._data.labels import rows_by_code
@@ -249,6 +250,15 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
             blocks = _times(relative, noise_variance[some, None, None])
             covariances[rows[:, :, None], rows[:, None, :]] = blocks
         return covariances
+
+    def _quantiles(self, features, codes, probabilities, include_noise):
+        """Those of Student's t: noise variances are integrated out."""
+        which, posterior = self._regressions[codes], self._posterior
+        shape = posterior.shape[which][:, None]
+        relative = posterior.variances(features, which) + float(include_noise)
+        scale = np.sqrt(relative[:, None] * posterior.rate[which] / shape)
+        means = self._means(features, codes)
+        return [means + scale * stdtrit(2.0 * shape, p) for p in probabilities]
 
     def _draws(self, features, codes, n_draws, rng):
         draws, noise_std = np.empty((2, len(features), self._n_outputs, n_draws))

@@ -13,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_test
 from skmtgp._estimators.estimator import public
+from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
 
 
@@ -119,6 +120,54 @@ class PosteriorMixin(RegressorMixin):
         return mean
 
     @public
+    def predict_interval(
+        self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict the central interval that holds an observation, or f.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        level : float, default=0.95
+            Probability that the interval holds it. As much lies below as above; 0 gives
+            the median twice.
+        include_noise : bool, default=True
+            Whether the interval is that of a new observation, f plus noise, rather
+            than that of f.
+
+        Returns
+        -------
+        lower, upper : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+            Its ends, in the units of y.
+
+        Raises
+        ------
+        TypeError
+            If X is a Dask collection.
+        ValueError
+            If `level` is not in [0, 1), or if a task was not seen in fit and cannot be
+            predicted, see `predict`.
+
+        Notes
+        -----
+        They are quantiles of the predictive distribution: a normal one; a mixture of
+        normal ones where hyperparameters are sampled; Student's t of a
+        BayesianLinearRegression. :doc:`/guide/intervals` says when they hold.
+        """
+        if not 0.0 <= level < 1.0:
+            raise ValueError(f"level={level} must be in [0, 1), such as 0.95.")
+        check_is_fitted(self)
+        model = self._model()
+        features, codes = check_test(model, X, unseen=model._knows_unseen())
+        with limit_threads(model._side):
+            ends = model._quantiles(
+                features, codes, (0.5 - 0.5 * level, 0.5 + 0.5 * level), include_noise
+            )
+        lower, upper = map(model._join, ends)
+        return lower, upper
+
+    @public
     def sample_y(
         self,
         X: ArrayLike,
@@ -173,6 +222,11 @@ class PosteriorMixin(RegressorMixin):
                 for mean, cov in outputs
             ]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
+
+    def _quantiles(self, features, codes, probabilities, include_noise):
+        """Quantiles of f or of observations, of shape (n_samples, n_outputs) each."""
+        means, variances = self._components(features, codes, include_noise)
+        return [quantiles(means, np.sqrt(variances), p) for p in probabilities]
 
     def _components(self, features, codes, include_noise):
         """Means and variances of the normals that are mixed, (1, n_samples, ...)."""

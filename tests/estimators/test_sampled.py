@@ -239,12 +239,18 @@ class TestSearch:
         assert len(search.task_correlation_interval()) == 2
 
     def test_single_tasks_are_drawn_if_chosen(self):
+        """By tasks that differ in length-scale, and in nothing alike."""
         rng = np.random.default_rng(0)
-        x, task = rng.uniform(0.0, 6.0, 60), np.repeat([0, 1], 30)
-        t = np.where(task, np.sin(9.0 * x), 0.1 * x**2)
-        t = t + np.where(task, 0.05, 0.5) * rng.standard_normal(60)
-        estimator = MultiTaskGPRegressor(noise="shared", **SAMPLED)
-        search = RankSearchIC(estimator, ranks=(1,), simpler=True)
+        x, task = rng.uniform(0.0, 6.0, 80), np.repeat(np.arange(4), 20)
+        t = 0.05 * rng.standard_normal(80)
+        for m, length in enumerate((0.3, 4.0, 0.3, 4.0)):
+            rows = task == m
+            away = x[rows, None] - x[rows]
+            K = np.exp(-0.5 * (away / length) ** 2) + 1e-9 * np.eye(20)
+            t[rows] += np.linalg.cholesky(K) @ rng.standard_normal(20) + m
+        options = {"noise": "shared", "normalize_y": "shared"}
+        estimator = MultiTaskGPRegressor(**options, **SAMPLED)
+        search = RankSearchIC(estimator, ranks=(0, 1), simpler=True)
         search.fit(np.column_stack([x, task]), t)
         assert search.best_model_ == "single tasks"
         for estimator in search.best_estimator_.estimators_:

@@ -33,7 +33,7 @@ def descend(problems, modes):
         higher, problem = modes[k + 1], problems[k]
         if modes[k].value + problem.budget.tol < higher.value:
             start = problem.with_noise(_cut(problem.prior, problems[k + 1], higher))
-            again = climb(problem, start)
+            again = climb(problem, start, known=[modes[k]])
             modes[k] = best_of([modes[k], higher.led_to(again)])
     return modes
 
@@ -87,10 +87,33 @@ def nest(problems, modes):
     for k in range(1, len(problems)):
         lower, pair = modes[k - 1], problems[k - 1 : k + 1]
         if modes[k].value < lower.value and _is_part(*pair):
-            embedded, grown = _embed(*pair, lower)
-            regrown = lower.led_to(climb(problems[k], grown))
-            modes[k] = best_of([modes[k], regrown, _same(*pair, lower, embedded)])
+            modes[k] = best_of([modes[k], *_grown(*pair, lower)])
     return modes
+
+
+def grow(lower, higher, mode):
+    """The mode of a rank, learned from a lower one's alone.
+
+    Parameters
+    ----------
+    lower, higher : Problem
+        Of the same data, with forms of K^rho of which the first is part of the second.
+    mode : Mode
+        Of the first.
+
+    Returns
+    -------
+    mode : Mode
+        Not worse.
+    """
+    return best_of(_grown(lower, higher, mode))
+
+
+def _grown(lower, higher, mode):
+    """What a mode leads to with columns added, and the same mode with empty ones."""
+    embedded, start = _embed(lower, higher, mode)
+    regrown = mode.led_to(climb(higher, start))
+    return [regrown, _same(lower, higher, mode, embedded)]
 
 
 def _is_part(lower, higher):

@@ -7,7 +7,12 @@ from sklearn.gaussian_process.kernels import RBF
 from sparse_bounds import ARD, EVERY, KERNELS, D, M, Sample, draw, make, parameters
 
 from skmtgp.inference.features import Features
-from skmtgp.inference.sums import sum_features, sum_gradients
+from skmtgp.inference.sums import (
+    WINDOW,
+    blocks_by_task,
+    sum_features,
+    sum_gradients,
+)
 from skmtgp.inference.weights import Gradients
 from skmtgp.model.task_covariance import low_rank
 
@@ -57,6 +62,21 @@ class TestSums:
         m, adjoint = len(bound.Z), Gradients(weights).adjoint()
         for sums in (weights.sums, sum_gradients(phi, adjoint, bound.blocks())):
             assert max(part.size for part in vars(sums).values()) <= M * m * m
+
+
+def test_blocks_have_few_tasks():
+    n, n_tasks, size, rng = 500, 40, 20, np.random.default_rng(0)
+    tasks = rng.integers(0, n_tasks, n)
+    X, y = np.column_stack([np.arange(n), tasks]), np.arange(n)
+    found = list(blocks_by_task(X, tasks, y, size))
+    for features, codes, targets in found:
+        np.testing.assert_array_equal(features[:, 0], targets)
+        np.testing.assert_array_equal(features[:, 1], codes)
+        assert len(targets) <= size
+    np.testing.assert_array_equal(np.sort(np.concatenate([y for *_, y in found])), y)
+    parts = sum(len(np.unique(codes)) for _, codes, _ in found)
+    n_windows = -(-n // (WINDOW * size))
+    assert parts <= n_windows * n_tasks + len(found)
 
 
 def test_rows_on_disk(tmp_path):

@@ -57,10 +57,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     rank : int, default=None
         Rank of the task covariance, 1 to the number of tasks. None is full rank, or
         the highest that leaves four rows for each number of the task covariance, of the
-        `n_exact` rows where inference is sparse; where tasks have fewer than eight rows on average, that, 0, or 0 with an equal
-        diagonal, by BIC. `rank_` and `diagonal_` tell. 0 needs `shared`: one function
-        of all tasks and, with `task_levels`, a level of each, for many tasks of a
-        handful of rows; or ``diagonal="equal"``.
+        `n_exact` rows where inference is sparse; where tasks have fewer than eight of
+        those on average, that, 0, or 0 with an equal diagonal, by BIC. `rank_` and
+        `diagonal_` tell. 0 needs `shared`: one function of all tasks and, with
+        `task_levels`, a level of each, for many tasks of a handful of rows; or
+        ``diagonal="equal"``.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not

@@ -231,11 +231,11 @@ def _add_gradients(sums, features, adjoint, X, tasks, y, *, inputs):
     alpha = error / adjoint.noise[tasks]
     phi_bar = np.empty_like(tile.phi)
     for task, rows in parts:
-        phi_bar[:, rows] = adjoint.C[task] @ tile.phi[:, rows]
-        phi_bar[:, rows] += np.multiply.outer(omega[task], alpha[rows])
+        np.matmul(adjoint.C[task], tile.phi[:, rows], out=phi_bar[:, rows])
+        phi_bar[:, rows] += np.multiply.outer(adjoint.along[task], alpha[rows])
         phi_bar[:, rows] += adjoint.with_level[task][:, None]
-    gradient, K_bar = tile.contract(phi_bar, adjoint.diagonal[tasks])
-    sums.theta += gradient
+    K_bar = phi_bar if adjoint.of_kernel else features.pull_back(phi_bar)
+    sums.theta += tile.contract(K_bar, adjoint.diagonal[tasks])
     if inputs:
         sums.Z += tile.contract_inputs(K_bar)
 

@@ -135,7 +135,7 @@ class Ascent(NamedTuple):
     mode: Mode
 
 
-def annealed(problem, theta, known=(), ends=()):
+def annealed(problem, theta, known=()):
     """Climb relaxed and with the noise held up, then on from there without.
 
     While the noise is held up the landscape has few modes, and most starts lead to the
@@ -149,8 +149,6 @@ def annealed(problem, theta, known=(), ends=()):
         Starting point.
     known : sequence of Ascent
         From other starts.
-    ends : sequence of Mode
-        Others at which the second climb may end.
 
     Returns
     -------
@@ -165,7 +163,7 @@ def annealed(problem, theta, known=(), ends=()):
         held.theta, held.value
     ):
         return Ascent(held, held)
-    ends = [*ends, *(ascent.mode for ascent in known)]
+    ends = [ascent.mode for ascent in known]
     return Ascent(held, held.then(climb(problem, held.theta, known=ends)))
 
 

@@ -197,14 +197,16 @@ def likeliest(starts):
 
 
 def _follow(problems, start, known=()):
-    """Ascents from a start: of the lowest rank, and of each from the one before.
+    """Ascents from a start, of ascending ranks.
 
-    While the noise is held up all ranks but the lowest have all but the same mode.
+    While the noise of data without any is held up, all ranks but the lowest have all
+    but the same mode: each begins where the one before it was.
     """
     ascents = []
     for k, problem in enumerate(problems):
         others, lower = known[k : k + 1], problems[k - 1]
-        if k and has_columns_more(lower, problem):
+        held = k and not lower.is_noisy(ascents[-1].held, beyond=0.1)
+        if held and has_columns_more(lower, problem):
             ascents.append(_follow_higher(lower, problem, ascents[-1], others))
         else:
             ascents.append(annealed(problem, start.theta(problem), others))
@@ -213,12 +215,8 @@ def _follow(problems, start, known=()):
 
 def _follow_higher(lower, problem, below, others):
     """An ascent from where a lower rank's was; it ends no lower."""
-    theta = with_columns(lower, problem, below.held)
+    ascent = annealed(problem, with_columns(lower, problem, below.held), others)
     same = embedded(lower, problem, below.mode)
-    # climbs without noise creep and sometimes leap: nothing ends those
-    climbed = below.mode is not below.held
-    ends = [same] if climbed and problem.is_noisy(same) else []
-    ascent = annealed(problem, theta, others, ends)
     return ascent._replace(mode=best_of([ascent.mode, same]))
 
 

@@ -13,7 +13,7 @@ from skmtgp.inference.sums import (
     sum_features,
     sum_gradients,
 )
-from skmtgp.inference.weights import Gradients
+from skmtgp.inference.weights import Adjoint, Gradients
 from skmtgp.model.task_covariance import low_rank
 
 
@@ -115,3 +115,32 @@ def test_memory():
     finally:
         tracemalloc.stop()
     assert peak < 0.25 * 8 * n * m
+
+
+@pytest.mark.parametrize(("n_inducing", "n_calls"), [(2, 1), (20, 0)])
+def test_adjoints_are_pulled_back_for_sums_or_for_rows(
+    n_inducing, n_calls, monkeypatch
+):
+    """For the fewer of them, with the same gradients."""
+    kernel, form = KERNELS["paper"], low_rank(M, 2, diagonal=True)
+    X, tasks, y = draw()
+    bound = building.sparse(kernel, form, X, tasks, y, X[:n_inducing], levels=True)
+    theta, called = bound.prior.theta(K_rho=np.eye(M) + 0.5), []
+    pulled_back = Adjoint.pulled_back
+
+    def spy(adjoint, half_solve):
+        called.append(adjoint)
+        return pulled_back(adjoint, half_solve)
+
+    monkeypatch.setattr(Adjoint, "pulled_back", spy)
+    bound.value_and_grads(theta)
+    assert len(called) == n_calls
+    features, weights = bound.forward(theta)
+    one = Gradients(weights).adjoint()
+    other = pulled_back(one._replace(C=one.C.copy()), features.pull_back)
+    sums = [
+        sum_gradients(features, adjoint, bound.blocks(), inputs=True)
+        for adjoint in (one, other)
+    ]
+    np.testing.assert_allclose(sums[0].theta, sums[1].theta, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(sums[0].Z, sums[1].Z, rtol=1e-9, atol=1e-9)

@@ -171,18 +171,29 @@ def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
 
 
 class TestHigherRanks:
-    """They begin where the lowest one's climbs have ended."""
+    """Of data without noise they begin where a lower one's climb held up has ended."""
 
     @pytest.fixture
-    def problems(self, data):
-        return [pose(data, low_rank(M, rank), max_iter=100) for rank in (1, 2, 3)]
+    def quiet(self):
+        rng, tasks = np.random.default_rng(3), np.repeat(np.arange(M), 12)
+        X, kernel = rng.uniform(-2.0, 2.0, (36, 2)), KERNEL.clone_with_theta(TRUTH)
+        K = textbook.covariance(kernel, FACTOR @ FACTOR.T, 1e-9, X, tasks)
+        y = np.linalg.cholesky(K) @ rng.standard_normal(36)
+        return building.data(X, tasks, y, M)
 
     @pytest.fixture
-    def starts(self, data):
-        return [stages.first_stage(pose(data, form)) for form in (identity(M), ones(M))]
+    def problems(self, quiet):
+        return [pose(quiet, low_rank(M, rank)) for rank in (2, 3)]
+
+    @pytest.fixture
+    def starts(self, quiet):
+        return [
+            stages.first_stage(pose(quiet, form)) for form in (identity(M), ones(M))
+        ]
 
     def test_values_do_not_fall(self, problems, starts):
         modes = second_stage([(problems, starts)], shakes=0)
+        assert not problems[0].is_noisy(modes[0])
         assert (np.diff([mode.value for mode in modes]) >= 0.0).all()
         for problem, mode in zip(problems, modes, strict=True):
             value = problem.likelihood().value(mode.theta)
@@ -195,7 +206,7 @@ class TestHigherRanks:
         for mode, other in zip(modes, alone, strict=True):
             assert mode.value > other.value - 0.5
         spent, others = (sum(of.n_evaluations for of in m) for m in (modes, alone))
-        assert spent < 0.8 * others
+        assert spent < others
 
     def test_those_that_gained_nothing_are_not_shaken(
         self, problems, starts, monkeypatch
@@ -216,7 +227,7 @@ class TestHigherRanks:
     def test_positions_that_are_reported(self, problems, starts):
         of_starts, of_jobs = {}, {}
         reporters = (lambda: of_starts.__setitem__, lambda: of_jobs.__setitem__)
-        jobs = [(problems[:2], [*starts, starts[0]._replace(mode=None)])] * 2
+        jobs = [(problems, [*starts, starts[0]._replace(mode=None)])] * 2
         modes = second_stage(jobs, shakes=0, reporters=reporters)
         assert list(of_jobs.values()) == modes
         for j, mode in enumerate(modes):

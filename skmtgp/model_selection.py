@@ -69,7 +69,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Ranks to compare. Those above the number of tasks count as that number. 0 is one
         function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
         the number of tasks, as long as four samples come on each free parameter of a
-        task covariance; the paper has (2, 4, 5, 6, 8, 10).
+        task covariance, and, of sparse inference, until two in a row are worse than a
+        lower one; the paper has (2, 4, 5, 6, 8, 10).
     simpler : {"auto"} or bool, default="auto"
         Whether these are candidates, too: "independent", independent tasks that share
         their kernel, ``rank=0, diagonal="equal"``; "compound symmetry", a function of
@@ -225,7 +226,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         problems = model._foretell(problems, len(forms))
         alone = _alone(model, training, X, y) if simpler and exact else None
         with limit_threads(side(problems)):
-            modes = model._learn_ranks(problems, forms, progress)
+            until_worse = self.ranks is None
+            modes = model._learn_ranks(
+                problems, forms, progress, until_worse=until_worse
+            )
+            settings, forms = settings[: len(modes)], forms[: len(modes)]
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
             decided = decide_noise(model, training, of_forms, modes)
             self._keep(model, settings, alone, *decided)

@@ -20,11 +20,11 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.memory import TileMemory
+from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.screening import criterion
-from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.model.task_covariance import low_rank
 
 ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
@@ -57,12 +57,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         standard deviation; the task covariance is its amplitude.
     rank : int, default=None
         Rank of the task covariance, 0 to the number of tasks. None is full rank, or
-        the highest that leaves four rows for each number of the task covariance. Where
-        tasks have fewer than eight rows on average, BIC chooses between that rank, one
-        function that all tasks share (rank 0) and, if inference is exact, compound
-        symmetry, see `diagonal`; `rank_` and `diagonal_` tell. Rank 0 needs
-        ``shared=True``, one function of all tasks and, with `task_levels`, a level of
-        each, for many tasks of a handful of rows; or ``diagonal="equal"``.
+        the highest that leaves four rows for each number of the task covariance, of the
+        `n_exact` rows where inference is sparse. Where tasks have fewer than eight of
+        those on average, BIC chooses between that rank, one function that all tasks
+        share (rank 0) and, if inference is exact, compound symmetry, see `diagonal`;
+        `rank_` and `diagonal_` tell. Rank 0 needs ``shared=True``, one function of all
+        tasks and, with `task_levels`, a level of each, for many tasks of a handful of
+        rows; or ``diagonal="equal"``.
     shared : bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
@@ -115,7 +116,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Number of samples, drawn at random, that are learned from exactly before the
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
-        its square.
+        its square. Ranks for which they are less than four for each number of the task
+        covariance are learned from all rows alone, from the mode of a lower rank.
     learning : {"annealed", "staged", "simultaneous"}, default="annealed"
         How the mode is searched for. "annealed" finds the best ones; "staged" is the
         heuristic of the paper's section 3 to the letter; "simultaneous" learns all
@@ -386,7 +388,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _forms(self, problem):
         """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
-        n_tasks, n = problem.prior.n_tasks, len(problem.data)
+        n_tasks, n = problem.prior.n_tasks, problem.engine.n_told(len(problem.data))
         form = self._form(n_tasks, self._rank(n_tasks, n))
         if self.rank is not None or n >= FEW * n_tasks or self.max_iter == 0:
             return [form]
@@ -416,7 +418,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
         return n_ranks * starts
 
-    def _learn_ranks(self, problems, forms, progress):
+    def _learn_ranks(self, problems, forms, progress, **options):
         """Modes for each form and output."""
         learn = {
             "annealed": learn_ranks,
@@ -426,10 +428,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         n_seeds = self.n_restarts_optimizer + (self.learning == "simultaneous")
         rng = check_random_state(self.random_state)
         seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds).tolist()
-        options = {"n_jobs": self.n_jobs, "progress": progress}
-        modes = learn(exact_part(problems, forms), forms, seeds=seeds, **options)
-        modes = learn_rest(problems, forms, modes, **options)
-        return list(zip(*modes, strict=True))
+        options |= {"n_jobs": self.n_jobs, "progress": progress}
+        return learn_forms(learn, problems, forms, seeds=seeds, **options)
 
     def _budget(self):
         return replace(super()._budget(), truncation=self.truncation)

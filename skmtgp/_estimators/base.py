@@ -246,7 +246,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _check_memory(self, engine, training, prior, n_ranks, n_kept):
         """Whether memory suffices."""
         (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
-        climbs, rank = n_outputs * self._n_climbs(n_ranks), self._rank(n_tasks, n)
+        climbs = n_outputs * self._n_climbs(n_ranks)
+        rank = self._rank(n_tasks, engine.n_told(n))
         demand = Demand(
             n,
             n_tasks,

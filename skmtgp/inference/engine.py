@@ -89,6 +89,13 @@ class Engine(ABC):
         """Whether it approximates nothing."""
         return self.n_exact is None
 
+    def n_told(self, n):
+        """How many of n rows say which parameters can be learned: those it is exact of.
+
+        The other rows tell more, but from these learning begins.
+        """
+        return n if self.exact else min(n, self.n_exact)
+
     def check(self, prior, data, tasks):  # noqa: B027
         """Raise a ValueError where it cannot take the prior or the data.
 

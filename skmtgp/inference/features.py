@@ -77,6 +77,10 @@ class Features:
         """The features of some rows, with what their gradient needs."""
         return Tile(self, X)
 
+    def pull_back(self, phi_bar):
+        """Adjoints of k^x(Z, X), L^{-T} phi_bar, from those of the features."""
+        return self.cholesky.half_solve(phi_bar, transposed=True)
+
     def against(self, X):
         """k^x between rows of X and the inducing inputs."""
         return self._inducing[0].against(X)
@@ -155,13 +159,13 @@ class Tile:
         self.phi = features.cholesky.half_solve(np.broadcast_to(K, (m, len(X))))
         self.rest = features.kernel.diag(X) - np.einsum("ji,ji->i", self.phi, self.phi)
 
-    def contract(self, phi_bar, diagonal):
-        """Gradient by theta, and the adjoint of k^x(Z, X).
+    def contract(self, K_bar, diagonal):
+        """Gradient by theta.
 
         Parameters
         ----------
-        phi_bar : ndarray of shape (n_inducing, n_samples)
-            Adjoints of the features.
+        K_bar : ndarray of shape (n_inducing, n_samples)
+            Adjoints of k^x(Z, X).
         diagonal : ndarray of shape (n_samples,)
             Adjoints of k^x(x, x).
 
@@ -169,12 +173,9 @@ class Tile:
         -------
         gradient : ndarray of shape (n_theta,)
             Its gradient, but for K_ZZ's part.
-        adjoint : ndarray of shape (n_inducing, n_samples)
-            L^{-T} phi_bar.
         """
-        adjoint = self.features.cholesky.half_solve(phi_bar, transposed=True)
-        gradient = self.bound.contract(adjoint, self.tape, self.rows, self.cols)
-        return gradient + self._contract_diagonal(diagonal), adjoint
+        gradient = self.bound.contract(K_bar, self.tape, self.rows, self.cols)
+        return gradient + self._contract_diagonal(diagonal)
 
     def _contract_diagonal(self, diagonal):
         gradient, m = 0.0, len(self.features)

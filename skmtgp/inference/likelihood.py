@@ -11,7 +11,7 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
 from skmtgp.model.task_covariance import OfTasks
 
-FISHER_ROWS = 200
+FISHER_ROWS, FISHER_ROWS_PER_TASK = 200, 4  # at least; tasks without rows tell nothing
 FISHER_SIZE = 2**24  # elements of the derivatives
 
 
@@ -121,7 +121,8 @@ class Likelihood(ABC):
     def fisher_information(self, theta):
         """Fisher information of theta, from some of the rows.
 
-        At most FISHER_ROWS, and fewer where there are hundreds of derivatives.
+        At most FISHER_ROWS, more of many tasks, and fewer where there are hundreds of
+        derivatives.
 
         Parameters
         ----------
@@ -137,8 +138,8 @@ class Likelihood(ABC):
         form, rho = self.prior.task_covariance, self.prior.values(theta).rho
         of_rho = list(form.derivatives(rho))
         n_matrices = self.prior.node.n_dims + len(of_rho) + self.prior.levels + 1
-        n = len(self.X)
-        most = min(n, FISHER_ROWS, 1 + isqrt(FISHER_SIZE // n_matrices))
+        n, wanted = len(self.X), max(FISHER_ROWS, FISHER_ROWS_PER_TASK * form.n_tasks)
+        most = min(n, wanted, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):
             of_some = information(*self._derivatives(theta, rows, of_rho))

@@ -216,6 +216,8 @@ class SparseBound(Likelihood):
         features, weights = self.forward(theta)
         gradients = Gradients(weights)
         adjoint = gradients.adjoint()
+        if len(self.y) > len(adjoint.C) * len(features):
+            adjoint = adjoint.pulled_back(features.pull_back)
         back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
         return features, gradients, back
 

@@ -168,7 +168,9 @@ class Weights:
 class Adjoint(NamedTuple):
     """What the backward pass needs of all rows.
 
-    The adjoint of phi_i is alpha_i omega_m + C_m phi_i with alpha_i = e_i / sigma_m^2.
+    The adjoint of phi_i is alpha_i omega_m + C_m phi_i with alpha_i = e_i / sigma_m^2;
+    that of k^x(Z, x_i) is L^{-T} times it. Where tasks have more rows than there are
+    features, it takes less to multiply C_m by that, and the like, than all of them.
 
     Attributes
     ----------
@@ -184,6 +186,10 @@ class Adjoint(NamedTuple):
         sigma_m^2.
     diagonal : ndarray of shape (n_tasks,)
         Adjoints of k^x(x_i, x_i), -1/2 K^rho_mm / sigma_m^2.
+    along : ndarray of shape (n_tasks, n_features)
+        omega, for the adjoints.
+    of_kernel : bool, default=False
+        Whether `C`, `with_level` and `along` are those of k^x(Z, x_i).
     """
 
     omega: np.ndarray
@@ -192,6 +198,15 @@ class Adjoint(NamedTuple):
     with_level: np.ndarray
     noise: np.ndarray
     diagonal: np.ndarray
+    along: np.ndarray
+    of_kernel: bool = False
+
+    def pulled_back(self, half_solve):
+        """The same with adjoints of k^x(Z, x_i), by a function that gives L^{-T} b."""
+        for C in self.C:
+            C[...] = half_solve(C)
+        with_level, along = half_solve(self.with_level.T).T, half_solve(self.along.T).T
+        return self._replace(with_level=with_level, along=along, of_kernel=True)
 
 
 class Covariances:
@@ -317,7 +332,7 @@ class Gradients:
         np.einsum("mii->mi", C)[...] += scale[:, None]
         with_level = self.covariances.along / weights.noise[:, None]
         means, noise = (weights.omega, weights.levels), weights.noise
-        return Adjoint(*means, C, with_level, noise, -0.5 * scale)
+        return Adjoint(*means, C, with_level, noise, -0.5 * scale, weights.omega)
 
     def omega_bar(self):
         """sum_i phibar_i phi_i^T, the adjoint of K_ZZ for `Features.contract`.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._numerics.bfgs import PATIENCE, minimize
+from skmtgp._numerics.bfgs import minimize
 from skmtgp.learning.agreement import Rivals
 from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.telling import Teller
@@ -51,7 +51,7 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
         metric=_metric(likelihood),
         max_iter=_most_iterations(problem, held),
         tol=tol,
-        patience=problem.tuning.relaxed_patience if relaxed else PATIENCE,
+        patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
         report=_watch(problem, known, penalise, teller),
     )
     value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin

@@ -32,8 +32,10 @@ def descend(problems, modes):
     for k in reversed(range(len(problems) - 1)):
         higher, problem = modes[k + 1], problems[k]
         if modes[k].value + problem.budget.tol < higher.value:
+            # climbs without noise creep and sometimes leap: nothing ends those
+            known = [modes[k]] if problem.is_noisy(modes[k]) else []
             start = problem.with_noise(_cut(problem.prior, problems[k + 1], higher))
-            again = climb(problem, start)
+            again = climb(problem, start, known=known)
             modes[k] = best_of([modes[k], higher.led_to(again)])
     return modes
 
@@ -87,10 +89,32 @@ def nest(problems, modes):
     for k in range(1, len(problems)):
         lower, pair = modes[k - 1], problems[k - 1 : k + 1]
         if modes[k].value < lower.value and _is_part(*pair):
-            embedded, grown = _embed(*pair, lower)
-            regrown = lower.led_to(climb(problems[k], grown))
-            modes[k] = best_of([modes[k], regrown, _same(*pair, lower, embedded)])
+            modes[k] = best_of([modes[k], *_grown(*pair, lower)])
     return modes
+
+
+def grow(lower, higher, mode):
+    """The mode of a rank, learned from a lower one's alone.
+
+    Parameters
+    ----------
+    lower, higher : Problem
+        Of the same data, with forms of K^rho of which the first is part of the second.
+    mode : Mode
+        Of the first.
+
+    Returns
+    -------
+    mode : Mode
+        Not worse.
+    """
+    return best_of(_grown(lower, higher, mode))
+
+
+def _grown(lower, higher, mode):
+    """What a mode leads to with columns added, and the same mode with empty ones."""
+    start = with_columns(lower, higher, mode)
+    return [mode.led_to(climb(higher, start)), embedded(lower, higher, mode)]
 
 
 def _is_part(lower, higher):
@@ -102,41 +126,69 @@ def _is_part(lower, higher):
     return pair[0].n_own <= pair[1].n_own
 
 
-def _same(lower, higher, mode, theta):
-    """A mode as one of the next rank."""
-    same = mode._replace(theta=theta, n_evaluations=0, seconds=0.0, rivals=())
-    if _has_columns_more(lower, higher):
-        return same
-    return same._replace(value=higher.likelihood().value(theta))
-
-
-def _has_columns_more(lower, higher):
+def has_columns_more(lower, higher):
     """Whether a model is another one with more columns, and nothing else."""
     form, other = lower.prior.task_covariance, higher.prior.task_covariance
     return (form.shared, form.n_own) == (other.shared, other.n_own)
 
 
-def _embed(lower, higher, mode):
-    """A mode as one of the next rank: with empty columns, and with better ones.
+def embedded(lower, higher, mode):
+    """A mode as one of a higher rank, with empty columns.
+
+    Parameters
+    ----------
+    lower, higher : Problem
+        Of the same data, with forms of K^rho of which the first is part of the second.
+    mode : Mode
+        Of the first.
+
+    Returns
+    -------
+    mode : Mode
+        Of the second, for which nothing was spent.
+    """
+    theta = _with_more(lower, higher, mode, 0.0)
+    same = mode._replace(theta=theta, n_evaluations=0, seconds=0.0, rivals=())
+    if has_columns_more(lower, higher):
+        return same
+    return same._replace(value=higher.likelihood().value(theta))
+
+
+def with_columns(lower, higher, mode):
+    """Where a climb of a higher rank begins, from a mode.
 
     The best new columns are along the leading eigenvectors of dL / dK^rho; their
     length is the best of a few.
+
+    Parameters
+    ----------
+    lower, higher, mode
+        See :func:`embedded`.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_theta,)
+        Parameters of the higher rank.
     """
-    form, prior = lower.prior.task_covariance, higher.prior
-    if not _has_columns_more(lower, higher):  # as where 1 1^T is of rank 1
-        K_rho = lower.prior.K_rho_at(mode.theta)
-        same = prior.with_rho(mode.theta, prior.task_covariance.parameters(K_rho))
-        return same, same
+    if not has_columns_more(lower, higher):  # as where 1 1^T is of rank 1
+        return _with_more(lower, higher, mode, 0.0)
     D = lower.likelihood().task_gradient(mode.theta)
-    added = prior.task_covariance.rank - form.rank
     with limit_threads(len(D)):
-        columns = np.linalg.eigh(D)[1][:, -added:]
-    rho = lower.prior.values(mode.theta).rho
-    size = np.sqrt(np.trace(form.matrix(rho)))
+        vectors = np.linalg.eigh(D)[1]
+    size = np.sqrt(np.trace(lower.prior.K_rho_at(mode.theta)))
+    candidates = [
+        _with_more(lower, higher, mode, size * 10.0**-k * vectors) for k in range(1, 9)
+    ]
+    return max(candidates, key=higher.likelihood().value)
 
-    def with_columns(length):
-        return prior.with_rho(mode.theta, form.grown(rho, length * columns))
 
-    likelihood = higher.likelihood()
-    candidates = [with_columns(size * 10.0**-k) for k in range(1, 9)]
-    return with_columns(0.0), max(candidates, key=likelihood.value)
+def _with_more(lower, higher, mode, vectors):
+    """Theta of a higher rank, with the last of some columns added."""
+    form, other = lower.prior.task_covariance, higher.prior.task_covariance
+    if not has_columns_more(lower, higher):
+        K_rho = lower.prior.K_rho_at(mode.theta)
+        return higher.prior.with_rho(mode.theta, other.parameters(K_rho))
+    columns = np.broadcast_to(vectors, (form.n_tasks,) * 2)
+    columns = columns[:, form.n_tasks - (other.rank - form.rank) :]
+    rho = form.grown(lower.prior.values(mode.theta).rho, columns)
+    return higher.prior.with_rho(mode.theta, rho)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._data.data import Data
+from skmtgp._numerics.bfgs import PATIENCE
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.ambiguity import rivals_of
 from skmtgp.learning.penalised import WithHyperprior
@@ -24,6 +25,8 @@ class Budget:
         Most iterations of each climb.
     tol : float
         Gain in nats under which a climb ends.
+    patience : int, default=20
+        Iterations that gain less before it does.
     truncation : {"eigen", "cholesky"}, default="eigen"
         How K_aug^rho gets the rank of the model, section 3.2.
     verbose : int, default=0
@@ -37,6 +40,7 @@ class Budget:
 
     max_iter: int
     tol: float
+    patience: int = PATIENCE
     truncation: str = "eigen"
     verbose: int = 0
     begun: float = 0.0

@@ -75,20 +75,20 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
         few.data is not all_.data for few, all_ in zip(coarse, problems, strict=True)
     )
     jobs = [
-        (problem.with_form(form), of)
+        ([problem.with_form(form) for form in forms], of)
         for problem, of in zip(coarse, starts, strict=True)
-        for form in forms
     ]
+    n_modes = len(jobs) * len(forms)
     n_starts = len(starts[0])
     each = description(problems, forms, n_starts)
     shaken = description(problems, forms, stage=", shaken")
     reporters = (
-        partial(progress, "starts", n_starts * len(jobs), each),
-        partial(progress, "learning", len(jobs), shaken),
+        partial(progress, "starts", n_starts * n_modes, each),
+        partial(progress, "learning", n_modes, shaken),
     )
     modes = second_stage(jobs, shakes=1, n_jobs=n_jobs, reporters=reporters)
     if len(forms) == 1 and not fine:  # else other ranks and rows help
-        ways = [(*job, mode) for job, mode in zip(jobs, modes, strict=True)]
+        ways = [(*of, mode) for of, mode in zip(jobs, modes, strict=True)]
         modes = run(_another_way, ways, n_jobs=n_jobs)
     modes = _revealed(coarse, forms, by_output(modes, forms), n_jobs)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
@@ -102,11 +102,12 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
 
 
-def _another_way(problem, starts, mode):
+def _another_way(problems, starts, mode):
     """The better of a mode of data without noise and one that is found another way.
 
     Where levels vanish it is that of the model without them; elsewhere a detour.
     """
+    [problem] = problems
     if problem.is_noisy(mode):
         return mode
     prior = problem.prior
@@ -114,7 +115,7 @@ def _another_way(problem, starts, mode):
         return detour(problem, likeliest(starts), mode)
     bare = replace(problem, prior=prior.without_levels)
     [starts] = make_starts([bare], None)
-    [other] = second_stage([(bare, starts)], shakes=1)
+    [other] = second_stage([([bare], starts)], shakes=1)
     theta = prior.with_least_levels(other.theta)
     value = problem.likelihood().value(theta)
     other = with_starts(other, starts)

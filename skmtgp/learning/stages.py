@@ -9,6 +9,7 @@ Stages 1 and 2 do not depend on the rank.
 """
 
 from dataclasses import replace
+from functools import partial
 from itertools import islice
 from typing import NamedTuple
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.climbing import annealed, climb, refine, shake
+from skmtgp.learning.nesting import embedded, has_columns_more, with_columns
 from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.tuning import TUNING
 from skmtgp.model.task_covariance import low_rank
@@ -127,59 +129,65 @@ def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
 
     Parameters
     ----------
-    jobs : list of (Problem, list of Start)
-        What to learn, and each (theta_1^x, K_1^rho), which is followed with sigma_0^2.
+    jobs : list of (list of Problem, list of Start)
+        What to learn: for each output the problems of ascending rank; and each
+        (theta_1^x, K_1^rho), which is followed with sigma_0^2.
     shakes : int
-        How often the best mode of a job is shaken.
+        How often the best mode of a problem is shaken. One that is no better than a
+        lower rank's is not.
     n_jobs : int, default=None
-        Processes, to which all starts of all jobs are shared out.
+        Processes, to which the starts of all jobs are shared out.
     reporters : pair of callables, default=None
         Give, when a part begins, what to call with a position and a mode: of each
-        start of the jobs, and of each job.
+        start of each problem of the jobs, and of each problem.
 
     Returns
     -------
     modes : list of Mode
-        The best one of each job, with what was spent on all.
+        The best one of each problem, job by job, with what was spent on all.
     """
     of_starts, of_jobs = reporters or (lambda: None, lambda: None)
+    best = []
     found = _followed(jobs, n_jobs, of_starts())
-    best = [
-        (problem, best_of(modes, doubt=problem.tuning.doubt), shakes)
-        for (problem, _), modes in zip(jobs, found, strict=True)
-    ]
+    for (problems, _), chains in zip(jobs, found, strict=True):
+        value = -np.inf
+        for problem, of_starts in zip(problems, zip(*chains, strict=True), strict=True):
+            doubt = problem.tuning.doubt
+            mode = best_of([ascent.mode for ascent in of_starts], doubt=doubt)
+            gained = mode.value > value + doubt
+            best.append((problem, mode, shakes if gained else 0))
+            value = max(value, mode.value)
     return run(shake, best, n_jobs=n_jobs, report=of_jobs())
 
 
 def _followed(jobs, n_jobs, report):
-    """Modes from each start of each job: from the likeliest, then from the others."""
+    """Ascents of each job's problems from its likeliest start, then from the others."""
 
-    def say(i, ascent):
-        if report is not None:
-            report(i, ascent.mode)
+    def say(i, ascents, n_others=0):
+        for k, ascent in enumerate(ascents if report is not None else ()):
+            job, start = divmod(i, n_others or 1)
+            position = job * len(ascents) + k
+            if n_others:  # after those of all first starts
+                position = (len(jobs) * len(ascents)) + position * n_others + start
+            report(position, ascent.mode)
 
     first = run(
         _follow,
-        [(problem, likeliest(starts)) for problem, starts in jobs],
+        [(problems, likeliest(starts)) for problems, starts in jobs],
         n_jobs=n_jobs,
         report=say,
     )
     others = [
-        (problem, start, [known])
-        for (problem, starts), known in zip(jobs, first, strict=True)
+        (problems, start, known)
+        for (problems, starts), known in zip(jobs, first, strict=True)
         for start in starts
         if start is not likeliest(starts)
     ]
-    rest = run(
-        _follow,
-        others,
-        n_jobs=n_jobs,
-        report=lambda i, ascent: say(len(jobs) + i, ascent),
-    )
-    rest = iter(ascent.mode for ascent in rest)
+    of_others = partial(say, n_others=len(jobs[0][1]) - 1)
+    rest = iter(run(_follow, others, n_jobs=n_jobs, report=of_others))
     return [
-        [ascent.mode, *islice(rest, len(starts) - 1)]
-        for ascent, (_, starts) in zip(first, jobs, strict=True)
+        [ascents, *islice(rest, len(starts) - 1)]
+        for ascents, (_, starts) in zip(first, jobs, strict=True)
     ]
 
 
@@ -188,8 +196,28 @@ def likeliest(starts):
     return max(starts, key=lambda start: start.mode.value if start.mode else -np.inf)
 
 
-def _follow(problem, start, known=()):
-    return annealed(problem, start.theta(problem), known)
+def _follow(problems, start, known=()):
+    """Ascents from a start, of ascending ranks.
+
+    While the noise of data without any is held up, all ranks but the lowest have all
+    but the same mode: each begins where the one before it was.
+    """
+    ascents = []
+    for k, problem in enumerate(problems):
+        others, lower = known[k : k + 1], problems[k - 1]
+        held = k and not lower.is_noisy(ascents[-1].held, beyond=0.1)
+        if held and has_columns_more(lower, problem):
+            ascents.append(_follow_higher(lower, problem, ascents[-1], others))
+        else:
+            ascents.append(annealed(problem, start.theta(problem), others))
+    return ascents
+
+
+def _follow_higher(lower, problem, below, others):
+    """An ascent from where a lower rank's was; it ends no lower."""
+    ascent = annealed(problem, with_columns(lower, problem, below.held), others)
+    same = embedded(lower, problem, below.mode)
+    return ascent._replace(mode=best_of([ascent.mode, same]))
 
 
 def from_each_start(function, jobs, *, n_jobs=None, report=None):

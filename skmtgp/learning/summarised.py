@@ -111,9 +111,10 @@ def climb_bounds(problems, modes):
     modes : list of Mode
         Their values do not fall as the rank grows.
     """
-    problems, best = [_with_gain(problem) for problem in problems], None
-    for _ in range(problems[0].tuning.rounds):
-        begin = perf_counter()
+    given, best, rounds = problems, None, problems[0].tuning.rounds
+    for k in range(rounds):
+        begin, last = perf_counter(), k == rounds - 1
+        problems = [with_gain(*of, last=last) for of in zip(given, modes, strict=True)]
         if problems[-1].budget.verbose:
             say(
                 f"{problems[-1].name}: inducing inputs are chosen from "
@@ -141,11 +142,30 @@ def climb_bounds(problems, modes):
     ]
 
 
-def _with_gain(problem):
-    """The problem with a tolerance for many rows."""
+def with_gain(problem, mode, *, last=True):
+    """The problem with a tolerance for many rows.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of many rows.
+    mode : Mode
+        Where the climb begins. Climbs of noisy data do not creep: where they gain
+        little they are soon given up.
+    last : bool, default=True
+        Whether it is the last round; those before say where inducing inputs are to be.
+
+    Returns
+    -------
+    problem : Problem
+    """
     tuning, budget = problem.tuning, problem.budget
     gain = min(tuning.gain * len(problem.data), tuning.most_gain)
-    return replace(problem, budget=replace(budget, tol=max(budget.tol, gain)))
+    patience = budget.patience
+    if problem.is_noisy(mode):
+        patience = tuning.noisy_patience if last else tuning.sketched
+    budget = replace(budget, tol=max(budget.tol, gain), patience=patience)
+    return replace(problem, budget=budget)
 
 
 def begin_at(problem, mode):

@@ -75,8 +75,14 @@ class Tuning:
         Iterations between lines of `verbose=2`.
     rounds : int
         Of choosing inducing inputs: the second has a kernel that was learned.
+    telling : int
+        Rows for each parameter of K^rho from which it is learned exactly before the
+        bound is: fewer are followed for a long time, to a mode of no use.
     gain, most_gain : float
         Nats a row under which a climb of the bound ends, and in all at most.
+    sketched, noisy_patience : int
+        Iterations that gain less before a climb of the bound of noisy data ends: the
+        first one, which only says where the inducing inputs are to be, and others.
     most_moves : int
         Of all inducing inputs, in a round.
     noises : int
@@ -126,8 +132,11 @@ class Tuning:
     singular: float = 1e-12
     report_every: int = 100
     rounds: int = 2
+    telling: int = 4
     gain: float = 1e-4
     most_gain: float = 10.0
+    sketched: int = 3
+    noisy_patience: int = 12
     most_moves: int = 100
     noises: int = 6
     raised: float = 100.0

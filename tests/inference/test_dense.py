@@ -184,8 +184,20 @@ def test_fisher_information_of_some_rows(n_rows, monkeypatch):
     few = building.dense(RBF(ARD), form, X[rows], tasks[rows], y[rows], M)
     expected = len(y) / n_rows * few.fisher_information(theta)
     monkeypatch.setattr("skmtgp.inference.likelihood.FISHER_ROWS", n_rows)
+    monkeypatch.setattr("skmtgp.inference.likelihood.FISHER_ROWS_PER_TASK", 0)
     actual = building.dense(RBF(ARD), form, *draw(), M).fisher_information(theta)
     np.testing.assert_allclose(actual, expected, rtol=1e-12)
+
+
+def test_fisher_information_knows_each_of_many_tasks():
+    rng, n_tasks = np.random.default_rng(0), 150
+    tasks = np.repeat(np.arange(n_tasks), 6)
+    X, y = rng.standard_normal((2, len(tasks), len(ARD)))
+    form = low_rank(n_tasks, 1)
+    likelihood = building.dense(RBF(ARD), form, X, tasks, y[:, 0])
+    theta = parameters(RBF(ARD), form)
+    information = likelihood.fisher_information(theta)
+    assert (np.diagonal(information) > 0.0).all()
 
 
 def test_fisher_information_is_the_covariance_of_the_score():

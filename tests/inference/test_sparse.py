@@ -209,6 +209,7 @@ def test_fisher_information(n_noise):
 
 def test_fisher_information_of_some_rows(monkeypatch):
     monkeypatch.setattr(likelihood, "FISHER_ROWS", 5)
+    monkeypatch.setattr(likelihood, "FISHER_ROWS_PER_TASK", 0)
     kernel, form, (X, tasks, y) = RBF(ARD), low_rank(M, 2), draw()
     theta, rows = parameters(kernel, form), np.linspace(0, len(y) - 1, 5).astype(int)
     few = dense(kernel, form, sample=Sample(X[rows], tasks[rows], y[rows]))

@@ -7,8 +7,13 @@ from sklearn.gaussian_process.kernels import RBF
 from sparse_bounds import ARD, EVERY, KERNELS, D, M, Sample, draw, make, parameters
 
 from skmtgp.inference.features import Features
-from skmtgp.inference.sums import sum_features, sum_gradients
-from skmtgp.inference.weights import Gradients
+from skmtgp.inference.sums import (
+    WINDOW,
+    blocks_by_task,
+    sum_features,
+    sum_gradients,
+)
+from skmtgp.inference.weights import Adjoint, Gradients
 from skmtgp.model.task_covariance import low_rank
 
 
@@ -59,6 +64,21 @@ class TestSums:
             assert max(part.size for part in vars(sums).values()) <= M * m * m
 
 
+def test_blocks_have_few_tasks():
+    n, n_tasks, size, rng = 500, 40, 20, np.random.default_rng(0)
+    tasks = rng.integers(0, n_tasks, n)
+    X, y = np.column_stack([np.arange(n), tasks]), np.arange(n)
+    found = list(blocks_by_task(X, tasks, y, size))
+    for features, codes, targets in found:
+        np.testing.assert_array_equal(features[:, 0], targets)
+        np.testing.assert_array_equal(features[:, 1], codes)
+        assert len(targets) <= size
+    np.testing.assert_array_equal(np.sort(np.concatenate([y for *_, y in found])), y)
+    parts = sum(len(np.unique(codes)) for _, codes, _ in found)
+    n_windows = -(-n // (WINDOW * size))
+    assert parts <= n_windows * n_tasks + len(found)
+
+
 def test_rows_on_disk(tmp_path):
     kernel, form = KERNELS["paper"], low_rank(M, 2)
     mapped = []
@@ -95,3 +115,32 @@ def test_memory():
     finally:
         tracemalloc.stop()
     assert peak < 0.25 * 8 * n * m
+
+
+@pytest.mark.parametrize(("n_inducing", "n_calls"), [(2, 1), (20, 0)])
+def test_adjoints_are_pulled_back_for_sums_or_for_rows(
+    n_inducing, n_calls, monkeypatch
+):
+    """For the fewer of them, with the same gradients."""
+    kernel, form = KERNELS["paper"], low_rank(M, 2, diagonal=True)
+    X, tasks, y = draw()
+    bound = building.sparse(kernel, form, X, tasks, y, X[:n_inducing], levels=True)
+    theta, called = bound.prior.theta(K_rho=np.eye(M) + 0.5), []
+    pulled_back = Adjoint.pulled_back
+
+    def spy(adjoint, half_solve):
+        called.append(adjoint)
+        return pulled_back(adjoint, half_solve)
+
+    monkeypatch.setattr(Adjoint, "pulled_back", spy)
+    bound.value_and_grads(theta)
+    assert len(called) == n_calls
+    features, weights = bound.forward(theta)
+    one = Gradients(weights).adjoint()
+    other = pulled_back(one._replace(C=one.C.copy()), features.pull_back)
+    sums = [
+        sum_gradients(features, adjoint, bound.blocks(), inputs=True)
+        for adjoint in (one, other)
+    ]
+    np.testing.assert_allclose(sums[0].theta, sums[1].theta, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(sums[0].Z, sums[1].Z, rtol=1e-9, atol=1e-9)

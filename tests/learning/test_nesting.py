@@ -113,15 +113,29 @@ class TestDescend:
 
     def test_iterations_are_those_of_the_way(self, data, forms, rising, monkeypatch):
         again = rising[1]._replace(value=1e9, n_iter=7)
-        monkeypatch.setattr(nesting, "climb", lambda *args: again)
+        monkeypatch.setattr(nesting, "climb", lambda *args, **known: again)
         lower, highest = descend(pose_each(data, forms[1:]), rising[1:])
         assert lower.n_iter == highest.n_iter + 7 > 7
 
     def test_none_is_worse(self, data, forms, rising, monkeypatch):
         worst = rising[0]._replace(value=-1e9)
-        monkeypatch.setattr(nesting, "climb", lambda *args: worst)
+        monkeypatch.setattr(nesting, "climb", lambda *args, **known: worst)
         better = descend(pose_each(data, forms), rising)
         assert [m.value for m in better] == [m.value for m in rising]
+
+    def test_a_climb_ends_where_it_cannot_come_as_far(self, data, monkeypatch):
+        problems, told = pose_each(data, [low_rank(M, 1), low_rank(M, 2)]), []
+
+        def spy(problem, theta, known):
+            told.extend(known)
+            return climb(problem, theta, known=known)
+
+        monkeypatch.setattr(nesting, "climb", spy)
+        lower = climb(problems[0], start_of(problems[0]))
+        out_of_reach = lower._replace(value=lower.value + 1e4)
+        higher = climb(problems[1], start_of(problems[1]))._replace(value=np.inf)
+        descend(problems, [out_of_reach, higher])
+        assert told == [out_of_reach]
 
     def test_good_modes_are_kept(self, data, forms, rising):
         falling = [mode._replace(value=-float(k)) for k, mode in enumerate(rising)]

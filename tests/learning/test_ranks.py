@@ -83,7 +83,7 @@ class TestLearnRanks:
         followed = []
 
         def follow(jobs, **options):
-            followed.extend(starts for _, starts in jobs)
+            followed.extend(jobs)
             return second_stage(jobs, **options)
 
         monkeypatch.setattr(ranks, "second_stage", follow)
@@ -92,11 +92,11 @@ class TestLearnRanks:
         plain = [first_stage(problem.with_form(form(M))) for form in (identity, ones)]
         full = full_rank_start(problem, plain[0])
         expected = [*plain, full, perturbed(plain[0], 6)]
-        for starts in followed:
-            for start, other in zip(starts, expected, strict=True):
-                np.testing.assert_array_equal(start.kernel_theta, other.kernel_theta)
-                np.testing.assert_array_equal(start.K_rho, other.K_rho)
-        assert len(followed) == 2
+        [(problems, starts)] = followed
+        assert [of.prior.task_covariance for of in problems] == RANKS[:2]
+        for start, other in zip(starts, expected, strict=True):
+            np.testing.assert_array_equal(start.kernel_theta, other.kernel_theta)
+            np.testing.assert_array_equal(start.K_rho, other.K_rho)
 
     @pytest.mark.parametrize("n_jobs", [1, 2])
     def test_report(self, problems, n_jobs):
@@ -241,7 +241,7 @@ class TestAnotherWay:
     def test_without_levels_where_they_vanish(self, problem, monkeypatch):
         monkeypatch.setattr(ranks, "detour", None)
         poor = self.at(problem, level=1e-12, noise=1e-9)
-        found = ranks._another_way(problem, [], poor)
+        found = ranks._another_way([problem], [], poor)
         assert found.value > poor.value + 10.0
         assert found.n_evaluations > poor.n_evaluations
         value = problem.likelihood().value(found.theta)
@@ -252,8 +252,8 @@ class TestAnotherWay:
         monkeypatch.setattr(ranks, "detour", lambda *args: "detour")
         start = first_stage(problem.with_form(identity(M)))
         mode = self.at(problem, level=0.1, noise=1e-9)
-        assert ranks._another_way(problem, [start], mode) == "detour"
+        assert ranks._another_way([problem], [start], mode) == "detour"
 
     def test_noisy_data_have_their_mode(self, problem):
         mode = self.at(problem, level=0.1, noise=0.1)
-        assert ranks._another_way(problem, None, mode) is mode
+        assert ranks._another_way([problem], None, mode) is mode

@@ -141,8 +141,8 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
         Start(TRUTH, FACTOR @ FACTOR.T),
         Start(KERNEL.theta + 1.0, np.eye(M)),
     ]
-    each = second_stage([(problem, [start]) for start in starts], shakes=3)
-    [best] = second_stage([(problem, starts)], shakes=3)
+    each = second_stage([([problem], [start]) for start in starts], shakes=3)
+    [best] = second_stage([([problem], starts)], shakes=3)
     alone = max(each, key=lambda mode: mode.value)
     assert best.value == alone.value
     assert best.n_evaluations > alone.n_evaluations  # the other starts' count too
@@ -164,10 +164,77 @@ def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
     problem = pose(data, low_rank(M, 2), max_iter=20)
     starts = [Start(TRUTH, FACTOR @ FACTOR.T), Start(KERNEL.theta, np.eye(M))]
     alone = [annealed(problem, start.theta(problem)).mode for start in starts]
-    second_stage([(problem, starts)], shakes=shakes)
+    second_stage([([problem], starts)], shakes=shakes)
     [(value, times)] = shaken
     assert times == shakes
     assert value >= max(mode.value for mode in alone)
+
+
+class TestHigherRanks:
+    """Of data without noise they begin where a lower one's climb held up has ended."""
+
+    @pytest.fixture
+    def quiet(self):
+        rng, tasks = np.random.default_rng(3), np.repeat(np.arange(M), 12)
+        X, kernel = rng.uniform(-2.0, 2.0, (36, 2)), KERNEL.clone_with_theta(TRUTH)
+        K = textbook.covariance(kernel, FACTOR @ FACTOR.T, 1e-9, X, tasks)
+        y = np.linalg.cholesky(K) @ rng.standard_normal(36)
+        return building.data(X, tasks, y, M)
+
+    @pytest.fixture
+    def problems(self, quiet):
+        return [pose(quiet, low_rank(M, rank)) for rank in (2, 3)]
+
+    @pytest.fixture
+    def starts(self, quiet):
+        return [
+            stages.first_stage(pose(quiet, form)) for form in (identity(M), ones(M))
+        ]
+
+    def test_values_do_not_fall(self, problems, starts):
+        modes = second_stage([(problems, starts)], shakes=0)
+        assert not problems[0].is_noisy(modes[0])
+        assert (np.diff([mode.value for mode in modes]) >= 0.0).all()
+        for problem, mode in zip(problems, modes, strict=True):
+            value = problem.likelihood().value(mode.theta)
+            np.testing.assert_allclose(mode.value, value, rtol=1e-10)
+
+    def test_it_takes_fewer_evaluations_than_each_alone(self, problems, starts):
+        modes = second_stage([(problems, starts)], shakes=0)
+        alone = second_stage([([of], starts) for of in problems], shakes=0)
+        assert modes[0].value == alone[0].value
+        for mode, other in zip(modes, alone, strict=True):
+            assert mode.value > other.value - 0.5
+        spent, others = (sum(of.n_evaluations for of in m) for m in (modes, alone))
+        assert spent < others
+
+    def test_those_that_gained_nothing_are_not_shaken(
+        self, problems, starts, monkeypatch
+    ):
+        shaken = []
+
+        def spy(problem, mode, times):
+            shaken.append((mode.value, times))
+            return mode
+
+        monkeypatch.setattr(stages, "shake", spy)
+        second_stage([(problems, starts)], shakes=3)
+        values, times = zip(*shaken, strict=True)
+        gains = np.diff(values, prepend=-np.inf) > problems[0].tuning.doubt
+        assert times == tuple(np.where(gains, 3, 0))
+        assert 0 in times
+
+    def test_positions_that_are_reported(self, problems, starts):
+        of_starts, of_jobs = {}, {}
+        reporters = (lambda: of_starts.__setitem__, lambda: of_jobs.__setitem__)
+        jobs = [(problems, [*starts, starts[0]._replace(mode=None)])] * 2
+        modes = second_stage(jobs, shakes=0, reporters=reporters)
+        assert list(of_jobs.values()) == modes
+        for j, mode in enumerate(modes):
+            first, others = [j], range(4 + 2 * j, 6 + 2 * j)
+            found = [of_starts[i].value for i in (*first, *others)]
+            assert max(found) == mode.value
+        assert sorted(of_starts) == list(range(12))
 
 
 def test_perturbed():

@@ -63,6 +63,21 @@ def test_gain_under_which_climbs_of_the_bound_end(monkeypatch, gain, tol, expect
     assert_allclose(tols, [expected] * problem.tuning.rounds)
 
 
+def test_climbs_of_noisy_data_are_given_up_sooner():
+    problem = problem_of(PooledGP(**SPARSE), *draw())
+    theta = problem.theta()
+    noisy = Mode(theta, 0.0, 0, 0, True, False, 0.0, 60)
+    quiet = noisy._replace(theta=np.where(problem.prior.unexplained, -22.0, theta))
+    patience = [
+        summarised.with_gain(problem, mode, last=last).budget.patience
+        for mode in (noisy, quiet)
+        for last in (False, True)
+    ]
+    given, tuning = problem.budget.patience, problem.tuning
+    assert patience == [tuning.sketched, tuning.noisy_patience, given, given]
+    assert tuning.sketched < tuning.noisy_patience < given
+
+
 @pytest.mark.parametrize(
     ("noise", "expected"), [(1e-10, 1e-8), (1e-6, 1e-5), (1e-4, 1e-4)]
 )

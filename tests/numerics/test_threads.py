@@ -141,6 +141,7 @@ class TestSmallMatricesTakeOneThread:
         """Those beside its likelihood, and the border of a new task."""
         monkeypatch.setattr(_parallel, "SMALL", 12)
         monkeypatch.setattr(likelihood, "FISHER_ROWS", 8)
+        monkeypatch.setattr(likelihood, "FISHER_ROWS_PER_TASK", 0)
         beside = "_numerics/bfgs", "inference/information", "inference/border"
         with Watch(*beside) as watch:
             use(fitted("dense"))

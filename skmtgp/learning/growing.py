@@ -1,0 +1,110 @@
+"""Ranks whose parameters some rows cannot tell, learned from all rows alone.
+
+Sparse inference begins with exact inference from some of the rows. A rank with nearly
+as many parameters as those have would follow them for a long time, to a mode of no use.
+It is grown from a lower one instead, on the bound over all rows.
+"""
+
+from dataclasses import replace
+from itertools import takewhile
+
+import numpy as np
+
+from skmtgp._numerics.parallel import run
+from skmtgp.learning.nesting import grow
+from skmtgp.learning.ranks import description
+from skmtgp.learning.screening import criterion
+from skmtgp.learning.summarised import exact_part, learn_rest, with_gain
+
+WORSE = 2  # ranks in a row that end a search
+
+
+def learn_forms(learn, problems, forms, *, until_worse=False, **options):
+    """Learn models of several ranks, by way of some of the rows where that is needed.
+
+    Parameters
+    ----------
+    learn : callable
+        :func:`skmtgp.learning.ranks.learn_ranks`, or another learner.
+    problems : list of Problem
+        For each output.
+    forms : list of LowRank, WithShared or WithDiagonal
+        Forms of K^rho of ascending rank.
+    until_worse : bool, default=False
+        Whether those that are grown are left out once two in a row are worse than a
+        lower one, by eq. 8 over all outputs.
+    **options
+        Of the learner. It shares `n_jobs` and `progress` with all else.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        For each form and output; the last forms may be left out.
+    """
+    running = {name: options[name] for name in ("n_jobs", "progress")}
+    parts = exact_part(problems, forms)
+    first = forms if problems[0].engine.exact else told(parts[0], forms)
+    modes = learn(parts, first, **options)
+    modes = learn_rest(problems, first, modes, **running)
+    modes, begun = list(zip(*modes, strict=True)), first
+    rest = [form for form in forms if form not in first]
+    while rest and not (until_worse and _falls(problems, begun, modes)):
+        modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
+        begun, rest = [*begun, rest[0]], rest[1:]
+    return modes if begun[0] is forms[0] else [_counting(*modes), *modes[2:]]
+
+
+def told(part, forms):
+    """The first of some forms of K^rho, which the rows can tell, or a lower rank's.
+
+    Parameters
+    ----------
+    part : Problem
+        Of the rows.
+    forms : list of LowRank, WithShared or WithDiagonal
+        Forms of ascending rank.
+
+    Returns
+    -------
+    forms : list of LowRank, WithShared or WithDiagonal
+        All of them if nothing is learned.
+    """
+    most = len(part.data) / part.tuning.telling if part.budget.max_iter else np.inf
+
+    def is_told(form):
+        return form.rank < 2 or form.n_free <= most
+
+    lower = (forms[0].with_rank(r) for r in range(forms[0].rank - 1, 0, -1))
+    return list(takewhile(is_told, forms)) or [next(filter(is_told, lower))]
+
+
+def _falls(problems, forms, modes):
+    """Whether the last forms are all worse than one before them."""
+    found = [
+        sum(map(criterion, [of.with_form(form) for of in problems], of_form))
+        for form, of_form in zip(forms, modes, strict=True)
+    ]
+    return int(np.argmax(found)) < len(found) - WORSE
+
+
+def _grown(problems, lower, form, modes, *, n_jobs, progress):
+    """The mode of a form for each output, from those of a lower rank."""
+    jobs = [
+        (*_on_bound(problem, mode, lower, form), mode)
+        for problem, mode in zip(problems, modes, strict=True)
+    ]
+    of_all = description(problems, [form], stage=", from all rows")
+    report = progress("learning a higher rank", len(jobs), of_all)
+    return run(grow, jobs, n_jobs=n_jobs, report=report)
+
+
+def _on_bound(problem, mode, *forms):
+    """The problem of a mode's inducing inputs, with each of some forms."""
+    problem = problem.with_data(replace(problem.data, Z=mode.Z))
+    problem = with_gain(problem, mode)
+    return [problem.with_form(form) for form in forms]
+
+
+def _counting(lower, modes):
+    """The modes of a rank, with what was spent on a lower one for them."""
+    return [of.counting([before]) for of, before in zip(modes, lower, strict=True)]

@@ -1,0 +1,134 @@
+"""Ranks that some rows cannot tell are learned from all rows, by way of lower ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp._support.progress import silent
+from skmtgp.learning import growing
+from skmtgp.learning.growing import learn_forms, told
+from skmtgp.learning.ranks import learn_ranks
+from skmtgp.model.task_covariance import low_rank
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+M, N = 12, 480
+MODEL = MultiTaskGPRegressor(
+    RBF(1.0),
+    inference="sparse",
+    n_inducing=15,
+    n_exact=60,  # as many rows tell 15 numbers of K^rho: 12 of rank 1, not 23 of rank 2
+    max_iter=30,
+    normalize_y="shared",
+    noise="shared",
+)
+RUNNING = {"n_jobs": None, "progress": silent}
+
+
+def draw(rank, seed=0):
+    """Functions of all tasks, as many as the rank, and levels."""
+    rng = np.random.default_rng(seed)
+    x, tasks = rng.uniform(-2.0, 2.0, N), np.arange(N) % M
+    z = np.column_stack([np.sin(2.0 * x), np.cos(2.0 * x), x])[:, :rank]
+    y = (rng.standard_normal((M, rank))[tasks] * z).sum(axis=1)
+    y += rng.standard_normal(M)[tasks] + 0.5 * rng.standard_normal(N)
+    return np.column_stack([x, tasks]), y
+
+
+def pose(X, y, **changes):
+    """The problems of a model, and what those of some rows are asked for."""
+    model, learned = MODEL.__class__(**MODEL.get_params(deep=False) | changes), []
+
+    def learn(parts, forms, **options):
+        learned.extend((len(parts[0].data), form.rank) for form in forms)
+        return learn_ranks(parts, forms, **options)
+
+    return model._problems(model._read(X, y, silent)), learn, learned
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@pytest.mark.parametrize(
+    ("ranks", "expected"),
+    [((0, 1, 2, 3), (0, 1)), ((1,), (1,)), ((3,), (1,)), ((12,), (1,)), ((2, 3), (1,))],
+)
+def test_forms_that_rows_can_tell(shared, ranks, expected):
+    [problem], *_ = pose(*draw(1))
+    part = problem.with_data(problem.data.drawn(60))
+    forms = [low_rank(M, rank, shared=shared or rank == 0) for rank in ranks]
+    found = told(part, forms)
+    assert [form.rank for form in found] == list(expected)
+    assert all(type(form) is type(forms[-1]) for form in found if form.rank)
+
+
+def test_all_forms_are_told_where_nothing_is_learned():
+    [problem], *_ = pose(*draw(1), max_iter=0)
+    forms = [low_rank(M, rank) for rank in (3, 12)]
+    assert told(problem.with_data(problem.data.drawn(60)), forms) == forms
+
+
+@pytest.mark.parametrize("n_outputs", [1, 2])
+def test_higher_ranks_are_learned_from_all_rows_alone(n_outputs):
+    X, y = draw(2)
+    Y = np.column_stack([y, y[::-1]])[:, :n_outputs]
+    problems, learn, learned = pose(X, Y)
+    forms = [low_rank(M, rank) for rank in (1, 2, 3)]
+    modes = learn_forms(learn, problems, forms, **RUNNING)
+    assert learned == [(60, 1)]
+    assert [len(of_form) for of_form in modes] == [n_outputs] * 3
+    for form, of_form in zip(forms, modes, strict=True):
+        for problem, mode in zip(problems, of_form, strict=True):
+            assert mode.n_samples == N
+            data = replace(problem.data, Z=mode.Z)
+            bound = problem.with_form(form).with_data(data).likelihood()
+            np.testing.assert_allclose(bound.value(mode.theta), mode.value, rtol=1e-10)
+    values = np.array([[mode.value for mode in of_form] for of_form in modes])
+    assert (np.diff(values, axis=0) >= 0.0).all()
+    assert (values[1, 0] - values[0, 0]) > 20.0  # of the first output rank 2 is true
+
+
+def test_a_rank_that_is_learned_alone_begins_at_a_lower_one():
+    problems, learn, learned = pose(*draw(2))
+    form = low_rank(M, 2)
+    [[mode]] = learn_forms(learn, problems, [form], **RUNNING)
+    assert learned == [(60, 1)]
+    assert len(problems[0].prior.with_form(form).values(mode.theta).rho) == 2 * M
+    [_, [grown]] = learn_forms(learn, problems, [low_rank(M, 1), form], **RUNNING)
+    assert mode.value == grown.value
+    assert mode.n_evaluations > grown.n_evaluations
+
+
+@pytest.mark.parametrize(("until_worse", "n"), [(False, 5), (True, 3)])
+def test_a_search_ends_when_ranks_get_worse(until_worse, n):
+    problems, learn, _ = pose(*draw(1))
+    forms = [low_rank(M, rank) for rank in (1, 2, 3, 4, 5)]
+    modes = learn_forms(learn, problems, forms, until_worse=until_worse, **RUNNING)
+    assert len(modes) == n
+
+
+def test_exact_inference_learns_all_ranks_from_all_rows(monkeypatch):
+    X, y = draw(1)
+    problems, learn, learned = pose(X[:60], y[:60], inference="dense", max_iter=3)
+    monkeypatch.setattr(growing, "grow", None)
+    forms = [low_rank(M, rank) for rank in (1, 5)]
+    modes = learn_forms(learn, problems, forms, until_worse=True, **RUNNING)
+    assert learned == [(60, 1), (60, 5)]
+    assert len(modes) == 2
+
+
+@pytest.mark.parametrize(("ranks", "n"), [(None, 4), ((0, 1, 2, 3, 4), 5)])
+def test_ranks_that_are_given_are_all_learned(ranks, n):
+    X, y = draw(1)
+    search = RankSearchIC(MODEL, ranks=ranks, keep_estimators=True).fit(X, y)
+    assert len(search.results_) == len(search.estimators_) == n
+    assert search.best_rank_ == 1
+
+
+@pytest.mark.parametrize(("n_exact", "rank"), [(60, 1), (120, 2), (200, 5)])
+def test_default_rank_is_one_that_the_exact_rows_tell(n_exact, rank):
+    X, y = draw(2)
+    options = {"n_exact": n_exact, "max_iter": 0}
+    model = MultiTaskGPRegressor(**MODEL.get_params(deep=False) | options).fit(X, y)
+    assert model.rank_ == rank  # which has 12, 23, 50 numbers

@@ -16,6 +16,6 @@ the paper:
 
 ``agreement`` ends climbs that lead nowhere new, ``hidden`` finds functions that were
 taken for noise. ``forecast`` and ``telling`` say how long it takes and how far it is,
-``ambiguity`` and ``neighbours`` what a mode leaves in doubt. ``evidence`` integrates
-the hyperparameters out.
+``ambiguity`` and ``neighbours`` what a mode leaves in doubt. ``penalised`` adds weak
+priors, ``sampling`` draws hyperparameters, ``evidence`` integrates them out.
 """

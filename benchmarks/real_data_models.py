@@ -83,6 +83,12 @@ def noisy(part):
     return MultiTaskGPRegressor(noise_variance_bounds=(1e-2, 1e3), **KEEP)
 
 
+def with_priors(hyperparameters):
+    """A maker of the defaults with weak priors of the hyperparameters."""
+    options = {"hyperparameters": hyperparameters, **KEEP}
+    return lambda part: MultiTaskGPRegressor(**options)
+
+
 def search(part):
     """The rank by BIC."""
     return RankSearchIC(MultiTaskGPRegressor(**KEEP))
@@ -280,6 +286,8 @@ MODELS = {
     "MultiTaskGPRegressor": partial(ours, default),
     "RankSearchIC": partial(ours, search),
     "default, noise >= 0.01": partial(ours, noisy),
+    "default, map": partial(ours, with_priors("map")),
+    "default, sampled": partial(ours, with_priors("sampled")),
     "IndependentGP": partial(ours, baseline(IndependentGP)),
     "PooledGP": partial(ours, baseline(PooledGP)),
     "SingleTaskGP": partial(ours, baseline(SingleTaskGP)),

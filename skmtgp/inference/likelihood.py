@@ -11,7 +11,9 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
 from skmtgp.model.task_covariance import OfTasks
 
-FISHER_ROWS, FISHER_ROWS_PER_TASK = 200, 4  # at least; tasks without rows tell nothing
+FISHER_ROWS = 200
+# Tasks without rows tell nothing: of many tasks there are more rows, up to so many
+FISHER_ROWS_PER_TASK, FISHER_MOST = 4, 600
 FISHER_SIZE = 2**24  # elements of the derivatives
 
 
@@ -138,8 +140,9 @@ class Likelihood(ABC):
         form, rho = self.prior.task_covariance, self.prior.values(theta).rho
         of_rho = list(form.derivatives(rho))
         n_matrices = self.prior.node.n_dims + len(of_rho) + self.prior.levels + 1
-        n, wanted = len(self.X), max(FISHER_ROWS, FISHER_ROWS_PER_TASK * form.n_tasks)
-        most = min(n, wanted, 1 + isqrt(FISHER_SIZE // n_matrices))
+        n = len(self.X)
+        most = rows_of_information(n, form.n_tasks)
+        most = min(most, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):
             of_some = information(*self._derivatives(theta, rows, of_rho))
@@ -168,6 +171,12 @@ class Likelihood(ABC):
         order = np.argsort(tasks, kind="stable")
         X = np.asarray(self.X[rows], dtype=float)[order]
         return X, tasks[order], np.asarray(self.noise_of_row[rows])[order]
+
+
+def rows_of_information(n, n_tasks):
+    """How many of n rows the Fisher information is computed from, at most."""
+    of_tasks = min(FISHER_ROWS_PER_TASK * n_tasks, FISHER_MOST)
+    return min(n, max(FISHER_ROWS, of_tasks))
 
 
 def _between_samples(d_rho, tasks, K_x):

@@ -3,6 +3,7 @@
 from skmtgp._numerics.bfgs import MEMORY, MOST_DENSE
 from skmtgp._numerics.memory import check_available
 from skmtgp._numerics.parallel import SMALL, count_threads
+from skmtgp.inference.likelihood import FISHER_ROWS, rows_of_information
 from skmtgp.inference.sparse import BLOCK
 from skmtgp.inference.tiles import TILE
 from skmtgp.model._nodes import count_arrays, count_elements
@@ -11,6 +12,9 @@ WORK = 8  # arrays of a tile that come and go, at most
 # Matrices between tasks, with levels: of each climb, with where it starts, and of each
 # posterior
 OF_CLIMB, OF_POSTERIOR = 17, 8
+# Matrices between the rows of the Fisher information, beside three for each parameter
+# of k^x and two for each function that tasks share
+OF_INFORMATION = 12
 
 
 class TileMemory:
@@ -99,6 +103,7 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices, n_of_tasks=0, why="
     of_climbs = _matrices(n_rows, n_matrices * demand.n_climbs)
     of_climbs += tiles.of_triangle(n_rows, demand.n_climbs)
     of_rows = max(of_climbs, _matrices(n_rows, demand.n_kept))
+    of_rows = max(of_rows, _of_information(demand, tiles.kernel, demand.n_climbs))
     of_tasks = _of_tasks(demand, demand.n_climbs, demand.n_parameters)
     of_tasks += _matrices(demand.n_tasks, n_of_tasks * demand.n_climbs)
     tasks = f" and {demand.n_tasks} tasks" if of_tasks > of_rows else ""
@@ -137,6 +142,8 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     of_bound += tiles.of_blocks(n_inducing, n, n_climbs)
     of_exact = _matrices(n_exact, n_exact_climbs)
     of_exact += tiles.of_triangle(n_exact, n_exact_climbs)
+    n_at_once = max(n_climbs, n_exact_climbs)
+    of_exact = max(of_exact, _of_information(demand, tiles.kernel, n_at_once))
     of_tasks = _of_tasks(demand, max(n_climbs, n_exact_climbs), n_tasks * rank)
     check_available(
         max(of_bound, of_exact) + of_tasks,
@@ -179,6 +186,13 @@ def _of_tasks(demand, n_climbs, n_parameters):
     matrices = max(OF_CLIMB * n_climbs, OF_POSTERIOR * demand.n_kept)
     steps = 4 * MEMORY * n_parameters if n_parameters > MOST_DENSE else 0
     return _matrices(demand.n_tasks, matrices) + 8.0 * steps * n_climbs
+
+
+def _of_information(demand, kernel, n_climbs):
+    """Bytes of the Fisher information with which climbs of many tasks begin."""
+    n_rows = rows_of_information(demand.n_samples, demand.n_tasks)
+    n_matrices = OF_INFORMATION + 3 * kernel.n_dims + 2 * demand.rank
+    return _matrices(n_rows, n_matrices * n_climbs) if n_rows > FISHER_ROWS else 0.0
 
 
 def _at_a_time(n_climbs):

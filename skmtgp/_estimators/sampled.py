@@ -191,7 +191,8 @@ def _warn_of_sample(name, sample):
         f"ones where they are worth least ({FEWEST} or more are good), R-hat is "
         f"{largest:.2f} where it is largest ({LARGEST} or less is good), and "
         f"{diverged:.0%} of the trajectories diverged ({MOST_DIVERGENT:.0%} or less is "
-        "good). Intervals may be too narrow. A lower rank, narrower bounds of the kernel, and more rows help; so "
-        "does a larger n_draws, for which chains are longer.",
+        "good). Intervals may be too narrow. A lower rank, narrower bounds of the "
+        "kernel, and more rows help; so does a larger n_draws, for which chains are "
+        "longer.",
         SamplingWarning,
     )

@@ -105,7 +105,10 @@ def main():
     parser.add_argument("--n-draws", type=int, default=40, help="of hyperparameters")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="file of the rows, one JSON object each")
+    parser.add_argument("--report", help="such a file, whose table is printed alone")
     args = parser.parse_args()
+    if args.report:
+        return report(pd.read_json(args.report, lines=True))
     seeds = range(args.first, args.first + args.seeds)
     jobs = list(product(args.tasks, args.rows, args.ranks, seeds))
     jobs.sort(key=lambda job: job[3])  # a part of a run has every cell
@@ -121,12 +124,17 @@ def main():
 
 
 def report(rows):
-    """Print the table of the cells."""
+    """Print the table of the cells, and one over the ranks."""
     cells = rows.groupby(["fit", "tasks", "rows", "rank", "by"])
     table = cells[["y", "f", "density", "mse"]].mean()
     table[["times", "ess", "rhat"]] = cells[["times", "ess", "rhat"]].median()
     table["draws"] = cells.size()
     print(table.round(3).to_string(na_rep="-"))
+    over_ranks = rows.groupby(["fit", "tasks", "rows", "by"])
+    table = over_ranks[["y", "f"]].mean()
+    table[["median density", "median mse"]] = over_ranks[["density", "mse"]].median()
+    print("\nOver the ranks\n")
+    print(table.round(3).to_string())
 
 
 if __name__ == "__main__":

@@ -76,7 +76,7 @@ class Peak(NamedTuple):
         return np.maximum(values, LEAST_CURVATURE), vectors
 
 
-def climb_posterior(likelihood, theta, *, tol=1e-2):
+def climb_posterior(likelihood, theta, *, noise_is_held=False, tol=1e-2):
     """The mode of the posterior that a climb from theta leads to.
 
     Parameters
@@ -85,6 +85,8 @@ def climb_posterior(likelihood, theta, *, tol=1e-2):
         Of one output.
     theta : ndarray of shape (n_theta,)
         Where the climb begins.
+    noise_is_held : bool, default=False
+        Whether the noise variances stay where they are.
     tol : float, default=1e-2
         Gain in nats under which it ends.
 
@@ -95,13 +97,14 @@ def climb_posterior(likelihood, theta, *, tol=1e-2):
     hyperprior = Hyperprior(likelihood.prior)
     density = LogPosterior(likelihood, hyperprior, Chart(hyperprior, theta))
     x = density.chart.coordinates(theta)
-    wide = np.full(len(x), np.inf)
+    held = noise_is_held & density.chart.among_logs(likelihood.prior.of_noise)
+    lower, upper = np.where(held, x, -np.inf), np.where(held, x, np.inf)
 
     def objective(x):
         value, gradient = density(x)
         return -value, -gradient
 
-    found = minimize(objective, x, -wide, wide, max_iter=500, tol=tol, patience=10)
+    found = minimize(objective, x, lower, upper, max_iter=500, tol=tol, patience=10)
     return Peak(density, found.x, -found.value, found.n_evaluations)
 
 
@@ -135,6 +138,9 @@ def log_evidence(peak, eigenvalues):
 def evidence_around(likelihood, theta):
     """The log evidence of the mode of the posterior that a climb from theta leads to.
 
+    The noise stays as it was learned, for so the model predicts: noise next to nothing
+    is unlikely, and a climb would leave it.
+
     Parameters
     ----------
     likelihood : Likelihood
@@ -147,7 +153,7 @@ def evidence_around(likelihood, theta):
     log_evidence : float
     """
     with limit_threads(likelihood.side):
-        peak = climb_posterior(likelihood, theta)
+        peak = climb_posterior(likelihood, theta, noise_is_held=True)
         found = log_evidence(peak, peak.curvature()[0])
     likelihood.release()
     return found

@@ -62,6 +62,10 @@ class Chart:
         self.diagonal = self.order[:rank], np.arange(rank)
         self.powers = rank - 1.0 - np.arange(rank)  # of the diagonal, in dF = L.. dL dQ
 
+    def among_logs(self, mask):
+        """Which coordinates are logarithms under a mask of theta; a mask."""
+        return np.append(np.zeros(self.n_factor, dtype=bool), mask[self.of_logs])
+
     def theta(self, x):
         """Theta, of shape (n_theta,), of coordinates of shape (size,)."""
         g, of_logs = np.split(x, [self.n_factor])

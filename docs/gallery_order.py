@@ -15,6 +15,7 @@ ORDER = [
     "plot_choose_rank",
     "plot_grid_search",
     "plot_calibration",
+    "plot_sampled",
     "plot_real_data",
     "plot_when_not",
     "plot_complete_data",

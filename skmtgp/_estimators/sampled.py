@@ -19,8 +19,9 @@ from skmtgp.inference.mixture import Mixture
 from skmtgp.learning.sampling import N_CHAINS, THINNED, sample_hyperparameters
 
 # To be warned of: effective draws of all chains, R-hat, and the share of trajectories
-# that diverged. Some do where a correlation between tasks is all but 1.
-FEWEST, LARGEST, MOST_DIVERGENT = 50, 1.2, 0.05
+# that diverged. 25 draws tell a deviation to a seventh. Some trajectories diverge where
+# a correlation between tasks is all but 1.
+FEWEST, LARGEST, MOST_DIVERGENT = 25, 1.2, 0.05
 CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"
 
 

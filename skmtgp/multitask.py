@@ -135,7 +135,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
         the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same.
+        attributes are those of the mode all the same, but for the levels of the tasks.
+        With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
         How many draws predictions average over, only for "sampled". Each takes as much
         memory as a fitted model. Ten times as many are drawn.

@@ -85,7 +85,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
         the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same.
+        attributes are those of the mode all the same, but for the levels of the tasks.
+        With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
         How many draws predictions average over, only for "sampled". Each takes as much
         memory as a fitted model. Ten times as many are drawn.
@@ -279,9 +280,17 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         """Whether memory suffices for tasks side by side, of at most n samples each."""
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
         demand = Demand(
-            n, n_kept=n_outputs, n_climbs=n_climbs, n_exact_climbs=n_climbs, alone=True
+            n,
+            n_kept=n_outputs * self._n_posteriors(),
+            n_climbs=n_climbs,
+            n_exact_climbs=n_climbs,
+            alone=True,
         )
         engine.check_memory(demand, tiles)
+
+    def _n_posteriors(self):
+        """How many posteriors an output of a task is predicted by, and the mode's."""
+        return 1 + self.n_draws if self.hyperparameters == "sampled" else 1
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""

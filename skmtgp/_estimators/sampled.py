@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._numerics.linalg import correlation
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import SamplingWarning
@@ -75,7 +76,7 @@ class SampledMixin:
             raise ValueError(
                 "task_correlation_interval needs draws of the hyperparameters, and "
                 f"this {type(self).__name__} has their mode alone. Fit it with "
-                "hyperparameters='sampled'."
+                "hyperparameters='sampled' and max_iter above 0."
             )
         tails = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
         parts = np.split(self.theta_samples_, len(self._likelihoods), axis=1)
@@ -91,6 +92,27 @@ class SampledMixin:
 
     def _is_sampled(self):
         return hasattr(self, "theta_samples_")
+
+    def _draws(self, features, codes, n_draws, rng):
+        """Draws of f, each by a draw of the hyperparameters, and of the noise."""
+        if not self._is_sampled():
+            return super()._draws(features, codes, n_draws, rng)
+        mixtures, n = self._posteriors_for(codes), len(self.theta_samples_)
+        which = rng.randint(n, size=n_draws)
+        draws = np.empty((n_draws, len(features), len(mixtures)))
+        for k in np.unique(which):
+            rows = np.flatnonzero(which == k)
+            for j, mixture in enumerate(mixtures):
+                part = mixture.parts[k]
+                moments = part.mean(features, codes), part.covariance(features, codes)
+                with limit_threads(len(features)):
+                    draws[rows, :, j] = rng.multivariate_normal(
+                        *moments, len(rows), check_valid="ignore"
+                    )
+        centre = self._units.of_rows(self._units.centre, codes)
+        draws = draws * self._scales(codes) + centre
+        noise = np.sqrt(self._noises(codes)[which])
+        return np.moveaxis(draws, 0, 2), np.moveaxis(noise, 0, 2)
 
     def _components(self, features, codes, include_noise):
         """Means and variances of each draw, (n_draws, n_samples, n_outputs)."""

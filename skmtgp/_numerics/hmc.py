@@ -9,6 +9,7 @@ FIRST_STEP = 0.4  # in deviations
 LENGTH = 1.6  # of a trajectory: a quarter of a turn around a normal density
 MOST_STEPS = 50  # of a trajectory
 DIVERGED = 1000.0  # nats by which the energy may be off
+CONSTANT = 1e-9  # relative change of what is taken not to change
 SHRINKAGE = 5  # draws that the metric of the start is worth
 # Of dual averaging, Hoffman and Gelman (2014), section 3.2.
 GAIN, DELAY, FORGETTING = 0.1, 10.0, 0.75
@@ -165,7 +166,9 @@ def diagnose(chains):
     pairs = np.minimum.accumulate(pairs, axis=0)
     pairs = np.where(np.minimum.accumulate(pairs > 0.0, axis=0), pairs, 0.0)
     length = np.maximum(2.0 * pairs.sum(axis=0) - 1.0, 1.0 / np.log10(n_chains * n))
-    return np.where(total > 0.0, n_chains * n / length, np.nan), r_hat
+    changes = np.ptp(chains, axis=(0, 1)) > CONSTANT * (1.0 + np.abs(chains[0, 0]))
+    effective = np.where(changes, n_chains * n / length, np.nan)
+    return effective, np.where(changes, r_hat, np.nan)
 
 
 def _autocovariance(chains):

@@ -2,10 +2,10 @@
 
 Four chains of Hamiltonian Monte Carlo move in coordinates in which the posterior is
 nearly normal (`Chart`), with the inverse Hessian of a mode for the metric. Few rows
-leave several modes, between which no chain moves: modes are looked for from the learned
-one and from draws of the prior, and each chain starts at one of them, in proportion to
-the evidence that Laplace's method gives it. A start at the likeliest mode alone would
-stay where few rows are explained without noise.
+leave several modes, between which chains seldom move: they are looked for from the
+learned one and from draws of the prior, and each chain starts at one of them, in
+proportion to the evidence that Laplace's method gives it. A start at the likeliest mode
+alone would stay where few rows are explained without noise.
 """
 
 from time import perf_counter
@@ -23,7 +23,8 @@ THINNED = 10  # trajectories of which one is kept for predictions
 LEAPS = 6  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new
 NARROWER = 0.5  # deviations of these, of the prior's: its tails lead nowhere
-SAME, HOPELESS = 0.05, 15.0  # nats between modes: one and the same; not worth a chain
+SAME = 0.3  # of logarithms and correlations, between modes that are one
+HOPELESS = 15.0  # nats between modes: not worth a chain
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at
 
 
@@ -91,9 +92,11 @@ def sample_hyperparameters(likelihood, theta, *, n_draws, seed, n_jobs=None, tel
         np.array(list(map(peaks[p].density.chart.theta, chain.draws)))
         for p, chain in zip(chosen, chains, strict=True)
     ]
+    thetas = np.array(thetas)
+    kept = thetas[:, THINNED - 1 :: THINNED].swapaxes(0, 1)  # a turn of all chains
     return Sample(
-        np.concatenate([of[THINNED - 1 :: THINNED] for of in thetas])[:n_draws],
-        *_diagnose(likelihood.prior, np.array(chosen), np.array(thetas)),
+        kept.reshape(-1, thetas.shape[2])[:n_draws],
+        *_diagnose(likelihood.prior, np.array(chosen), thetas),
         sum(chain.n_divergent for chain in chains),
         spent + sum(chain.n_evaluations for chain in chains),
         len(set(chosen)),
@@ -124,7 +127,7 @@ def find_peaks(likelihood, theta, rng):
         start = hyperprior.draw(rng, NARROWER)
         peak = climb_posterior(likelihood, start)
         n_evaluations += peak.n_evaluations
-        known = any(abs(peak.value - other.value) < SAME for other in peaks)
+        known = any(_are_alike(peak, other) for other in peaks)
         poor = peak.value < max(other.value for other in peaks) - HOPELESS
         in_vain = in_vain + 1 if known or poor else 0
         peaks += [] if known or poor else [peak]
@@ -133,6 +136,15 @@ def find_peaks(likelihood, theta, rng):
     best = max(peak.value for peak in peaks)
     peaks = [peak for peak in peaks if peak.value > best - HOPELESS]
     return sorted(peaks, key=lambda peak: -peak.value), n_evaluations
+
+
+def _are_alike(peak, other):
+    """Whether two peaks are the same, seen in the coordinates of different charts."""
+    found = []
+    for density, x, *_ in (peak, other):
+        prior = density.likelihood.prior
+        found.append(quantities(prior, density.chart.theta(x)))
+    return bool(np.nanmax(np.abs(np.subtract(*found)), initial=0.0) < SAME)
 
 
 def _weigh(peaks):

@@ -11,7 +11,7 @@ the targets.
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammaln, ndtr
+from scipy.special import gammaln, ndtr, ndtri
 
 # Deviations of logarithms. Length-scales: from a twentieth of where they start to
 # twenty times that, in 95 of 100 cases. Variances: from a fiftieth to fifty times, so
@@ -109,12 +109,12 @@ class Hyperprior:
         theta : ndarray of shape (n_theta,)
         """
         lower, upper = self.prior.bounds()
-        theta, open_ = self.centre.copy(), self.precision > 0.0
-        while open_.any():
-            n_open = open_.sum()
-            deviation = share * self.precision[open_] ** -0.5
-            theta[open_] = self.centre[open_] + deviation * rng.standard_normal(n_open)
-            open_ &= (theta < lower) | (theta > upper)
+        theta, logs = self.centre.copy(), self.precision > 0.0
+        centre, deviation = self.centre[logs], share * self.precision[logs] ** -0.5
+        ends = np.array([lower[logs], upper[logs]])
+        least, most = ndtr((ends - centre) / deviation)
+        drawn = centre + deviation * ndtri(rng.uniform(least, most))
+        theta[logs] = np.clip(drawn, *ends)
         of_factor = self.prior.of_factor
         direction = rng.standard_normal(of_factor.sum())
         if direction.size:

@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 from sklearn.base import clone
+from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import (
     IndependentGP,
@@ -98,6 +99,24 @@ def test_draws_of_f_have_the_moments_of_predictions(model):
     draws = model.sample_y(Z, 4000, random_state=1)
     np.testing.assert_allclose(draws.mean(axis=1), mean, atol=0.1 * std.max())
     np.testing.assert_allclose(draws.std(axis=1), std, rtol=0.15)
+
+
+def test_draws_of_observations_have_the_quantiles_of_the_mixture(model):
+    """Which is no normal distribution."""
+    far = np.array([[20.0, 1.0]])
+    lower, upper = model.predict_interval(far, 0.98)
+    draws = model.sample_y(far, 20_000, random_state=0, include_noise=True)[0]
+    assert np.mean(draws < lower) == pytest.approx(0.01, abs=0.004)
+    assert np.mean(draws > upper) == pytest.approx(0.01, abs=0.004)
+
+
+def test_draws_of_several_outputs():
+    rows, Y = draw(n_outputs=2)
+    model = MultiTaskGPRegressor(rank=1, **SAMPLED).fit(rows, Y)
+    draws = model.sample_y(Z, 2000, random_state=0)
+    assert draws.shape == (6, 2, 2000)
+    mean, std = model.predict(Z, return_std=True)
+    np.testing.assert_allclose(draws.mean(axis=2), mean, atol=0.1 * std.max())
 
 
 def test_the_same_seed_the_same_model(model):
@@ -323,6 +342,17 @@ class TestMap:
             for name in ("mode", "map")
         ]
         np.testing.assert_allclose(*found, atol=0.05)
+
+
+def test_nothing_to_draw():
+    kernel = RBF(1.0, "fixed")
+    options = {"noise_variance_bounds": "fixed", "normalize_y": "shared"}
+    model = PooledGP(kernel, **options, **SAMPLED)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SamplingWarning)
+        model.fit(X, y)
+    mode = clone(model).set_params(hyperparameters="mode").fit(X, y)
+    np.testing.assert_allclose(model.predict(Z), mode.predict(Z), rtol=1e-10)
 
 
 class TestRefusals:

@@ -103,6 +103,30 @@ def test_what_is_kept(drawn):
     assert sample.effective.shape == sample.r_hat.shape
 
 
+def test_few_draws_are_of_all_chains(drawn):
+    likelihood, _ = drawn
+    theta = likelihood.prior.theta()
+    few, more = (
+        sample_hyperparameters(likelihood, theta, n_draws=n, seed=[1]).theta
+        for n in (5, 8)
+    )
+    np.testing.assert_array_equal(few, more[:5])  # a turn of four, and one more
+
+
+def test_one_mode_is_one_whatever_the_coordinates():
+    """Charts order the tasks by their own factor, and densities follow."""
+    likelihood = likelihood_of(low_rank(3, 2), n=45, levels=True)
+    peaks, _ = find_peaks(
+        likelihood, likelihood.prior.theta(), np.random.default_rng(2)
+    )
+    found = [
+        quantities(likelihood.prior, peak.density.chart.theta(peak.x)) for peak in peaks
+    ]
+    for k, one in enumerate(found):
+        for other in found[:k]:
+            assert np.abs(one - other).max() >= sampling.SAME
+
+
 def test_is_deterministic(drawn):
     likelihood, first = drawn
     theta = likelihood.prior.theta()

@@ -89,6 +89,13 @@ def test_draws_are_within_the_bounds():
     assert draws.std() > 0.02
 
 
+def test_draws_within_bounds_that_are_all_but_one():
+    kernel = RBF(1.0, (1.0, 1.000001))
+    hyperprior = Hyperprior(building.prior(kernel, low_rank(2, 1)))
+    theta = hyperprior.draw(np.random.default_rng(0))
+    assert 0.0 <= theta[0] <= 1.1e-6
+
+
 def test_what_is_held_has_no_prior():
     fixed = hyperprior_of(identity(3), log_noise_bounds=(-2.0, -2.0), log_noise=-2.0)
     theta = fixed.draw(np.random.default_rng(0))

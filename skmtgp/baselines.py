@@ -111,16 +111,17 @@ class IndependentGP(_FixedTaskCovarianceGP):
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
         its square.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -177,6 +178,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         the noise variances of the scaled target, for each output. A target is scaled by
         `y_scale_`; without `normalize_y`, if the kernel is the default, by its root
         mean square, with `task_levels` by the deviation around the means of the tasks.
+    hyperparameters_ : {"mode", "map", "sampled"}
+        What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three only if hyperparameters are sampled.
     effective_sample_size_ : float
@@ -257,7 +260,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -338,16 +341,17 @@ class PooledGP(_FixedTaskCovarianceGP):
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
         its square.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -399,6 +403,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Theta of the kernel, logarithms of the diagonal and of the noise variances of
         the scaled target, for each output. A target is scaled by `y_scale_`; without
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
+    hyperparameters_ : {"mode", "map", "sampled"}
+        What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three only if hyperparameters are sampled.
     effective_sample_size_ : float
@@ -481,7 +487,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,

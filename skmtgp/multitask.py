@@ -129,16 +129,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_restarts_optimizer : int, default=0
         Number of additional starts. The first truncates a fit of full rank, the others
         are random; with "simultaneous" all are.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -210,6 +211,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Rank of the task covariance, a function that all share not counted.
     diagonal_ : bool or "equal"
         Which diagonal the task covariance has.
+    hyperparameters_ : {"mode", "map", "sampled"}
+        What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three only if hyperparameters are sampled.
     effective_sample_size_ : float
@@ -336,7 +339,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -518,7 +521,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(training.tasks),
         )
         rank = self.rank_ + self._is_full()
-        n_kept = n_outputs * self._n_posteriors()
+        n_kept = n_outputs * (1 + len(getattr(self, "theta_samples_", ())))
         demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_kept)
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
         self._engine.check_joining(demand, tiles, n_before, n_new)

@@ -18,6 +18,7 @@ from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._numerics.parallel import at_a_time, run
 from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
@@ -79,16 +80,17 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         before the bound is, only for "sparse". Without noise it is from them that most
         is learned of the kernel: more take time with the cube of their number, and
         memory with its square.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -170,7 +172,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -281,16 +283,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
         demand = Demand(
             n,
-            n_kept=n_outputs * self._n_posteriors(),
+            n_kept=n_outputs * n_posteriors(self, n),
             n_climbs=n_climbs,
             n_exact_climbs=n_climbs,
             alone=True,
         )
         engine.check_memory(demand, tiles)
-
-    def _n_posteriors(self):
-        """How many posteriors an output of a task is predicted by, and the mode's."""
-        return 1 + self.n_draws if self.hyperparameters == "sampled" else 1
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""

@@ -20,6 +20,7 @@ from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
+from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.training import Training, default_kernel
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
@@ -59,7 +60,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
         "n_exact": [Interval(Integral, 1, None, closed="left")],
-        "hyperparameters": [StrOptions({"mode", "map", "sampled"})],
+        "hyperparameters": [StrOptions({"mode", "map", "sampled", "auto"})],
         "n_draws": [Interval(Integral, 4, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
@@ -107,8 +108,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 training, [problems], [modes] = decided
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
-                sampled = self.hyperparameters == "sampled"
-                warn_of_doubts(problems, modes, sampled=sampled)
+                warn_of_doubts(problems, modes, sampled=self._is_sampled())
         return self
 
     def _foretell(self, problems, n_forms=1):
@@ -252,17 +252,13 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             n,
             n_tasks,
             rank=rank,
-            n_kept=n_outputs * n_kept * self._n_posteriors(),
+            n_kept=n_outputs * n_kept * n_posteriors(self, n),
             n_climbs=at_a_time(self.n_jobs, climbs if engine.exact else n_outputs),
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
         )
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))
-
-    def _n_posteriors(self):
-        """How many posteriors an output is predicted by, beside that of the mode."""
-        return 1 + self.n_draws if self.hyperparameters == "sampled" else 1
 
     def _check_noise_bounds(self):
         bounds = self.noise_variance_bounds

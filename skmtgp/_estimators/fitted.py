@@ -251,8 +251,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             say(f"the posterior of {len(problems[0].data)} rows begins")
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
-        if self.hyperparameters == "sampled" and self.max_iter:
+        self.hyperparameters_ = "map" if self.hyperparameters == "map" else "mode"
+        if self._wants_draws(training, likelihoods[0].prior):
             self._draw_hyperparameters()
+            self.hyperparameters_ = "sampled"
 
     def _store_learned(self, training, engine, likelihoods, modes):
         """The same of likelihoods that are there already."""

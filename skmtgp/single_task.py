@@ -18,6 +18,7 @@ from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.targets import TargetTransform, fit_target
 from skmtgp._numerics.parallel import at_a_time, run
 from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
@@ -58,6 +59,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         deviation before learning, for each task separately: each has its own level and
         unit. "auto", "per_task" and "shared" are True. With False the model's mean is
         zero.
+    target_transform : transformer or pair of functions, default=None
+        What is made of the targets before anything else: a transformer of scikit-learn
+        with an inverse, which is cloned and fitted to each output as a column, or a
+        function and its inverse, such as ``(np.log, np.exp)``. It has to be strictly
+        monotone. Predictions are in units of y; likelihoods, and attributes with units
+        of y, are of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "auto" is "dense", a Cholesky decomposition of
         each task's covariance; "kronecker" is an eigen-decomposition, which takes
@@ -107,7 +114,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_tasks PooledGP
-        The model of each task, fitted on features followed by a constant column.
+        The model of each task, fitted on features followed by a constant column, and
+        on transformed targets if there is a `target_transform`, fitted to all tasks.
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     log_marginal_likelihood_value_ : float
@@ -166,6 +174,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = True,
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
@@ -182,6 +191,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
@@ -216,9 +226,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self
 
     def _fit(self, features, codes, tasks, Y, progress):
-        self.tasks_, self.tasks_train_ = tasks, codes
+        target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
+        Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
+        self.tasks_, self.tasks_train_, self._target = tasks, codes, target
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
+        params["target_transform"] = None  # it was one of all tasks
         model = PooledGP(**params)
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
@@ -404,16 +417,22 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         True
         """
         check_is_fitted(self)
-        shape = len(self.tasks_train_), *self.estimators_[0].y_train_.shape[1:]
-        mean, std = np.empty(shape), np.empty(shape)
+        mean, std = self._target.left_out(self, include_noise)
+        return self._join(mean), self._join(std)
+
+    def _leave_out(self, include_noise):
+        """The same of what is learned, (n_samples, n_outputs) each."""
+        mean, std = np.empty((2, len(self.tasks_train_), self._n_outputs))
         for rows, model in self._parts(self.tasks_train_):
-            mean[rows], std[rows] = model.loo_predict(include_noise)
+            mean[rows], std[rows] = model._leave_out(include_noise)
         return mean, std
 
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
+
+        Of the transformed ones, if there is a `target_transform`.
 
         Parameters
         ----------

@@ -111,6 +111,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         0.03 -2.1 0.90
         """
         check_is_fitted(self)
+        mean, std = self._target.left_out(self, include_noise)
+        return self._join(mean), self._join(std)
+
+    def _leave_out(self, include_noise):
+        """The same of what is learned, (n_samples, n_outputs) each."""
         order = self._training().order(self._engine)  # the posteriors' samples
         shape = len(self.tasks_train_), len(self._predictive)
         residual, variance = np.empty((2, *shape))
@@ -120,13 +125,15 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             residual[order, j], variance[order, j] = found
         scale = self._scales(self.tasks_train_)
         mean = self.y_train_.reshape(residual.shape) - residual * scale
-        return self._join(mean), self._join(np.sqrt(variance) * scale)
+        return mean, np.sqrt(variance) * scale
 
     @public
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
+
+        Of the transformed ones, if there is a `target_transform`.
 
         Parameters
         ----------
@@ -177,6 +184,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._single_output,
             self._units,
             self.noise_,
+            self._target,
         )
 
     def _check_rows(self):
@@ -267,7 +275,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         ]
         self._predictive = self._posteriors
         self._forget_draws()
-        self._units = training.units
+        self._units, self._target = training.units, training.target
         self._single_output = training.single_output
         units = "per_task" if training.units.per_task else "shared"
         self.normalize_y_ = units if self.normalize_y else False

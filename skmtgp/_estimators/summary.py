@@ -120,7 +120,7 @@ class SummaryMixin:
         if not hasattr(self, "X_train_"):
             return np.full((n_outputs, n_tasks), np.nan)
         Y = self.y_train_.reshape(-1, n_outputs)
-        error = np.square(Y - self.loo_predict()[0].reshape(Y.shape))
+        error = np.square(Y - self._leave_out(include_noise=False)[0])
         error, around = (
             pd.DataFrame(of).groupby(self.tasks_train_) for of in (error, Y)
         )

@@ -1,0 +1,303 @@
+"""Targets that are transformed before they are learned, and the way back to y."""
+
+from collections.abc import Callable
+
+import numpy as np
+from scipy.stats import norm
+from sklearn.base import TransformerMixin, clone
+from sklearn.preprocessing import FunctionTransformer
+
+from skmtgp._data.dask import is_dask
+from skmtgp._support.warnings import quiet
+
+TargetTransform = TransformerMixin | tuple[Callable, Callable] | None
+
+LOST = 1e-4  # of the targets' range, that a way there and back may be off
+# How far beyond the transformed targets, in multiples of their range, it is looked
+# where the inverse ends; and how far beyond the targets, in multiples of theirs, it
+# ends at a pole, beside which there is no mean.
+BEYOND, FAR, STEPS = 10.0, 20.0, 400
+NEAR, HALVINGS = 1e-6, 60
+# Nodes of the trapezoidal rule, in standard deviations: exact to rounding of what is
+# smooth, to some thousandths where there are kinks.
+NODES = np.linspace(-8.0, 8.0, 129)
+WEIGHTS = norm.pdf(NODES) / norm.pdf(NODES).sum()
+
+
+class AsGiven:
+    """Targets that are learned as they are: what is predicted is in their units."""
+
+    def forward(self, Y):
+        """Targets as they are learned, (n_samples, n_outputs)."""
+        return Y
+
+    def back(self, values):
+        """Values of f or of observations in units of y, (..., n_outputs)."""
+        return values
+
+    def means(self, model, features, codes):
+        """Means of observations, (n_samples, n_outputs)."""
+        return model._means(features, codes)
+
+    def moments(self, model, features, codes, include_noise):
+        """The same, and the variances of observations or of f."""
+        means = model._means(features, codes)
+        return means, model._variances(features, codes, include_noise)
+
+    def covariances(self, model, features, codes, include_noise):
+        """Covariances, (n_samples, n_samples, n_outputs)."""
+        return model._covariances(features, codes, include_noise)
+
+    def left_out(self, model, include_noise):
+        """Means and standard deviations of the training samples given the others."""
+        return model._leave_out(include_noise)
+
+
+AS_GIVEN = AsGiven()
+
+
+class Transformed(AsGiven):
+    """Targets that are learned through a monotone map of each output.
+
+    Parameters
+    ----------
+    columns : list of n_outputs Column
+        The maps.
+    """
+
+    def __init__(self, columns):
+        self.columns = columns
+
+    def forward(self, Y):
+        pairs = zip(self.columns, Y.T, strict=True)
+        return np.column_stack([column.forward(y) for column, y in pairs])
+
+    def back(self, values):
+        pairs = zip(self.columns, np.moveaxis(values, -1, 0), strict=True)
+        return np.stack([column.back(z) for column, z in pairs], axis=-1)
+
+    def means(self, model, features, codes):
+        return self.moments(model, features, codes, include_noise=True)[0]
+
+    def moments(self, model, features, codes, include_noise):
+        """Their mean has the noise in any case: it shifts that of a curved map."""
+        found = self._moments(*model._components(features, codes, True))
+        if not include_noise:
+            of_f = self._moments(*model._components(features, codes, False))
+            found = found[0], of_f[1]
+        return found
+
+    def covariances(self, model, features, codes, include_noise):
+        raise ValueError(
+            "return_cov has no closed form with target_transform. Take the covariance "
+            "of draws, np.cov(model.sample_y(X, 1000)), or return_std or "
+            "predict_interval."
+        )
+
+    def left_out(self, model, include_noise):
+        mean, variance = self._left_out(model, True)
+        if not include_noise:
+            variance = self._left_out(model, False)[1]
+        return mean, np.sqrt(variance)
+
+    def _left_out(self, model, include_noise):
+        mean, std = model._leave_out(include_noise)
+        return self._moments(mean[None], np.square(std)[None])
+
+    def _moments(self, means, variances):
+        """Means and variances in units of y of mixtures of normals."""
+        outputs = zip(
+            self.columns,
+            np.moveaxis(means, -1, 0),
+            np.sqrt(np.moveaxis(variances, -1, 0)),
+            strict=True,
+        )
+        found = [column.moments(*of_output) for column, *of_output in outputs]
+        mean, variance = np.stack(found, axis=-1)
+        return mean, variance
+
+
+class Column:
+    """A monotone map of the targets of one output.
+
+    Parameters
+    ----------
+    transformer : transformer
+        Is cloned, and fitted to the targets as a column.
+    y : ndarray of shape (n_samples,)
+        Targets.
+
+    Raises
+    ------
+    ValueError
+        If it gives no finite numbers, or is not monotone, or if its inverse does not
+        lead back.
+    """
+
+    def __init__(self, transformer, y):
+        with np.errstate(all="ignore"):
+            self.transformer = clone(transformer).fit(y[:, None])
+        self.ends = -np.inf, np.inf
+        z = self.forward(y)
+        check_monotone(y, z)
+        with quiet():  # PowerTransformer warns of what is no number, sought here
+            self.ends = [self._end(z, _size(y), side) for side in (-1.0, 1.0)]
+
+    def forward(self, y):
+        """Transformed targets, checked."""
+        with np.errstate(all="ignore"):
+            z = _column(self.transformer.transform, y)
+        bad = np.flatnonzero(~np.isfinite(z))
+        if bad.size:
+            raise ValueError(
+                f"target_transform makes {z[bad[0]]} of y[{bad[0]}] = {y[bad[0]]}. "
+                "Give one that is finite for all targets, such as (np.log1p, np.expm1) "
+                "where some are 0."
+            )
+        again = self._inverse(z)
+        lost = ~(np.abs(again - y) <= LOST * _size(y))
+        if lost.any():
+            i = np.flatnonzero(lost)[0]
+            raise ValueError(
+                f"target_transform does not lead back: of y[{i}] = {y[i]} it makes "
+                f"{z[i]}, and its inverse {again[i]} of that. Give a strictly monotone "
+                "function and its inverse, such as (np.log, np.exp). "
+                "QuantileTransformer needs subsample=None, and add_task targets "
+                "between those it was fitted to."
+            )
+        return z
+
+    def back(self, z):
+        """Values in units of y, of any shape."""
+        y = self._inverse(z)
+        bad = ~np.isfinite(y)
+        if bad.any():
+            raise ValueError(
+                "The inverse of target_transform gives no finite number for "
+                f"{bad.sum()} of {bad.size} values that are predicted, such as "
+                f"{z[bad][0]}: the model is so unsure there that it reaches beyond "
+                "what the inverse takes. Give a transform whose inverse is finite "
+                "everywhere, such as (np.log, np.exp), or predict closer to the "
+                "training rows."
+            )
+        return y
+
+    def moments(self, means, deviations):
+        """Mean and variance in units of y of a mixture, (n_components, n_samples)."""
+        around = self.back(means.mean(axis=0))  # what is squared beside it is small
+        first, second = np.zeros((2, *around.shape))
+        for node, weight in zip(NODES, WEIGHTS, strict=True):
+            away = self.back(means + node * deviations) - around
+            first += weight * away.mean(axis=0)
+            second += weight * np.square(away).mean(axis=0)
+        return around + first, np.maximum(second - np.square(first), 0.0)
+
+    def _inverse(self, z):
+        """The inverse up to its ends, beyond which it stays as it is there."""
+        with np.errstate(all="ignore"):
+            inside = np.clip(z, *self.ends).ravel()
+            return _column(self.transformer.inverse_transform, inside).reshape(z.shape)
+
+    def _end(self, z, size, side):
+        """Where the inverse ends below (-1) or above (1) the transformed targets.
+
+        Squares end at 0, as the inverse of roots; 1 / z is cut off before its pole.
+        """
+        width, rises = _size(z), side * self._slope(z)
+        begin = z.min() if side < 0.0 else z.max()
+        grid = begin + side * width * BEYOND * np.linspace(0.0, 1.0, STEPS)
+
+        def goes_on(of, since):
+            """Whether the inverse is there, and goes on as it does inside."""
+            y, near = self._inverse(of), self._inverse(of - side * NEAR * width)
+            steps = rises * np.array([y - near, y - self._inverse(since)])
+            return np.isfinite(y) & (steps >= 0.0).all(axis=0)
+
+        ended = np.flatnonzero(~goes_on(grid[1:], grid[:-1]))
+        if not ended.size:
+            return side * np.inf
+        inside, outside = grid[:1], grid[ended[:1] + 1]
+        farthest = self._inverse(inside) + rises * FAR * size
+        for _ in range(HALVINGS):
+            middle = 0.5 * (inside + outside)
+            near = rises * (self._inverse(middle) - farthest) <= 0.0
+            there = near & goes_on(middle, inside)
+            inside = np.where(there, middle, inside)
+            outside = np.where(there, outside, middle)
+        return inside.item()
+
+    def _slope(self, z):
+        """1 where the map rises, -1 where it falls."""
+        margin = 0.0 if np.ptp(z) else NEAR * _size(z)
+        ends = self._inverse(np.array([z.min() - margin, z.max() + margin]))
+        return -1.0 if ends[1] < ends[0] else 1.0
+
+
+def _size(values):
+    """The range of some numbers or, of equal ones, how large they are."""
+    return np.ptp(values) or np.abs(values).max() or 1.0
+
+
+def fit_target(transform, Y):
+    """How the targets are learned.
+
+    Parameters
+    ----------
+    transform : transformer, pair of functions or None
+        The user's `target_transform`.
+    Y : ndarray or dask.array.Array of shape (n_samples, n_outputs)
+        Targets.
+
+    Returns
+    -------
+    target : AsGiven or Transformed
+        The way there and back.
+
+    Raises
+    ------
+    ValueError
+        If the targets cannot be transformed, or not back.
+    """
+    if transform is None:
+        return AS_GIVEN
+    if is_dask(Y):
+        raise ValueError(
+            "target_transform needs the targets in memory, and y is a Dask collection. "
+            "Give arrays, or transform y before."
+        )
+    if isinstance(transform, tuple):
+        transform = FunctionTransformer(*check_pair(transform), check_inverse=False)
+    return Transformed([Column(transform, y) for y in Y.T])
+
+
+def check_pair(transform):
+    """A function and its inverse."""
+    if len(transform) != 2 or not all(map(callable, transform)):
+        raise ValueError(
+            f"target_transform={transform!r} must be a function and its inverse, such "
+            "as (np.log, np.exp), or a transformer with inverse_transform."
+        )
+    return transform
+
+
+def check_monotone(y, z):
+    """Raise a ValueError where the transformed targets are in another order."""
+    order = np.argsort(y)
+    steps = np.diff(z[order])
+    if (steps > 0.0).any() and (steps < 0.0).any():
+        rare = 1.0 if (steps > 0.0).sum() < (steps < 0.0).sum() else -1.0
+        i = np.flatnonzero(rare * steps > 0.0)[0]
+        pair = order[i], order[i + 1]
+        raise ValueError(
+            "target_transform is not monotone: of y = "
+            + " and ".join(f"{y[k]}" for k in pair)
+            + " it makes "
+            + " and ".join(f"{z[k]}" for k in pair)
+            + ", while elsewhere it goes the other way. Give one that only rises or "
+            "only falls over the targets."
+        )
+
+
+def _column(method, values):
+    """What a method of a transformer makes of numbers, which it takes as a column."""
+    return np.array(method(values[:, None]), dtype=float).reshape(len(values))

@@ -228,7 +228,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def _fit(self, features, codes, tasks, Y, progress):
         target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
         Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
-        self.tasks_, self.tasks_train_, self._target = tasks, codes, target
+        self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
         params["target_transform"] = None  # it was one of all tasks
@@ -256,6 +256,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         )
         self._warn([caught for _, caught in results])
         self._store([estimator for estimator, _ in results])
+        self._store_target(target)
 
     def _foretell(self, model, rows, X, Y):
         """Say before it begins that learning all tasks will take minutes."""
@@ -347,12 +348,24 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return covariances
 
     def _components(self, features, codes, include_noise):
-        found = [
-            (rows, model._components(features[rows], 0 * rows, include_noise))
-            for rows, model in self._parts(codes)
-        ]
+        def of_task(model, rows):
+            return model._components(features[rows], 0 * rows, include_noise)
+
+        return self._mixed(codes, of_task)
+
+    def _left_out(self, include_noise):
+        """The same of the training samples, each given the others of its task."""
+
+        def of_task(model, rows):
+            return model._left_out(include_noise)
+
+        return self._mixed(self.tasks_train_, of_task)
+
+    def _mixed(self, codes, components):
+        """Means and variances, from what `components` gives of each task's rows."""
+        found = [(rows, components(model, rows)) for rows, model in self._parts(codes)]
         n_components = max((len(of[0]) for _, of in found), default=1)
-        together = np.empty((2, n_components, len(features), self._n_outputs))
+        together = np.empty((2, n_components, len(codes), self._n_outputs))
         for rows, of_rows in found:
             together[:, :, rows] = of_rows
         return together

@@ -114,12 +114,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         mean, std = self._target.left_out(self, include_noise)
         return self._join(mean), self._join(std)
 
-    def _leave_out(self, include_noise):
+    def _leave_out(self, include_noise, posteriors=None):
         """The same of what is learned, (n_samples, n_outputs) each."""
+        posteriors = posteriors or self._predictive
         order = self._training().order(self._engine)  # the posteriors' samples
-        shape = len(self.tasks_train_), len(self._predictive)
+        shape = len(self.tasks_train_), len(posteriors)
         residual, variance = np.empty((2, *shape))
-        for j, posterior in enumerate(self._predictive):
+        for j, posterior in enumerate(posteriors):
             with limit_threads(self._side):
                 found = posterior.leave_one_out(include_noise)
             residual[order, j], variance[order, j] = found
@@ -275,8 +276,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         ]
         self._predictive = self._posteriors
         self._forget_draws()
-        self._units, self._target = training.units, training.target
-        self._single_output = training.single_output
+        self._units, self._single_output = training.units, training.single_output
+        self._store_target(training.target)
         units = "per_task" if training.units.per_task else "shared"
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise

@@ -120,12 +120,10 @@ class PosteriorMixin(RegressorMixin):
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         target, rows = model._target, (model, features, codes)
         if return_std:
-            with limit_threads(model._side):
-                mean, variances = target.moments(*rows, include_noise)
+            mean, variances = target.moments(*rows, include_noise)
             return model._join(mean), model._join(np.sqrt(variances))
         if return_cov:
-            with limit_threads(max(model._side, len(features))):
-                covariances = target.covariances(*rows, include_noise)
+            covariances = target.covariances(*rows, include_noise)
             return model._join(target.means(*rows)), model._join(covariances)
         return model._join(target.means(*rows))
 
@@ -245,6 +243,15 @@ class PosteriorMixin(RegressorMixin):
         """Means and variances of the normals that are mixed, (1, n_samples, ...)."""
         means = self._means(features, codes)
         return means[None], self._variances(features, codes, include_noise)[None]
+
+    def _store_target(self, target):
+        """Keep the way back to y, of transformed targets; others need none."""
+        for name in ("_target", "target_transformer_"):
+            vars(self).pop(name, None)
+        if target is not AS_GIVEN:
+            fitted = [column.transformer for column in target.columns]
+            self.target_transformer_ = fitted[0] if self._single_output else fitted
+            self._target = target
 
     def _knows_unseen(self):
         """Whether it can predict a task that it never saw."""

@@ -3,25 +3,24 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import norm
 from sklearn.base import TransformerMixin, clone
 from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp._data.dask import is_dask
+from skmtgp._numerics.mixtures import moments
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.warnings import quiet
 
 TargetTransform = TransformerMixin | tuple[Callable, Callable] | None
 
 LOST = 1e-4  # of the targets' range, that a way there and back may be off
+ROUNDING = 1e-12  # of the transformed targets' range
+LARGEST = 1e150  # the squares of larger numbers overflow
 # How far beyond the transformed targets, in multiples of their range, it is looked
 # where the inverse ends; and how far beyond the targets, in multiples of theirs, it
 # ends at a pole, beside which there is no mean.
 BEYOND, FAR, STEPS = 10.0, 20.0, 400
 NEAR, HALVINGS = 1e-6, 60
-# Nodes of the trapezoidal rule, in standard deviations: exact to rounding of what is
-# smooth, to some thousandths where there are kinks.
-NODES = np.linspace(-8.0, 8.0, 129)
-WEIGHTS = norm.pdf(NODES) / norm.pdf(NODES).sum()
 
 
 class AsGiven:
@@ -42,11 +41,13 @@ class AsGiven:
     def moments(self, model, features, codes, include_noise):
         """The same, and the variances of observations or of f."""
         means = model._means(features, codes)
-        return means, model._variances(features, codes, include_noise)
+        with limit_threads(model._side):
+            return means, model._variances(features, codes, include_noise)
 
     def covariances(self, model, features, codes, include_noise):
         """Covariances, (n_samples, n_samples, n_outputs)."""
-        return model._covariances(features, codes, include_noise)
+        with limit_threads(max(model._side, len(features))):
+            return model._covariances(features, codes, include_noise)
 
     def left_out(self, model, include_noise):
         """Means and standard deviations of the training samples given the others."""
@@ -58,6 +59,9 @@ AS_GIVEN = AsGiven()
 
 class Transformed(AsGiven):
     """Targets that are learned through a monotone map of each output.
+
+    Its means are those of observations, with the noise, which shifts the mean through
+    a curved map; deviations are of observations or of f.
 
     Parameters
     ----------
@@ -80,41 +84,38 @@ class Transformed(AsGiven):
         return self.moments(model, features, codes, include_noise=True)[0]
 
     def moments(self, model, features, codes, include_noise):
-        """Their mean has the noise in any case: it shifts that of a curved map."""
-        found = self._moments(*model._components(features, codes, True))
-        if not include_noise:
-            of_f = self._moments(*model._components(features, codes, False))
-            found = found[0], of_f[1]
-        return found
+        def components(include_noise):
+            with limit_threads(model._side):
+                return model._components(features, codes, include_noise)
+
+        return self._mean_and_variance(components, include_noise)
 
     def covariances(self, model, features, codes, include_noise):
         raise ValueError(
-            "return_cov has no closed form with target_transform. Take the covariance "
-            "of draws, np.cov(model.sample_y(X, 1000)), or return_std or "
-            "predict_interval."
+            "return_cov=True has no closed form with target_transform. Take the "
+            "covariance of draws, np.cov(model.sample_y(X, 1000)), or return_std=True "
+            "or predict_interval."
         )
 
     def left_out(self, model, include_noise):
-        mean, variance = self._left_out(model, True)
-        if not include_noise:
-            variance = self._left_out(model, False)[1]
+        mean, variance = self._mean_and_variance(model._left_out, include_noise)
         return mean, np.sqrt(variance)
 
-    def _left_out(self, model, include_noise):
-        mean, std = model._leave_out(include_noise)
-        return self._moments(mean[None], np.square(std)[None])
+    def _mean_and_variance(self, components, include_noise):
+        """Those in units of y; `components` gives them of what is learned."""
+        mean, variance = self._moments(*components(True))
+        if not include_noise:
+            variance = self._moments(*components(False))[1]
+        return mean, variance
 
     def _moments(self, means, variances):
-        """Means and variances in units of y of mixtures of normals."""
-        outputs = zip(
-            self.columns,
-            np.moveaxis(means, -1, 0),
-            np.sqrt(np.moveaxis(variances, -1, 0)),
-            strict=True,
-        )
-        found = [column.moments(*of_output) for column, *of_output in outputs]
-        mean, variance = np.stack(found, axis=-1)
-        return mean, variance
+        """Of mixtures of normals, (n_components, n_samples, n_outputs)."""
+        deviations = np.sqrt(variances)
+        found = [
+            moments(means[..., j], deviations[..., j], column.back)
+            for j, column in enumerate(self.columns)
+        ]
+        return np.stack(found, axis=-1)
 
 
 class Column:
@@ -135,8 +136,8 @@ class Column:
     """
 
     def __init__(self, transformer, y):
-        with np.errstate(all="ignore"):
-            self.transformer = clone(transformer).fit(y[:, None])
+        self.transformer = clone(transformer)
+        _called(self.transformer.fit, y[:, None])
         self.ends = -np.inf, np.inf
         z = self.forward(y)
         check_monotone(y, z)
@@ -145,8 +146,7 @@ class Column:
 
     def forward(self, y):
         """Transformed targets, checked."""
-        with np.errstate(all="ignore"):
-            z = _column(self.transformer.transform, y)
+        z = _column(self.transformer.transform, y)
         bad = np.flatnonzero(~np.isfinite(z))
         if bad.size:
             raise ValueError(
@@ -170,33 +170,21 @@ class Column:
     def back(self, z):
         """Values in units of y, of any shape."""
         y = self._inverse(z)
-        bad = ~np.isfinite(y)
+        bad = ~(np.abs(y) < LARGEST)
         if bad.any():
             raise ValueError(
-                "The inverse of target_transform gives no finite number for "
-                f"{bad.sum()} of {bad.size} values that are predicted, such as "
-                f"{z[bad][0]}: the model is so unsure there that it reaches beyond "
-                "what the inverse takes. Give a transform whose inverse is finite "
-                "everywhere, such as (np.log, np.exp), or predict closer to the "
-                "training rows."
+                f"The inverse of target_transform makes {y[bad][0]} of {z[bad][0]}, "
+                f"and so of {bad.sum()} of {bad.size} values that are predicted: the "
+                "model is so unsure there that it reaches beyond what the inverse "
+                "takes. Give a transform whose inverse grows more slowly, or predict "
+                "closer to the training rows."
             )
         return y
 
-    def moments(self, means, deviations):
-        """Mean and variance in units of y of a mixture, (n_components, n_samples)."""
-        around = self.back(means.mean(axis=0))  # what is squared beside it is small
-        first, second = np.zeros((2, *around.shape))
-        for node, weight in zip(NODES, WEIGHTS, strict=True):
-            away = self.back(means + node * deviations) - around
-            first += weight * away.mean(axis=0)
-            second += weight * np.square(away).mean(axis=0)
-        return around + first, np.maximum(second - np.square(first), 0.0)
-
     def _inverse(self, z):
         """The inverse up to its ends, beyond which it stays as it is there."""
-        with np.errstate(all="ignore"):
-            inside = np.clip(z, *self.ends).ravel()
-            return _column(self.transformer.inverse_transform, inside).reshape(z.shape)
+        inside = np.clip(z, *self.ends).ravel()
+        return _column(self.transformer.inverse_transform, inside).reshape(z.shape)
 
     def _end(self, z, size, side):
         """Where the inverse ends below (-1) or above (1) the transformed targets.
@@ -208,10 +196,10 @@ class Column:
         grid = begin + side * width * BEYOND * np.linspace(0.0, 1.0, STEPS)
 
         def goes_on(of, since):
-            """Whether the inverse is there, and goes on as it does inside."""
+            """Whether the inverse is there, be it infinite, and goes on as inside."""
             y, near = self._inverse(of), self._inverse(of - side * NEAR * width)
-            steps = rises * np.array([y - near, y - self._inverse(since)])
-            return np.isfinite(y) & (steps >= 0.0).all(axis=0)
+            back = rises * y < rises * np.array([near, self._inverse(since)])
+            return ~np.isnan(y) & ~back.any(axis=0)
 
         ended = np.flatnonzero(~goes_on(grid[1:], grid[:-1]))
         if not ended.size:
@@ -284,6 +272,7 @@ def check_monotone(y, z):
     """Raise a ValueError where the transformed targets are in another order."""
     order = np.argsort(y)
     steps = np.diff(z[order])
+    steps[np.abs(steps) <= ROUNDING * np.ptp(z)] = 0.0
     if (steps > 0.0).any() and (steps < 0.0).any():
         rare = 1.0 if (steps > 0.0).sum() < (steps < 0.0).sum() else -1.0
         i = np.flatnonzero(rare * steps > 0.0)[0]
@@ -300,4 +289,17 @@ def check_monotone(y, z):
 
 def _column(method, values):
     """What a method of a transformer makes of numbers, which it takes as a column."""
-    return np.array(method(values[:, None]), dtype=float).reshape(len(values))
+    return np.array(_called(method, values[:, None]), dtype=float).reshape(len(values))
+
+
+def _called(method, column):
+    """What a method of the user's transformer gives; its errors say whose it is."""
+    try:
+        with np.errstate(all="ignore"):
+            return method(column)
+    except ValueError as error:
+        raise ValueError(
+            f"target_transform cannot be used: {error} Give one that takes all "
+            "targets, such as PowerTransformer(), or a pair such as (np.log, np.exp) "
+            "of positive ones."
+        ) from error

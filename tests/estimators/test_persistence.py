@@ -22,7 +22,6 @@ POSTERIOR = {
     f"{TERMS}StationaryNode",
     f"{TERMS}_rbf",
     "skmtgp.model._nodes.differences.Differences",
-    "skmtgp._estimators.targets.AsGiven",
     "skmtgp._estimators.units.Units",
     "skmtgp._numerics.linalg.Cholesky",
     "skmtgp.inference.dense.DenseLikelihood",

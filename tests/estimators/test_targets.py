@@ -12,7 +12,6 @@ from sklearn.model_selection import GridSearchCV
 from sklearn.preprocessing import (
     FunctionTransformer,
     PowerTransformer,
-    QuantileTransformer,
     StandardScaler,
 )
 
@@ -24,6 +23,7 @@ from skmtgp import (
     SingleTaskGP,
 )
 from skmtgp._estimators.targets import Column, fit_target
+from skmtgp._numerics.mixtures import moments
 from skmtgp.inspection import TransferDisplay
 from skmtgp.model_selection import TaskStratifiedKFold
 
@@ -287,36 +287,7 @@ def test_power_transformer_far_away(method, power):
     column = Column(PowerTransformer(method=method), y)
     z = np.linspace(-30.0, 30.0, 200)
     assert (np.diff(column.back(z)) >= 0.0).all()
-    assert np.isfinite(column.moments(z[None], np.full((1, 200), 2.0))).all()
-
-
-@pytest.mark.parametrize("deviation", [0.1, 1.0, 2.0])
-def test_moments_of_logarithms(deviation):
-    column = Column(FunctionTransformer(*LOG), UNIT)
-    mean, variance = column.moments(np.zeros((1, 1)), np.full((1, 1), deviation))
-    expected = np.exp(0.5 * deviation**2)
-    np.testing.assert_allclose(mean, expected, rtol=1e-8)
-    expected = np.exp(deviation**2) * np.expm1(deviation**2)
-    np.testing.assert_allclose(variance, expected, rtol=1e-4)
-
-
-def test_moments_through_kinks():
-    """The quantile transformer is piecewise linear, and constant outside."""
-    y = np.random.default_rng(0).standard_normal(50)
-    quantiles = QuantileTransformer(n_quantiles=50, output_distribution="normal")
-    column = Column(quantiles, y)
-    mean, variance = column.moments(np.full((1, 1), 0.3), np.full((1, 1), 0.8))
-    u = norm.ppf((np.arange(200_000) + 0.5) / 200_000)
-    values = column.back(0.3 + 0.8 * u)
-    np.testing.assert_allclose(mean, values.mean(), atol=3e-3)
-    np.testing.assert_allclose(variance, values.var(), rtol=1e-2)
-
-
-def test_certain_values():
-    column = Column(FunctionTransformer(*LOG), UNIT)
-    mean, variance = column.moments(np.zeros((1, 3)), np.zeros((1, 3)))
-    np.testing.assert_allclose(mean, 1.0)
-    np.testing.assert_allclose(variance, 0.0, atol=1e-30)
+    assert np.isfinite(moments(z[None], np.full((1, 200), 2.0), column.back)).all()
 
 
 # what is refused
@@ -349,13 +320,13 @@ def test_transforms_that_are_refused(model, transform, y, message):
 @pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
 def test_covariances_are_refused(model):
     own, _ = of_logs(model)
-    with pytest.raises(ValueError, match=r"return_cov has no.*sample_y"):
+    with pytest.raises(ValueError, match=r"return_cov=True has no.*sample_y"):
         own.predict(Z, return_cov=True)
 
 
 def test_inverses_that_overflow():
     model = MultiTaskGPRegressor(target_transform=(np.log10, ten_to_the), rank=1)
-    y = np.random.default_rng(0).permutation(np.logspace(-70, 70, 30))
+    y = np.random.default_rng(0).permutation(np.logspace(-60, 60, 30))
     model.set_params(max_iter=0).fit(X, y)
     far = Z + [90.0, 0.0]
     assert np.isfinite(model.predict_interval(far)).all()
@@ -363,7 +334,7 @@ def test_inverses_that_overflow():
         (model.predict, far),
         (model.predict_interval, far, 1.0 - 1e-15),
     ):
-        with pytest.raises(ValueError, match="gives no finite number for"):
+        with pytest.raises(ValueError, match="model is so unsure there"):
             predict(*arguments)
 
 

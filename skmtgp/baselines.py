@@ -89,11 +89,11 @@ class IndependentGP(_FixedTaskCovarianceGP):
         the data, see :class:`MultiTaskGPRegressor`. With False the model's mean is
         zero.
     target_transform : transformer or pair of functions, default=None
-        What is made of the targets before anything else: a transformer of scikit-learn
-        with an inverse, which is cloned and fitted to each output as a column, or a
-        function and its inverse, such as ``(np.log, np.exp)``. It has to be strictly
-        monotone. Predictions are in units of y; likelihoods, and attributes with units
-        of y, are of the transformed targets. See :doc:`/guide/intervals`.
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -214,6 +214,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
         Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -324,11 +326,11 @@ class PooledGP(_FixedTaskCovarianceGP):
         deviation before learning. "shared" is True. With False the model's mean is
         zero. One function has one level and one unit: those of all tasks.
     target_transform : transformer or pair of functions, default=None
-        What is made of the targets before anything else: a transformer of scikit-learn
-        with an inverse, which is cloned and fitted to each output as a column, or a
-        function and its inverse, such as ``(np.log, np.exp)``. It has to be strictly
-        monotone. Predictions are in units of y; likelihoods, and attributes with units
-        of y, are of the transformed targets. See :doc:`/guide/intervals`.
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -444,6 +446,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
         Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)

@@ -60,11 +60,11 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         unit. "auto", "per_task" and "shared" are True. With False the model's mean is
         zero.
     target_transform : transformer or pair of functions, default=None
-        What is made of the targets before anything else: a transformer of scikit-learn
-        with an inverse, which is cloned and fitted to each output as a column, or a
-        function and its inverse, such as ``(np.log, np.exp)``. It has to be strictly
-        monotone. Predictions are in units of y; likelihoods, and attributes with units
-        of y, are of the transformed targets. See :doc:`/guide/intervals`.
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "auto" is "dense", a Cholesky decomposition of
         each task's covariance; "kronecker" is an eigen-decomposition, which takes
@@ -125,6 +125,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     theta_ : ndarray of shape (n_theta,)
         The `theta_` of each of `estimators_`, one after another.
     n_iter_ : int
@@ -396,7 +398,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given.
+            in the order of the rows that `fit` was given. With `target_transform` it
+            is no mean but the median, as of `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 

@@ -84,7 +84,7 @@ class PosteriorMixin(RegressorMixin):
         Returns
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Predictive mean, in the units of y.
+            Predictive mean, in the units of y; the median with `target_transform`.
         y_std : ndarray of the shape of y_mean
             Predictive standard deviation. Only if `return_std`.
         y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
@@ -96,8 +96,8 @@ class PosteriorMixin(RegressorMixin):
             If X is a Dask collection.
         ValueError
             If a task was not seen in fit and cannot be predicted, if both `return_std`
-            and `return_cov` are asked for, or `return_cov` with `target_transform`, or
-            if the inverse of that overflows.
+            and `return_cov` are asked for, or if there is a `target_transform` and
+            `return_cov` is, or its inverse overflows.
 
         Notes
         -----
@@ -108,10 +108,11 @@ class PosteriorMixin(RegressorMixin):
         `task_covariance_`. With noise of each task it has the geometric mean of the
         noise variances.
 
-        With `target_transform` the mean is that of a new observation, whether or not
-        `include_noise`: through a curved map noise shifts it. The standard deviation is
-        that of an observation, or of f mapped back, around which as many observations
-        lie below as above. ``predict_interval(X, level=0)`` gives the median.
+        With `target_transform` the first is the inverse of the mean that is learned, as
+        that of scikit-learn's TransformedTargetRegressor. It is no mean but the median,
+        of f and of observations alike; where hyperparameters are drawn, about that. The
+        standard deviation is that of f or of an observation in the units of y, by
+        quadrature. See :doc:`/guide/intervals`.
         """
         if return_std and return_cov:
             raise ValueError("Set return_std or return_cov, not both.")
@@ -119,13 +120,16 @@ class PosteriorMixin(RegressorMixin):
         model = self._model()
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         target, rows = model._target, (model, features, codes)
+        mean = model._join(target.back(model._means(features, codes)))
         if return_std:
-            mean, variances = target.moments(*rows, include_noise)
-            return model._join(mean), model._join(np.sqrt(variances))
+            with limit_threads(model._side):
+                variances = target.variances(*rows, include_noise)
+            return mean, model._join(np.sqrt(variances))
         if return_cov:
-            covariances = target.covariances(*rows, include_noise)
-            return model._join(target.means(*rows)), model._join(covariances)
-        return model._join(target.means(*rows))
+            with limit_threads(max(model._side, len(features))):
+                covariances = target.covariances(*rows, include_noise)
+            return mean, model._join(covariances)
+        return mean
 
     @public
     def predict_interval(

@@ -27,6 +27,8 @@ class SummaryMixin:
     def summary(self) -> pd.DataFrame:
         """A table of the tasks: what was learned of each, in units of y.
 
+        In those of the transformed targets, if there is a `target_transform`.
+
         Returns
         -------
         summary : DataFrame of n_tasks rows

@@ -1,6 +1,7 @@
 """Targets that are transformed before they are learned, and the way back to y."""
 
 from collections.abc import Callable
+from contextlib import contextmanager
 
 import numpy as np
 from sklearn.base import TransformerMixin, clone
@@ -8,7 +9,6 @@ from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.mixtures import moments
-from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.warnings import quiet
 
 TargetTransform = TransformerMixin | tuple[Callable, Callable] | None
@@ -18,7 +18,7 @@ ROUNDING = 1e-12  # of the transformed targets' range
 LARGEST = 1e150  # the squares of larger numbers overflow
 # How far beyond the transformed targets, in multiples of their range, it is looked
 # where the inverse ends; and how far beyond the targets, in multiples of theirs, it
-# ends at a pole, beside which there is no mean.
+# ends at a pole, beside which there is no deviation.
 BEYOND, FAR, STEPS = 10.0, 20.0, 400
 NEAR, HALVINGS = 1e-6, 60
 
@@ -34,23 +34,16 @@ class AsGiven:
         """Values of f or of observations in units of y, (..., n_outputs)."""
         return values
 
-    def means(self, model, features, codes):
-        """Means of observations, (n_samples, n_outputs)."""
-        return model._means(features, codes)
-
-    def moments(self, model, features, codes, include_noise):
-        """The same, and the variances of observations or of f."""
-        means = model._means(features, codes)
-        with limit_threads(model._side):
-            return means, model._variances(features, codes, include_noise)
+    def variances(self, model, features, codes, include_noise):
+        """Variances of f or of observations, (n_samples, n_outputs)."""
+        return model._variances(features, codes, include_noise)
 
     def covariances(self, model, features, codes, include_noise):
         """Covariances, (n_samples, n_samples, n_outputs)."""
-        with limit_threads(max(model._side, len(features))):
-            return model._covariances(features, codes, include_noise)
+        return model._covariances(features, codes, include_noise)
 
     def left_out(self, model, include_noise):
-        """Means and standard deviations of the training samples given the others."""
+        """Training samples given the others: predictions and standard deviations."""
         return model._leave_out(include_noise)
 
 
@@ -59,9 +52,6 @@ AS_GIVEN = AsGiven()
 
 class Transformed(AsGiven):
     """Targets that are learned through a monotone map of each output.
-
-    Its means are those of observations, with the noise, which shifts the mean through
-    a curved map; deviations are of observations or of f.
 
     Parameters
     ----------
@@ -80,15 +70,8 @@ class Transformed(AsGiven):
         pairs = zip(self.columns, np.moveaxis(values, -1, 0), strict=True)
         return np.stack([column.back(z) for column, z in pairs], axis=-1)
 
-    def means(self, model, features, codes):
-        return self.moments(model, features, codes, include_noise=True)[0]
-
-    def moments(self, model, features, codes, include_noise):
-        def components(include_noise):
-            with limit_threads(model._side):
-                return model._components(features, codes, include_noise)
-
-        return self._mean_and_variance(components, include_noise)
+    def variances(self, model, features, codes, include_noise):
+        return self._variances(*model._components(features, codes, include_noise))
 
     def covariances(self, model, features, codes, include_noise):
         raise ValueError(
@@ -98,21 +81,15 @@ class Transformed(AsGiven):
         )
 
     def left_out(self, model, include_noise):
-        mean, variance = self._mean_and_variance(model._left_out, include_noise)
-        return mean, np.sqrt(variance)
+        means, variances = model._left_out(include_noise)
+        deviations = np.sqrt(self._variances(means, variances))
+        return self.back(means.mean(axis=0)), deviations
 
-    def _mean_and_variance(self, components, include_noise):
-        """Those in units of y; `components` gives them of what is learned."""
-        mean, variance = self._moments(*components(True))
-        if not include_noise:
-            variance = self._moments(*components(False))[1]
-        return mean, variance
-
-    def _moments(self, means, variances):
-        """Of mixtures of normals, (n_components, n_samples, n_outputs)."""
+    def _variances(self, means, variances):
+        """Those of y of mixtures of normals, (n_components, n_samples, n_outputs)."""
         deviations = np.sqrt(variances)
         found = [
-            moments(means[..., j], deviations[..., j], column.back)
+            moments(means[..., j], deviations[..., j], column.back)[1]
             for j, column in enumerate(self.columns)
         ]
         return np.stack(found, axis=-1)
@@ -137,7 +114,8 @@ class Column:
 
     def __init__(self, transformer, y):
         self.transformer = clone(transformer)
-        _called(self.transformer.fit, y[:, None])
+        with told():
+            self.transformer.fit(y[:, None])
         self.ends = -np.inf, np.inf
         z = self.forward(y)
         check_monotone(y, z)
@@ -289,17 +267,19 @@ def check_monotone(y, z):
 
 def _column(method, values):
     """What a method of a transformer makes of numbers, which it takes as a column."""
-    return np.array(_called(method, values[:, None]), dtype=float).reshape(len(values))
+    with told():
+        return np.array(method(values[:, None]), dtype=float).reshape(len(values))
 
 
-def _called(method, column):
-    """What a method of the user's transformer gives; its errors say whose it is."""
+@contextmanager
+def told():
+    """Context in which errors of the user's transformer say whose they are."""
     try:
         with np.errstate(all="ignore"):
-            return method(column)
-    except ValueError as error:
+            yield
+    except (TypeError, ValueError) as error:
         raise ValueError(
-            f"target_transform cannot be used: {error} Give one that takes all "
-            "targets, such as PowerTransformer(), or a pair such as (np.log, np.exp) "
-            "of positive ones."
+            f"target_transform does not take the targets: {error} Give a transformer "
+            "of numbers in a column, such as PowerTransformer(), or a pair such as "
+            "(np.log, np.exp), whose functions work element by element."
         ) from error

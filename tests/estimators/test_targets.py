@@ -1,6 +1,8 @@
 """Targets that are transformed inside the estimators."""
 
 import pickle
+from copy import copy
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -8,7 +10,10 @@ import pytest
 from scipy.special import expit, logit
 from scipy.stats import norm
 from sklearn.base import clone
+from sklearn.compose import TransformedTargetRegressor
+from sklearn.metrics import r2_score
 from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import (
     FunctionTransformer,
     PowerTransformer,
@@ -24,7 +29,7 @@ from skmtgp import (
 )
 from skmtgp._estimators.targets import Column, fit_target
 from skmtgp._numerics.mixtures import moments
-from skmtgp.inspection import TransferDisplay
+from skmtgp.inspection import CoverageDisplay, TaskResidualsDisplay, TransferDisplay
 from skmtgp.model_selection import TaskStratifiedKFold
 
 LOG = np.log, np.exp
@@ -53,33 +58,42 @@ def exp_of_negative(z):
     return np.exp(-z)
 
 
-def of_logs(model, transform=LOG, y=Y):
-    """The model of y with a transform, and the same of its logarithms without."""
-    own = clone(model).set_params(target_transform=transform).fit(X, y)
-    return own, clone(model).fit(X, np.log(y))
+@cache
+def of_logs(name, *, outputs=2):
+    """A model of y through logarithms, and the same of logarithms without."""
+    y = Y if outputs == 2 else Y[:, 0]
+    own = clone(MODELS[name]).set_params(target_transform=LOG).fit(X, y)
+    return own, clone(MODELS[name]).fit(X, np.log(y))
 
 
-@pytest.mark.parametrize("y", [Y, Y[:, 0]], ids=["two outputs", "one"])
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_log_normal(model, y):
-    """Closed forms of the logarithmic normal distribution."""
-    own, plain = of_logs(model, y=y)
-    m, s = plain.predict(Z, return_std=True, include_noise=True)
-    mean, std = own.predict(Z, return_std=True, include_noise=True)
-    assert mean.shape == m.shape
-    np.testing.assert_allclose(mean, np.exp(m + 0.5 * s**2), rtol=1e-8)
-    np.testing.assert_allclose(std, mean * np.sqrt(np.expm1(s**2)), rtol=1e-5)
-    np.testing.assert_allclose(own.predict(Z), mean)
-    of_f, std = own.predict(Z, return_std=True)
-    np.testing.assert_array_equal(of_f, mean)
-    s = plain.predict(Z, return_std=True)[1]
-    np.testing.assert_allclose(
-        std, np.exp(m + 0.5 * s**2) * np.sqrt(np.expm1(s**2)), rtol=1e-5
-    )
+def deviation_of_exp(m, s):
+    """Standard deviation of the logarithmic normal distribution."""
+    return np.exp(m + 0.5 * s**2) * np.sqrt(np.expm1(s**2))
 
 
 @pytest.mark.parametrize("include_noise", [False, True])
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize("outputs", [1, 2])
+@pytest.mark.parametrize("model", MODELS)
+def test_logarithmic_normal(model, outputs, include_noise):
+    own, plain = of_logs(model, outputs=outputs)
+    options = {"return_std": True, "include_noise": include_noise}
+    m, s = plain.predict(Z, **options)
+    median, std = own.predict(Z, **options)
+    np.testing.assert_allclose(median, np.exp(m), rtol=1e-13)
+    np.testing.assert_allclose(std, deviation_of_exp(m, s), rtol=1e-5)
+    np.testing.assert_array_equal(own.predict(Z), median)
+    np.testing.assert_allclose(own.predict_interval(Z, 0.0), [median] * 2, rtol=1e-9)
+
+
+def test_it_predicts_as_the_meta_estimator_of_scikit_learn():
+    own, plain = of_logs("multi-task")
+    other = TransformedTargetRegressor(plain, func=np.log, inverse_func=np.exp)
+    np.testing.assert_array_equal(own.predict(Z), other.fit(X, Y).predict(Z))
+    assert own.score(X, Y) == r2_score(Y, own.predict(X))
+
+
+@pytest.mark.parametrize("include_noise", [False, True])
+@pytest.mark.parametrize("model", MODELS)
 def test_intervals_and_draws_are_mapped_back(model, include_noise):
     own, plain = of_logs(model)
     noise = {"include_noise": include_noise}
@@ -89,19 +103,17 @@ def test_intervals_and_draws_are_mapped_back(model, include_noise):
     np.testing.assert_allclose(draws[0], np.exp(draws[1]))
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_leaving_one_out(model):
+@pytest.mark.parametrize("include_noise", [False, True])
+@pytest.mark.parametrize("model", MODELS)
+def test_leaving_one_out(model, include_noise):
     own, plain = of_logs(model)
-    m, s = plain.loo_predict(include_noise=True)
-    mean, std = own.loo_predict(include_noise=True)
-    np.testing.assert_allclose(mean, np.exp(m + 0.5 * s**2), rtol=1e-6)
-    np.testing.assert_allclose(std, mean * np.sqrt(np.expm1(s**2)), rtol=1e-4)
-    of_f, less = own.loo_predict()
-    np.testing.assert_array_equal(of_f, mean)
-    assert (less < std).all()
+    m, s = plain.loo_predict(include_noise)
+    median, std = own.loo_predict(include_noise)
+    np.testing.assert_allclose(median, np.exp(m), rtol=1e-12)
+    np.testing.assert_allclose(std, deviation_of_exp(m, s), rtol=1e-4)
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize("model", MODELS)
 def test_what_is_learned_is_of_the_transformed(model):
     own, plain = of_logs(model)
     np.testing.assert_array_equal(own.theta_, plain.theta_)
@@ -111,14 +123,15 @@ def test_what_is_learned_is_of_the_transformed(model):
 
 
 def test_attributes_and_tables():
-    own, plain = of_logs(MODELS["multi-task"], y=Y[:, 0])
+    own, plain = of_logs("multi-task", outputs=1)
+    assert own.target_transformer_.func is np.log
     np.testing.assert_array_equal(own.y_train_, plain.y_train_)
     np.testing.assert_array_equal(own.task_level_, plain.task_level_)
     pd.testing.assert_frame_equal(own.summary(), plain.summary())
 
 
 def test_a_falling_map():
-    own = of_logs(MODELS["multi-task"])[0]
+    own = of_logs("multi-task")[0]
     falls = (negative_log, exp_of_negative)
     other = clone(own).set_params(target_transform=falls).fit(X, Y)
     lower, upper = other.predict_interval(Z)
@@ -140,44 +153,68 @@ def test_a_transformer_is_cloned_and_fitted_to_each_output():
         np.testing.assert_allclose(model.y_train_[:, j], alone.y_train_)
 
 
-def test_a_linear_map_changes_nothing():
-    model = MODELS["multi-task"]
+@pytest.mark.parametrize("normalize_y", ["shared", "per_task"])
+@pytest.mark.parametrize("linear", [StandardScaler(), (np.negative, np.negative)])
+def test_a_linear_map_changes_nothing(linear, normalize_y):
+    model = clone(MODELS["multi-task"]).set_params(normalize_y=normalize_y)
     own, plain = (
-        clone(model).set_params(target_transform=of).fit(X, Y)
-        for of in (StandardScaler(), None)
+        clone(model).set_params(target_transform=of).fit(X, Y) for of in (linear, None)
     )
-    for found, expected in zip(
-        own.predict(Z, return_std=True), plain.predict(Z, return_std=True), strict=True
-    ):
-        np.testing.assert_allclose(found, expected, rtol=1e-5)
+    for predict in ("predict", "predict_interval"):
+        options = {"return_std": True} if predict == "predict" else {}
+        found, expected = (getattr(of, predict)(Z, **options) for of in (own, plain))
+        np.testing.assert_allclose(found, expected, rtol=1e-4)
+
+
+@pytest.mark.parametrize("engine", ["kronecker", "sparse"])
+def test_engines(engine):
+    complete = np.column_stack([np.tile(np.linspace(0.0, 6.0, 10), 3), TASK])
+    model = clone(MODELS["multi-task"]).set_params(inference=engine, n_inducing=8)
+    own = clone(model).set_params(target_transform=LOG).fit(complete, Y)
+    plain = clone(model).fit(complete, LOGS)
+    np.testing.assert_allclose(own.predict(Z), np.exp(plain.predict(Z)))
+    found, expected = own.predict_interval(Z), plain.predict_interval(Z)
+    np.testing.assert_allclose(found, np.exp(expected))
+
+
+def deviation_of_mixture(means, variances):
+    """That of exp of a mixture of normals."""
+    mean = np.exp(means + 0.5 * variances).mean(axis=0)
+    second = np.exp(2.0 * means + 2.0 * variances).mean(axis=0)
+    return np.sqrt(second - mean**2)
 
 
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
-def test_draws_of_hyperparameters():
+@pytest.mark.parametrize("kind", [MultiTaskGPRegressor, SingleTaskGP])
+def test_draws_of_hyperparameters(kind):
     options = {"hyperparameters": "sampled", "n_draws": 6, "target_transform": LOG}
-    model = MultiTaskGPRegressor(rank=1, **options).fit(X[:20], Y[:20, 0])
+    model = kind(**options).fit(X[:20], Y[:20, 0])
     rows = Z[Z[:, 1] < 2]
     parts = model._components(rows[:, :1], rows[:, 1].astype(int), True)
     means, variances = (of[..., 0] for of in parts)
-    means_of_parts = np.exp(means + 0.5 * variances)
-    mean, std = model.predict(rows, return_std=True, include_noise=True)
-    np.testing.assert_allclose(mean, means_of_parts.mean(axis=0), rtol=1e-6)
-    second = np.exp(2.0 * means + 2.0 * variances).mean(axis=0)
-    np.testing.assert_allclose(std, np.sqrt(second - mean**2), rtol=1e-3)
+    median, std = model.predict(rows, return_std=True, include_noise=True)
+    np.testing.assert_allclose(median, np.exp(means.mean(axis=0)))
+    np.testing.assert_allclose(std, deviation_of_mixture(means, variances), rtol=1e-3)
     lower, upper = np.log(model.predict_interval(rows, 0.8))
     for ends, p in ((lower, 0.1), (upper, 0.9)):
         below = norm.cdf(ends, means, np.sqrt(variances)).mean(axis=0)
         np.testing.assert_allclose(below, p, rtol=1e-6)
+    means, variances = (of[..., 0] for of in model._left_out(True))
+    assert means.shape == (6, 20)
+    median, std = model.loo_predict(include_noise=True)
+    np.testing.assert_allclose(median, np.exp(means.mean(axis=0)))
+    np.testing.assert_allclose(std, deviation_of_mixture(means, variances), rtol=1e-3)
 
 
 def test_add_task():
-    own, plain = of_logs(MODELS["multi-task"])
+    own, plain = of_logs("multi-task")
     rows, y = np.array([[1.0, 3], [4.0, 3]]), Y[:2]
     own, plain = own.add_task(rows, y), plain.add_task(rows, np.log(y))
     np.testing.assert_array_equal(own.y_train_, plain.y_train_)
     np.testing.assert_allclose(
         own.predict_interval(rows), np.exp(plain.predict_interval(rows))
     )
+    assert own.predict(rows).min() > 0.0
     with pytest.raises(ValueError, match=r"makes -inf of y\[1\] = 0\.0"):
         own.add_task([[1.0, 4], [2.0, 4]], [[1.0, 1.0], [0.0, 1.0]])
 
@@ -197,12 +234,28 @@ def test_rank_search(simpler):
     assert np.isfinite(search.loo_predict()).all()
 
 
-def test_transfer_is_of_the_transformed():
+def test_displays_of_the_transformed():
     plot = pytest.importorskip("matplotlib.pyplot")
-    own, plain = of_logs(MODELS["multi-task"], y=Y[:, 0])
+    own, plain = of_logs("multi-task", outputs=1)
     found, expected = (TransferDisplay.from_estimator(of) for of in (own, plain))
-    plot.close("all")
     pd.testing.assert_frame_equal(found.transfer, expected.transfer)
+    y, logs = Y[:, 0], np.log(Y[:, 0])
+    pipeline, task = make_pipeline("passthrough", own), {"task_feature": -1}
+    found = CoverageDisplay.from_estimator(pipeline, X, y, **task)
+    expected = CoverageDisplay.from_estimator(plain, X, logs)
+    np.testing.assert_array_equal(found.coverages, expected.coverages)
+    lower, upper = own.predict_interval(X, 0.5)
+    share = np.mean((lower <= y) & (y <= upper))
+    assert found.coverages[:, np.isclose(found.levels, 0.5)].mean() == pytest.approx(
+        share
+    )
+    kind = {"kind": "standardized"}
+    found = TaskResidualsDisplay.from_estimator(own, X, y, **kind)
+    expected = TaskResidualsDisplay.from_estimator(plain, X, logs, **kind)
+    np.testing.assert_allclose(found.residuals, expected.residuals)
+    found = TaskResidualsDisplay.from_estimator(own, X, y)
+    np.testing.assert_allclose(found.residuals, y - own.predict(X))
+    plot.close("all")
 
 
 def test_persistence_and_parameters():
@@ -213,7 +266,9 @@ def test_persistence_and_parameters():
     model.fit(X, Y)
     again = pickle.loads(pickle.dumps(model))
     np.testing.assert_array_equal(again.predict(Z), model.predict(Z))
-    model.set_params(target_transform=None).fit(X, LOGS)  # nothing is left of it
+    assert len(model.target_transformer_) == 2
+    model.set_params(target_transform=None).fit(X, LOGS)
+    assert not hasattr(model, "target_transformer_")
     np.testing.assert_array_equal(
         model.predict(Z), clone(model).fit(X, LOGS).predict(Z)
     )
@@ -298,6 +353,8 @@ SIGNED = np.linspace(-1.0, 2.0, 30)
 @pytest.mark.parametrize(
     ("transform", "y", "message"),
     [
+        (PowerTransformer("box-cox"), SIGNED, "not take the targets: .* Box-Cox"),
+        ((np.mean, np.mean), SIGNED, "not take the targets: .*element by element"),
         (LOG, np.arange(30.0), r"makes -inf of y\[0\] = 0\.0.*log1p"),
         (LOG, SIGNED, r"makes nan of y\[0\] = -1\.0"),
         ((np.square, np.sqrt), SIGNED, r"does not lead back: of y\[0\] = -1\.0"),
@@ -309,15 +366,16 @@ SIGNED = np.linspace(-1.0, 2.0, 30)
         (FunctionTransformer, np.arange(30.0), "You should provide an instance"),
     ],
 )
-@pytest.mark.parametrize("model", [MODELS["multi-task"], MODELS["single"]])
+@pytest.mark.parametrize("model", ["multi-task", "single"])
 def test_transforms_that_are_refused(model, transform, y, message):
-    model = clone(model).set_params(target_transform=transform)
+    model = copy(of_logs(model)[0])
+    before = vars(model).copy()
     with pytest.raises((ValueError, TypeError), match=message):
-        model.fit(X, y)
-    assert not hasattr(model, "tasks_")
+        model.set_params(target_transform=transform).fit(X, y)
+    assert vars(model) == {**before, "target_transform": transform}
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+@pytest.mark.parametrize("model", MODELS)
 def test_covariances_are_refused(model):
     own, _ = of_logs(model)
     with pytest.raises(ValueError, match=r"return_cov=True has no.*sample_y"):
@@ -330,12 +388,10 @@ def test_inverses_that_overflow():
     model.set_params(max_iter=0).fit(X, y)
     far = Z + [90.0, 0.0]
     assert np.isfinite(model.predict_interval(far)).all()
-    for predict, *arguments in (
-        (model.predict, far),
-        (model.predict_interval, far, 1.0 - 1e-15),
-    ):
-        with pytest.raises(ValueError, match="model is so unsure there"):
-            predict(*arguments)
+    with pytest.raises(ValueError, match="model is so unsure there"):
+        model.predict(far, return_std=True)
+    with pytest.raises(ValueError, match="model is so unsure there"):
+        model.predict_interval(far, 1.0 - 1e-15)
 
 
 def ten_to_the(z):

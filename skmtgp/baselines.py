@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.training import default_kernel
 from skmtgp._numerics.parallel import run
 from skmtgp._support.sklearn_compat import StrOptions
@@ -87,6 +88,12 @@ class IndependentGP(_FixedTaskCovarianceGP):
         of equal targets, by the geometric mean of the others' deviations. "auto" asks
         the data, see :class:`MultiTaskGPRegressor`. With False the model's mean is
         zero.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -209,7 +216,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets.
+        Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -256,6 +265,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
@@ -275,6 +285,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
@@ -317,6 +328,12 @@ class PooledGP(_FixedTaskCovarianceGP):
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. "shared" is True. With False the model's mean is
         zero. One function has one level and one unit: those of all tasks.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -434,7 +451,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets.
+        Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -483,6 +502,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["shared"] | bool = "shared",
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
@@ -501,6 +521,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs

@@ -16,6 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.targets import TargetTransform
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Demand, Engine
@@ -93,6 +94,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         off its own mean and divides it by its own deviation; one of one or two rows, or
         of equal targets, by the geometric mean of the others' deviations. "auto" asks
         the data, see Notes. With False the model's mean is zero.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -244,7 +251,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets.
+        Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -332,6 +341,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
@@ -357,6 +367,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs

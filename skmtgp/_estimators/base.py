@@ -21,11 +21,13 @@ from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._estimators.sampled import n_posteriors
+from skmtgp._estimators.targets import fit_target
 from skmtgp._estimators.training import Training, default_kernel
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import (
+    HasMethods,
     Interval,
     StrOptions,
     fit_context,
@@ -44,6 +46,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 # Its least where each task was taken off its own mean: learned from such targets it
 # would be zero, as if the means were known. This is the prior of unit information.
 CENTRED = 1.0
+TRANSFORMER = "fit", "transform", "inverse_transform"
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -56,6 +59,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean", StrOptions({"auto", "per_task", "shared"})],
+        "target_transform": [HasMethods(list(TRANSFORMER)), tuple, None],
         "inference": [StrOptions({"auto", *ENGINES}), Engine],
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
@@ -160,7 +164,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
 
     def _scale(self, features, codes, tasks, Y):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
-        training = Training(features, codes, tasks, Y, single_output)
+        target = fit_target(self.target_transform, Y)
+        Y = target.forward(Y)
+        training = Training(features, codes, tasks, Y, single_output, target=target)
         if len(Y) > FEW_ROWS:
             same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
             # without normalize_y one that is not zero has a size, if nothing else

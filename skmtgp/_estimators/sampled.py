@@ -138,6 +138,15 @@ class SampledMixin:
         centre = self._units.of_rows(self._units.centre, codes)
         return means * scales + centre, variances
 
+    def _left_out(self, include_noise):
+        """The same of the training samples, each given the others."""
+        parts = [self._predictive]
+        if self._is_sampled():
+            parts = map(list, zip(*(of.parts for of in self._predictive), strict=True))
+        found = [self._leave_out(include_noise, of_draw) for of_draw in parts]
+        means, deviations = np.stack(found, axis=1)
+        return means, np.square(deviations)
+
     # drawing
 
     def _wants_draws(self, training, prior):

@@ -1,6 +1,14 @@
-"""Data for multi-task regression: inverse dynamics of a Puma 560 under loads."""
+"""Data for multi-task regression: inverse dynamics of robots."""
 
+from ._kinova_gen3 import fetch_kinova_gen3
 from ._make import make_puma560
 from ._puma560 import fetch_puma560, load_puma560
+from ._recordings import prepare_trajectory
 
-__all__ = ["fetch_puma560", "load_puma560", "make_puma560"]
+__all__ = [
+    "fetch_kinova_gen3",
+    "fetch_puma560",
+    "load_puma560",
+    "make_puma560",
+    "prepare_trajectory",
+]

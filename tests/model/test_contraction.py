@@ -15,7 +15,12 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.kernels import (
+    ARDLinear,
+    Columns,
+    geometric_inverse_dynamics_kernel,
+    inverse_dynamics_kernel,
+)
 from skmtgp.model._nodes import UnknownNode, compile_kernel
 from skmtgp.model._nodes.differences import NARROW
 
@@ -77,7 +82,15 @@ KNOWN = {
     "columns": Columns(RBF([0.7, 1.9]), [2, 0]),
     "columns of columns": Columns(Columns(RBF(1.2), [1]) * ARDLinear(), [0, 2, 3]),
     "columns, fixed": Columns(RBF(0.7, FIXED), [1]),
+    "square of a sum": (ARDLinear(ARD, 0.4) + RBF(1.2)) ** 2,
+    "four factors": RBF(1.2) * ConstantKernel(0.7) * ARDLinear(ARD, 0.4) * RBF(ARD),
     "inverse dynamics": inverse_dynamics_kernel(1),
+    "geometric, two joints that slide": Columns(
+        geometric_inverse_dynamics_kernel("PP"), [0, 1, 2, 3, 1, 0, 3, 2]
+    ),
+    "geometric, one of two joints turns": Columns(
+        geometric_inverse_dynamics_kernel("RP"), [0, 1, 2, 3, 1, 0, 3, 2, 1]
+    ),
 }
 UNKNOWN = {
     "matern 0.9": Matern(1.2, nu=0.9),

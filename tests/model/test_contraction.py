@@ -23,6 +23,7 @@ from skmtgp.kernels import (
 )
 from skmtgp.model._nodes import UnknownNode, compile_kernel
 from skmtgp.model._nodes.differences import NARROW
+from skmtgp.model._nodes.expressions import _products_of_others
 
 EPS = np.finfo(float).eps
 FIXED = "fixed"
@@ -123,6 +124,25 @@ def moved(kernel):
 def tiles(n, side=4):
     edges = [slice(a, min(a + side, n)) for a in range(0, n, side)]
     return [(rows, cols) for rows in edges for cols in edges]
+
+
+class Counting(float):
+    """A number that counts multiplications."""
+
+    count = 0
+
+    def __mul__(self, other):
+        Counting.count += 1
+        return Counting(float(self) * other)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 20])
+def test_products_of_all_factors_but_one(n):
+    numbers = np.random.default_rng(n).standard_normal(n)
+    Counting.count = 0
+    found = list(_products_of_others(tuple(map(Counting, numbers))))
+    np.testing.assert_allclose(found, np.prod(numbers) / numbers)
+    assert Counting.count <= 3 * n  # it was n^2
 
 
 def test_root_of_values_that_underflow():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from typing import Literal, TypeVar
 
@@ -10,7 +11,10 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.kernels import (
+    geometric_inverse_dynamics_kernel,
+    inverse_dynamics_kernel,
+)
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -20,6 +24,12 @@ from skmtgp.single_task import SingleTaskGP
 __all__ = ["add_task", "make_inverse_dynamics_regressor"]
 
 Model = TypeVar("Model", bound=BaseEstimator)
+# The kernels of inverse dynamics, and what stands for a joint's position in each
+ANGLES = {
+    "paper": "radians",
+    "geometric": "trigonometric",
+    "trigonometric": "trigonometric",
+}
 
 
 def add_task(
@@ -94,10 +104,12 @@ def add_task(
 def make_inverse_dynamics_regressor(
     estimator: BaseEstimator | None = None,
     *,
+    kernel: Literal["paper", "geometric", "trigonometric"] = "paper",
     n_joints: int = 6,
+    joint_types: Sequence[str] | None = None,
     task_feature: int | str = -1,
 ) -> Pipeline:
-    """Pipeline of the inverse dynamics features, the paper's kernel and a model.
+    """Pipeline of the inverse dynamics features, a kernel of them and a model.
 
     Parameters
     ----------
@@ -107,10 +119,19 @@ def make_inverse_dynamics_regressor(
         the paper's mGP-BIC: ``RankSearchIC(MultiTaskGPRegressor(task_levels=False,
         normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10))``. An
         estimator that is given keeps its own settings. It is cloned; where it has a
-        kernel that is None it gets :func:`~skmtgp.kernels.inverse_dynamics_kernel`, and
-        its own `task_feature` becomes -1, where the features put the load.
+        kernel that is None it gets `kernel`, and its own `task_feature` becomes -1,
+        where the features put the load.
+    kernel : {"paper", "geometric", "trigonometric"}, default="paper"
+        Which kernel, and the features that it is of. "paper" and "trigonometric" are
+        :func:`~skmtgp.kernels.inverse_dynamics_kernel`, of the joints' positions or of
+        their cosines and sines; "geometric" is
+        :func:`~skmtgp.kernels.geometric_inverse_dynamics_kernel`, polynomials of these,
+        which extrapolates best where links and joints are rigid.
     n_joints : int, default=6
         Number of joints J.
+    joint_types : sequence of str, default=None
+        "revolute" (or "R") or "prismatic" (or "P") for each joint. None: all revolute.
+        It does not matter to the paper's kernel.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
 
@@ -125,7 +146,10 @@ def make_inverse_dynamics_regressor(
     Raises
     ------
     TypeError
-        If `estimator` is none of these.
+        If `estimator` is none of these, or `joint_types` is no sequence.
+    ValueError
+        If `kernel` is none of these words, `n_joints` is not a positive integer, or
+        `joint_types` are not the types of so many joints.
 
     Notes
     -----
@@ -139,11 +163,35 @@ def make_inverse_dynamics_regressor(
     >>> model = make_inverse_dynamics_regressor(PooledGP(max_iter=10))
     >>> model[-1].max_iter
     10
+
+    With polynomials of the cosines and sines of the joints' positions:
+
+    >>> model = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
+    >>> model[0].angles, model[-1].kernel.n_dims
+    ('trigonometric', 49)
     """
     regressor = _paper_model() if estimator is None else clone(estimator)
-    _set_kernel(regressor, inverse_dynamics_kernel(n_joints))
-    features = InverseDynamicsFeatures(n_joints, task_feature=task_feature)
+    _set_kernel(regressor, _make_kernel(kernel, n_joints, joint_types))
+    features = InverseDynamicsFeatures(
+        n_joints,
+        angles=ANGLES[kernel],
+        joint_types=joint_types,
+        task_feature=task_feature,
+    )
     return Pipeline([("features", features), ("regressor", regressor)])
+
+
+def _make_kernel(name, n_joints, joint_types):
+    """The kernel of a name, of so many joints."""
+    if not isinstance(name, str) or name not in ANGLES:
+        words = ", ".join(map(repr, ANGLES))
+        raise ValueError(f"kernel={name!r} must be one of {words}.")
+    options = {"angles": ANGLES[name], "joint_types": joint_types}
+    kernel = inverse_dynamics_kernel(n_joints, **options)  # it checks them
+    if name == "geometric":
+        types = "R" * n_joints if joint_types is None else joint_types
+        kernel = geometric_inverse_dynamics_kernel(types)
+    return kernel
 
 
 def _paper_model():

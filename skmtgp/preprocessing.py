@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from numbers import Integral
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import refuse_dask
+from skmtgp._data.joints import check_angles, check_joints, columns_of_positions
 from skmtgp._data.labels import FIRST_INEXACT
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._estimators.estimator import Estimator
@@ -40,10 +42,22 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
     unit variance on the training data. The signs sgn(qd) of the velocities, which
     Coulomb friction depends on, are added, and the task becomes the last column.
 
+    With ``angles="trigonometric"`` the cosine and the sine of the position of each
+    joint that turns take the place of the position. Zero stays zero: cosines and sines
+    are as they are, velocities and accelerations are divided by their root mean square.
+    Torques of rigid bodies are polynomials in these features.
+
     Parameters
     ----------
     n_joints : int, default=None
         Number of joints J. None takes it from the number of columns, 3 J + 1.
+    angles : {"radians", "trigonometric"}, default="radians"
+        What stands for the position of a joint that turns: itself, standardised, or its
+        cosine and its sine.
+    joint_types : sequence of str, default=None
+        "revolute" (or "R") for each joint that turns, "prismatic" (or "P") for each
+        that slides, such as ``"RRPRRR"``. None: all turn. It matters to trigonometric
+        angles only: the position of a joint that slides is standardised.
     task_feature : int or str, default=-1
         Position or name of the task column. The other columns are, from left to right,
         positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and accelerations
@@ -53,11 +67,14 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
     ----------
     n_joints_ : int
         Number of joints J.
-    mean_ : ndarray of shape (3 * `n_joints_`,)
-        Mean of each column of x in training, in its own units.
-    scale_ : ndarray of shape (3 * `n_joints_`,)
-        Standard deviation of each column of x in training, in its own units; 1 where
-        the column is constant.
+    mean_ : ndarray of shape (n_states,)
+        What is taken off each column of x, in its own units: its mean in training, or 0
+        where zero stays zero. n_states is 3 J, and with trigonometric angles one more
+        for each joint that turns.
+    scale_ : ndarray of shape (n_states,)
+        What each column of x is divided by, in its own units: its standard deviation
+        in training, its root mean square where zero stays zero, 1 for cosines and sines
+        and where that is 0.
     n_features_in_ : int
         Number of columns seen in `fit`, 3 J + 1.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -65,7 +82,9 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
     See Also
     --------
-    skmtgp.kernels.inverse_dynamics_kernel : The kernel on these features.
+    skmtgp.kernels.inverse_dynamics_kernel : The paper's kernel on these features.
+    skmtgp.kernels.geometric_inverse_dynamics_kernel : A polynomial kernel on them, for
+        trigonometric angles.
 
     Notes
     -----
@@ -84,12 +103,25 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
     >>> InverseDynamicsFeatures().fit_transform(X)
     array([[-1., -1., -1., -1.,  1.],
            [ 1.,  1.,  1.,  0.,  2.]])
+
+    The same with the cosine and the sine of the position, and zero where it was:
+
+    >>> InverseDynamicsFeatures(angles="trigonometric").fit_transform(X).round(2)
+    array([[ 1.  ,  0.1 , -1.41,  0.69, -1.  ,  1.  ],
+           [ 0.96,  0.3 ,  0.  ,  1.24,  0.  ,  2.  ]])
     """
 
     def __init__(
-        self, n_joints: int | None = None, *, task_feature: int | str = -1
+        self,
+        n_joints: int | None = None,
+        *,
+        angles: Literal["radians", "trigonometric"] = "radians",
+        joint_types: Sequence[str] | None = None,
+        task_feature: int | str = -1,
     ) -> None:
         self.n_joints = n_joints
+        self.angles = angles
+        self.joint_types = joint_types
         self.task_feature = task_feature
 
     @with_callbacks
@@ -112,11 +144,13 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         Raises
         ------
         TypeError
-            If `n_joints` or `task_feature` is of another type, or X a Dask collection.
+            If `n_joints`, `joint_types` or `task_feature` is of another type, or X a
+            Dask collection.
         ValueError
-            If X does not have 3 J + 1 columns or no column `task_feature`, if a number
-            is missing or infinite, or if a task label is missing or fractional. The
-            transformer is then as it was before.
+            If X does not have 3 J + 1 columns or no column `task_feature`, if `angles`
+            or `joint_types` are not such, if a number is missing or infinite, or if a
+            task label is missing or fractional. The transformer is then as it was
+            before.
         """
         with fitting(self, X, y):
             self._fit(X)
@@ -130,8 +164,35 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
             self.task_feature, n_features, getattr(self, "feature_names_in_", None)
         )
         self.n_joints_ = self._count_joints(n_features)
-        scaler = StandardScaler().fit(self._split(table)[0])
-        self.mean_, self.scale_ = scaler.mean_, scaler.scale_
+        self._revolute = self._turning()
+        self.mean_, self.scale_ = self._units(self._states(self._split(table)[0]))
+
+    def _turning(self):
+        """Of each joint, whether its cosine and its sine stand for its position."""
+        check_angles(self.angles)
+        revolute = check_joints(self.joint_types, self.n_joints_)
+        return revolute if self.angles == "trigonometric" else [False] * self.n_joints_
+
+    def _states(self, x):
+        """The states, with cosines and sines of joints that turn."""
+        positions = [
+            function(q) if function else q
+            for q, turns in zip(x.T, self._revolute, strict=False)
+            for function in ((np.cos, np.sin) if turns else (None,))
+        ]
+        return np.column_stack([*positions, x[:, self.n_joints_ :]])
+
+    def _units(self, states):
+        """What is taken off each column of the states, and what it is divided by."""
+        scaler = StandardScaler().fit(states)
+        if self.angles == "radians":
+            return scaler.mean_, scaler.scale_
+        positions = columns_of_positions(self._revolute)
+        slides = [c for of_joint in positions for c in of_joint if len(of_joint) == 1]
+        mean, scale = np.zeros_like(scaler.mean_), np.sqrt(np.square(states).mean(0))
+        scale[: positions[-1][-1] + 1] = 1.0
+        mean[slides], scale[slides] = scaler.mean_[slides], scaler.scale_[slides]
+        return mean, np.where(scale > 0.0, scale, 1.0)
 
     def transform(self, X: ArrayLike) -> NDArray[Any] | pd.DataFrame:
         """Standardise the states, add the signs, move the task to the end.
@@ -143,9 +204,11 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
         Returns
         -------
-        features : ndarray or DataFrame of shape (n_samples, 4 * n_joints + 1)
-            The 3 J standardised columns, the J signs -1, 0 or 1, and the task. As an
-            array, float64 where the labels are numbers, else object. As a frame (after
+        features : ndarray or DataFrame of shape (n_samples, n_states + n_joints + 1)
+            The scaled states, the J signs -1, 0 or 1, and the task. The states are 3 J
+            columns; with trigonometric angles the cosine and then the sine of a joint
+            that turns stand where its position was. As an array, float64 where the
+            labels are numbers, else object. As a frame (after
             ``set_output(transform="pandas")``), with the labels as they were.
 
         Raises
@@ -157,10 +220,11 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         """
         check_is_fitted(self)
         refuse_dask("X", X, BY_PARTITIONS)
-        states, labels = self._split(read_table(self, X, reset=False))
-        velocities = states[:, self.n_joints_ : 2 * self.n_joints_]
+        x, labels = self._split(read_table(self, X, reset=False))
+        velocities = x[:, self.n_joints_ : 2 * self.n_joints_]
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))
-        features = np.column_stack([(states - self.mean_) / self.scale_, signs])
+        scaled = (self._states(x) - self.mean_) / self.scale_
+        features = np.column_stack([scaled, signs])
         if wants_pandas(self):
             return self._to_frame(features, labels, X)
         return np.column_stack([features, _as_column(labels)])
@@ -178,9 +242,10 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
         Returns
         -------
-        names : ndarray of shape (4 * n_joints + 1,)
-            The names of the states, ``"sgn(qd1)"`` for a velocity ``"qd1"``, and the
-            name of the task column.
+        names : ndarray of shape (n_states + n_joints + 1,)
+            The names of the states, ``"cos(q1)"`` and ``"sin(q1)"`` for trigonometric
+            angles, ``"sgn(qd1)"`` for a velocity ``"qd1"``, and the name of the task
+            column.
 
         Raises
         ------
@@ -190,9 +255,15 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         check_is_fitted(self)
         names = check_feature_names_in(self, input_features)
         states = np.delete(names, self._task_position)
-        velocities = states[self.n_joints_ : 2 * self.n_joints_]
-        signs = [f"sgn({name})" for name in velocities]
-        return np.array([*states, *signs, names[self._task_position]], dtype=object)
+        positions = [
+            form.format(name)
+            for name, turns in zip(states, self._revolute, strict=False)
+            for form in (("cos({})", "sin({})") if turns else ("{}",))
+        ]
+        others = states[self.n_joints_ :]
+        signs = [f"sgn({name})" for name in others[: self.n_joints_]]
+        task = names[self._task_position]
+        return np.array([*positions, *others, *signs, task], dtype=object)
 
     def _count_joints(self, n_features):
         if self.n_joints is None:

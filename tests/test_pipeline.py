@@ -22,7 +22,10 @@ from skmtgp import (
     make_inverse_dynamics_regressor,
 )
 from skmtgp.datasets import load_puma560
-from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.kernels import (
+    geometric_inverse_dynamics_kernel,
+    inverse_dynamics_kernel,
+)
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
 LOADS = {"n_per_load": 8, "loads": [1, 2, 5]}
@@ -74,6 +77,48 @@ def test_default_is_the_rank_search_of_the_paper():
     assert (search.ranks, search.criterion) == ((2, 4, 5, 6, 8, 10), "bic")
     assert search.estimator.kernel == inverse_dynamics_kernel(6)
     assert model[0].n_joints == 6
+
+
+def test_kernels_by_name():
+    geometric = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
+    assert geometric[-1].kernel == geometric_inverse_dynamics_kernel("RRRRRR")
+    options = {"n_joints": 2, "joint_types": "RP"}
+    trigonometric = make_inverse_dynamics_regressor(
+        PooledGP(), kernel="trigonometric", **options
+    )
+    expected = inverse_dynamics_kernel(2, angles="trigonometric", joint_types="RP")
+    assert trigonometric[-1].kernel == expected
+    assert (trigonometric[0].angles, trigonometric[0].joint_types) == (
+        "trigonometric",
+        "RP",
+    )
+    paper = make_inverse_dynamics_regressor(PooledGP(), kernel="paper", **options)
+    assert paper[-1].kernel == inverse_dynamics_kernel(2)
+    assert paper[0].angles == "radians"
+
+
+@pytest.mark.parametrize("kernel", ["geometric", "trigonometric"])
+def test_other_kernels_learn_and_predict(kernel):
+    model = MultiTaskGPRegressor(rank=2, learning="staged", max_iter=20)
+    model = make_inverse_dynamics_regressor(model, kernel=kernel).fit(X, Y[:, 1])
+    assert abs(model.predict(X) - Y[:, 1]).max() < 0.1 * np.ptp(Y[:, 1])
+    K, n = model[-1].kernel_(model[0].transform(X)[:, :-1]), len(X)
+    assert K.shape == (n, n)
+
+
+@pytest.mark.parametrize("kernel", ["rigid-body", "SE", None, RBF()])
+def test_kernels_without_a_name(kernel):
+    message = "must be one of 'paper', 'geometric', 'trigonometric'"
+    with pytest.raises(ValueError, match=message):
+        make_inverse_dynamics_regressor(kernel=kernel)
+
+
+@pytest.mark.parametrize("kernel", ["paper", "geometric", "trigonometric"])
+def test_types_of_other_joints(kernel):
+    with pytest.raises(ValueError, match="of 2 joints, but there are 6"):
+        make_inverse_dynamics_regressor(kernel=kernel, joint_types="RP")
+    with pytest.raises(ValueError, match="n_joints='6' must be a positive integer"):
+        make_inverse_dynamics_regressor(kernel=kernel, n_joints="6")
 
 
 def test_kernel_of_the_user_is_kept():

@@ -69,6 +69,67 @@ def test_states_are_standardised_and_signs_added(states, n_joints):
     np.testing.assert_allclose(transformer.scale_, states.std(axis=0))
 
 
+def test_trigonometric_angles(states):
+    X = frame(states)
+    transformer = InverseDynamicsFeatures(angles="trigonometric", joint_types="RP")
+    found = transformer.set_output(transform="pandas").fit_transform(X)
+    names = ["cos(q1)", "sin(q1)", *NAMES[1:], "sgn(qd1)", "sgn(qd2)", "load"]
+    assert list(found.columns) == names
+    q = states[:, 0]
+    np.testing.assert_array_equal(found["cos(q1)"], np.cos(q))
+    np.testing.assert_array_equal(found["sin(q1)"], np.sin(q))
+    z = (states[:, 1] - states[:, 1].mean()) / states[:, 1].std()
+    np.testing.assert_allclose(found["q2"], z)
+    others = states[:, 2:]  # zero stays zero
+    expected = others / np.sqrt(np.square(others).mean(axis=0))
+    np.testing.assert_allclose(found[NAMES[2:]], expected)
+    np.testing.assert_array_equal(
+        found["sgn(qd1)"], expected_features(states)[:, 6], strict=False
+    )
+    assert transformer.mean_.shape == transformer.scale_.shape == (7,)
+
+
+@pytest.mark.parametrize("joint_types", [None, "RR", ["revolute", "R"]])
+def test_all_joints_turn_unless_told_otherwise(states, joint_types):
+    X = np.column_stack([states, np.ones(5)])
+    options = {"angles": "trigonometric", "joint_types": joint_types}
+    found = InverseDynamicsFeatures(**options).fit_transform(X)
+    q = states[:, :2]
+    expected = np.stack([np.cos(q), np.sin(q)], axis=-1).reshape(5, 4)
+    np.testing.assert_array_equal(found[:, :4], expected)
+    assert found.shape == (5, 11)
+
+
+def test_a_joint_that_rests_has_no_scale(states):
+    states[:, 2] = 0.0
+    X = np.column_stack([states, np.ones(5)])
+    transformer = InverseDynamicsFeatures(angles="trigonometric").fit(X)
+    assert transformer.scale_[4] == 1.0
+    np.testing.assert_array_equal(transformer.transform(X)[:, 4], 0.0)
+
+
+def test_types_of_joints_do_not_matter_to_radians(states):
+    X = np.column_stack([states, np.ones(5)])
+    found = InverseDynamicsFeatures(joint_types="RP").fit_transform(X)
+    np.testing.assert_array_equal(found, InverseDynamicsFeatures().fit_transform(X))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"angles": "degrees"},
+            "angles='degrees' must be 'radians' or '",
+        ),
+        ({"joint_types": "RRR"}, "'RRR' are those of 3 joints, but there are 2"),
+        ({"joint_types": "RX"}, "has 'X' for joint 2; it must be 'revolute'"),
+    ],
+)
+def test_angles_and_types_that_are_none(states, options, message):
+    with pytest.raises(ValueError, match=message):
+        InverseDynamicsFeatures(**options).fit(frame(states))
+
+
 def test_scales_are_those_of_the_training_data(states):
     X = np.column_stack([states, np.ones(5)])
     transformer = InverseDynamicsFeatures().fit(X)

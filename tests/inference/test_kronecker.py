@@ -20,13 +20,19 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp.exceptions import NotPositiveDefiniteError
-from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.kernels import (
+    ARDLinear,
+    Columns,
+    geometric_inverse_dynamics_kernel,
+    inverse_dynamics_kernel,
+)
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 N, M, D = 11, 4, 4
 ARD = (0.7, 1.1, 1.9, 0.9)
 KERNELS = {
     "paper": inverse_dynamics_kernel(1),
+    "geometric": geometric_inverse_dynamics_kernel("P"),
     "rbf": RBF(1.2),
     "fixed": ConstantKernel(1.3, "fixed") * RBF(ARD, "fixed"),
     "matern": ConstantKernel(0.6) * Matern(ARD, nu=1.5) + DotProduct(0.8),

@@ -15,9 +15,15 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.kernels import (
+    ARDLinear,
+    Columns,
+    geometric_inverse_dynamics_kernel,
+    inverse_dynamics_kernel,
+)
 from skmtgp.model._nodes import UnknownNode, compile_kernel
 from skmtgp.model._nodes.differences import NARROW
+from skmtgp.model._nodes.expressions import _products_of_others
 
 EPS = np.finfo(float).eps
 FIXED = "fixed"
@@ -77,7 +83,15 @@ KNOWN = {
     "columns": Columns(RBF([0.7, 1.9]), [2, 0]),
     "columns of columns": Columns(Columns(RBF(1.2), [1]) * ARDLinear(), [0, 2, 3]),
     "columns, fixed": Columns(RBF(0.7, FIXED), [1]),
+    "square of a sum": (ARDLinear(ARD, 0.4) + RBF(1.2)) ** 2,
+    "four factors": RBF(1.2) * ConstantKernel(0.7) * ARDLinear(ARD, 0.4) * RBF(ARD),
     "inverse dynamics": inverse_dynamics_kernel(1),
+    "geometric, two joints that slide": Columns(
+        geometric_inverse_dynamics_kernel("PP"), [0, 1, 2, 3, 1, 0, 3, 2]
+    ),
+    "geometric, one of two joints turns": Columns(
+        geometric_inverse_dynamics_kernel("RP"), [0, 1, 2, 3, 1, 0, 3, 2, 1]
+    ),
 }
 UNKNOWN = {
     "matern 0.9": Matern(1.2, nu=0.9),
@@ -110,6 +124,25 @@ def moved(kernel):
 def tiles(n, side=4):
     edges = [slice(a, min(a + side, n)) for a in range(0, n, side)]
     return [(rows, cols) for rows in edges for cols in edges]
+
+
+class Counting(float):
+    """A number that counts multiplications."""
+
+    count = 0
+
+    def __mul__(self, other):
+        Counting.count += 1
+        return Counting(float(self) * other)
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 20])
+def test_products_of_all_factors_but_one(n):
+    numbers = np.random.default_rng(n).standard_normal(n)
+    Counting.count = 0
+    found = list(_products_of_others(tuple(map(Counting, numbers))))
+    np.testing.assert_allclose(found, np.prod(numbers) / numbers)
+    assert Counting.count <= 3 * n  # it was n^2
 
 
 def test_root_of_values_that_underflow():

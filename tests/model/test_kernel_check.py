@@ -18,7 +18,12 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, SingleTaskGP
-from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp.kernels import (
+    ARDLinear,
+    Columns,
+    geometric_inverse_dynamics_kernel,
+    inverse_dynamics_kernel,
+)
 from skmtgp.model.kernel_check import SAMPLED, check_covariance, check_kernel
 
 
@@ -47,6 +52,7 @@ COVARIANCES = {
     "rational": RationalQuadratic(1.2, 0.6),
     "linear": ARDLinear([1.0, 0.0, 2.0], 0.0, "fixed", "fixed"),
     "paper": Columns(inverse_dynamics_kernel(1), [0, 1, 2, 0]),
+    "geometric": Columns(geometric_inverse_dynamics_kernel("P"), [0, 1, 2, 0]),
     "cubic": DotProduct(1.0) ** 3,
     "constant": ConstantKernel(3.0),
     "white": RBF() + WhiteKernel(0.1),

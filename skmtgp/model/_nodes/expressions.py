@@ -1,7 +1,7 @@
 """Nodes of kernels made of others, and the node of any kernel."""
 
 from functools import reduce
-from itertools import pairwise, product
+from itertools import accumulate, pairwise, product
 from math import isqrt, prod
 
 import numpy as np
@@ -108,13 +108,27 @@ class BoundProduct(BoundJoined):
     def split(self, tape):
         """Each factor, its tape, and the values of the product of the others."""
         values, tapes = tape
-        for k, (part, of_part) in enumerate(zip(self.parts, tapes, strict=True)):
-            yield part, of_part, reduce(np.multiply, values[:k] + values[k + 1 :])
+        yield from zip(self.parts, tapes, _products_of_others(values), strict=True)
 
     def contract(self, W, tape, rows, cols):
         return np.concatenate(
             [_contract_factor(*split, W, rows, cols) for split in self.split(tape)]
         )
+
+
+def _products_of_others(values):
+    """For each value the product of the others: of those before it and those after.
+
+    A robot has a factor for each joint: to multiply all others anew for each of them
+    would take a time that grows with the square of their number.
+    """
+    after = list(accumulate(values[:0:-1], np.multiply))
+    yield after.pop()
+    before = values[0]
+    for value in values[1:-1]:
+        yield before * after.pop()
+        before = before * value
+    yield before
 
 
 def _contract_factor(factor, tape, other, W, rows, cols):
@@ -146,6 +160,8 @@ class BoundPower(Bound):
 
     def block(self, rows, cols, new=allocate):
         K, tape = self.inner.block(rows, cols, new)
+        if self.exponent == 2 and np.ndim(K):  # of polynomials, in memory that is kept
+            return np.square(K, out=new()), (K, tape)
         return K**self.exponent, (K, tape)
 
     def contract(self, W, tape, rows, cols):
@@ -154,6 +170,8 @@ class BoundPower(Bound):
         return self.inner.contract(W, inner_tape, rows, cols)
 
     def _slope(self, K):
+        if self.exponent == 2:
+            return K
         if self.exponent >= 1:
             return K ** (self.exponent - 1)
         # a value that has underflown to 0 has a derivative that has, too

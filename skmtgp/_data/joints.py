@@ -1,0 +1,97 @@
+"""The joints of a robot: which turn, which slide, and where their features are."""
+
+from itertools import accumulate
+
+KINDS = {"revolute": True, "R": True, "prismatic": False, "P": False}
+
+
+def are_revolute(joint_types):
+    """Whether each joint turns.
+
+    Parameters
+    ----------
+    joint_types : sequence of str
+        "revolute" or "R", "prismatic" or "P", for each joint.
+
+    Returns
+    -------
+    revolute : list of bool
+        False for a joint that slides.
+
+    Raises
+    ------
+    TypeError
+        If `joint_types` is no sequence.
+    ValueError
+        If it is empty, or a joint is neither.
+    """
+    try:
+        kinds = list(joint_types)
+    except TypeError:
+        raise TypeError(
+            f"joint_types={joint_types!r} must be a sequence with 'revolute' (or 'R') "
+            "or 'prismatic' (or 'P') for each joint."
+        ) from None
+    if not kinds:
+        raise ValueError("joint_types is empty: give the type of each joint.")
+    for i, kind in enumerate(kinds):
+        if not isinstance(kind, str) or kind not in KINDS:
+            raise ValueError(
+                f"joint_types={joint_types!r} has {kind!r} for joint {i + 1}; it must "
+                "be 'revolute' (or 'R') or 'prismatic' (or 'P')."
+            )
+    return [KINDS[kind] for kind in kinds]
+
+
+def columns_of_positions(revolute):
+    """Where the position of each joint is among trigonometric features.
+
+    Parameters
+    ----------
+    revolute : sequence of bool
+        Whether each joint turns.
+
+    Returns
+    -------
+    columns : list of list of int
+        Two columns, cosine and sine, of a joint that turns; one of a joint that slides.
+    """
+    ends = list(accumulate(1 + turns for turns in revolute))
+    return [list(range(b - 1 - r, b)) for b, r in zip(ends, revolute, strict=True)]
+
+
+def check_joints(joint_types, n_joints):
+    """Whether each of some joints turns.
+
+    Parameters
+    ----------
+    joint_types : sequence of str or None
+        See :func:`are_revolute`; None: all turn.
+    n_joints : int
+        How many there are.
+
+    Returns
+    -------
+    revolute : list of bool
+        Of length `n_joints`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `joint_types` are not the types of so many joints.
+    """
+    if joint_types is None:
+        return [True] * n_joints
+    revolute = are_revolute(joint_types)
+    if len(revolute) != n_joints:
+        raise ValueError(
+            f"joint_types={joint_types!r} are those of {len(revolute)} joints, but "
+            f"there are {n_joints}."
+        )
+    return revolute
+
+
+def check_angles(angles):
+    """Raise a ValueError if `angles` is neither "radians" nor "trigonometric"."""
+    if angles not in ("radians", "trigonometric"):
+        raise ValueError(f"angles={angles!r} must be 'radians' or 'trigonometric'.")

@@ -1,0 +1,140 @@
+"""Kernels of inverse dynamics: by the book, and on robots with known torques."""
+
+import numpy as np
+import pytest
+
+from skmtgp.kernels import geometric_inverse_dynamics_kernel, inverse_dynamics_kernel
+from skmtgp.preprocessing import InverseDynamicsFeatures
+
+TYPES = ["revolute", "prismatic", "R"]
+TRIGONOMETRIC = {"angles": "trigonometric", "joint_types": TYPES}
+POSITIONS = [0, 1], [2], [3, 4]  # columns of TYPES
+SPEEDS, ACCELERATIONS, SIGNS = [5, 6, 7], [8, 9, 10], [11, 12, 13]
+
+
+def features(n=6, seed=0):
+    u = np.random.default_rng(seed).standard_normal((n, 14))
+    u[:, SIGNS] = np.sign(u[:, SPEEDS])
+    return u
+
+
+def moved(kernel, seed=0):
+    rng = np.random.default_rng(seed)
+    return kernel.clone_with_theta(rng.normal(0.0, 0.5, kernel.n_dims))
+
+
+def by_the_book(theta, u, v):
+    """The formula of the docstring, theta in its order: f, c, g, a, v, w."""
+    values = iter(np.exp(theta))
+
+    def dot(columns):
+        return sum(next(values) * u[d] * v[d] for d in columns)
+
+    friction = dot([*SPEEDS, *SIGNS])
+    gravity = next(values) * np.prod([1.0 + dot(of_joint) for of_joint in POSITIONS])
+    motion = dot(ACCELERATIONS) + dot(SPEEDS) ** 2
+    mass = np.prod([1.0 + dot(of_joint) for of_joint in POSITIONS])
+    return friction + gravity + motion * mass**2
+
+
+def test_geometric_kernel_by_the_book():
+    kernel, u = moved(geometric_inverse_dynamics_kernel(TYPES)), features()
+    expected = [[by_the_book(kernel.theta, a, b) for b in u] for a in u]
+    np.testing.assert_allclose(kernel(u), expected, rtol=1e-12)
+    np.testing.assert_allclose(kernel.diag(u), np.diagonal(expected), rtol=1e-12)
+
+
+def test_gradient_of_the_geometric_kernel():
+    kernel, u = moved(geometric_inverse_dynamics_kernel(TYPES)), features()
+    _, gradient = kernel(u, eval_gradient=True)
+    for p, step in enumerate(1e-5 * np.eye(kernel.n_dims)):
+        ahead, behind = (
+            kernel.clone_with_theta(kernel.theta + sign * step)(u) for sign in (1, -1)
+        )
+        found = (ahead - behind) / 2e-5
+        scale = np.abs(ahead).max()
+        np.testing.assert_allclose(gradient[..., p], found, atol=1e-9 * scale)
+
+
+def test_trigonometric_kernel_is_the_papers_of_more_columns():
+    kernel, u = inverse_dynamics_kernel(3, **TRIGONOMETRIC), features()
+    assert kernel.n_dims == 14 + 1 + 1 + 11
+    a, b = u[:2]
+    expected = 1.0 + a @ b + np.exp(-0.5 * np.square((a - b)[:11]).sum() / np.exp(4.0))
+    np.testing.assert_allclose(kernel(u)[0, 1], expected)
+
+
+@pytest.mark.parametrize(
+    "kernel",
+    [
+        geometric_inverse_dynamics_kernel("RRPR"),
+        inverse_dynamics_kernel(4, angles="trigonometric"),
+    ],
+)
+def test_starts_within_the_bounds(kernel):
+    lower, upper = kernel.bounds.T
+    assert (lower < kernel.theta).all()
+    assert (kernel.theta < upper).all()
+
+
+def arm(q, qd, qdd):
+    """Torque and force of a mass of 2 kg on an arm that turns and slides, friction."""
+    m, g, inertia = 2.0, 9.81, 0.3
+    turn = (inertia + m * q[:, 1] ** 2) * qdd[:, 0]
+    turn += 2.0 * m * q[:, 1] * qd[:, 0] * qd[:, 1] + m * g * q[:, 1] * np.cos(q[:, 0])
+    turn += 0.7 * np.sign(qd[:, 0]) + 0.1 * qd[:, 0]
+    slide = m * qdd[:, 1] - m * q[:, 1] * qd[:, 0] ** 2 + m * g * np.sin(q[:, 0])
+    return np.column_stack([turn, slide])
+
+
+def arm_data(n, seed, reach, offset=0.0):
+    rng = np.random.default_rng(seed)
+    q, qd, qdd = reach * rng.uniform(-1.0, 1.0, (3, n, 2)) + offset
+    return np.column_stack([q, qd, qdd, np.ones(n)]), arm(q, qd, qdd)
+
+
+def test_rigid_bodies_are_known_everywhere_once_they_are_known():
+    """Far from the samples, speeds that are not around zero in training."""
+    (X, y), (X_far, y_far) = arm_data(300, 0, 1.0, 0.3), arm_data(50, 1, 4.0)
+    transformer = InverseDynamicsFeatures(angles="trigonometric", joint_types="RP")
+    u, far = transformer.fit_transform(X)[:, :-1], transformer.transform(X_far)[:, :-1]
+    kernel = geometric_inverse_dynamics_kernel("RP")
+    K = kernel(u) + 1e-9 * np.eye(len(u))
+    found = kernel(far, u) @ np.linalg.solve(K, y)
+    error = np.square(found - y_far).mean(axis=0) / y_far.var(axis=0)
+    assert (error < 1e-8).all()
+
+
+def test_joints_that_turn_come_around():
+    (X, _), kernel = arm_data(9, 0, 1.0), geometric_inverse_dynamics_kernel("RP")
+    transformer = InverseDynamicsFeatures(angles="trigonometric", joint_types="RP")
+    u = transformer.fit_transform(X)[:, :-1]
+    X[:, 0] += 2.0 * np.pi
+    around = transformer.transform(X)[:, :-1]
+    np.testing.assert_allclose(kernel(around, u), kernel(u), rtol=1e-12)
+    X[:, 1] += 2.0 * np.pi  # it slides, further
+    assert abs(kernel(transformer.transform(X)[:, :-1], u) - kernel(u)).max() > 1.0
+
+
+@pytest.mark.parametrize(
+    ("joint_types", "error", "message"),
+    [
+        ("", ValueError, "joint_types is empty"),
+        (["R", "turning"], ValueError, "'turning' for joint 2; it must be 'revolute'"),
+        ("revolute", ValueError, "has 'r' for joint 1"),
+        ([True], ValueError, "True for joint 1"),
+        (6, TypeError, "joint_types=6 must be a sequence"),
+    ],
+)
+def test_types_of_joints(joint_types, error, message):
+    with pytest.raises(error, match=message):
+        geometric_inverse_dynamics_kernel(joint_types)
+
+
+def test_arguments_of_the_trigonometric_kernel():
+    with pytest.raises(ValueError, match="angles='degrees' must be 'radians' or"):
+        inverse_dynamics_kernel(2, angles="degrees")
+    with pytest.raises(
+        ValueError, match="'RRR' are those of 3 joints, but there are 2"
+    ):
+        inverse_dynamics_kernel(2, angles="trigonometric", joint_types="RRR")

@@ -66,9 +66,14 @@ def ours(make, part, inputs, settings):
 
 
 def told(model):
-    """Rank and noise of a fitted model, where it has them."""
+    """Rank, likelihood and what draws are worth, where a fitted model has them."""
     model = getattr(model, "best_estimator_", model)
-    names = {"rank_": "rank", "log_marginal_likelihood_value_": "likelihood"}
+    names = {
+        "rank_": "rank",
+        "log_marginal_likelihood_value_": "likelihood",
+        "effective_sample_size_": "ess",
+        "r_hat_": "r_hat",
+    }
     notes = {to: getattr(model, name, None) for name, to in names.items()}
     return {name: float(v) for name, v in notes.items() if np.size(v) == 1 and v}
 
@@ -83,9 +88,9 @@ def noisy(part):
     return MultiTaskGPRegressor(noise_variance_bounds=(1e-2, 1e3), **KEEP)
 
 
-def with_priors(hyperparameters):
+def with_priors(hyperparameters, **options):
     """A maker of the defaults with weak priors of the hyperparameters."""
-    options = {"hyperparameters": hyperparameters, **KEEP}
+    options = {"hyperparameters": hyperparameters, **KEEP, **options}
     return lambda part: MultiTaskGPRegressor(**options)
 
 
@@ -288,6 +293,7 @@ MODELS = {
     "default, noise >= 0.01": partial(ours, noisy),
     "default, map": partial(ours, with_priors("map")),
     "default, sampled": partial(ours, with_priors("sampled")),
+    "default, 400 draws": partial(ours, with_priors("sampled", n_draws=400)),
     "IndependentGP": partial(ours, baseline(IndependentGP)),
     "PooledGP": partial(ours, baseline(PooledGP)),
     "SingleTaskGP": partial(ours, baseline(SingleTaskGP)),

@@ -7,6 +7,7 @@ from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor
 from skmtgp.single_task import SingleTaskGP
+from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
 __version__ = "0.1.0.dev0"
 
@@ -17,7 +18,10 @@ __all__ = [
     "PooledGP",
     "RankSearchIC",
     "SingleTaskGP",
+    "WideRegressor",
     "add_task",
     "make_inverse_dynamics_regressor",
     "show_versions",
+    "stack_tasks",
+    "unstack_tasks",
 ]

@@ -112,8 +112,8 @@ def read_table(estimator, X, *, reset):
         raise ValueError(
             f"X has {table.shape[1]} feature(s) (shape={table.shape}) while a minimum "
             f"of 2 is required by {type(estimator).__name__}: the task's column and at "
-            "least one feature. If the columns of y are the tasks, stack them into one "
-            "column with a task label for each row: DataFrame.melt."
+            "least one feature. If the columns of y are the tasks, let WideRegressor "
+            "stack them into rows with a task, or do it by stack_tasks."
         )
     return table
 

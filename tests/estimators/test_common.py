@@ -12,6 +12,7 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
+    WideRegressor,
 )
 
 QUICK = {"max_iter": 2}  # how tables are taken does not depend on what is learned
@@ -24,6 +25,7 @@ LAST_COLUMN = [
     *(cls(**QUICK) for cls in ALONE[1:]),
     RankSearchIC(STAGED, ranks=(1, 2)),
     *(BayesianLinearRegression(pooled=pooled) for pooled in (False, True)),
+    WideRegressor(MultiTaskGPRegressor(rank=1, **QUICK)),
 ]
 # Here each way to learn and to infer once, whichever the estimator.
 FIRST_COLUMN = [

@@ -1,0 +1,500 @@
+"""Tables with a column for each task: stacked, unstacked, learned and predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from typing import Any, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
+from sklearn.metrics import r2_score
+from sklearn.utils.validation import (
+    check_consistent_length,
+    check_is_fitted,
+    validate_data,
+)
+
+from skmtgp._data.dask import refuse_dask
+from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
+from skmtgp.multitask import MultiTaskGPRegressor
+
+__all__ = ["WideRegressor", "stack_tasks", "unstack_tasks"]
+
+TASK = "task"  # how the column with the tasks is called, where a table has names
+
+
+def stack_tasks(
+    frame: pd.DataFrame, columns: Sequence[Hashable], *, task: str = TASK
+) -> tuple[pd.DataFrame, pd.Series]:
+    """Turn a table with a column for each task into one with a row for each value.
+
+    Parameters
+    ----------
+    frame : DataFrame of shape (n_samples, n_columns)
+        Features, and a column for each task, with NaN where nothing was measured.
+    columns : sequence
+        Names of the columns that are tasks. The others are features.
+    task : str, default="task"
+        Name of the column that will say which task a row is of.
+
+    Returns
+    -------
+    X : DataFrame of shape (n_values, n_features + 1)
+        Features and, in the last column, the task: the name of its column in `frame`.
+        One task comes after another. The index is that of `frame`.
+    y : Series of shape (n_values,)
+        What was measured, without NaN. It has the index of X.
+
+    Raises
+    ------
+    TypeError
+        If `frame` is no frame, or `columns` one name in place of a sequence.
+    ValueError
+        If a column is missing, given twice, holds no value, or one that is infinite or
+        no number, or if there is a column `task` already.
+
+    See Also
+    --------
+    unstack_tasks : The way back.
+    WideRegressor : Learns and predicts such tables.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import pandas as pd
+    >>> from skmtgp import stack_tasks
+    >>> frame = pd.DataFrame(
+    ...     {"depth": [1.0, 2.0], "zinc": [10.0, np.nan], "lead": [30.0, 40.0]}
+    ... )
+    >>> X, y = stack_tasks(frame, ["zinc", "lead"])
+    >>> X.assign(y=y)
+       depth  task     y
+    0    1.0  zinc  10.0
+    0    1.0  lead  30.0
+    1    2.0  lead  40.0
+    """
+    frame = as_frame(frame)
+    if not isinstance(frame, pd.DataFrame):
+        raise TypeError(
+            f"frame must be a DataFrame with named columns, not "
+            f"{type(frame).__name__}. WideRegressor takes arrays."
+        )
+    columns = _check_columns(frame, columns)
+    features = frame.drop(columns=columns)
+    if task in features.columns:
+        raise ValueError(
+            f"frame has a column {task!r} that is no task. Choose another name for the "
+            "tasks' column, such as task='variable', or drop that column."
+        )
+    Y = _check_wide(frame[columns], columns, "frame")
+    codes, rows = np.nonzero(~np.isnan(Y.T))
+    X = features.iloc[rows].assign(**{task: [columns[code] for code in codes]})
+    return X, pd.Series(Y[rows, codes], index=X.index, name="y")
+
+
+def unstack_tasks(
+    X: pd.DataFrame, values: ArrayLike, *, task_feature: Hashable = TASK
+) -> pd.DataFrame:
+    """Turn values of rows with a task into a table with a column for each task.
+
+    Parameters
+    ----------
+    X : DataFrame of shape (n_values, n_features)
+        Rows, as :func:`stack_tasks` makes them: those that share their index were one.
+    values : array-like of shape (n_values,)
+        What is to be arranged: targets, predictions or standard deviations.
+    task_feature : str, default="task"
+        Name of the column with the tasks.
+
+    Returns
+    -------
+    frame : DataFrame of shape (n_samples, n_tasks)
+        The values, with NaN where there is no row. Rows and columns come in the order
+        in which X first has them.
+
+    Raises
+    ------
+    TypeError
+        If X is no frame.
+    ValueError
+        If there is no such column, if the lengths differ, or if a task has two rows of
+        the same index.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> from skmtgp import stack_tasks, unstack_tasks
+    >>> frame = pd.DataFrame({"depth": [1.0, 2.0], "zinc": [10, 20], "lead": [30, 40]})
+    >>> X, y = stack_tasks(frame, ["zinc", "lead"])
+    >>> unstack_tasks(X, y)
+       zinc  lead
+    0  10.0  30.0
+    1  20.0  40.0
+    """
+    X = as_frame(X)
+    if not isinstance(X, pd.DataFrame):
+        raise TypeError(f"X must be a DataFrame, not {type(X).__name__}.")
+    if task_feature not in X.columns:
+        raise ValueError(
+            f"task_feature={task_feature!r} is not a column: {list(X.columns)}."
+        )
+    values = np.asarray(values)
+    if values.shape != (len(X),):
+        raise ValueError(
+            f"values must be of shape ({len(X)},), one for each row of X, not "
+            f"{values.shape}."
+        )
+    keys = pd.MultiIndex.from_arrays([X.index, X[task_feature]])
+    if keys.has_duplicates:
+        row, task = keys[keys.duplicated()][0]
+        raise ValueError(
+            f"Task {task!r} has several rows of index {row}. Give each row of the "
+            "table to be its own index: X.reset_index(drop=True) of the table before "
+            "it was stacked."
+        )
+    rows, tasks = X.index.unique(), X[task_feature].unique()
+    wide = pd.Series(values, index=keys).unstack().reindex(index=rows, columns=tasks)
+    return wide.rename_axis(index=X.index.name, columns=None)
+
+
+def _check_columns(frame, columns):
+    """The names of the tasks' columns, as a list."""
+    if isinstance(columns, str) or not isinstance(columns, Sequence | pd.Index):
+        raise TypeError(
+            f"columns={columns!r} must be a sequence of names, such as ['a', 'b']."
+        )
+    columns = list(columns)
+    missing = [name for name in columns if name not in frame.columns]
+    twice = [name for name in columns if columns.count(name) > 1]
+    if missing:
+        raise ValueError(
+            f"columns has {missing[0]!r}, which is not a column of frame: "
+            f"{list(frame.columns)}."
+        )
+    if twice:
+        raise ValueError(f"columns has {twice[0]!r} twice.")
+    if not columns or len(columns) == frame.shape[1]:
+        raise ValueError(
+            f"columns={columns!r} must name one column or more, and leave one or more "
+            f"as features, of {list(frame.columns)}."
+        )
+    return columns
+
+
+def _as_table(values):
+    """As pandas has it, or as an array."""
+    values = as_frame(values)
+    return (
+        values if isinstance(values, pd.DataFrame | pd.Series) else np.asarray(values)
+    )
+
+
+def _check_wide(values, columns, name="y"):
+    """Targets as float64, of shape (n_samples, n_tasks), with NaN for gaps."""
+    frame = pd.DataFrame(_as_table(values))
+    gaps = frame.isna().to_numpy()
+    Y = check_numbers(frame.where(~gaps, 0.0), name, columns)
+    Y = np.where(gaps, np.nan, Y)
+    empty = np.flatnonzero(gaps.all(axis=0))
+    if empty.size:
+        raise ValueError(
+            f"Column {columns[empty[0]]!r} of {name} has no value: nothing tells what "
+            "this task is. Leave it out."
+        )
+    return Y
+
+
+class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
+    """A model of tasks, for targets with a column for each task.
+
+    For those who think in outputs: X without a column of tasks, Y with NaN where
+    nothing was measured. The columns of Y are stacked into rows with a task, which the
+    model learns together; what it predicts is arranged in columns again.
+
+    Parameters
+    ----------
+    estimator : estimator, default=None
+        The model of the rows, whose task is in their last column: a
+        MultiTaskGPRegressor, another model of this package, or a pipeline that ends
+        with one. None is ``MultiTaskGPRegressor()``.
+    task : str, default="task"
+        Name of that column, where X is a frame.
+
+    Attributes
+    ----------
+    estimator_ : estimator
+        The fitted model. Its tasks are `outputs_`, or their positions where X is an
+        array.
+    outputs_ : ndarray of shape (n_outputs,)
+        Names of the columns of Y, or their positions.
+    n_features_in_ : int
+        Number of columns of X.
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Their names, if X has any.
+
+    See Also
+    --------
+    stack_tasks : The stacked table itself, for models and splitters of this package.
+    MultiTaskGPRegressor : Takes Y of several columns too, but learns each by itself.
+
+    Notes
+    -----
+    Without gaps the rows are complete data, whose likelihood is computed much faster,
+    see :doc:`/guide/inference`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp import WideRegressor
+    >>> rng = np.random.default_rng(0)
+    >>> X = rng.uniform(0, 6, (30, 1))
+    >>> Y = np.sin(X) * [1.0, 2.0, -1.0] + 0.05 * rng.standard_normal((30, 3))
+    >>> Y[5:, 2] = np.nan
+    >>> model = WideRegressor().fit(X, Y)
+    >>> model.predict([[1.5], [4.5]]).round(1)
+    array([[ 1.,  2., -1.],
+           [-1., -2.,  1.]])
+    """
+
+    _parameter_constraints = {
+        "estimator": [HasMethods(["fit", "predict"]), None],
+        "task": [str],
+    }
+
+    def __init__(
+        self, estimator: BaseEstimator | None = None, *, task: str = TASK
+    ) -> None:
+        self.estimator = estimator
+        self.task = task
+
+    @with_callbacks
+    @fit_context(prefer_skip_nested_validation=False)
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn all columns of the targets together.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, without a column of tasks.
+        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
+            Targets, with NaN where nothing was measured.
+
+        Returns
+        -------
+        self : WideRegressor
+            Fitted.
+
+        Raises
+        ------
+        TypeError
+            If X or y is a Dask collection.
+        ValueError
+            If a column of y has no value, or an infinite one, or if the model cannot
+            use X or y. The estimator is then as it was before.
+        """
+        with fitting(self, X, y):
+            self._fit(X, y)
+        return self
+
+    def _fit(self, X, y):
+        for name, data in (("X", X), ("y", y)):
+            refuse_dask(name, data, "Stack the columns into rows with a task.")
+        if y is None:
+            raise ValueError(
+                f"{type(self).__name__} requires y to be passed, but the target y is "
+                "None."
+            )
+        table, Y = self._table(X, reset=True), _as_table(y)
+        self._single = Y.ndim == 1
+        names = [0] if self._single else column_names(Y)
+        Y = _check_wide(Y, names)
+        check_consistent_length(table, Y)
+        self.outputs_ = np.empty(len(names), dtype=object)
+        self.outputs_[:] = names
+        codes, rows = np.nonzero(~np.isnan(Y.T))
+        model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
+        stacked = self._stack(table, rows, codes)
+        self.estimator_ = clone(model).fit(stacked, Y[rows, codes])
+
+    def _table(self, X, *, reset):
+        """X as a frame, or as an array where its columns have no names."""
+        X = as_frame(X)
+        if isinstance(X, pd.DataFrame) and all(isinstance(c, str) for c in X.columns):
+            if self.task in X.columns:
+                raise ValueError(
+                    f"X has a column {self.task!r}, which is how the column of tasks "
+                    "is to be called. Set `task` to another name, or, if X has the "
+                    "tasks already, fit the model itself."
+                )
+            return validate_data(self, X, reset=reset, skip_check_array=True)
+        options = {"dtype": None, "ensure_all_finite": False}
+        return validate_data(self, X, reset=reset, **options)
+
+    def _stack(self, table, rows, codes):
+        """Rows of X, and as the last column the task of each."""
+        if isinstance(table, pd.DataFrame):
+            return table.iloc[rows].assign(**{self.task: self.outputs_[codes]})
+        kind = object if table.dtype.kind in "OSU" else np.float64
+        tasks = np.arange(len(self.outputs_))[codes]
+        return np.column_stack([table[rows].astype(kind), tasks])
+
+    def _ask(self, method, X, *args, **kwargs):
+        """What a method of the model gives for each row of X and each task."""
+        check_is_fitted(self)
+        table = self._table(X, reset=False)
+        n, n_outputs = len(table), len(self.outputs_)
+        codes, rows = np.divmod(np.arange(n * n_outputs), n)
+        found = getattr(self.estimator_, method)(
+            self._stack(table, rows, codes), *args, **kwargs
+        )
+        if not isinstance(found, tuple):
+            return self._arrange(found, n)
+        return tuple(self._arrange(part, n) for part in found)
+
+    def _arrange(self, values, n):
+        """Values of the rows, the tasks as the second axis; none for a single one."""
+        wide = values.reshape(len(self.outputs_), n, *values.shape[1:])
+        return wide[0] if self._single else np.moveaxis(wide, 0, 1)
+
+    @public
+    def predict(
+        self, X: ArrayLike, return_std: bool = False, include_noise: bool = False
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict all outputs.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        return_std : bool, default=False
+            Whether to return standard deviations too.
+        include_noise : bool, default=False
+            Whether they are those of new observations rather than of f.
+
+        Returns
+        -------
+        y_mean : ndarray of shape (n_samples, n_outputs) or (n_samples,)
+            In the units of y.
+        y_std : ndarray of the shape of y_mean
+            Only if `return_std`.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        ValueError
+            If X has other columns than in `fit`, or cannot be used.
+        """
+        asked = {"return_std": return_std, "include_noise": include_noise}
+        return self._ask("predict", X, **{k: v for k, v in asked.items() if v})
+
+    @public
+    def predict_interval(
+        self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Interval that holds each output with a given probability.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        level : float, default=0.95
+            Probability.
+        include_noise : bool, default=True
+            Whether it is that of a new observation, or that of f.
+
+        Returns
+        -------
+        lower, upper : ndarray of shape (n_samples, n_outputs) or (n_samples,)
+            Bounds, in the units of y.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        ValueError
+            If X or `level` cannot be used.
+        """
+        return self._ask("predict_interval", X, level, include_noise)
+
+    @public
+    def sample_y(
+        self,
+        X: ArrayLike,
+        n_samples: int = 1,
+        random_state: Any = 0,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64]:
+        """Draw functions of all outputs together.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_rows, n_features)
+            Inputs.
+        n_samples : int, default=1
+            Number of draws.
+        random_state : int, RandomState or None, default=0
+            Of the draws.
+        include_noise : bool, default=False
+            Whether noise is added.
+
+        Returns
+        -------
+        y : ndarray of shape (n_rows, n_outputs, n_samples) or (n_rows, n_samples)
+            Draws, in the units of y.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        ValueError
+            If X cannot be used.
+        """
+        return self._ask("sample_y", X, n_samples, random_state, include_noise)
+
+    @public
+    def score(
+        self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
+    ) -> float:
+        """R² of each output, averaged; NaN are left out.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
+            Targets, with NaN where nothing was measured.
+        sample_weight : array-like of shape (n_samples,), default=None
+            Weights of the rows.
+
+        Returns
+        -------
+        score : float
+            1 is best; the mean of each column has 0.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        ValueError
+            If X or y cannot be used.
+        """
+        mean = np.reshape(self.predict(X), (-1, len(self.outputs_)))
+        Y = _check_wide(y, self.outputs_.tolist())
+        check_consistent_length(mean, Y, sample_weight)
+        scores = []
+        for true, found in zip(Y.T, mean.T, strict=True):
+            seen = ~np.isnan(true)
+            weight = None if sample_weight is None else np.asarray(sample_weight)[seen]
+            scores.append(r2_score(true[seen], found[seen], sample_weight=weight))
+        return float(np.mean(scores))
+
+    def __sklearn_tags__(self):
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = True
+        return tags

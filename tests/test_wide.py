@@ -1,0 +1,271 @@
+"""Tables with a column for each task: stacked, unstacked, learned and predicted."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+from sklearn.ensemble import RandomForestRegressor
+from sklearn.exceptions import NotFittedError
+from sklearn.metrics import r2_score
+from sklearn.model_selection import GridSearchCV
+from sklearn.pipeline import make_pipeline
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    RankSearchIC,
+    WideRegressor,
+    stack_tasks,
+    unstack_tasks,
+)
+from skmtgp.preprocessing import InverseDynamicsFeatures
+
+RNG = np.random.default_rng(0)
+X = RNG.uniform(0.0, 6.0, (12, 2))
+Y = np.sin(X[:, :1]) * [1.0, 2.0, -1.0] + 0.1 * RNG.standard_normal((12, 3))
+GAPS = Y.copy()
+GAPS[[0, 3, 4], [0, 0, 2]] = np.nan
+NEW = RNG.uniform(0.0, 6.0, (4, 2))
+FRAME = pd.DataFrame(X, columns=["a", "b"], index=[f"row{i}" for i in range(12)])
+WIDE = pd.DataFrame(GAPS, columns=["zinc", "lead", "tin"], index=FRAME.index)
+TABLE = FRAME.join(WIDE)
+QUICK = MultiTaskGPRegressor(rank=1, learning="staged")
+
+
+def stacked(x, codes):
+    return np.column_stack([np.tile(x, (len(codes), 1)), np.repeat(codes, len(x))])
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    return WideRegressor(QUICK).fit(X, GAPS)
+
+
+# stack_tasks and unstack_tasks
+
+
+def test_one_task_comes_after_another():
+    long, y = stack_tasks(TABLE, ["zinc", "lead", "tin"])
+    assert long.columns.tolist() == ["a", "b", "task"]
+    assert long["task"].tolist() == ["zinc"] * 10 + ["lead"] * 12 + ["tin"] * 11
+    assert y.index.equals(long.index)
+    row = y[long["task"] == "tin"]["row5"]
+    assert row == GAPS[5, 2]
+    assert long.loc["row5", "a"].unique().tolist() == [X[5, 0]]
+
+
+def test_there_and_back():
+    long, y = stack_tasks(TABLE, ["zinc", "lead", "tin"])
+    back = unstack_tasks(long, y)
+    pd.testing.assert_frame_equal(back.loc[WIDE.index], WIDE)
+
+
+@given(
+    st.lists(
+        st.lists(st.sampled_from([np.nan, 0.0, 1.5, -2.0]), min_size=2, max_size=2),
+        min_size=1,
+        max_size=6,
+    )
+)
+def test_there_and_back_with_any_gaps(rows):
+    table = pd.DataFrame(rows, columns=["u", "v"]).assign(x=np.arange(len(rows)))
+    if table[["u", "v"]].isna().all().any():
+        with pytest.raises(ValueError, match="has no value"):
+            stack_tasks(table, ["u", "v"])
+        return
+    long, y = stack_tasks(table, ["u", "v"])
+    seen = table[["u", "v"]].dropna(how="all")
+    pd.testing.assert_frame_equal(
+        unstack_tasks(long, y).reindex(seen.index), seen, check_dtype=False
+    )
+
+
+def test_another_name_and_numbers_as_names():
+    table = pd.DataFrame({"task": [1.0, 2.0], 7: [3, 4], 8: [None, 5]})
+    long, y = stack_tasks(table, [7, 8], task="output")
+    assert long["output"].tolist() == [7, 7, 8]
+    assert y.tolist() == [3.0, 4.0, 5.0]
+    wide = unstack_tasks(long, y, task_feature="output")
+    assert wide.columns.tolist() == [7, 8]
+
+
+def test_frames_of_polars():
+    polars = pytest.importorskip("polars")
+    long, y = stack_tasks(polars.DataFrame(TABLE.to_dict("list")), ["zinc", "lead"])
+    expected, expected_y = stack_tasks(
+        TABLE.drop(columns="tin").reset_index(drop=True), ["zinc", "lead"]
+    )
+    pd.testing.assert_frame_equal(long.drop(columns="tin"), expected)
+    np.testing.assert_array_equal(y, expected_y)
+
+
+@pytest.mark.parametrize(
+    ("table", "columns", "error", "match"),
+    [
+        (X, ["a"], TypeError, "must be a DataFrame with named columns, not ndarray"),
+        (TABLE, "zinc", TypeError, "columns='zinc' must be a sequence of names"),
+        (TABLE, ["iron"], ValueError, "has 'iron', which is not a column"),
+        (TABLE, ["tin", "tin"], ValueError, "has 'tin' twice"),
+        (TABLE, [], ValueError, "must name one column or more"),
+        (TABLE, list(TABLE), ValueError, "leave one or more as features"),
+        (TABLE.assign(task=1), ["tin"], ValueError, "has a column 'task' that is no"),
+        (TABLE.assign(tin=np.nan), ["tin"], ValueError, "'tin' of frame has no value"),
+        (
+            TABLE.assign(tin=np.inf),
+            ["tin"],
+            ValueError,
+            "infinity in column 'tin'",
+        ),
+        (TABLE.assign(tin="much"), ["tin"], ValueError, "'tin'.*'much'"),
+    ],
+)
+def test_tables_that_cannot_be_stacked(table, columns, error, match):
+    with pytest.raises(error, match=match):
+        stack_tasks(table, columns)
+
+
+LONG, LONG_Y = stack_tasks(TABLE, ["zinc", "lead"])
+
+
+@pytest.mark.parametrize(
+    ("table", "values", "column", "error", "match"),
+    [
+        (X, LONG_Y, "task", TypeError, "must be a DataFrame, not ndarray"),
+        (LONG, LONG_Y, "site", ValueError, "task_feature='site' is not a column"),
+        (LONG, LONG_Y[:3], "task", ValueError, r"shape \(22,\).*not \(3,\)"),
+        (
+            LONG.reset_index(drop=True).set_axis([0] * 22),
+            LONG_Y,
+            "task",
+            ValueError,
+            "Task 'zinc' has several rows of index 0",
+        ),
+    ],
+)
+def test_rows_that_cannot_be_unstacked(table, values, column, error, match):
+    with pytest.raises(error, match=match):
+        unstack_tasks(table, values, task_feature=column)
+
+
+# WideRegressor
+
+
+def test_it_is_the_model_of_the_stacked_rows(fitted):
+    long, y = stack_tasks(TABLE, ["zinc", "lead", "tin"])
+    codes = pd.Categorical(long["task"], ["zinc", "lead", "tin"]).codes
+    model = clone(QUICK).fit(np.column_stack([long[["a", "b"]], codes]), y)
+    mean, std = model.predict(stacked(NEW, [0, 1, 2]), return_std=True)
+    found = fitted.predict(NEW, return_std=True)
+    for of, expected in zip(found, (mean, std), strict=True):
+        np.testing.assert_array_equal(of, expected.reshape(3, 4).T)
+
+
+def test_frames_have_names(fitted):
+    model = WideRegressor(QUICK).fit(FRAME, WIDE)
+    assert model.outputs_.tolist() == ["zinc", "lead", "tin"]
+    assert model.estimator_.tasks_.tolist() == ["lead", "tin", "zinc"]
+    assert model.feature_names_in_.tolist() == ["a", "b"]
+    table = pd.DataFrame(NEW, columns=["a", "b"])
+    np.testing.assert_allclose(model.predict(table), fitted.predict(NEW), rtol=1e-6)
+    assert WideRegressor(QUICK).fit(X, WIDE).outputs_.tolist() == list(WIDE)
+
+
+def test_the_task_column_has_the_name_that_the_model_asks_for():
+    named = clone(QUICK).set_params(task_feature="metal")
+    model = WideRegressor(named, task="metal").fit(FRAME, WIDE)
+    assert model.estimator_.feature_names_in_.tolist() == ["a", "b", "metal"]
+
+
+def test_complete_data_take_the_fast_way():
+    assert WideRegressor(QUICK).fit(X, Y).estimator_.inference_ == "kronecker"
+    assert WideRegressor(QUICK).fit(X, GAPS).estimator_.inference_ == "dense"
+
+
+def test_intervals_draws_and_noise(fitted):
+    lower, upper = fitted.predict_interval(NEW, level=0.5)
+    mean, std = fitted.predict(NEW, return_std=True, include_noise=True)
+    np.testing.assert_allclose(upper - lower, 2 * 0.6744897501960817 * std)
+    np.testing.assert_allclose((upper + lower) / 2, mean)
+    draws = fitted.sample_y(NEW, 2000, random_state=0)
+    assert draws.shape == (4, 3, 2000)
+    np.testing.assert_allclose(draws.mean(axis=2), fitted.predict(NEW), atol=0.1)
+
+
+def test_score_leaves_gaps_out(fitted):
+    mean = fitted.predict(X)
+    expected = [
+        r2_score(true[~np.isnan(true)], found[~np.isnan(true)])
+        for true, found in zip(GAPS.T, mean.T, strict=True)
+    ]
+    assert fitted.score(X, GAPS) == pytest.approx(np.mean(expected))
+    weight = np.r_[np.ones(6), np.zeros(6)]
+    half = fitted.score(X[:6], GAPS[:6])
+    assert fitted.score(X, GAPS, sample_weight=weight) == pytest.approx(half)
+
+
+def test_one_output_is_one_dimensional():
+    model = WideRegressor(QUICK).fit(X, Y[:, 0])
+    mean, std = model.predict(NEW, return_std=True)
+    assert mean.shape == std.shape == (4,)
+    assert model.sample_y(NEW, 5).shape == (4, 5)
+    assert np.isfinite(model.score(X, Y[:, 0]))
+    assert WideRegressor(QUICK).fit(X, Y[:, :1]).predict(NEW).shape == (4, 1)
+
+
+def test_other_models_searches_and_grids():
+    for model in (IndependentGP(), RankSearchIC(QUICK, ranks=(1, 2))):
+        assert WideRegressor(model).fit(X, GAPS).predict(NEW).shape == (4, 3)
+    forest = WideRegressor(RandomForestRegressor(3, random_state=0)).fit(X, GAPS)
+    assert forest.predict(NEW).shape == (4, 3)
+    grid = {"estimator__rank": [1, 2]}
+    search = GridSearchCV(WideRegressor(QUICK), grid, cv=3).fit(X, Y)
+    assert np.isfinite(search.best_score_)
+
+
+def test_pipelines():
+    states = RNG.uniform(-1.0, 1.0, (20, 6))
+    torques = np.column_stack([np.sin(states[:, 0]), states[:, 2] + states[:, 4]])
+    model = make_pipeline(InverseDynamicsFeatures(n_joints=2), clone(QUICK))
+    wide = WideRegressor(model).fit(states, torques)
+    assert wide.predict(states[:3]).shape == (3, 2)
+
+
+def test_pickles(fitted):
+    again = pickle.loads(pickle.dumps(fitted))
+    np.testing.assert_array_equal(again.predict(NEW), fitted.predict(NEW))
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "match"),
+    [
+        (X, np.where([True, True, False], Y, np.nan), "Column 2 of y has no value"),
+        (X, np.where(np.eye(12, 3), np.inf, Y), "inf"),
+        (FRAME.assign(task=1), WIDE, "X has a column 'task'"),
+        (X[:5], Y, "inconsistent numbers of samples"),
+    ],
+)
+def test_what_cannot_be_fitted(x, y, match, fitted):
+    before = dict(vars(fitted))
+    with pytest.raises(ValueError, match=match):
+        fitted.fit(x, y)
+    assert vars(fitted) == before
+
+
+def test_before_fit():
+    with pytest.raises(NotFittedError):
+        WideRegressor().predict(NEW)
+    with pytest.raises(ValueError, match="estimator"):
+        WideRegressor(estimator=3).fit(X, Y)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.permutations(range(3)))
+def test_the_order_of_the_columns_does_not_matter(order):
+    kept = MultiTaskGPRegressor(rank=1, max_iter=0, random_state=0)
+    whole = WideRegressor(kept).fit(X, GAPS)
+    other = WideRegressor(kept).fit(X, GAPS[:, order])
+    np.testing.assert_allclose(other.predict(NEW), whole.predict(NEW)[:, order])

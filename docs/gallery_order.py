@@ -3,6 +3,7 @@
 from pathlib import Path
 
 ORDER = [
+    "plot_task_prediction",
     "plot_robot_loads",
     "plot_five_loads",
     "plot_sites",

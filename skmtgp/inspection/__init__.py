@@ -11,6 +11,7 @@ from skmtgp.inspection._learning_curve import TaskLearningCurveDisplay
 from skmtgp.inspection._rank_selection import RankSelectionDisplay
 from skmtgp.inspection._residuals import TaskResidualsDisplay
 from skmtgp.inspection._task_covariance import TaskCovarianceDisplay
+from skmtgp.inspection._task_prediction import TaskPredictionDisplay
 from skmtgp.inspection._trajectory import TrajectoryDisplay
 from skmtgp.inspection._transfer import TransferDisplay
 
@@ -20,6 +21,7 @@ __all__ = [
     "RankSelectionDisplay",
     "TaskCovarianceDisplay",
     "TaskLearningCurveDisplay",
+    "TaskPredictionDisplay",
     "TaskResidualsDisplay",
     "TrajectoryDisplay",
     "TransferDisplay",

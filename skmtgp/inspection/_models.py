@@ -144,6 +144,37 @@ def predictions(estimator, X, y, output, *, learned=False):
     return tuple(select_output(values, output) for values in columns)
 
 
+def intervals(estimator, X, level):
+    """Means, and intervals of new observations.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted model, or a Pipeline or search that ends with one.
+    X : array-like of shape (n_samples, n_features)
+        Inputs.
+    level : float
+        Probability of the intervals.
+
+    Returns
+    -------
+    mean, lower, upper : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+        In units of y.
+
+    Raises
+    ------
+    TypeError
+        If the model has no intervals.
+    """
+    if isinstance(estimator, Pipeline):
+        X = estimator[:-1].transform(X) if len(estimator) > 1 else X
+        return intervals(estimator[-1], X, level)
+    if hasattr(estimator, "best_estimator_"):
+        return intervals(estimator.best_estimator_, X, level)
+    model = model_with("predict_interval", estimator, "draw what it predicts by hand.")
+    return (model.predict(X), *model.predict_interval(X, level))
+
+
 def task_column(estimator, X, task_feature=None):
     """Position or name of the task column of the X that an estimator takes.
 

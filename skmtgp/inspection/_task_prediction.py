@@ -1,0 +1,391 @@
+"""What a model predicts of each task along a feature."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from sklearn.base import BaseEstimator
+from sklearn.utils import check_consistent_length
+
+from skmtgp._data.numbers import as_frame, check_numbers
+from skmtgp._data.task_column import locate_task_column
+from skmtgp.inspection._drawing import COLORS, Display, pyplot
+from skmtgp.inspection._models import (
+    intervals,
+    select_output,
+    task_column,
+    tasks_of,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MOST = 24  # panels; more cannot be read
+PANEL = 2.4, 1.9  # inches
+
+
+class TaskPredictionDisplay(Display):
+    """What is predicted of each task along a feature: a small panel for each.
+
+    Parameters
+    ----------
+    curves : DataFrame
+        Columns "task", "x", "mean", "lower" and "upper": predictions of each task, and
+        intervals of new observations. Panels are in the order of the tasks.
+    points : DataFrame
+        Columns "task", "x" and "y": what was observed.
+    truth : DataFrame, default=None
+        Columns "task", "x" and "y": what is true, if that is known.
+    feature : str, default="x"
+        What the horizontal axis is called.
+    level : float, default=0.95
+        Probability of the intervals.
+
+    Attributes
+    ----------
+    axes_ : ndarray of Axes of shape (n_tasks,)
+        The panels.
+    lines_, bands_, observed_ : list
+        Means, intervals and observations, one of each in a panel.
+    truths_ : list
+        Lines of the truth; None in a panel without one.
+    ax_ : matplotlib Axes
+        The first panel.
+    figure_ : matplotlib Figure
+        The figure of the panels.
+
+    See Also
+    --------
+    TrajectoryDisplay : Along time, with all features as they were.
+
+    Examples
+    --------
+    >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor
+    >>> from skmtgp.inspection import TaskPredictionDisplay
+    >>> rng = np.random.default_rng(0)
+    >>> x, task = rng.uniform(0, 6, 40), np.repeat([0, 1], [35, 5])
+    >>> X, y = np.column_stack([x, task]), np.sin(x) * np.where(task, 2.0, 1.0)
+    >>> y += 0.1 * rng.standard_normal(40)
+    >>> model = MultiTaskGPRegressor(rank=1).fit(X, y)
+    >>> TaskPredictionDisplay.from_estimator(model, X, y)
+    <...>
+    >>> plt.show()
+    """
+
+    def __init__(
+        self,
+        *,
+        curves: pd.DataFrame,
+        points: pd.DataFrame,
+        truth: pd.DataFrame | None = None,
+        feature: str = "x",
+        level: float = 0.95,
+    ) -> None:
+        self.curves = curves
+        self.points = points
+        self.truth = truth
+        self.feature = feature
+        self.level = level
+
+    def plot(
+        self,
+        *,
+        ax: Axes | Sequence[Axes] | None = None,
+        n_cols: int | None = None,
+        sharey: bool = True,
+    ) -> Self:
+        """Draw the panels.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes or sequence of them, default=None
+            One whose place the panels take, or one for each task. None makes a new
+            figure, with a legend; of given axes, ``ax.legend()`` makes one.
+        n_cols : int, default=None
+            Number of panels side by side. None is at most four.
+        sharey : bool, default=True
+            Whether all panels have the same vertical axis. False suits tasks in units
+            of their own.
+
+        Returns
+        -------
+        display : TaskPredictionDisplay
+            This one.
+
+        Raises
+        ------
+        ValueError
+            If there are too many tasks for panels, or not as many axes as tasks.
+        """
+        tasks = self.curves["task"].drop_duplicates().tolist()
+        if len(tasks) > MOST:
+            raise ValueError(
+                f"There are {len(tasks)} tasks, more panels than can be read. Choose "
+                f"at most {MOST}: tasks=[...] of from_estimator."
+            )
+        self.axes_ = _panels(ax, len(tasks), n_cols, sharey)
+        self.ax_, self.figure_ = self.axes_[0], self.axes_[0].figure
+        self.lines_, self.bands_, self.observed_, self.truths_ = [], [], [], []
+        for panel, task in zip(self.axes_, tasks, strict=True):
+            self._draw(panel, task)
+        if ax is None:
+            handles = [self.bands_[0], self.lines_[0], self.observed_[0]]
+            handles += [line for line in self.truths_ if line is not None][:1]
+            style = {"ncols": 4, "frameon": False, "loc": "outside upper center"}
+            self.figure_.legend(handles=handles, **style)
+        return self
+
+    def _draw(self, ax, task):
+        """One panel."""
+        curve, points = _of(self.curves, task), _of(self.points, task)
+        style = {"color": COLORS[0], "alpha": 0.25, "lw": 0}
+        band = ax.fill_between(curve["x"], curve["lower"], curve["upper"], **style)
+        band.set_label(f"{100 * self.level:.3g} % interval")
+        style = {"color": COLORS[0], "label": "predicted"}
+        self.lines_ += ax.plot(curve["x"], curve["mean"], **style)
+        self.bands_.append(band)
+        truth = None if self.truth is None else _of(self.truth, task)
+        if truth is None or truth.empty:
+            self.truths_.append(None)
+        else:
+            style = {"color": COLORS[1], "ls": "--", "lw": 1.2, "label": "truth"}
+            self.truths_ += ax.plot(truth["x"], truth["y"], **style)
+        style = {"color": "0.35", "ms": 3, "mew": 0, "label": "observed"}
+        self.observed_ += ax.plot(points["x"], points["y"], "o", **style)
+        ax.set_title(str(task), fontsize="medium")
+        if ax.xaxis.get_tick_params()["labelbottom"]:  # nothing is below
+            ax.set_xlabel(self.feature)
+
+    @classmethod
+    def from_estimator(
+        cls,
+        estimator: BaseEstimator,
+        X: ArrayLike,
+        y: ArrayLike,
+        *,
+        feature: int | str | None = None,
+        at: Mapping[Any, Any] | None = None,
+        truth: Callable[[Any], ArrayLike] | tuple[ArrayLike, ArrayLike] | None = None,
+        tasks: Sequence[Any] | None = None,
+        task_feature: int | str | None = None,
+        output: int = 0,
+        level: float = 0.95,
+        n_points: int = 100,
+        ax: Axes | Sequence[Axes] | None = None,
+        n_cols: int | None = None,
+        sharey: bool = True,
+    ) -> Self:
+        """Predict each task along a feature, and draw it with what was observed.
+
+        Parameters
+        ----------
+        estimator : estimator
+            Fitted model of the package, or a Pipeline or search that ends with one.
+        X : array-like of shape (n_samples, n_features)
+            Inputs that were observed, as the estimator takes them.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets that were observed.
+        feature : int or str, default=None
+            Position or name of the feature of the horizontal axis. None is the only
+            one beside the task.
+        at : dict, default=None
+            Values of other features, by name or position. Those that are not given have
+            the median of the task's rows, or, of text, the commonest.
+        truth : callable or (X, y), default=None
+            What is true, if that is known: a function of inputs such as X, or inputs
+            and targets, which are drawn in the order of the feature.
+        tasks : sequence, default=None
+            Labels of the tasks to draw, in that order. None is all those of X, sorted.
+        task_feature : int or str, default=None
+            Position or name of the task column, where the estimator does not tell it.
+        output : int, default=0
+            Which of several outputs.
+        level : float, default=0.95
+            Probability that the band gives a new observation, between 0 and 1.
+        n_points : int, default=100
+            Number of points of each curve.
+        ax : matplotlib Axes or sequence of them, default=None
+            One whose place the panels take, or one for each task. None makes a new
+            figure.
+        n_cols : int, default=None
+            Number of panels side by side. None is at most four.
+        sharey : bool, default=True
+            Whether all panels have the same vertical axis.
+
+        Returns
+        -------
+        display : TaskPredictionDisplay
+            Drawn.
+
+        Raises
+        ------
+        NotFittedError
+            If the estimator was not fitted.
+        TypeError
+            If the model has no intervals.
+        ValueError
+            If there is no such feature, task or output, or X and y do not fit together.
+        """
+        table = _Table.of(estimator, X, feature, task_feature)
+        points = table.points(y, output)
+        grid = table.grid(_chosen(tasks, table.labels), at or {}, n_points)
+        found = [
+            select_output(of.reshape(len(of), -1), output)
+            for of in intervals(estimator, grid.values(), level)
+        ]
+        curves = dict(zip(["mean", "lower", "upper"], found, strict=True))
+        if callable(truth):
+            true = grid.points(truth(grid.values()), output)
+        elif truth is not None:
+            of = _Table.of(estimator, truth[0], feature, task_feature)
+            true = of.points(truth[1], output).sort_values("x", kind="stable")
+        return cls(
+            curves=pd.DataFrame({"task": grid.labels, "x": grid.x(), **curves}),
+            points=points,
+            truth=None if truth is None else true,
+            feature=str(table.frame.columns[table.feature]),
+            level=level,
+        ).plot(ax=ax, n_cols=n_cols, sharey=sharey)
+
+
+class _Table(NamedTuple):
+    """Inputs, with the position of the feature that is drawn and that of the task."""
+
+    frame: pd.DataFrame
+    labels: np.ndarray
+    feature: int
+    task: int
+    dtype: Any  # of an array; None where X was a frame
+
+    @classmethod
+    def of(cls, estimator, X, feature, task_feature):
+        """What the user passed."""
+        X = as_frame(X)
+        X = X if isinstance(X, pd.DataFrame) else np.asarray(X)
+        labels = np.asarray(tasks_of(estimator, X, task_feature), dtype=object)
+        frame, dtype = pd.DataFrame(X), getattr(X, "dtype", None)
+        names = list(frame.columns) if dtype is None else None
+        column = task_column(estimator, X, task_feature)
+        task = locate_task_column(column, frame.shape[1], names)
+        return cls(frame, labels, _position(frame, feature, task), task, dtype)
+
+    def x(self):
+        """Values of the feature."""
+        values = self.frame.iloc[:, self.feature]
+        return check_numbers(values, "X", [self.frame.columns[self.feature]])
+
+    def values(self):
+        """As the user passed them."""
+        return self.frame if self.dtype is None else self.frame.to_numpy(self.dtype)
+
+    def points(self, y, output):
+        """Targets along the feature."""
+        y = check_numbers(y, "y")
+        check_consistent_length(self.frame, y)
+        y = select_output(y.reshape(len(y), -1), output)
+        return pd.DataFrame({"task": self.labels, "x": self.x(), "y": y})
+
+    def grid(self, tasks, at, n_points):
+        """Each task along the feature, the other features held."""
+        unknown = [name for name in at if name not in self.frame.columns]
+        if unknown:
+            raise ValueError(
+                f"at has {unknown[0]!r}, which is not a column of X: "
+                f"{list(self.frame.columns)}."
+            )
+        x = self.x()
+        x = np.linspace(x.min(), x.max(), n_points)
+        parts = []
+        for label in tasks:
+            rows = self.frame[self.labels == label]
+            part = rows.iloc[np.zeros(n_points, dtype=int)].reset_index(drop=True)
+            for j, name in enumerate(self.frame.columns):
+                if j not in (self.feature, self.task):
+                    part[name] = at.get(name, _typical(rows.iloc[:, j]))
+            part[self.frame.columns[self.feature]] = x
+            parts.append(part)
+        labels = np.repeat(np.array([*tasks, None], dtype=object)[:-1], n_points)
+        frame = pd.concat(parts, ignore_index=True)
+        return self._replace(frame=frame, labels=labels)
+
+
+def _position(frame, feature, task):
+    """Position of the feature to draw."""
+    names = list(frame.columns)
+    others = [name for j, name in enumerate(names) if j != task]
+    if feature is None:
+        if len(others) == 1:
+            return names.index(others[0])
+        raise ValueError(
+            f"X has several features, {others}: say by `feature` which one is to be "
+            "the horizontal axis."
+        )
+    found = names.index(feature) if feature in names else None
+    if found is None or found == task:
+        raise ValueError(f"feature={feature!r} is not one of the features: {others}.")
+    return found
+
+
+def _typical(values):
+    """The median, or the commonest text."""
+    if pd.api.types.is_numeric_dtype(values):
+        return values.median()
+    try:
+        return float(np.median(values.astype(float)))
+    except (TypeError, ValueError):
+        return values.mode().iloc[0]
+
+
+def _chosen(tasks, labels):
+    """The tasks to draw."""
+    known = sorted(set(labels.tolist()))
+    if tasks is None:
+        return known
+    unknown = [label for label in tasks if label not in known]
+    if unknown or not len(tasks):
+        what = f"has {unknown[0]!r}, which X has not" if unknown else "is empty"
+        raise ValueError(f"tasks {what}: choose from {known}.")
+    return list(tasks)
+
+
+def _of(frame, task):
+    """Rows of a task."""
+    return frame[[label == task for label in frame["task"]]]
+
+
+def _panels(ax, n, n_cols, sharey):
+    """Axes of the panels, as an array."""
+    n_rows = math.ceil(n / (n_cols or 4))
+    n_cols = n_cols or math.ceil(n / n_rows)
+    if ax is None:
+        figure = pyplot().figure(
+            figsize=(PANEL[0] * n_cols, PANEL[1] * n_rows + 0.4), layout="constrained"
+        )
+        axes = figure.subplots(n_rows, n_cols, sharex=True, sharey=sharey)
+    elif np.ndim(ax) or isinstance(ax, Sequence):
+        axes = np.asarray(ax, dtype=object).ravel()
+        if len(axes) != n:
+            raise ValueError(f"ax has {len(axes)} axes, but there are {n} tasks.")
+        return axes
+    else:
+        if ax.get_subplotspec() is None:
+            raise ValueError(
+                "ax has no place in a grid that panels could take. Make it by "
+                "matplotlib.pyplot.subplots, or give one axes for each task."
+            )
+        ax.set_axis_off()
+        place = ax.get_subplotspec().subgridspec(n_rows, n_cols)
+        axes = place.subplots(sharex=True, sharey=sharey)
+    axes = np.atleast_1d(np.asarray(axes, dtype=object)).ravel()
+    for left in axes[n:]:
+        left.set_visible(False)
+    for k in range(max(0, n - n_cols), n):  # above an empty place, too
+        axes[k].xaxis.set_tick_params(labelbottom=True)
+    return axes[:n]

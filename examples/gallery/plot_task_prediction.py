@@ -11,41 +11,30 @@ model of each site has its own alone.
 # The data
 # --------
 #
-# In practice they are a table with a row for each measurement and a column that says
-# where it was made.
+# They are simulated: a table with a row for each measurement, and a column that says
+# where it was made. `truth` is known, as it never is in practice.
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor, SingleTaskGP
+from skmtgp.datasets import make_sites
 from skmtgp.inspection import TaskPredictionDisplay
 
-LEVEL = {"north": 2.0, "east": 0.0, "south": -1.0, "west": 1.0, "hill": 4.0}
-SCALE = {"north": 1.0, "east": 1.5, "south": 0.6, "west": -0.8, "hill": 2.0}
-ROWS = {"north": 30, "east": 20, "south": 12, "west": 7, "hill": 4}
-
-
-def truth(X):
-    """What a measurement without error would be."""
-    level, scale = X["site"].map(LEVEL), X["site"].map(SCALE)
-    return level + scale * np.sin(X["hour"] / 24 * 2 * np.pi)
-
-
-rng = np.random.default_rng(5)
-X = pd.DataFrame({"site": np.repeat(list(ROWS), list(ROWS.values()))})
-X["hour"] = rng.uniform(0, 24, len(X))
-y = truth(X) + 0.15 * rng.standard_normal(len(X))
+X, y, truth = make_sites(return_truth=True)
+sites = X["site"].unique().tolist()
+X.groupby("site", sort=False).size()
 
 # %%
 # One model of all sites
 # ----------------------
 #
-# `task_feature` names the column of the sites; all else is default. The rank, 1, says
-# that all sites have one curve in common, each by a factor of its own.
+# `task_feature` names the column of the sites; all else is default. The model learns
+# how the sites are related from the data alone.
 
-together = MultiTaskGPRegressor(rank=1, task_feature="site").fit(X, y)
-shown = {"truth": truth, "tasks": list(ROWS), "n_cols": 5}
+together = MultiTaskGPRegressor(task_feature="site").fit(X, y)
+shown = {"truth": truth, "tasks": sites, "n_cols": 5}
 TaskPredictionDisplay.from_estimator(together, X, y, **shown)
 plt.show()
 
@@ -63,10 +52,10 @@ plt.show()
 #
 # Root mean squared errors of what is predicted, over the whole day:
 
-rows = [(site, hour) for site in ROWS for hour in np.arange(0, 24, 0.5)]
+rows = [(site, hour) for site in sites for hour in np.arange(0, 24, 0.5)]
 day = pd.DataFrame(rows, columns=["site", "hour"])
 errors = {
     name: ((model.predict(day) - truth(day)) ** 2).groupby(day["site"]).mean() ** 0.5
     for name, model in {"together": together, "alone": alone}.items()
 }
-pd.DataFrame(errors).loc[list(ROWS)].round(2)
+pd.DataFrame(errors).loc[sites].round(2)

@@ -1,11 +1,15 @@
 """What the README shows runs, and the files that it links to exist."""
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+
+from skmtgp.datasets import make_sites
+from skmtgp.exceptions import UnidentifiedNoiseWarning
 
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
@@ -29,18 +33,38 @@ def sites():
     rng = np.random.default_rng(0)
     frame = pd.DataFrame({"x": rng.uniform(0, 6, 50), "site": list("abcde") * 10})
     scale = frame["site"].map({"a": 1.0, "b": -2.0, "c": 0.5, "d": 1.5, "e": 3.0})
-    return frame, scale * np.sin(frame["x"])
+    return frame, scale * np.sin(frame["x"]) + 0.1 * rng.standard_normal(50)
 
 
-def test_ten_lines(blocks, capsys):
-    first, _ = blocks
-    exec(first, {})
+def test_the_first_lines(blocks, capsys):
+    names = {}
+    exec(blocks[0], names)
+    assert len(blocks[0].split("\n")) <= 9
+    assert names["mean"].shape == names["std"].shape == (73,)
+    assert "hill" in capsys.readouterr().out
+
+
+def test_errors_of_the_sites(text):
+    sys.path.insert(0, str(ROOT / "examples"))
+    example = pytest.importorskip("sites")
+    sys.path.pop(0)
+    X, y, truth = make_sites(return_truth=True)
+    with pytest.warns(UnidentifiedNoiseWarning):
+        models = example.fitted(X, y)
+    found = example.errors(models, list(X["site"].unique()), truth)
+    rows = re.findall(r"\| (?:one model of all|a model of each) sites? \|(.*)\|", text)
+    printed = np.array([row.split("|") for row in rows], dtype=float)
+    np.testing.assert_allclose(found.T, printed, atol=0.02)
+
+
+def test_the_robot(blocks, capsys):
+    exec(blocks[2], {})
     *_, alone, together = re.findall(r"\) (\S+)$", capsys.readouterr().out, re.M)
     assert 0.0 < float(together) < 0.1 * float(alone)
 
 
 def test_data_of_your_own(blocks, sites):
-    (frame, y), (_, second) = sites, blocks
+    (frame, y), second = sites, blocks[1]
     new = frame["site"] == "e"
     names = {
         "frame": frame[~new],
@@ -51,6 +75,7 @@ def test_data_of_your_own(blocks, sites):
     }
     exec(second, names)
     assert names["mean"].shape == names["std"].shape == (4,)
+    assert (names["lower"] < names["upper"]).all()
     assert names["model"].tasks_.tolist() == list("abcde")
     assert names["search"].best_estimator_.tasks_.tolist() == list("abcd")
 

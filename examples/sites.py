@@ -1,0 +1,83 @@
+"""Five sites, some with few measurements: one model of all, and a model of each.
+
+``python examples/sites.py`` prints the errors that README.md shows and draws its first
+figure, by default into examples/output. It needs matplotlib.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
+
+from skmtgp import MultiTaskGPRegressor, SingleTaskGP
+from skmtgp.datasets import make_sites
+from skmtgp.inspection import TaskPredictionDisplay
+
+OUTPUT = Path(__file__).parent / "output" / "sites.png"
+
+
+def fitted(X, y):
+    """The models by what they are called in the figure."""
+    return {
+        "one model of all": MultiTaskGPRegressor(task_feature="site").fit(X, y),
+        "a model of each": SingleTaskGP(task_feature="site").fit(X, y),
+    }
+
+
+def errors(models, sites, truth):
+    """Root mean squared errors over a whole day, by site and model."""
+    rows = [(site, hour) for site in sites for hour in np.arange(0.0, 24.0, 0.5)]
+    day = pd.DataFrame(rows, columns=["site", "hour"])
+    squares = {
+        name: np.square(model.predict(day) - truth(day))
+        for name, model in models.items()
+    }
+    means = pd.DataFrame(squares).groupby(day["site"]).mean()
+    return means.loc[sites] ** 0.5
+
+
+def draw(models, X, y, truth, sites):
+    """The predictions: a row of panels for each model."""
+    figure, axes = plt.subplots(
+        len(models),
+        len(sites),
+        figsize=(9.5, 4.2),
+        sharex=True,
+        sharey=True,
+        layout="constrained",
+    )
+    for row, (name, model) in zip(axes, models.items(), strict=True):
+        display = TaskPredictionDisplay.from_estimator(
+            model, X, y, truth=truth, tasks=sites, ax=row
+        )
+        row[0].set_ylabel(name)
+    for ax, site in zip(axes[0], sites, strict=True):
+        ax.set(title=f"{site}: {(X['site'] == site).sum()} rows", xlabel=None)
+    for ax in axes[1]:
+        ax.set(title=None, xticks=[0, 6, 12, 18, 24])
+    legend = display.ax_.get_legend_handles_labels()
+    figure.legend(*legend, loc="outside upper center", ncols=4, frameon=False)
+    return figure
+
+
+def main():
+    """Fit, print and draw."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--output", type=Path, default=OUTPUT)
+    output = parser.parse_args().output
+    X, y, truth = make_sites(return_truth=True)
+    sites = X["site"].unique().tolist()
+    models = fitted(X, y)
+    print(errors(models, sites, truth).round(2).T.to_string())
+    output.parent.mkdir(parents=True, exist_ok=True)
+    draw(models, X, y, truth, sites).savefig(output, dpi=150)
+
+
+if __name__ == "__main__":
+    main()

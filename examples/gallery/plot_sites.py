@@ -62,20 +62,24 @@ print(f"BIC chooses rank {search.best_rank_}")
 # The new site
 # ------------
 # Growth at site e against temperature, at a moisture of 0.4: as it is, as predicted,
-# and the band where a new measurement lies with probability 0.95. Six measurements are
-# nothing to learn a curve from; with the other sites they say which mixture site e is.
+# and the band where a new measurement lies with probability 0.95. Its six measurements,
+# made at other moistures, are nothing to learn a curve from; with the other sites they
+# say which mixture site e is.
 import matplotlib.pyplot as plt
 
-from skmtgp.inspection import TrajectoryDisplay
+from skmtgp.inspection import TaskPredictionDisplay
 
-temperature = np.linspace(5, 35, 60)
-sweep = pd.DataFrame({"site": "e", "temperature": temperature, "moisture": 0.4})
-truth = growth("e", temperature, 0.4)
+shown = {
+    "feature": "temperature",
+    "at": {"moisture": 0.4},
+    "tasks": ["e"],
+    "truth": lambda rows: growth("e", rows["temperature"], rows["moisture"]),
+}
 figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
 for ax, (name, model) in zip(axes, models.items(), strict=True):
-    TrajectoryDisplay.from_estimator(model, sweep, truth, time=temperature, ax=ax)
-    ax.set(xlabel="temperature", ylabel="growth at site e")
-    ax.set_title(name, pad=28)
+    TaskPredictionDisplay.from_estimator(model, X, y, ax=[ax], **shown)
+    ax.set(title=name, ylabel="growth at site e")
+axes[0].legend(frameon=False)
 
 # %%
 # How the sites are related

@@ -12,7 +12,13 @@ from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length, column_or_1d
 
 from skmtgp.inspection._drawing import COLORS, Display
-from skmtgp.inspection._models import check_vector, predictions
+from skmtgp.inspection._models import (
+    check_vector,
+    fitted_model,
+    predictions,
+    task_column,
+    tasks_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,6 +51,10 @@ class TrajectoryDisplay(Display):
         Where they are drawn.
     figure_ : matplotlib Figure
         The figure of the axes.
+
+    See Also
+    --------
+    TaskPredictionDisplay : Each task along a feature.
 
     Examples
     --------
@@ -152,7 +162,7 @@ class TrajectoryDisplay(Display):
         estimator : estimator
             Fitted model of the package, or a Pipeline that ends with one.
         X : array-like of shape (n_samples, n_features)
-            Inputs as the estimator takes them, such as those of one task.
+            Inputs of one task, as the estimator takes them.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         time : array-like of shape (n_samples,), default=None
@@ -174,13 +184,15 @@ class TrajectoryDisplay(Display):
         NotFittedError
             If the estimator was not fitted.
         ValueError
-            If there is no such output, or the data do not fit together.
+            If X has several tasks, whose sequences would run into one another, if there
+            is no such output, or if the data do not fit together.
 
         Notes
         -----
         The band is that of a normal distribution. With a `target_transform`, whose
         intervals are not symmetric, draw those of ``predict_interval``.
         """
+        _check_one_task(estimator, X)
         y_true, mean, std = predictions(estimator, X, y, output)
         return cls.from_predictions(y_true, mean, std, time=time, ax=ax, level=level)
 
@@ -222,3 +234,19 @@ class TrajectoryDisplay(Display):
         """
         display = cls(y_true=y_true, y_mean=y_mean, y_std=y_std, time=time)
         return display.plot(ax=ax, level=level)
+
+
+def _check_one_task(estimator, X):
+    """Raise a ValueError if X is known to have several tasks."""
+    fitted_model(estimator)
+    try:
+        column = task_column(estimator, X)
+    except ValueError:  # a pipeline that does not tell it
+        return
+    tasks = np.unique(tasks_of(estimator, X, column)).tolist()
+    if len(tasks) > 1:
+        raise ValueError(
+            f"X has rows of {len(tasks)} tasks, {tasks[:5]}, whose sequences would run "
+            "into one another. Draw one at a time, X[X[task_feature] == task], or all "
+            "in panels of their own by TaskPredictionDisplay."
+        )

@@ -31,6 +31,11 @@ class TestTrajectory:
         assert_array_equal(display.observed_.get_ydata(), Y[rows, 1])
         assert display.ax_.get_xlabel() == "sample"
 
+    def test_several_tasks(self, fitted):
+        message = r"rows of 3 tasks, \[0, 1, 2\].*by TaskPredictionDisplay"
+        with pytest.raises(ValueError, match=message):
+            TrajectoryDisplay.from_estimator(fitted["RankSearchIC"], X, Y)
+
     def test_series_and_dates(self):
         index = pd.date_range("2024-01-01", periods=3)
         columns = [pd.Series([1.0, 2.0, 3.0], index=index)] * 3

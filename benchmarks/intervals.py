@@ -27,6 +27,7 @@ from threadpoolctl import threadpool_limits
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 
 N_TEST, NOISE, RANGE = 20, 0.2, 8.0
+EDGES = 0, 2, 4, 8, 12, 16, 24, 32, 100  # of rows a hyperparameter
 
 
 def draw(n_tasks, n_rows, rank, seed):
@@ -90,6 +91,8 @@ def compared(n_draws, job):
                 known[setting] = measured(mode, *test), sampled
             for name, values in zip(("mode", "sampled"), known[setting], strict=True):
                 cell = {"tasks": n_tasks, "rows": n_rows, "rank": rank, "seed": seed}
+                count = mode._likelihoods[0].prior.n_hyperparameters
+                cell["rows a hyperparameter"] = len(y) / count
                 rows.append({**cell, "fit": way, "by": name, **values})
     return rows
 
@@ -102,7 +105,7 @@ def main():
     parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--seeds", type=int, default=40, help="draws of each cell")
     parser.add_argument("--first", type=int, default=0, help="the first of them")
-    parser.add_argument("--n-draws", type=int, default=40, help="of hyperparameters")
+    parser.add_argument("--n-draws", type=int, default=100, help="of hyperparameters")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="file of the rows, one JSON object each")
     parser.add_argument("--report", help="such a file, whose table is printed alone")
@@ -134,6 +137,13 @@ def report(rows):
     table = over_ranks[["y", "f"]].mean()
     table[["median density", "median mse"]] = over_ranks[["density", "mse"]].median()
     print("\nOver the ranks\n")
+    print(table.round(3).to_string())
+    few = pd.cut(rows["rows a hyperparameter"], EDGES, right=False)
+    few = rows.groupby(["fit", few, "by"], observed=True)
+    table = few[["y", "f"]].mean()
+    table[["median density", "median mse"]] = few[["density", "mse"]].median()
+    table["fits"] = few.size()
+    print("\nBy rows a hyperparameter, of any data set\n")
     print(table.round(3).to_string())
 
 

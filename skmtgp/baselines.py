@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.training import default_kernel
 from skmtgp._numerics.parallel import run
 from skmtgp._support.sklearn_compat import StrOptions
@@ -87,6 +88,12 @@ class IndependentGP(_FixedTaskCovarianceGP):
         of equal targets, by the geometric mean of the others' deviations. "auto" asks
         the data, see :class:`MultiTaskGPRegressor`. With False the model's mean is
         zero.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -111,16 +118,17 @@ class IndependentGP(_FixedTaskCovarianceGP):
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
         its square.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -177,6 +185,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         the noise variances of the scaled target, for each output. A target is scaled by
         `y_scale_`; without `normalize_y`, if the kernel is the default, by its root
         mean square, with `task_levels` by the deviation around the means of the tasks.
+    hyperparameters_ : {"mode", "map", "sampled"}
+        What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three only if hyperparameters are sampled.
     effective_sample_size_ : float
@@ -206,7 +216,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets.
+        Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -253,11 +265,12 @@ class IndependentGP(_FixedTaskCovarianceGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -272,6 +285,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
@@ -314,6 +328,12 @@ class PooledGP(_FixedTaskCovarianceGP):
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. "shared" is True. With False the model's mean is
         zero. One function has one level and one unit: those of all tasks.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -338,16 +358,17 @@ class PooledGP(_FixedTaskCovarianceGP):
         bound is, only for "sparse". Without noise it is from them that most is learned
         of the kernel: more take time with the cube of their number, and memory with
         its square.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -399,6 +420,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Theta of the kernel, logarithms of the diagonal and of the noise variances of
         the scaled target, for each output. A target is scaled by `y_scale_`; without
         `normalize_y` it is scaled by its root mean square if the kernel is the default.
+    hyperparameters_ : {"mode", "map", "sampled"}
+        What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three only if hyperparameters are sampled.
     effective_sample_size_ : float
@@ -428,7 +451,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets.
+        Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -477,11 +502,12 @@ class PooledGP(_FixedTaskCovarianceGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["shared"] | bool = "shared",
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -495,6 +521,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs

@@ -259,7 +259,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if best < len(modes):
             self.best_rank_ = settings[best]["rank"]
             self.best_estimator_._warn_of_noise(modes[best])
-            sampled = model.hyperparameters == "sampled"
+            sampled = self.best_estimator_._is_sampled()
             warn_of_doubts(of_forms[best], modes[best], sampled=sampled)
         vars(self).pop("estimators_", None)
         if self.keep_estimators:

@@ -16,6 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.targets import TargetTransform
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Demand, Engine
@@ -93,6 +94,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         off its own mean and divides it by its own deviation; one of one or two rows, or
         of equal targets, by the geometric mean of the others' deviations. "auto" asks
         the data, see Notes. With False the model's mean is zero.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
@@ -129,16 +136,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_restarts_optimizer : int, default=0
         Number of additional starts. The first truncates a fit of full rank, the others
         are random; with "simultaneous" all are.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -210,6 +218,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Rank of the task covariance, a function that all share not counted.
     diagonal_ : bool or "equal"
         Which diagonal the task covariance has.
+    hyperparameters_ : {"mode", "map", "sampled"}
+        What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three only if hyperparameters are sampled.
     effective_sample_size_ : float
@@ -241,7 +251,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets.
+        Training targets, transformed by `target_transform` if there is one.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
         Number of columns of X, the task column counted.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -329,6 +341,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = "auto",
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
@@ -336,7 +349,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -354,6 +367,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
@@ -518,7 +532,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(training.tasks),
         )
         rank = self.rank_ + self._is_full()
-        n_kept = n_outputs * self._n_posteriors()
+        n_kept = n_outputs * (1 + len(getattr(self, "theta_samples_", ())))
         demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_kept)
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
         self._engine.check_joining(demand, tiles, n_before, n_new)

@@ -18,6 +18,8 @@ from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.sampled import n_posteriors
+from skmtgp._estimators.targets import TargetTransform, fit_target
 from skmtgp._numerics.parallel import at_a_time, run
 from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
@@ -58,6 +60,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         deviation before learning, for each task separately: each has its own level and
         unit. "auto", "per_task" and "shared" are True. With False the model's mean is
         zero.
+    target_transform : transformer or pair of functions, default=None
+        Is applied to the targets before anything else, to each output by itself: a
+        transformer of scikit-learn with an inverse, which is cloned, or a function and
+        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
+        Predictions, intervals and draws are in units of y; likelihoods and learned
+        attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "auto" is "dense", a Cholesky decomposition of
         each task's covariance; "kronecker" is an eigen-decomposition, which takes
@@ -79,16 +87,17 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         before the bound is, only for "sparse". Without noise it is from them that most
         is learned of the kernel: more take time with the cube of their number, and
         memory with its square.
-    hyperparameters : {"mode", "map", "sampled"}, default="mode"
+    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
         What predictions take for the hyperparameters. "mode" is the maximum of the
         likelihood. "map" is the maximum of the likelihood times weak priors, which are
         relative to the sizes of the data. "sampled" averages over draws from that
         posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. The
-        attributes are those of the mode all the same, but for the levels of the tasks.
-        With `max_iter` 0 nothing is drawn.
+        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
+        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
+        else "mode". The attributes are those of the mode all the same, but for the
+        levels of the tasks. With `max_iter` 0 nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, only for "sampled". Each takes as much
+        How many draws predictions average over, if there are any. Each takes as much
         memory as a fitted model. Ten times as many are drawn.
     max_iter : int, default=2000
         Most iterations of each maximisation; 0 keeps the starting values.
@@ -107,7 +116,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_tasks PooledGP
-        The model of each task, fitted on features followed by a constant column.
+        The model of each task, fitted on features followed by a constant column, and
+        on transformed targets if there is a `target_transform`, fitted to all tasks.
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     log_marginal_likelihood_value_ : float
@@ -117,6 +127,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
+    target_transformer_ : transformer or list of n_outputs transformers
+        The fitted transformers of the outputs. Only with `target_transform`.
     theta_ : ndarray of shape (n_theta,)
         The `theta_` of each of `estimators_`, one after another.
     n_iter_ : int
@@ -166,11 +178,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = True,
+        target_transform: TargetTransform = None,
         inference: Literal["auto", "dense", "kronecker", "sparse"] | Engine = "auto",
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled"] = "mode",
+        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -182,6 +195,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
+        self.target_transform = target_transform
         self.inference = inference
         self.n_inducing = n_inducing
         self.inducing_inputs = inducing_inputs
@@ -216,9 +230,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self
 
     def _fit(self, features, codes, tasks, Y, progress):
+        target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
+        Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
         self.tasks_, self.tasks_train_ = tasks, codes
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
+        params["target_transform"] = None  # it was one of all tasks
         model = PooledGP(**params)
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
@@ -243,6 +260,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         )
         self._warn([caught for _, caught in results])
         self._store([estimator for estimator, _ in results])
+        self._store_target(target)
 
     def _foretell(self, model, rows, X, Y):
         """Say before it begins that learning all tasks will take minutes."""
@@ -281,16 +299,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
         demand = Demand(
             n,
-            n_kept=n_outputs * self._n_posteriors(),
+            n_kept=n_outputs * n_posteriors(self, n),
             n_climbs=n_climbs,
             n_exact_climbs=n_climbs,
             alone=True,
         )
         engine.check_memory(demand, tiles)
-
-    def _n_posteriors(self):
-        """How many posteriors an output of a task is predicted by, and the mode's."""
-        return 1 + self.n_draws if self.hyperparameters == "sampled" else 1
 
     def _store(self, fitted):
         """Set the fitted attributes, from the model of each task."""
@@ -334,12 +348,24 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return covariances
 
     def _components(self, features, codes, include_noise):
-        found = [
-            (rows, model._components(features[rows], 0 * rows, include_noise))
-            for rows, model in self._parts(codes)
-        ]
+        def of_task(model, rows):
+            return model._components(features[rows], 0 * rows, include_noise)
+
+        return self._mixed(codes, of_task)
+
+    def _left_out(self, include_noise):
+        """The same of the training samples, each given the others of its task."""
+
+        def of_task(model, rows):
+            return model._left_out(include_noise)
+
+        return self._mixed(self.tasks_train_, of_task)
+
+    def _mixed(self, codes, components):
+        """Means and variances, from what `components` gives of each task's rows."""
+        found = [(rows, components(model, rows)) for rows, model in self._parts(codes)]
         n_components = max((len(of[0]) for _, of in found), default=1)
-        together = np.empty((2, n_components, len(features), self._n_outputs))
+        together = np.empty((2, n_components, len(codes), self._n_outputs))
         for rows, of_rows in found:
             together[:, :, rows] = of_rows
         return together
@@ -370,7 +396,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given.
+            in the order of the rows that `fit` was given. With `target_transform` it
+            is no mean but the median, as of `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 
@@ -404,16 +431,22 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         True
         """
         check_is_fitted(self)
-        shape = len(self.tasks_train_), *self.estimators_[0].y_train_.shape[1:]
-        mean, std = np.empty(shape), np.empty(shape)
+        mean, std = self._target.left_out(self, include_noise)
+        return self._join(mean), self._join(std)
+
+    def _leave_out(self, include_noise):
+        """The same of what is learned, (n_samples, n_outputs) each."""
+        mean, std = np.empty((2, len(self.tasks_train_), self._n_outputs))
         for rows, model in self._parts(self.tasks_train_):
-            mean[rows], std[rows] = model.loo_predict(include_noise)
+            mean[rows], std[rows] = model._leave_out(include_noise)
         return mean, std
 
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
+
+        Of the transformed ones, if there is a `target_transform`.
 
         Parameters
         ----------

@@ -20,11 +20,14 @@ from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
+from skmtgp._estimators.sampled import n_posteriors
+from skmtgp._estimators.targets import fit_target
 from skmtgp._estimators.training import Training, default_kernel
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import (
+    HasMethods,
     Interval,
     StrOptions,
     fit_context,
@@ -43,6 +46,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 # Its least where each task was taken off its own mean: learned from such targets it
 # would be zero, as if the means were known. This is the prior of unit information.
 CENTRED = 1.0
+TRANSFORMER = "fit", "transform", "inverse_transform"
 
 
 class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
@@ -55,11 +59,12 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean", StrOptions({"auto", "per_task", "shared"})],
+        "target_transform": [HasMethods(list(TRANSFORMER)), tuple, None],
         "inference": [StrOptions({"auto", *ENGINES}), Engine],
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
         "n_exact": [Interval(Integral, 1, None, closed="left")],
-        "hyperparameters": [StrOptions({"mode", "map", "sampled"})],
+        "hyperparameters": [StrOptions({"mode", "map", "sampled", "auto"})],
         "n_draws": [Interval(Integral, 4, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],
@@ -107,8 +112,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 training, [problems], [modes] = decided
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
-                sampled = self.hyperparameters == "sampled"
-                warn_of_doubts(problems, modes, sampled=sampled)
+                warn_of_doubts(problems, modes, sampled=self._is_sampled())
         return self
 
     def _foretell(self, problems, n_forms=1):
@@ -160,7 +164,9 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
 
     def _scale(self, features, codes, tasks, Y):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
-        training = Training(features, codes, tasks, Y, single_output)
+        target = fit_target(self.target_transform, Y)
+        Y = target.forward(Y)
+        training = Training(features, codes, tasks, Y, single_output, target=target)
         if len(Y) > FEW_ROWS:
             same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
             # without normalize_y one that is not zero has a size, if nothing else
@@ -252,17 +258,13 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             n,
             n_tasks,
             rank=rank,
-            n_kept=n_outputs * n_kept * self._n_posteriors(),
+            n_kept=n_outputs * n_kept * n_posteriors(self, n),
             n_climbs=at_a_time(self.n_jobs, climbs if engine.exact else n_outputs),
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
         )
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))
-
-    def _n_posteriors(self):
-        """How many posteriors an output is predicted by, beside that of the mode."""
-        return 1 + self.n_draws if self.hyperparameters == "sampled" else 1
 
     def _check_noise_bounds(self):
         bounds = self.noise_variance_bounds

@@ -12,6 +12,7 @@ from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.evidence import evidence_around
 
 ALONE = "single tasks"
+DRAWN = "sampled", "auto"  # what may draw hyperparameters
 
 
 class Alone:
@@ -26,8 +27,8 @@ class Alone:
     """
 
     def __init__(self, estimator, X, y):
-        self.data, self.sampled = (X, y), estimator.hyperparameters == "sampled"
-        if self.sampled:
+        self.data, self.asked = (X, y), estimator.hyperparameters
+        if self.asked in DRAWN:
             estimator.set_params(hyperparameters="mode")
         begin = perf_counter()
         with collect_warnings() as self.collected:
@@ -36,8 +37,8 @@ class Alone:
 
     def told(self):
         """The fitted estimator; what its fit warned of is said now."""
-        if self.sampled:
-            model = clone(self.estimator).set_params(hyperparameters="sampled")
+        if self.asked in DRAWN:
+            model = clone(self.estimator).set_params(hyperparameters=self.asked)
             return model.fit(*self.data)
         for category, message in self.collected:
             if category is not LongFitWarning:  # it has been

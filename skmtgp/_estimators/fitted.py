@@ -50,7 +50,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Mean of f at each training sample given the others, in the units of y and
             in the order of the rows that `fit` was given. Where `add_task` was used,
-            the rows of the new task come last.
+            the rows of the new task come last. With `target_transform` it is no mean
+            but the median, as of `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 
@@ -111,22 +112,30 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         0.03 -2.1 0.90
         """
         check_is_fitted(self)
+        mean, std = self._target.left_out(self, include_noise)
+        return self._join(mean), self._join(std)
+
+    def _leave_out(self, include_noise, posteriors=None):
+        """The same of what is learned, (n_samples, n_outputs) each."""
+        posteriors = posteriors or self._predictive
         order = self._training().order(self._engine)  # the posteriors' samples
-        shape = len(self.tasks_train_), len(self._predictive)
+        shape = len(self.tasks_train_), len(posteriors)
         residual, variance = np.empty((2, *shape))
-        for j, posterior in enumerate(self._predictive):
+        for j, posterior in enumerate(posteriors):
             with limit_threads(self._side):
                 found = posterior.leave_one_out(include_noise)
             residual[order, j], variance[order, j] = found
         scale = self._scales(self.tasks_train_)
         mean = self.y_train_.reshape(residual.shape) - residual * scale
-        return self._join(mean), self._join(np.sqrt(variance) * scale)
+        return mean, np.sqrt(variance) * scale
 
     @public
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
+
+        Of the transformed ones, if there is a `target_transform`.
 
         Parameters
         ----------
@@ -177,6 +186,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._single_output,
             self._units,
             self.noise_,
+            self._target,
         )
 
     def _check_rows(self):
@@ -251,8 +261,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             say(f"the posterior of {len(problems[0].data)} rows begins")
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
-        if self.hyperparameters == "sampled" and self.max_iter:
+        self.hyperparameters_ = "map" if self.hyperparameters == "map" else "mode"
+        if self._wants_draws(training, likelihoods[0].prior):
             self._draw_hyperparameters()
+            self.hyperparameters_ = "sampled"
 
     def _store_learned(self, training, engine, likelihoods, modes):
         """The same of likelihoods that are there already."""
@@ -267,8 +279,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         ]
         self._predictive = self._posteriors
         self._forget_draws()
-        self._units = training.units
-        self._single_output = training.single_output
+        self._units, self._single_output = training.units, training.single_output
+        self._store_target(training.target)
         units = "per_task" if training.units.per_task else "shared"
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise

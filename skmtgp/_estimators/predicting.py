@@ -13,6 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_test
 from skmtgp._estimators.estimator import public
+from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
 
@@ -21,7 +22,8 @@ class PosteriorMixin(RegressorMixin):
     """Regressor with a task column whose predictions have a covariance.
 
     What `_model` returns has `task_feature`, `tasks_`, `_single_output`, `_side`, rows
-    of the largest matrices that predictions are made with, and, in units of y,
+    of the largest matrices that predictions are made with, `_target`, the way from what
+    is learned to y, and, in units of the former,
 
     - ``_means(features, codes)``, of shape (n_samples, n_outputs);
     - ``_variances(features, codes, include_noise)``, of the same shape;
@@ -32,6 +34,8 @@ class PosteriorMixin(RegressorMixin):
       to that shape. They come from `_means`, `_covariances` and ``_noise(codes)``, the
       noise variances of shape (n_samples, n_outputs), where the posterior is normal.
     """
+
+    _target = AS_GIVEN
 
     def _model(self):
         """The estimator that holds the posterior."""
@@ -80,7 +84,7 @@ class PosteriorMixin(RegressorMixin):
         Returns
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Predictive mean, in the units of y.
+            Predictive mean, in the units of y; the median with `target_transform`.
         y_std : ndarray of the shape of y_mean
             Predictive standard deviation. Only if `return_std`.
         y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
@@ -91,8 +95,9 @@ class PosteriorMixin(RegressorMixin):
         TypeError
             If X is a Dask collection.
         ValueError
-            If a task was not seen in fit and cannot be predicted, or if both
-            `return_std` and `return_cov` are asked for.
+            If a task was not seen in fit and cannot be predicted, if both `return_std`
+            and `return_cov` are asked for, or if there is a `target_transform` and
+            `return_cov` is, or its inverse overflows.
 
         Notes
         -----
@@ -102,20 +107,27 @@ class PosteriorMixin(RegressorMixin):
         the variances of the levels and, on average, of the rest of
         `task_covariance_`. With noise of each task it has the geometric mean of the
         noise variances.
+
+        With `target_transform` the first is the inverse of the mean that is learned, as
+        that of scikit-learn's TransformedTargetRegressor. It is no mean but the median,
+        of f and of observations alike; where hyperparameters are drawn, about that. The
+        standard deviation is that of f or of an observation in the units of y, by
+        quadrature. See :doc:`/guide/intervals`.
         """
         if return_std and return_cov:
             raise ValueError("Set return_std or return_cov, not both.")
         check_is_fitted(self)
         model = self._model()
         features, codes = check_test(model, X, unseen=model._knows_unseen())
-        mean = model._join(model._means(features, codes))
+        target, rows = model._target, (model, features, codes)
+        mean = model._join(target.back(model._means(features, codes)))
         if return_std:
             with limit_threads(model._side):
-                variances = model._variances(features, codes, include_noise)
+                variances = target.variances(*rows, include_noise)
             return mean, model._join(np.sqrt(variances))
         if return_cov:
             with limit_threads(max(model._side, len(features))):
-                covariances = model._covariances(features, codes, include_noise)
+                covariances = target.covariances(*rows, include_noise)
             return mean, model._join(covariances)
         return mean
 
@@ -153,7 +165,8 @@ class PosteriorMixin(RegressorMixin):
         -----
         They are quantiles of the predictive distribution: a normal one; a mixture of
         normal ones where hyperparameters are sampled; Student's t of a
-        BayesianLinearRegression. :doc:`/guide/intervals` says when they hold.
+        BayesianLinearRegression. The inverse of `target_transform` takes them to units
+        of y, as they are: it is monotone. :doc:`/guide/intervals` says when they hold.
         """
         if not 0.0 <= level < 1.0:
             raise ValueError(f"level={level} must be in [0, 1), such as 0.95.")
@@ -164,6 +177,7 @@ class PosteriorMixin(RegressorMixin):
             ends = model._quantiles(
                 features, codes, (0.5 - 0.5 * level, 0.5 + 0.5 * level), include_noise
             )
+        ends = np.sort(model._target.back(np.stack(ends)), axis=0)  # it may fall
         lower, upper = map(model._join, ends)
         return lower, upper
 
@@ -191,7 +205,7 @@ class PosteriorMixin(RegressorMixin):
         Returns
         -------
         y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
-            Draws.
+            Draws, in the units of y.
 
         Raises
         ------
@@ -209,6 +223,7 @@ class PosteriorMixin(RegressorMixin):
             draws, noise_std = model._draws(features, codes, n_samples, rng)
         if include_noise:
             draws += noise_std * rng.standard_normal(draws.shape)
+        draws = model._target.back(draws.swapaxes(1, 2)).swapaxes(1, 2)
         return draws[:, 0] if model._single_output else draws
 
     def _draws(self, features, codes, n_draws, rng):
@@ -232,6 +247,15 @@ class PosteriorMixin(RegressorMixin):
         """Means and variances of the normals that are mixed, (1, n_samples, ...)."""
         means = self._means(features, codes)
         return means[None], self._variances(features, codes, include_noise)[None]
+
+    def _store_target(self, target):
+        """Keep the way back to y, of transformed targets; others need none."""
+        for name in ("_target", "target_transformer_"):
+            vars(self).pop(name, None)
+        if target is not AS_GIVEN:
+            fitted = [column.transformer for column in target.columns]
+            self.target_transformer_ = fitted[0] if self._single_output else fitted
+            self._target = target
 
     def _knows_unseen(self):
         """Whether it can predict a task that it never saw."""

@@ -9,6 +9,7 @@ import pandas as pd
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.dask import is_dask
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._numerics.linalg import correlation
@@ -23,7 +24,17 @@ from skmtgp.learning.sampling import N_CHAINS, THINNED, sample_hyperparameters
 # that diverged. 25 draws tell a deviation to a seventh. Some trajectories diverge where
 # a correlation between tasks is all but 1.
 FEWEST, LARGEST, MOST_DIVERGENT = 25, 1.2, 0.05
+# By "auto" they are drawn where rows are few for each hyperparameter, which is where
+# intervals of the mode are too narrow (benchmarks/results/intervals.txt), of as many
+# rows in all as take seconds.
+FEW_ROWS_EACH, MOST_ROWS = 16, 500
 CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"
+
+
+def n_posteriors(estimator, n):
+    """How many posteriors are kept of n rows, at most: of the mode, and of draws."""
+    asked = {"sampled": True, "auto": n <= MOST_ROWS}
+    return 1 + estimator.n_draws if asked.get(estimator.hyperparameters) else 1
 
 
 class SampledMixin:
@@ -127,7 +138,23 @@ class SampledMixin:
         centre = self._units.of_rows(self._units.centre, codes)
         return means * scales + centre, variances
 
+    def _left_out(self, include_noise):
+        """The same of the training samples, each given the others."""
+        parts = [self._predictive]
+        if self._is_sampled():
+            parts = map(list, zip(*(of.parts for of in self._predictive), strict=True))
+        found = [self._leave_out(include_noise, of_draw) for of_draw in parts]
+        means, deviations = np.stack(found, axis=1)
+        return means, np.square(deviations)
+
     # drawing
+
+    def _wants_draws(self, training, prior):
+        """Whether the hyperparameters are to be drawn, once they are learned."""
+        most = min(MOST_ROWS, FEW_ROWS_EACH * prior.n_hyperparameters)
+        few = len(training.Y) <= most and not is_dask(training.features)
+        asked = {"sampled": True, "auto": few}.get(self.hyperparameters, False)
+        return bool(asked and self.max_iter)
 
     def _draw_hyperparameters(self):
         """Draw them at the learned mode, and predict by the draws from now on."""

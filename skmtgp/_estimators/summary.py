@@ -27,6 +27,8 @@ class SummaryMixin:
     def summary(self) -> pd.DataFrame:
         """A table of the tasks: what was learned of each, in units of y.
 
+        In those of the transformed targets, if there is a `target_transform`.
+
         Returns
         -------
         summary : DataFrame of n_tasks rows
@@ -120,7 +122,7 @@ class SummaryMixin:
         if not hasattr(self, "X_train_"):
             return np.full((n_outputs, n_tasks), np.nan)
         Y = self.y_train_.reshape(-1, n_outputs)
-        error = np.square(Y - self.loo_predict()[0].reshape(Y.shape))
+        error = np.square(Y - self._leave_out(include_noise=False)[0])
         error, around = (
             pd.DataFrame(of).groupby(self.tasks_train_) for of in (error, Y)
         )

@@ -11,6 +11,7 @@ from skmtgp._data.complete import complete_design
 from skmtgp._data.dask import held
 from skmtgp._data.data import Data
 from skmtgp._data.labels import sorted_tasks
+from skmtgp._estimators.targets import AS_GIVEN, AsGiven
 from skmtgp._estimators.units import Units, count_tasks
 from skmtgp._numerics.linalg import RESOLVED
 
@@ -51,13 +52,15 @@ class Training:
     tasks : ndarray of shape (n_tasks,)
         Labels.
     Y : ndarray of shape (n_samples, n_outputs)
-        Targets.
+        Targets, transformed.
     single_output : bool
         Whether y was one-dimensional.
     units : Units
         In which the targets are learned.
     noise : {"shared", "per_task"}
         Whether tasks have noise variances of their own.
+    target : AsGiven or Transformed
+        How Y was transformed.
     """
 
     features: np.ndarray
@@ -67,6 +70,7 @@ class Training:
     single_output: bool
     units: Units | None = None
     noise: str = "shared"
+    target: AsGiven = AS_GIVEN
 
     @cached_property
     def design(self):
@@ -110,7 +114,7 @@ class Training:
         label : str, int or bool
             Its label.
         Y : ndarray of shape (n_new, n_outputs)
-            Its targets.
+            Its targets, not transformed.
 
         Returns
         -------
@@ -119,6 +123,7 @@ class Training:
         position : int
             Where the task is among the tasks.
         """
+        Y = self.target.forward(Y)
         tasks = sorted_tasks([*self.tasks.tolist(), label])
         position = tasks.tolist().index(label)
         codes = self.codes + (self.codes >= position)

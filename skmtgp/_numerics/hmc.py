@@ -47,12 +47,19 @@ class Walker:
         Any square root of about the covariance.
     rng : Generator
         Source of randomness.
+
+    Attributes
+    ----------
+    propose : callable or None
+        (x, rng) -> (x, signs): another point, by chances that are the same on the way
+        back and that keep volumes, and the signs that coordinates change on the way.
+        It is tried after each trajectory, where a density has several modes.
     """
 
     def __init__(self, log_density, x, scale, rng):
-        self.log_density, self.rng = log_density, rng
+        self.log_density, self.rng, self.propose = log_density, rng, None
         self.x, self.scale, self.n_evaluations = x, scale, 0
-        self.n_divergent = 0
+        self.n_divergent = self.n_jumps = 0
         self.value, self.gradient = self._evaluate(x)
 
     def _evaluate(self, x):
@@ -60,7 +67,7 @@ class Walker:
         return self.log_density(x)
 
     def move(self, step):
-        """One trajectory of leapfrog steps; the share that should be accepted."""
+        """A trajectory of leapfrog steps, and a jump; with what chance to accept it."""
         turn = LENGTH * self.rng.uniform(0.5, 1.5)  # no period is missed always
         n_steps = int(np.clip(np.rint(turn / step), 1, MOST_STEPS))
         momentum = self.rng.standard_normal(len(self.x))
@@ -80,7 +87,18 @@ class Walker:
         accepted = float(np.exp(min(0.0, gain)))
         if self.rng.uniform() < accepted:
             self.x, self.value, self.gradient = x, value, gradient
+        if self.propose is not None:
+            self._jump()
         return accepted
+
+    def _jump(self):
+        """A step of Metropolis, by which the metric is mirrored as the point is."""
+        x, signs = self.propose(self.x, self.rng)
+        value, gradient = self._evaluate(x)
+        if self.rng.uniform() < np.exp(min(0.0, value - self.value)):
+            self.x, self.value, self.gradient = x, value, gradient
+            self.scale = signs[:, None] * self.scale
+            self.n_jumps += 1
 
     def tune(self, n, step):
         """Move n times, by dual averaging of the step; draws and the step found."""
@@ -101,7 +119,7 @@ class Walker:
         self.scale = self.scale @ np.linalg.cholesky(covariance / (len(draws) + prior))
 
 
-def sample(log_density, x, scale, rng, *, n_warm, n_draws, report=None):
+def sample(log_density, x, scale, rng, *, n_warm, n_draws, propose=None, report=None):
     """Draws of one chain, warmed up in two halves: for the metric and with it.
 
     Parameters
@@ -112,6 +130,9 @@ def sample(log_density, x, scale, rng, *, n_warm, n_draws, report=None):
         Trajectories to warm up with; they are not kept.
     n_draws : int
         Trajectories that are.
+    propose : callable, default=None
+        See Walker. Not used for the metric, which is that of one mode, nor for draws
+        where none of its points was accepted while warming up.
     report : callable, default=None
         Called with the number of trajectories so far.
 
@@ -122,7 +143,9 @@ def sample(log_density, x, scale, rng, *, n_warm, n_draws, report=None):
     walker, draws = Walker(log_density, x, scale, rng), []
     warm, step = walker.tune(n_warm // 2, FIRST_STEP)
     walker.learn_scale(warm)
+    walker.propose = propose
     _, step = walker.tune(n_warm - n_warm // 2, step)
+    walker.propose = propose if walker.n_jumps else None
     walker.n_divergent = 0
     for i in range(n_draws):
         walker.move(step * rng.uniform(0.8, 1.2))

@@ -1,14 +1,17 @@
 """Warnings, which are given or collected.
 
 ``warnings.catch_warnings`` changes what all threads do with warnings. Where two of them
-overlap it leaves that changed for good, and warnings are lost: nothing of ours uses it.
+overlap it leaves that changed for good, and warnings are lost. Nothing of ours uses it
+but `quiet`, which lets one thread in at a time, for milliseconds.
 """
 
 import warnings
 from contextlib import contextmanager
 from contextvars import ContextVar
+from threading import Lock
 
 _COLLECTED = ContextVar("collected", default=None)
+_ONE_AT_A_TIME = Lock()
 
 
 def warn(message, category):
@@ -43,3 +46,14 @@ def collect_warnings():
         yield collected
     finally:
         _COLLECTED.reset(token)
+
+
+@contextmanager
+def quiet():
+    """Context in which other packages' functions are tried, and do not warn.
+
+    Only for what takes milliseconds, outside of which such warnings would be right.
+    """
+    with _ONE_AT_A_TIME, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield

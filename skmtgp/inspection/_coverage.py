@@ -177,8 +177,13 @@ class CoverageDisplay(Display):
         ValueError
             If there is no such output, if a level is not between 0 and 1, or if nothing
             tells the task column.
+
+        Notes
+        -----
+        With a `target_transform` intervals are those of transformed targets: they hold
+        as many.
         """
-        columns = predictions(estimator, X, y, output)
+        columns = predictions(estimator, X, y, output, learned=True)
         tasks = tasks_of(estimator, X, task_feature)
         return cls.from_predictions(*columns, tasks=tasks, levels=levels, ax=ax)
 

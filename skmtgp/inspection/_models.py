@@ -1,5 +1,6 @@
 """What the displays ask of estimators: the model inside, its tasks, its predictions."""
 
+from copy import copy
 from numbers import Integral
 
 import numpy as np
@@ -10,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.labels import Labels, check_labels
 from skmtgp._data.numbers import check_numbers
 from skmtgp._data.task_column import task_labels
+from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp.multitask import MultiTaskGPRegressor
 
 
@@ -84,7 +86,19 @@ def check_output(output, n_outputs):
         )
 
 
-def predictions(estimator, X, y, output):
+def _as_learned(estimator):
+    """The estimator whose predictions stay as `target_transform` made the targets."""
+    if isinstance(estimator, Pipeline):
+        name, last = estimator.steps[-1]
+        return Pipeline([*estimator.steps[:-1], (name, _as_learned(last))])
+    if hasattr(estimator, "best_estimator_"):
+        return _as_learned(estimator.best_estimator_)
+    model = copy(estimator)
+    vars(model).pop("_target", None)
+    return model
+
+
+def predictions(estimator, X, y, output, *, learned=False):
     """Targets of one output and what is predicted of new observations.
 
     Parameters
@@ -97,6 +111,9 @@ def predictions(estimator, X, y, output):
         Targets.
     output : int
         Which of them.
+    learned : bool, default=False
+        Whether all are as `target_transform` makes the targets, where predictions are
+        normal, rather than in units of y.
 
     Returns
     -------
@@ -110,16 +127,20 @@ def predictions(estimator, X, y, output):
     ValueError
         If y has not the outputs of the model, or not this one.
     """
-    fitted_model(estimator)
+    target = fitted_model(estimator)._target
     # A search's own predict may not pass return_std on.
     model = getattr(estimator, "best_estimator_", estimator)
+    if learned and target is not AS_GIVEN:
+        model = _as_learned(model)
     mean, std = model.predict(X, return_std=True, include_noise=True)
     y = check_numbers(y, "y")
     if y.shape != mean.shape:
         raise ValueError(
             f"y has shape {y.shape}, but the predictions have shape {mean.shape}."
         )
-    columns = (values.reshape(len(mean), -1) for values in (y, mean, std))
+    columns = [values.reshape(len(mean), -1) for values in (y, mean, std)]
+    if learned:
+        columns[0] = target.forward(columns[0])
     return tuple(select_output(values, output) for values in columns)
 
 

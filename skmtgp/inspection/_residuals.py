@@ -173,7 +173,8 @@ class TaskResidualsDisplay(Display):
             Where to draw. None makes a new figure.
         kind : {"residual", "standardized"}, default="residual"
             Whether the residuals are in units of y or divided by their predictive
-            standard deviation.
+            standard deviation; the latter, with a `target_transform`, are of
+            transformed targets.
 
         Returns
         -------
@@ -187,7 +188,8 @@ class TaskResidualsDisplay(Display):
         ValueError
             If there is no such output or kind, or nothing tells the task column.
         """
-        y_true, mean, std = predictions(estimator, X, y, output)
+        learned = kind == "standardized"
+        y_true, mean, std = predictions(estimator, X, y, output, learned=learned)
         tasks = tasks_of(estimator, X, task_feature)
         return cls.from_predictions(y_true, mean, std, tasks=tasks, ax=ax, kind=kind)
 

@@ -175,6 +175,11 @@ class TrajectoryDisplay(Display):
             If the estimator was not fitted.
         ValueError
             If there is no such output, or the data do not fit together.
+
+        Notes
+        -----
+        The band is that of a normal distribution. With a `target_transform`, whose
+        intervals are not symmetric, draw those of ``predict_interval``.
         """
         y_true, mean, std = predictions(estimator, X, y, output)
         return cls.from_predictions(y_true, mean, std, time=time, ax=ax, level=level)

@@ -52,7 +52,8 @@ class TransferDisplay(Display):
           multi-task model and by that of the task alone;
         - gain, gain_std: their difference, and its standard error, from the differences
           of the samples;
-        - error, error_alone: root mean squared error, in units of y;
+        - error, error_alone: root mean squared error, in units of y, transformed if
+          the model has a `target_transform`;
         - verdict: "helped" or "harmed" where the 95 % interval of the gain, by
           Student's t, is above or below zero, or "neither";
         - evidence: nats by which the targets are likelier than if the task had no
@@ -242,7 +243,7 @@ class TransferDisplay(Display):
         model = model_with("task_covariance_", estimator, instead)
         check_output(output, len(model.log_marginal_likelihoods_))
         check_option("kind", kind, ("gain", "error"))
-        of_model = _output(model.loo_predict(include_noise=True), output)
+        of_model = _output(model._leave_out(include_noise=True), output)
         y = model.y_train_.reshape(len(of_model[0]), -1)[:, output]
         tasks = model.tasks_train_
         of_alone = _alone(model, y)
@@ -332,7 +333,8 @@ def _output(columns, output):
 
 def _alone(model, y):
     """Means and deviations by a model of each task's other rows; NaN without any."""
-    alone = alone_like(model, model.X_train_).set_params(task_feature=-1)
+    alone = alone_like(model, model.X_train_)
+    alone.set_params(task_feature=-1, target_transform=None)  # y is transformed
     X = np.column_stack([model.X_train_, model.tasks_train_])
     with collect_warnings() as collected:
         alone.fit(X, y)

@@ -2,10 +2,11 @@
 
 Four chains of Hamiltonian Monte Carlo move in coordinates in which the posterior is
 nearly normal (`Chart`), with the inverse Hessian of a mode for the metric. Few rows
-leave several modes, between which chains seldom move: they are looked for from the
-learned one and from draws of the prior, and each chain starts at one of them, in
-proportion to the evidence that Laplace's method gives it. A start at the likeliest mode
-alone would stay where few rows are explained without noise.
+leave several modes. Between those that differ by signs of tasks, or by the direction of
+one, chains jump (`Chart.turned`). Between others they seldom move: these are looked for
+from the learned one and from draws of the prior, and each chain starts at one of them,
+in proportion to the evidence that Laplace's method gives it. A start at the likeliest
+mode alone would stay where few rows are explained without noise.
 """
 
 from time import perf_counter
@@ -171,8 +172,15 @@ def _chain(peak, scale, n_draws, seed) -> Chain:
     away, share = scale @ rng.standard_normal(len(x)), 1.0
     while not np.isfinite(density(x + share * away)[0]):
         share *= 0.5
+    of_tasks = density.chart.n_factor > 1
     chain = sample(
-        density, x + share * away, scale, rng, n_warm=N_WARM, n_draws=n_draws
+        density,
+        x + share * away,
+        scale,
+        rng,
+        n_warm=N_WARM,
+        n_draws=n_draws,
+        propose=density.chart.turned if of_tasks else None,
     )
     density.likelihood.release()
     return chain

@@ -95,6 +95,41 @@ class Chart:
         g = L[self.used] / np.linalg.norm(L[self.used])
         return np.append(g * (1.0 + np.log(length / self.unit) / STRETCH), of_logs)
 
+    def turned(self, x, rng):
+        """Another point of the same amplitude, to jump to, as likely the way back.
+
+        Few rows leave open with which sign tasks go together, or along which functions
+        a task is. So, by equal chances, some tasks change sign, those together that are
+        alike, or one task takes another direction.
+
+        Parameters
+        ----------
+        x : ndarray of shape (size,)
+            Coordinates.
+        rng : Generator
+            Source of randomness.
+
+        Returns
+        -------
+        turned : ndarray of shape (size,)
+            Coordinates.
+        signs : ndarray of shape (size,)
+            1, or -1 for those that changed sign alone.
+        """
+        L, signs = self._matrix(x[: self.n_factor]), np.ones(self.size)
+        task = rng.integers(len(L))
+        lengths = np.linalg.norm(L, axis=1)
+        if rng.uniform() < 0.5:
+            direction = rng.standard_normal(self.shape[1]) * self.used[task]
+            L[task] = lengths[task] * direction / np.linalg.norm(direction)
+        else:
+            alike = np.abs(L @ L[task]) / (lengths * lengths[task])
+            chance = np.where(np.arange(len(L)) == task, 1.0, 0.5 * alike)
+            sign = np.where(rng.uniform(size=len(L)) < chance, -1.0, 1.0)
+            L *= sign[:, None]
+            signs[: self.n_factor] = np.broadcast_to(sign[:, None], L.shape)[self.used]
+        return np.append(L[self.used], x[self.n_factor :]), signs
+
     def density(self, x, value, gradient):
         """The log density of x, from that of theta.
 

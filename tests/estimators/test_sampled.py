@@ -344,6 +344,66 @@ class TestMap:
         np.testing.assert_allclose(*found, atol=0.05)
 
 
+class TestAuto:
+    AUTO = {"hyperparameters": "auto", "n_draws": 8}
+
+    def test_few_rows_are_sampled(self, model):
+        auto = MultiTaskGPRegressor(rank=1, random_state=0, **self.AUTO).fit(X, y)
+        assert auto.hyperparameters_ == model.hyperparameters_ == "sampled"
+        np.testing.assert_array_equal(auto.theta_samples_, model.theta_samples_)
+
+    def test_many_rows_a_hyperparameter_are_not(self):
+        rows, t = draw(rows=40)
+        model = IndependentGP(**self.AUTO).fit(rows, t)
+        assert model.hyperparameters_ == "mode"
+        assert not hasattr(model, "theta_samples_")
+        mode = IndependentGP().fit(rows, t)
+        np.testing.assert_array_equal(model.predict(Z), mode.predict(Z))
+
+    def test_where_it_would_take_long(self, monkeypatch):
+        from skmtgp._estimators import sampled
+
+        monkeypatch.setattr(sampled, "MOST_ROWS", len(y) - 1)
+        model = MultiTaskGPRegressor(rank=1, **self.AUTO).fit(X, y)
+        assert model.hyperparameters_ == "mode"
+
+    def test_search(self):
+        model = MultiTaskGPRegressor(**self.AUTO)
+        search = RankSearchIC(model, ranks=(1, 2), simpler=False).fit(X, y)
+        assert search.best_estimator_.hyperparameters_ == "sampled"
+
+    def test_a_search_that_chooses_single_tasks(self, monkeypatch):
+        from skmtgp import model_selection
+
+        tabulate = model_selection.tabulate
+
+        def alone_is_best(*args):
+            table = tabulate(*args)
+            table["bic"][-1] = table["bic"].min() - 1.0
+            return table
+
+        monkeypatch.setattr(model_selection, "tabulate", alone_is_best)
+        search = RankSearchIC(MultiTaskGPRegressor(**self.AUTO)).fit(X, y)
+        found = [of.hyperparameters_ for of in search.best_estimator_.estimators_]
+        assert found == ["sampled"] * 3
+
+    def test_dask(self):
+        da = pytest.importorskip("dask.array")
+        model = MultiTaskGPRegressor(rank=1, inference="sparse", **self.AUTO)
+        model.fit(da.from_array(X), da.from_array(y))
+        assert model.hyperparameters_ == "mode"
+
+    def test_memory_is_not_asked_for_what_is_not_drawn(self, monkeypatch):
+        import skmtgp._numerics.memory as memory
+        from skmtgp._estimators import sampled
+
+        monkeypatch.setattr(sampled, "MOST_ROWS", len(y) - 1)
+        monkeypatch.setattr(memory, "available_memory", lambda: 50e6)
+        options = {"hyperparameters": "auto", "n_draws": 10**6}
+        model = MultiTaskGPRegressor(rank=1, **options).fit(X, y)
+        assert model.hyperparameters_ == "mode"
+
+
 def test_nothing_to_draw():
     kernel = RBF(1.0, "fixed")
     options = {"noise_variance_bounds": "fixed", "normalize_y": "shared"}
@@ -378,6 +438,7 @@ class TestRefusals:
     def test_max_iter_0_draws_nothing(self):
         model = MultiTaskGPRegressor(max_iter=0, **SAMPLED).fit(X, y)
         assert not hasattr(model, "theta_samples_")
+        assert model.hyperparameters_ == "mode"
 
 
 def test_a_fit_by_the_mode_forgets_draws(model):

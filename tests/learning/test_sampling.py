@@ -84,6 +84,31 @@ def test_draws_of_a_flat_likelihood_are_those_of_the_prior():
     assert draws.std() == pytest.approx(hyperprior.precision[0] ** -0.5, rel=0.12)
 
 
+@pytest.mark.parametrize("rank", [1, 2])
+def test_signs_and_sizes_are_those_of_the_posterior(rank):
+    """Of few rows, which leave open whether tasks go together, against draws of the
+    prior that are weighted by the likelihood."""
+    likelihood, rng = likelihood_of(low_rank(3, rank), n=9), np.random.default_rng(0)
+    prior, hyperprior = likelihood.prior, Hyperprior(likelihood.prior)
+    thetas = [hyperprior.draw(rng) for _ in range(5000)]
+    logs = np.array([likelihood.value(theta) for theta in thetas])
+    weights = np.exp(logs - logs.max())
+    weights /= weights.sum()
+    of_prior = np.array([quantities(prior, theta) for theta in thetas])
+    mean = weights @ of_prior
+    deviation = np.sqrt(weights @ np.square(of_prior - mean))
+    sample = sample_hyperparameters(likelihood, prior.theta(), n_draws=60, seed=[0])
+    found = np.array([quantities(prior, theta) for theta in sample.theta])
+    effective = np.minimum(sample.effective, len(found))
+    effective = 1.0 / (1.0 / effective + np.square(weights).sum())
+    error = (found.mean(axis=0) - mean) / deviation * np.sqrt(effective)
+    assert effective.min() > 20
+    assert np.abs(error).max() < 4.0
+    correlations = found[:, -3:]  # both signs are seen
+    assert (correlations.min(axis=0) < 0.0).all()
+    assert (correlations.max(axis=0) > 0.0).all()
+
+
 @pytest.fixture(scope="module")
 def drawn():
     likelihood = likelihood_of(low_rank(2, 1), levels=True)

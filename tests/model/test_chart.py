@@ -92,6 +92,27 @@ def test_volume_is_that_of_all_factors(rank):
     assert chart._of_factor(g, np.zeros(D))[0] == pytest.approx(expected, abs=1e-6)
 
 
+@pytest.mark.parametrize("rank", [1, 2, 3])
+def test_turned(rank):
+    """Amplitudes, and what is no factor, stay; signs are those that changed."""
+    prior, chart, theta = chart_of(low_rank(4, rank))
+    x, rng = chart.coordinates(theta), np.random.default_rng(0)
+    K, n_mirrored = prior.K_rho_at(theta), 0
+    for _ in range(50):
+        turned, signs = chart.turned(x, rng)
+        np.testing.assert_array_equal(turned[chart.n_factor :], x[chart.n_factor :])
+        assert np.linalg.norm(turned) == pytest.approx(np.linalg.norm(x))
+        of_turned = prior.K_rho_at(chart.theta(turned))
+        np.testing.assert_allclose(np.diagonal(of_turned), np.diagonal(K))
+        if (signs < 0.0).any():
+            n_mirrored += 1
+            np.testing.assert_array_equal(turned, signs * x)
+            np.testing.assert_allclose(np.abs(of_turned), np.abs(K))
+        else:
+            assert (np.abs(of_turned - K) > 1e-9).any(axis=1).sum() in (0, 1, 4)
+    assert 10 < n_mirrored < 40
+
+
 def test_bounds_are_never_reached():
     prior, chart, theta = chart_of(low_rank(3, 1))
     lower, upper = prior.bounds()

@@ -72,6 +72,49 @@ def test_chains_never_leave_where_the_density_is_finite():
     assert draws.mean() == pytest.approx(np.sqrt(2.0 / np.pi), abs=0.1)
 
 
+def two_hills(x):
+    """Normal densities around 6 and -6, of shares 0.8 and 0.2, times a normal one."""
+    logs = np.log([0.8, 0.2]) - 0.5 * (x[0] - [6.0, -6.0]) ** 2
+    shares = np.exp(logs - logs.max())
+    pull = -(shares @ (x[0] - [6.0, -6.0])) / shares.sum()
+    value = float(logs.max() + np.log(shares.sum()) - 0.5 * (x[1] - 0.1 * x[0]) ** 2)
+    away = x[1] - 0.1 * x[0]
+    return value, np.array([pull + 0.1 * away, -away])
+
+
+def mirrored(x, rng):
+    """The other hill, or the other side of it."""
+    signs = np.array([-1.0, rng.choice([-1.0, 1.0])])
+    return signs * x, signs
+
+
+def test_jumps_cross_between_modes():
+    shares = {}
+    for name, propose in (("without", None), ("with", mirrored)):
+        rng, start = np.random.default_rng(0), np.array([6.0, 0.6])
+        run = sample(
+            two_hills, start, np.eye(2), rng, n_warm=100, n_draws=4000, propose=propose
+        )
+        shares[name] = run.draws
+    assert (shares["without"][:, 0] > 0.0).all()
+    draws = shares["with"]
+    assert np.mean(draws[:, 0] > 0.0) == pytest.approx(0.8, abs=0.03)
+    assert draws[:, 1].mean() == pytest.approx(0.1 * 0.6 * 6.0, abs=0.1)
+    assert np.cov(draws.T)[0, 1] == pytest.approx(0.1 * draws[:, 0].var(), rel=0.1)
+
+
+def test_jumps_that_are_never_accepted_end():
+    calls = []
+
+    def far(x, rng):
+        calls.append(x)
+        return x + 100.0, np.ones_like(x)
+
+    rng = np.random.default_rng(0)
+    sample(normal, np.zeros(3), np.eye(3), rng, n_warm=20, n_draws=50, propose=far)
+    assert len(calls) == 10  # those of the second half of warming up
+
+
 def test_evaluations_are_counted():
     calls = []
 

@@ -1,10 +1,10 @@
-"""Quantiles of mixtures, against distribution functions."""
+"""Quantiles of mixtures, and moments of functions of them, against known ones."""
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from skmtgp._numerics.mixtures import quantiles
+from skmtgp._numerics.mixtures import moments, quantiles
 
 RNG = np.random.default_rng(0)
 MEANS, DEVIATIONS = (
@@ -36,3 +36,31 @@ def test_certain_components():
     for p, expected in [(0.2, 0.0), (0.4, 1.0), (0.9, 3.0)]:
         assert quantiles(means, zeros, p) == pytest.approx(expected, abs=1e-12)
     assert quantiles(means[:1], zeros[:1], 0.9) == 0.0
+
+
+@pytest.mark.parametrize("deviation", [0.1, 1.0, 2.0])
+def test_moments_of_logarithmic_normals(deviation):
+    mean, variance = moments(np.zeros((1, 1)), np.full((1, 1), deviation), np.exp)
+    np.testing.assert_allclose(mean, np.exp(0.5 * deviation**2), rtol=1e-8)
+    expected = np.exp(deviation**2) * np.expm1(deviation**2)
+    np.testing.assert_allclose(variance, expected, rtol=1e-4)
+
+
+def test_moments_of_a_mixture():
+    mean, variance = moments(MEANS, DEVIATIONS, lambda z: z)
+    np.testing.assert_allclose(mean, MEANS.mean(axis=0), rtol=1e-12)
+    expected = np.square(DEVIATIONS).mean(axis=0) + MEANS.var(axis=0)
+    np.testing.assert_allclose(variance, expected, rtol=1e-12)
+
+
+def test_moments_through_kinks():
+    """The half normal distribution."""
+    mean, variance = moments(np.zeros((1, 1)), np.ones((1, 1)), np.abs)
+    np.testing.assert_allclose(mean, np.sqrt(2.0 / np.pi), atol=3e-3)
+    np.testing.assert_allclose(variance, 1.0 - 2.0 / np.pi, atol=3e-3)
+
+
+def test_moments_of_certain_values():
+    mean, variance = moments(np.zeros((1, 3)), np.zeros((1, 3)), np.exp)
+    np.testing.assert_allclose(mean, 1.0)
+    np.testing.assert_allclose(variance, 0.0, atol=1e-30)

@@ -2,13 +2,14 @@
 
 import ast
 import threading
+import time
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from test_layers import MODULES
 
-from skmtgp._support.warnings import collect_warnings, warn
+from skmtgp._support.warnings import collect_warnings, quiet, warn
 from skmtgp.exceptions import JitterWarning
 
 
@@ -52,6 +53,34 @@ def test_of_threads_that_overlap():
     with ThreadPoolExecutor(2) as pool:
         found = list(pool.map(work, range(2)))
     assert found == [[(UserWarning, "of 0")], [(UserWarning, "of 1")]]
+    assert warnings.filters == before
+
+
+def test_other_packages_can_be_tried_without_their_warnings():
+    before = list(warnings.filters)
+    with quiet():
+        warnings.warn("tried", UserWarning, stacklevel=1)
+    assert warnings.filters == before
+    with pytest.warns(UserWarning, match="again"):
+        warnings.warn("again", UserWarning, stacklevel=1)
+
+
+def test_one_thread_at_a_time_is_quiet():
+    before, inside, most = list(warnings.filters), [], []
+
+    def work():
+        with quiet():
+            inside.append(1)
+            most.append(len(inside))
+            time.sleep(0.01)
+            inside.pop()
+
+    threads = [threading.Thread(target=work) for _ in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert most == [1] * 4
     assert warnings.filters == before
 
 

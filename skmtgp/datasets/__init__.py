@@ -2,5 +2,6 @@
 
 from ._make import make_puma560
 from ._puma560 import fetch_puma560, load_puma560
+from ._urdf import puma560_urdf
 
-__all__ = ["fetch_puma560", "load_puma560", "make_puma560"]
+__all__ = ["fetch_puma560", "load_puma560", "make_puma560", "puma560_urdf"]

@@ -1,9 +1,10 @@
-"""The examples in docstrings: some need an extra, some draw, one stores data."""
+"""The examples in docstrings: some need an extra, some draw, two store data."""
 
 import pytest
 
 EXTRAS = {  # beginnings of the names of examples
     "skmtgp.inspection": "matplotlib",
+    "skmtgp.datasets._kinova_gen3.fetch": "pandas",
     "skmtgp.datasets._make.make": "pinocchio",
     "skmtgp.datasets._puma560.fetch": "pinocchio",
     "skmtgp.datasets._robot.inverse": "pinocchio",
@@ -29,6 +30,19 @@ def with_matplotlib(monkeypatch):
     monkeypatch.setattr(plt, "show", lambda: None)
     yield
     plt.close("all")
+
+
+@pytest.fixture
+def with_pandas(monkeypatch):
+    """Nothing is downloaded: recordings of as many rows, of a robot that rests."""
+    from skmtgp.datasets import _kinova_gen3
+
+    names = [
+        f"{k}{j}" for k in ("Position", "Velocity", "TorqueCur") for j in range(1, 8)
+    ]
+    rows = [",".join(names), *[",".join("0" * len(names))] * 1942]
+    content = "\n".join(rows).encode()
+    monkeypatch.setattr(_kinova_gen3, "_fetch", lambda *args: content)
 
 
 @pytest.fixture

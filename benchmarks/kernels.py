@@ -120,7 +120,10 @@ def report(table):
     best = pd.concat([chosen(of_case) for _, of_case in cases])
     columns = ["rank", "log_marginal_likelihood", "noise_variance", "seconds"]
     columns += [f"nmse_{subset}" for subset in TEST_SETS]
-    show = partial(pd.DataFrame.to_string, float_format="{:.3g}".format)
+    nats = {"log_marginal_likelihood": "{:.1f}".format}
+    show = partial(
+        pd.DataFrame.to_string, float_format="{:.3g}".format, formatters=nats
+    )
     order = ["kernel", "joint", "draw"]
     print(show(best.set_index(order).sort_index()[columns]))
     for column in columns[1:2] + columns[3:]:
@@ -128,7 +131,9 @@ def report(table):
             index="kernel", columns="joint", values=column, aggfunc="median"
         )
         print(f"\nMedian over {best['draw'].nunique()} draws by joint: {column}")
-        print(show(medians.reindex([k for k in KERNELS if k in medians.index])))
+        medians = medians.reindex([k for k in KERNELS if k in medians.index])
+        digits = "{:.1f}" if column in nats else "{:.2g}"
+        print(medians.to_string(float_format=digits.format))
 
 
 def main():

@@ -1,7 +1,16 @@
-"""Data for multi-task regression: inverse dynamics of a Puma 560 under loads."""
+"""Data for multi-task regression: inverse dynamics of robots."""
 
+from ._kinova_gen3 import fetch_kinova_gen3
 from ._make import make_puma560
 from ._puma560 import fetch_puma560, load_puma560
+from ._recordings import prepare_trajectory
 from ._urdf import puma560_urdf
 
-__all__ = ["fetch_puma560", "load_puma560", "make_puma560", "puma560_urdf"]
+__all__ = [
+    "fetch_kinova_gen3",
+    "fetch_puma560",
+    "load_puma560",
+    "make_puma560",
+    "prepare_trajectory",
+    "puma560_urdf",
+]

@@ -11,6 +11,7 @@ from sklearn.utils import Bunch, check_random_state
 
 from ._bunch import Rows, package
 from ._checks import check_count, check_flag, check_numbers, check_ranges
+from ._drive import Drive, motor_motion, motor_torques
 from ._loads import (
     CENTRE_RANGE,
     MASS_RANGE,
@@ -20,7 +21,7 @@ from ._loads import (
     draw_loads,
 )
 from ._loads import INERTIAL as INERTIAL_COLUMNS
-from ._robot import N_JOINTS, import_pinocchio, inverse_dynamics
+from ._robot import N_JOINTS, import_pinocchio, link_torques
 from ._trajectories import (
     EIGHT,
     N_SAMPLES,
@@ -31,6 +32,8 @@ from ._trajectories import (
     joint_trajectories,
     trajectory_labels,
 )
+
+_RIGID = Drive()
 
 
 def make_puma560(
@@ -48,6 +51,10 @@ def make_puma560(
     tool_pitch: float = TOOL_PITCH,
     tool_swing: ArrayLike = TOOL_SWING,
     friction: bool = True,
+    stribeck: float = 0.0,
+    stribeck_speed: float = 0.1,
+    load_friction: float = 0.0,
+    stiffness: ArrayLike | None = None,
     noise: ArrayLike = 0.0,
     random_state: np.random.RandomState | int | None = 0,
     return_X_y: bool = False,
@@ -96,6 +103,17 @@ def make_puma560(
         Amplitudes of the swings about the tool's x, y, z if it is moving, deg.
     friction : bool, default=True
         Whether the torques include viscous and Coulomb friction.
+    stribeck : float, default=0
+        By which share Coulomb friction is larger where a joint begins to move. No
+        formula that is linear in its parameters has it; 0.5 is usual.
+    stribeck_speed : float, default=0.1
+        Velocity, rad/s, at which 1/e of that is left.
+    load_friction : float, default=0
+        Share of the torque on each link that is added to its Coulomb friction, as in
+        gears; 0.05 is usual.
+    stiffness : float or array-like of shape (6,), default=None
+        Of elastic transmissions, N m/rad. The rotors then lead the joints, and the
+        data have the joints' positions. None is rigid; 10,000 is usual.
     noise : float or array-like of shape (6,), default=0
         Standard deviation of normal noise added to each joint's torque, N m.
     random_state : int, RandomState instance or None, default=0
@@ -168,7 +186,7 @@ def make_puma560(
     """
     return_X_y = check_flag("return_X_y", return_X_y)
     as_frame = check_flag("as_frame", as_frame)
-    friction = check_flag("friction", friction)
+    drive = _check_drive(friction, stribeck, stribeck_speed, load_friction, stiffness)
     noise = _check_noise(noise)
     paths = check_numbers("paths", paths, (None, 3))
     speeds = check_numbers("speeds", speeds, (None,), positive=True)
@@ -182,7 +200,7 @@ def make_puma560(
         check_numbers("tool_pitch", tool_pitch, ()),
         _check_swing(tool, tool_swing),
     )
-    torque = load_torques(x, loads, friction)
+    torque = load_torques(x, loads, drive, np.tile(speeds, len(paths)))
     if noise.any():
         torque += noise * rng.normal(size=torque.shape)
     rows = _lay_out(x, torque, trajectory_labels(len(paths), len(speeds)), loads)
@@ -190,7 +208,7 @@ def make_puma560(
     return package(rows, return_X_y, as_frame, time=time)
 
 
-def load_torques(x, loads, friction=True):
+def load_torques(x, loads, drive=_RIGID, periods=None):
     """Torques of every load at the same states.
 
     Parameters
@@ -199,8 +217,10 @@ def load_torques(x, loads, friction=True):
         q (rad), qd (rad/s), qdd (rad/s^2).
     loads : DataFrame of shape (n_loads, n_columns)
         With the ten inertial parameters.
-    friction : bool, default=True
-        Whether to add friction.
+    drive : Drive
+        What is between motors and links.
+    periods : ndarray of shape (n_trajectories,), default=None
+        Seconds of a path, for elastic transmissions.
 
     Returns
     -------
@@ -208,15 +228,14 @@ def load_torques(x, loads, friction=True):
         N m.
     """
     import_pinocchio()
-    states = [
-        np.ascontiguousarray(part)
-        for part in np.split(x.reshape(-1, x.shape[-1]), 3, axis=1)
-    ]
-    torques = [
-        inverse_dynamics(*states, load=load, friction=friction)
-        for load in loads[INERTIAL_COLUMNS].to_numpy()
-    ]
-    return np.reshape(torques, (len(loads), *x.shape[:2], N_JOINTS))
+    q, qd, qdd = np.split(x, 3, axis=2)
+    flat = [np.ascontiguousarray(part).reshape(-1, N_JOINTS) for part in (q, qd, qdd)]
+    torques = np.empty((len(loads), *q.shape))
+    for k, load in enumerate(loads[INERTIAL_COLUMNS].to_numpy()):
+        link = link_torques(*flat, load).reshape(q.shape)
+        motion = motor_motion(link, qd, qdd, periods, drive)
+        torques[k] = motor_torques(link, *motion, drive)
+    return torques
 
 
 def _lay_out(x, torque, labels, loads):
@@ -263,6 +282,27 @@ def _check_swing(tool, tool_swing):
         raise ValueError(f"tool={tool!r} is unknown; give 'fixed' or 'moving'.")
     swing = check_numbers("tool_swing", tool_swing, (3,), repeat=True)
     return swing if tool == "moving" else np.zeros(3)
+
+
+def _check_drive(friction, stribeck, stribeck_speed, load_friction, stiffness):
+    """What is between motors and links."""
+    friction = check_flag("friction", friction)
+    shares = {"stribeck": stribeck, "load_friction": load_friction}
+    for name, value in shares.items():
+        shares[name] = float(check_numbers(name, value, ()))
+        if shares[name] < 0.0:
+            raise ValueError(f"{name}={value} must be 0 or more.")
+        if shares[name] and not friction:
+            raise ValueError(
+                f"{name}={value} is of friction; leave out friction=False."
+            )
+    speed = check_numbers("stribeck_speed", stribeck_speed, (), positive=True)
+    if stiffness is None:
+        return _RIGID._replace(friction=friction, stribeck_speed=float(speed), **shares)
+    stiffness = check_numbers(
+        "stiffness", stiffness, (N_JOINTS,), positive=True, repeat=True
+    )
+    return Drive(friction, stribeck_speed=float(speed), stiffness=stiffness, **shares)
 
 
 def _check_noise(noise) -> NDArray[np.float64]:

@@ -1,12 +1,14 @@
-"""The Puma 560: its published figures, and its torques by Pinocchio.
+"""The links of the Puma 560: published figures, and torques on them by Pinocchio.
 
 The figures are those published with the Robotics Toolbox (``mdl_puma560``;
 Corke and Armstrong-Helouvry, ICRA 1994, pp. 1608-1613), in standard
-Denavit-Hartenberg frames and SI units. Only :func:`inverse_dynamics` needs
+Denavit-Hartenberg frames and SI units. Only :func:`link_torques` needs
 Pinocchio, and imports it when it is called.
 """
 
 import numpy as np
+
+from ._drive import Drive, motor_torques
 
 N_JOINTS = 6
 
@@ -37,53 +39,13 @@ INERTIA = np.array(
     ]
 )
 
-MOTOR_INERTIA = np.array([200e-6, 200e-6, 200e-6, 33e-6, 33e-6, 33e-6])
-GEAR_RATIO = np.array([-62.6111, 107.815, -53.7063, 76.0364, 71.923, 76.686])
-VISCOUS = np.array([1.48e-3, 0.817e-3, 1.38e-3, 71.2e-6, 82.6e-6, 36.7e-6])
-COULOMB_POSITIVE = np.array([0.395, 0.126, 0.132, 11.2e-3, 9.26e-3, 3.96e-3])
-COULOMB_NEGATIVE = np.array([-0.435, -0.071, -0.105, -16.9e-3, -14.5e-3, -10.5e-3])
-
 JOINT_LIMITS = np.deg2rad(
     [[-160, 160], [-45, 225], [-225, 45], [-110, 170], [-100, 100], [-266, 266]]
 )
 
-# Slower than this (rad/s) a joint stands still; its sign would be rounding.
-STANDSTILL = 1e-9
 
-
-def friction_torques(qd):
-    """Viscous and Coulomb friction of the motors, seen at the joints.
-
-    Parameters
-    ----------
-    qd : ndarray of shape (n_samples, 6)
-        Joint velocities, rad/s.
-
-    Returns
-    -------
-    torques : ndarray of shape (n_samples, 6)
-        ``G^2 B qd + |G| Tc(sign of qd)`` in N m, with ``Tc(0) = 0``.
-
-    Notes
-    -----
-    The toolbox of 2008 computed ``G (B qd + Tc)`` with a signed ``G``, which
-    reverses the friction of joints 1 and 3 and makes the viscous part far too
-    weak; the formula above is the physical one.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from skmtgp.datasets._robot import friction_torques
-    >>> friction_torques(np.zeros((1, 6))).tolist()
-    [[0.0, 0.0, 0.0, 0.0, 0.0, 0.0]]
-    """
-    forward, backward = qd > STANDSTILL, qd < -STANDSTILL
-    coulomb = forward * COULOMB_POSITIVE + backward * COULOMB_NEGATIVE
-    return GEAR_RATIO**2 * VISCOUS * qd + np.abs(GEAR_RATIO) * coulomb
-
-
-def inverse_dynamics(q, qd, qdd, load=None, friction=True):
-    """Torques that move the robot, holding a load, as prescribed.
+def link_torques(q, qd, qdd, load=None):
+    """Torques on the links that move the robot, holding a load, as prescribed.
 
     Parameters
     ----------
@@ -93,13 +55,11 @@ def inverse_dynamics(q, qd, qdd, load=None, friction=True):
         Inertial parameters of the load about the origin of frame 6, in the
         order ``m, m c_x, m c_y, m c_z, Ixx, Ixy, Iyy, Ixz, Iyz, Izz``. None
         is the empty hand.
-    friction : bool, default=True
-        Whether to add :func:`friction_torques`.
 
     Returns
     -------
     torques : ndarray of shape (n_samples, 6)
-        N m.
+        N m, without rotors and friction.
 
     Raises
     ------
@@ -109,9 +69,9 @@ def inverse_dynamics(q, qd, qdd, load=None, friction=True):
     Examples
     --------
     >>> import numpy as np
-    >>> from skmtgp.datasets._robot import inverse_dynamics
+    >>> from skmtgp.datasets._robot import link_torques
     >>> rest = np.zeros((1, 6))
-    >>> inverse_dynamics(rest, rest, rest).shape
+    >>> link_torques(rest, rest, rest).shape
     (1, 6)
     """
     pin = import_pinocchio()
@@ -120,10 +80,7 @@ def inverse_dynamics(q, qd, qdd, load=None, friction=True):
     torques = np.empty_like(q)
     for i, state in enumerate(zip(q, qd, qdd, strict=True)):
         torques[i] = pin.rnea(model, data, *state)
-    # The rotors are added here, so that no version of Pinocchio's own treatment
-    # of them matters.
-    torques += GEAR_RATIO**2 * MOTOR_INERTIA * qdd
-    return torques + friction_torques(qd) if friction else torques
+    return torques
 
 
 def import_pinocchio():
@@ -174,3 +131,30 @@ def _dh_step(pin, j):
 
 def _link_inertia(pin, j):
     return pin.Inertia(MASS[j], CENTRE_OF_MASS[j], np.diag(INERTIA[j]))
+
+
+def inverse_dynamics(q, qd, qdd, load=None, friction=True):
+    """Torques of the motors, of rigid transmissions, behind their gears.
+
+    Parameters
+    ----------
+    q, qd, qdd, load
+        See :func:`link_torques`.
+    friction : bool, default=True
+        Whether the motors have friction.
+
+    Returns
+    -------
+    torques : ndarray of shape (n_samples, 6)
+        N m.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp.datasets._robot import inverse_dynamics
+    >>> rest = np.zeros((1, 6))
+    >>> inverse_dynamics(rest, rest, rest).shape
+    (1, 6)
+    """
+    link = link_torques(q, qd, qdd, load)
+    return motor_torques(link, qd, qdd, Drive(friction=friction))

@@ -82,15 +82,38 @@ def write(path, arrays, what="", *, compress=False):
     ...     store.read(f"{folder}/a.npz", "seed 0")["a"].tolist()
     [0, 1, 2]
     """
+    save = np.savez_compressed if compress else np.savez
+    with replacing(path) as file:
+        save(file, **arrays)
+        with zipfile.ZipFile(file, "a") as archive:
+            archive.comment = _comment(arrays, what)
+
+
+@contextlib.contextmanager
+def replacing(path):
+    """Context of a file that is written beside its place, and moved there when whole.
+
+    Parameters
+    ----------
+    path : path-like
+        Its place; its folder is made if need be.
+
+    Yields
+    ------
+    file : file object
+        Open for reading and writing bytes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written. What was there before is still there.
+    """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    save = np.savez_compressed if compress else np.savez
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(8)}.tmp")
     try:
         with open(temporary, "x+b") as file:
-            save(file, **arrays)
-            with zipfile.ZipFile(file, "a") as archive:
-                archive.comment = _comment(arrays, what)
+            yield file
             file.flush()
             os.fsync(file.fileno())
         os.replace(temporary, path)

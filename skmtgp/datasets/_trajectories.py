@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from ._drive import STANDSTILL
 from ._kinematics import ToolMotion, inverse_kinematics, joint_rates
-from ._robot import STANDSTILL
 
 # x of the centre (m), z of the centre (m), rotation about z (deg): section 6.
 PATHS = ((0.35, 0.36, -10.0), (0.45, 0.40, 0.0), (0.55, 0.44, 10.0), (0.65, 0.48, 20.0))

@@ -37,11 +37,21 @@ class LogPosterior:
 
     def __call__(self, x):
         """The value and its gradient; -inf where the likelihood cannot be computed."""
+        value, gradient = self.polar(x)
+        if np.isfinite(value):
+            log_spread, slope = self.chart.log_spread(x)
+            value, gradient = value + log_spread, gradient + slope
+        return value, gradient
+
+    def polar(self, x):
+        """The same with respect to the length and direction of the factor."""
         with np.errstate(all="ignore"):  # far from the data
             theta = self.chart.theta(x)
             value, gradient = self.likelihood.value_and_grad(theta)
             of_prior, slope = self.hyperprior.log_density(theta)
-            value, gradient = self.chart.density(x, value + of_prior, gradient + slope)
+            value, gradient = self.chart.polar_density(
+                x, value + of_prior, gradient + slope
+            )
         if not (np.isfinite(value) and np.isfinite(gradient).all()):
             return -np.inf, np.zeros(len(x))
         return value, gradient
@@ -57,7 +67,7 @@ class Peak(NamedTuple):
     x : ndarray of shape (n_coordinates,)
         Where it is.
     value : float
-        Log density there.
+        Log density there, of the length and direction of the factor.
     n_evaluations : int
         That it took to find it.
     """
@@ -68,11 +78,21 @@ class Peak(NamedTuple):
     n_evaluations: int
 
     def curvature(self):
-        """Eigenvalues, positive, and eigenvectors of the Hessian of minus the log."""
-        H = np.empty((len(self.x),) * 2)
+        """Eigenvalues, positive, and eigenvectors of the Hessian of minus the log.
+
+        Across the direction of the factor it is that of the density of x, for that
+        direction ends somewhere.
+        """
+        H, polar = np.empty((len(self.x),) * 2), self.density.polar
         for row, step in zip(H, STEP * np.eye(len(self.x)), strict=True):
-            row[:] = self.density(self.x - step)[1] - self.density(self.x + step)[1]
-        values, vectors = np.linalg.eigh((H + H.T) / (4.0 * STEP))
+            row[:] = polar(self.x - step)[1] - polar(self.x + step)[1]
+        H = (H + H.T) / (4.0 * STEP)
+        n = self.density.chart.n_factor
+        if n > 1:
+            g = self.x[:n]
+            length = np.linalg.norm(g)
+            H[:n, :n] += (n - 1) / length**2 * (np.eye(n) - np.outer(g, g) / length**2)
+        values, vectors = np.linalg.eigh(H)
         return np.maximum(values, LEAST_CURVATURE), vectors
 
 
@@ -101,7 +121,7 @@ def climb_posterior(likelihood, theta, *, noise_is_held=False, tol=1e-2):
     lower, upper = np.where(held, x, -np.inf), np.where(held, x, np.inf)
 
     def objective(x):
-        value, gradient = density(x)
+        value, gradient = density.polar(x)
         return -value, -gradient
 
     found = minimize(objective, x, lower, upper, max_iter=500, tol=tol, patience=10)
@@ -132,7 +152,8 @@ def log_evidence(peak, eigenvalues):
     rotations = np.log(2.0) + 0.5 * k * np.log(np.pi) - gammaln(0.5 * k)
     normal = 0.5 * np.log(2.0 * np.pi / eigenvalues).sum()
     constant = peak.density.hyperprior.log_constant
-    return float(peak.value + normal + rotations.sum() + constant)
+    value = peak.value + peak.density.chart.log_spread(peak.x)[0]
+    return float(value + normal + rotations.sum() + constant)
 
 
 def evidence_around(likelihood, theta):

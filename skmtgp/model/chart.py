@@ -130,8 +130,11 @@ class Chart:
             signs[: self.n_factor] = np.broadcast_to(sign[:, None], L.shape)[self.used]
         return np.append(L[self.used], x[self.n_factor :]), signs
 
-    def density(self, x, value, gradient):
-        """The log density of x, from that of theta.
+    def polar_density(self, x, value, gradient):
+        """The log density of the length and direction of g, and of the logarithms.
+
+        Its modes are what a climb looks for: the density of x itself has a pole where g
+        is 0, of next to no mass, and the more tasks, the wider.
 
         Parameters
         ----------
@@ -145,7 +148,7 @@ class Chart:
         Returns
         -------
         value : float
-            Log density of x.
+            Log density.
         gradient : ndarray of shape (size,)
             Its gradient by x.
         """
@@ -159,6 +162,19 @@ class Chart:
         log_volume, of_g = self._of_factor(g, gradient[self.of_factor])
         return value + log_volume, np.append(of_g, of_logs)
 
+    def log_spread(self, x):
+        """Log density of x over `polar_density`, and its gradient.
+
+        Of n elements g it is -(n - 1) log|g|.
+        """
+        gradient, n = np.zeros(self.size), self.n_factor
+        if n < 2:
+            return 0.0, gradient
+        g = x[:n]
+        square = float(g @ g)
+        gradient[:n] = -(n - 1) / square * g
+        return -0.5 * (n - 1) * np.log(square), gradient
+
     def _of_factor(self, g, d_F):
         """Log volume of g, and the gradient of the log density by g."""
         length = np.linalg.norm(g)
@@ -170,8 +186,8 @@ class Chart:
             log_volume = self.powers @ np.log(np.abs(pivots) + np.finfo(float).tiny)
             d_direction = np.zeros(self.shape)
             d_direction[self.diagonal] = self.powers / pivots
-        log_volume += np.log(STRETCH) - (self.n_factor - 1) * np.log(length)
-        along = STRETCH * amplitude * (d_L @ direction) - (self.n_factor - 1) / length
+        log_volume += np.log(STRETCH)
+        along = STRETCH * amplitude * (d_L @ direction)
         across = amplitude * d_L + d_direction[self.used]
         across -= direction * (direction @ across)
         return log_volume, along * direction + across / length

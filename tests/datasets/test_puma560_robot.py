@@ -5,10 +5,10 @@ import puma560_reference as reference
 import pytest
 
 from skmtgp.datasets import make_puma560
+from skmtgp.datasets._drive import friction_torques
 from skmtgp.datasets._loads import INERTIAL, draw_loads
 from skmtgp.datasets._robot import (
     JOINT_LIMITS,
-    friction_torques,
     import_pinocchio,
     inverse_dynamics,
 )

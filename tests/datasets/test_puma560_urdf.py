@@ -8,13 +8,8 @@ import pytest
 from rigid import rnea, states
 
 from skmtgp.datasets import puma560_urdf
-from skmtgp.datasets._robot import (
-    GEAR_RATIO,
-    JOINT_LIMITS,
-    MASS,
-    MOTOR_INERTIA,
-    inverse_dynamics,
-)
+from skmtgp.datasets._drive import GEAR_RATIO, MOTOR_INERTIA
+from skmtgp.datasets._robot import JOINT_LIMITS, MASS, inverse_dynamics
 
 
 def test_links_joints_and_limits():

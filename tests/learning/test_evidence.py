@@ -92,7 +92,7 @@ def test_flat_directions_cost_nothing():
 def test_a_climb_ends_where_the_posterior_is_flat():
     problem = problem_of(2, noise_is_learned=True)
     peak = climb_posterior(problem.likelihood(), mode_of(problem).theta, tol=1e-8)
-    value, gradient = peak.density(peak.x)
+    value, gradient = peak.density.polar(peak.x)
     assert value == peak.value
     values, vectors = peak.curvature()
     step = vectors.T @ gradient / np.sqrt(values)  # in deviations

@@ -152,6 +152,20 @@ def test_one_mode_is_one_whatever_the_coordinates():
             assert np.abs(one - other).max() >= sampling.SAME
 
 
+def test_no_peak_is_without_a_function_of_many_tasks():
+    """The density of coordinates has a pole at the origin, of next to no mass."""
+    rng = np.random.default_rng(0)
+    X, tasks = rng.uniform(0.0, 8.0, (160, 1)), np.arange(160) // 4
+    y = rng.standard_normal(160)
+    likelihood = building.dense(RBF(1.0), low_rank(40, 1), X, tasks, y)
+    prior = likelihood.prior
+    peaks, _ = find_peaks(likelihood, prior.theta(), rng)
+    for peak in peaks:
+        theta = peak.density.chart.theta(peak.x)
+        deviations = np.sqrt(np.diagonal(prior.K_rho_at(theta)))
+        assert np.sqrt(np.mean(deviations**2)) > 0.01 * prior.scale
+
+
 def test_is_deterministic(drawn):
     likelihood, first = drawn
     theta = likelihood.prior.theta()

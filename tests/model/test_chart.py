@@ -63,11 +63,12 @@ def test_gradient(form):
         F = theta[prior.of_factor].reshape(chart.shape)
         gradient = np.where(prior.of_factor, 0.0, weights)
         gradient[prior.of_factor] = (2.0 * W @ F).ravel()
-        return chart.density(x, value + np.trace(F.T @ W @ F), gradient)
+        return chart.polar_density(x, value + np.trace(F.T @ W @ F), gradient)
 
     x = chart.coordinates(theta)
-    numerical = textbook.derivative(lambda x: density(x)[0], x)
-    np.testing.assert_allclose(density(x)[1], numerical, rtol=1e-5, atol=1e-6)
+    for of in (density, chart.log_spread):
+        numerical = textbook.derivative(lambda x, of=of: of(x)[0], x)
+        np.testing.assert_allclose(of(x)[1], numerical, rtol=1e-5, atol=1e-6)
 
 
 @pytest.mark.parametrize("rank", [1, 2])
@@ -89,7 +90,9 @@ def test_volume_is_that_of_all_factors(rank):
     D = 3 * rank
     length = np.linalg.norm(factor(numbers))
     expected = np.linalg.slogdet(jacobian)[1] - D * np.log(length)
-    assert chart._of_factor(g, np.zeros(D))[0] == pytest.approx(expected, abs=1e-6)
+    spread = chart.log_spread(chart.coordinates(theta))[0]
+    found = chart._of_factor(g, np.zeros(D))[0] + spread
+    assert found == pytest.approx(expected, abs=1e-6)
 
 
 @pytest.mark.parametrize("rank", [1, 2, 3])
@@ -139,6 +142,6 @@ def test_a_factor_of_less_than_its_rank_has_coordinates():
     less = prior.with_rho(theta, F.ravel())
     chart = Chart(Hyperprior(prior), less)
     x = chart.coordinates(less)
-    assert np.isfinite(chart.density(x, 0.0, np.zeros(len(theta)))[1]).all()
+    assert np.isfinite(chart.polar_density(x, 0.0, np.zeros(len(theta)))[1]).all()
     found = prior.K_rho_at(chart.theta(x))
     np.testing.assert_allclose(found, F @ F.T, atol=0.01)

@@ -122,7 +122,7 @@ def _products_of_others(values):
     A robot has a factor for each joint: to multiply all others anew for each of them
     would take a time that grows with the square of their number.
     """
-    *after, _ = accumulate(reversed(values), np.multiply)
+    after = list(accumulate(values[:0:-1], np.multiply))
     yield after.pop()
     before = values[0]
     for value in values[1:-1]:

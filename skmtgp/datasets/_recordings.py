@@ -1,0 +1,172 @@
+"""From a robot's recording to states and torques that a model can learn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.interpolate import make_interp_spline
+from scipy.signal import butter, sosfiltfilt
+
+from ._checks import check_count, check_flag, check_numbers
+
+QUINTIC = 5  # degree of the spline that is differentiated, twice smoothly
+EVEN = 1e-6  # of a step, that times may be off without being interpolated
+FEWEST = 12  # samples
+UNKNOWN = 2.0  # periods of the cutoff at the ends, that a filter knows one side of
+
+
+def prepare_trajectory(
+    time: ArrayLike,
+    q: ArrayLike,
+    tau: ArrayLike,
+    qd: ArrayLike | None = None,
+    *,
+    cutoff: float = 10.0,
+    tau_cutoff: float | None = None,
+    order: int = 4,
+    rate: float | None = None,
+    trim: float | None = None,
+    unwrap: bool = True,
+) -> pd.DataFrame:
+    """Filter a robot's recording and differentiate its joint positions.
+
+    Positions and torques pass the same Butterworth filter forward and backward, which
+    delays nothing, so that both still belong to the same moment. Velocities and
+    accelerations are derivatives of a quintic spline through the filtered positions.
+
+    Parameters
+    ----------
+    time : array-like of shape (n_samples,)
+        Seconds, increasing. Steps may differ a little: samples are interpolated to as
+        many even ones.
+    q : array-like of shape (n_samples, n_joints)
+        Joint positions, rad or m.
+    tau : array-like of shape (n_samples, n_joints)
+        Torques, forces or motor currents.
+    qd : array-like of shape (n_samples, n_joints), default=None
+        Measured velocities. They are filtered, and accelerations are their
+        derivatives. None differentiates the positions twice.
+    cutoff : float, default=10
+        Frequency, Hz, at which the filter halves. What is slower than a quarter of it
+        changes by less than 1 in 10,000 with the default order.
+    tau_cutoff : float, default=None
+        The same for `tau`. None is `cutoff`, which removes from the torques what it
+        removes from the motion that they cause.
+    order : int, default=4
+        Of the filter, of each pass.
+    rate : float, default=None
+        Samples a second that are kept. None is all. At most the recorded rate.
+    trim : float, default=None
+        Seconds left out at the beginning and at the end, where a filter knows one side
+        alone. None is ``2 / cutoff``, after which accelerations of slow motion are
+        right to about one in a hundred; after three times that, to one in 100,000.
+    unwrap : bool, default=True
+        Whether jumps of positions by more than pi are taken for turns of 2 pi.
+
+    Returns
+    -------
+    frame : DataFrame of shape (n_kept, 1 + 4 * n_joints)
+        Columns time, q1, q2, ..., qd1, ..., qdd1, ..., tau1, ....
+
+    Raises
+    ------
+    TypeError
+        If an argument holds no numbers.
+    ValueError
+        If an argument has another shape or holds what is not finite, if times do not
+        increase or leave a gap of more than half a period of `cutoff`, if `cutoff` is
+        above what the recorded rate allows, or if nothing is left.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp.datasets import prepare_trajectory
+    >>> time = np.arange(4000) / 1000
+    >>> q = np.column_stack([np.sin(3 * time), np.cos(2 * time)])
+    >>> noise = np.random.default_rng(0).normal(size=q.shape)
+    >>> frame = prepare_trajectory(time, q + 1e-4 * noise, q, rate=100)
+    >>> frame.shape
+    (360, 9)
+    >>> error = frame["qdd1"] + 9 * np.sin(3 * frame["time"])
+    >>> bool(error.std() < 0.1)
+    True
+    """
+    time = check_numbers("time", time, (None,))
+    q = check_numbers("q", q, (len(time), None))
+    tau = check_numbers("tau", tau, q.shape)
+    cutoff = _check_positive("cutoff", cutoff)
+    tau_cutoff = _check_positive("tau_cutoff", tau_cutoff or cutoff)
+    order, unwrap = check_count("order", order), check_flag("unwrap", unwrap)
+    even, fs = _even_times(time, max(cutoff, tau_cutoff))
+
+    def smooth(values, at):
+        """Filtered, at even times, as a function of time."""
+        if not np.allclose(time, even, rtol=0.0, atol=EVEN / fs):
+            values = make_interp_spline(time, values, k=3)(even)
+        filtered = sosfiltfilt(
+            butter(order, at, fs=fs, output="sos"),
+            values,
+            axis=0,
+            padlen=min(len(even) - 1, int(np.ceil(fs / at))),
+        )
+        return make_interp_spline(even, filtered, k=QUINTIC)
+
+    position = smooth(np.unwrap(q, axis=0) if unwrap else q, cutoff)
+    velocity = position.derivative()
+    if qd is not None:
+        velocity = smooth(check_numbers("qd", qd, q.shape), cutoff)
+    parts = position, velocity, velocity.derivative(), smooth(tau, tau_cutoff)
+    kept = _kept_times(even, fs, rate, UNKNOWN / cutoff if trim is None else trim)
+    names = [
+        f"{name}{j}"
+        for name in ("q", "qd", "qdd", "tau")
+        for j in range(1, q.shape[1] + 1)
+    ]
+    frame = pd.DataFrame(np.hstack([part(kept) for part in parts]), columns=names)
+    frame.insert(0, "time", kept)
+    return frame
+
+
+def _check_positive(name, value):
+    return float(check_numbers(name, value, (), positive=True))
+
+
+def _even_times(time, cutoff):
+    """As many times at even steps, and how many there are a second."""
+    steps = np.diff(time)
+    if len(time) < FEWEST:
+        raise ValueError(f"time has {len(time)} samples; give at least {FEWEST}.")
+    if (steps <= 0.0).any():
+        i = int(np.argmin(steps > 0.0))
+        raise ValueError(
+            f"time does not increase: {time[i]} s at row {i}, {time[i + 1]} s at the "
+            "next. Sort the rows, and drop those that are there twice."
+        )
+    widest, step = int(np.argmax(steps)), float(np.mean(steps))
+    if cutoff >= 0.5 / step:
+        raise ValueError(
+            f"cutoff={cutoff:g} Hz is not below half the recorded rate of "
+            f"{1.0 / step:g} Hz; give a lower one. Is time in seconds?"
+        )
+    if steps[widest] > 0.5 / cutoff + step:
+        raise ValueError(
+            f"time has a gap of {steps[widest]:g} s after row {widest}. What happened "
+            "there is not known: prepare the rows before and after it on their own."
+        )
+    return np.linspace(time[0], time[-1], len(time)), 1.0 / step
+
+
+def _kept_times(even, fs, rate, trim):
+    """The times of the samples that are kept."""
+    rate = fs if rate is None else _check_positive("rate", rate)
+    if rate > fs * (1.0 + EVEN):
+        raise ValueError(f"rate={rate:g} is above the recorded one, {fs:g} a second.")
+    trim = float(check_numbers("trim", trim, ()))
+    if trim < 0.0 or 2.0 * trim >= even[-1] - even[0]:
+        raise ValueError(
+            f"trim={trim:g} s must be 0 or more, and leave something of the "
+            f"{even[-1] - even[0]:g} s that were recorded."
+        )
+    n = int(np.floor((even[-1] - even[0] - 2.0 * trim) * rate + EVEN))
+    return even[0] + trim + np.arange(n + 1) / rate

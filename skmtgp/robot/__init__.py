@@ -6,5 +6,14 @@ it is imported.
 
 from skmtgp.robot._features import RigidBodyFeatures
 from skmtgp.robot._regressor import RigidBodyRegressor
+from skmtgp.robot._semiparametric import (
+    SemiparametricRegressor,
+    make_semiparametric_regressor,
+)
 
-__all__ = ["RigidBodyFeatures", "RigidBodyRegressor"]
+__all__ = [
+    "RigidBodyFeatures",
+    "RigidBodyRegressor",
+    "SemiparametricRegressor",
+    "make_semiparametric_regressor",
+]

@@ -9,6 +9,8 @@ import numpy as np
 # Inertial parameters of a link about the origin of its joint, in Pinocchio's order
 INERTIAL = ["m", "mc_x", "mc_y", "mc_z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz"]
 
+SLIDING = "JointModelP"  # PX, PY, PZ or PrismaticUnaligned; planar ones are refused
+
 
 def import_pinocchio():
     """Pinocchio, or an ImportError that names the extra that brings it."""
@@ -41,6 +43,8 @@ class Dynamics:
         (10 J,). A link has the name of the joint that moves it.
     nominal : ndarray of shape (10 J,)
         Their values in the model.
+    slides : list of bool
+        Whether each joint slides.
     """
 
     def __init__(self, model):
@@ -52,7 +56,9 @@ class Dynamics:
         self.links = [f"{of}({joint})" for joint in self.names for of in INERTIAL]
         inertias = list(self._model.inertias)[1:]
         self.nominal = np.concatenate([i.toDynamicParameters() for i in inertias])
-        self._turns_freely = [joint.nq == 2 for joint in list(self._model.joints)[1:]]
+        joints = list(self._model.joints)[1:]
+        self._turns_freely = [joint.nq == 2 for joint in joints]
+        self.slides = [joint.shortname().startswith(SLIDING) for joint in joints]
 
     def __getstate__(self):
         return {name: value for name, value in vars(self).items() if name != "_pin"}

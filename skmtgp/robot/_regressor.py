@@ -48,10 +48,12 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
         Torques of each joint beside those of rigid bodies, see
         :class:`RigidBodyFeatures`.
-    prior : None or "evidence", default=None
+    prior : {"evidence", "nominal"} or None, default=None
         None is least squares. "evidence" is a normal prior around 0 of what each
         parameter typically contributes to the torques, in units of these, with the
-        variance that makes the data likeliest.
+        variance that makes the data likeliest. "nominal" is the same around the masses
+        and inertias of the model, for motion that does not show all of them; y must
+        then be torques, and the model must have the robot's own figures.
     joint : int, str or None, default=None
         Position from 0, or name, of the only joint whose torque y is. None: y has a
         column for each joint.
@@ -132,7 +134,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     """
 
     _parameter_constraints = {
-        "prior": [StrOptions({"evidence"}), None],
+        "prior": [StrOptions({"evidence", "nominal"}), None],
         "joint": [Integral, str, None],
         "empty_task": [Integral, str, None],
         "task_feature": [Integral, str],
@@ -143,7 +145,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         model: Any,
         *,
         friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-        prior: Literal["evidence"] | None = None,
+        prior: Literal["evidence", "nominal"] | None = None,
         joint: int | str | None = None,
         empty_task: int | str | None = None,
         task_feature: int | str = -1,
@@ -202,15 +204,18 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._check_outputs(Y)
         columns, load = self._columns.of(x)
         self._scale = typical(columns, Y), typical(load, Y)
-        columns, load = columns / self._scale[0], load / self._scale[1]
-        code = self._code(tasks)
-        coded = load[:, :, None, :] * code[codes][:, None, :, None]
-        design = np.concatenate([columns, coded.reshape(*Y.shape, -1)], axis=2)
-        solution, noise, freedom = solve(design, Y, METHODS[self.prior])
-        warn_of_noise((freedom >= 1.0)[:, None])
-        self._noise_variances, self._precision = noise, solution.precision
-        to_loads = np.kron(code, np.eye(load.shape[2]))
-        self._keep(solution, block_diag(np.eye(columns.shape[2]), to_loads))
+        to_loads = np.kron(self._code(tasks), np.eye(load.shape[2]))
+        self._matrix = block_diag(np.eye(columns.shape[2]), to_loads)
+        self._centre = np.zeros(len(self._matrix))
+        if self.prior == "nominal":
+            self._centre[: len(self._scale[0])] = self._columns.nominal * self._scale[0]
+        design = self._whole(x, codes)
+        solution, noise, self._freedom = solve(
+            design @ self._matrix, Y - design @ self._centre, METHODS[self.prior]
+        )
+        warn_of_noise((self._freedom >= 1.0)[:, None])
+        self._noise_variances = noise
+        self._keep(solution)
 
     def _check_outputs(self, Y):
         n, names = len(self._columns.joints), self._columns.dynamics.names
@@ -235,9 +240,10 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
             )
         return np.delete(np.eye(len(tasks)), labels.index(self.empty_task), axis=1)
 
-    def _keep(self, solution, matrix):
+    def _keep(self, solution):
         """Set what is known of links, friction and the load of each task."""
-        self._coef = matrix @ solution.coef
+        matrix, self._precision = self._matrix, solution.precision
+        self._coef = self._centre + matrix @ solution.coef
         self._covariance = matrix @ solution.covariance @ matrix.T
         self._blind = matrix @ solution.blind
         self._store()
@@ -353,7 +359,9 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
 
     def _whole(self, features, codes):
         """Rows of the coefficients of all tasks."""
-        whole = np.zeros((len(features), len(self._noise_variances), len(self._coef)))
+        n, r = map(len, self._scale)
+        n_columns = n + r * len(self.tasks_)
+        whole = np.zeros((len(features), len(self._columns.joints), n_columns))
         for rows, own, A in self._rows(features, codes):
             whole[rows[:, None], :, own] = A.swapaxes(1, 2)
         return whole

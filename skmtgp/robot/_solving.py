@@ -72,7 +72,7 @@ def _decompose(A):
     return U[:, :n], s[:n], Vt[:n].T, Vt[n:].T
 
 
-METHODS = {None: least_squares, "evidence": evidence}
+METHODS = {None: least_squares, "evidence": evidence, "nominal": evidence}
 
 
 def solve(A, Y, method):

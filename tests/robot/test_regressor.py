@@ -301,3 +301,20 @@ def test_one_joint_is_scikit_learns_bayesian_ridge():
     np.testing.assert_allclose(solution.coef, model.coef_, rtol=1e-4)
     np.testing.assert_allclose(noise, 1.0 / model.alpha_, rtol=1e-3)
     np.testing.assert_allclose(solution.covariance, model.sigma_, rtol=1e-2, atol=1e-6)
+
+
+def test_what_data_do_not_show_is_the_models_own(puma):
+    X = states(40)
+    X[:, 6:18] = 0.0  # at rest: gravity alone
+    Y = rnea(pin.buildModelFromXML(puma), X)
+    near = RigidBodyRegressor(puma, friction=None, prior="nominal").fit(X, noisy(Y))
+    none = RigidBodyRegressor(puma, friction=None, prior="evidence").fit(X, noisy(Y))
+    Z = states(100, seed=1)
+    expected = rnea(pin.buildModelFromXML(puma), Z)
+    errors = [np.square(m.predict(Z) - expected).mean(axis=0) for m in (near, none)]
+    assert (errors[0] < 0.1 * errors[1]).all()
+    nominal = RigidBodyFeatures(puma, joint=0, friction=None).fit(X)
+    names = nominal.get_feature_names_out()[:-1]
+    found = near.parameters_["value"][["I_xy(joint6)"]]
+    position = names.tolist().index("I_xy(joint6)")
+    assert found.iloc[0] == pytest.approx(nominal.nominal_[position], abs=1e-6)

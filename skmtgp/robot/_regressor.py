@@ -244,7 +244,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         """Set what is known of links, friction and the load of each task."""
         matrix, self._precision = self._matrix, solution.precision
         self._coef = self._centre + matrix @ solution.coef
-        self._covariance = matrix @ solution.covariance @ matrix.T
+        self._factor = matrix @ solution.factor
         self._blind = matrix @ solution.blind
         self._store()
 
@@ -253,7 +253,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         n, r, n_tasks = *map(len, self._scale), len(self.tasks_)
         scale = np.concatenate([self._scale[0], np.tile(self._scale[1], n_tasks)])
         values = self._coef / scale
-        covariance = self._covariance / np.outer(scale, scale)
+        factor = self._factor / scale[:, None]
+        covariance = factor @ factor.T
         hidden = (np.abs(self._blind) > BLIND).any(axis=1)
         covariance[hidden, hidden] = np.inf
         std = np.sqrt(np.diagonal(covariance))
@@ -302,7 +303,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         model = copy(self)
         model.tasks_ = np.append(self.tasks_, label)
         model._coef = np.append(self._coef, new.coef)
-        model._covariance = block_diag(self._covariance, new.covariance)
+        model._factor = block_diag(self._factor, new.factor)
         model._blind = block_diag(self._blind, new.blind)
         model._store()
         return model
@@ -336,15 +337,14 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     def _variances(self, features, codes, include_noise):
         variances = float(include_noise) * self._noise(codes)
         for rows, own, A in self._rows(features, codes):
-            covariance = self._covariance[np.ix_(own, own)]
-            variances[rows] += np.einsum("njp,njp->nj", A @ covariance, A)
+            variances[rows] += np.square(A @ self._factor[own]).sum(axis=2)
             unseen = (np.abs(A @ self._blind[own]) > BLIND).any(axis=2)
             variances[rows] += np.where(unseen, np.inf, 0.0)
         return variances
 
     def _covariances(self, features, codes, include_noise):
-        A = self._whole(features, codes)
-        covariances = np.einsum("njp,mjp->nmj", A @ self._covariance, A)
+        A = self._whole(features, codes) @ self._factor
+        covariances = np.einsum("njp,mjp->nmj", A, A)
         same = np.arange(len(features))
         covariances[same, same] = self._variances(features, codes, include_noise)
         return covariances
@@ -352,10 +352,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     def _draws(self, features, codes, n_draws, rng):
         """Draws of the parameters, which all joints and tasks have in common."""
         A = self._whole(features, codes)
-        coef = rng.multivariate_normal(
-            self._coef, self._covariance, n_draws, check_valid="ignore"
-        )
-        return A @ coef.T, np.sqrt(self._noise(codes))[..., None]
+        z = rng.standard_normal((self._factor.shape[1], n_draws))
+        return A @ (self._coef[:, None] + self._factor @ z), np.sqrt(self._noise(codes))[..., None]
 
     def _whole(self, features, codes):
         """Rows of the coefficients of all tasks."""

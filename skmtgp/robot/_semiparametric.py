@@ -439,14 +439,15 @@ class SemiparametricRegressor(RigidBodyRegressor):
         for begin in range(0, len(features), CHUNK):
             rows = slice(begin, begin + CHUNK)
             design, of_process = self._unknown(features[rows], codes[rows])
-            spread = np.einsum("njp,njp->nj", design @ self._covariance, design)
+            spread = np.square(design @ self._factor).sum(axis=2)
             unseen = (np.abs(design @ self._blind) > BLIND).any(axis=2)
             variances[rows] += of_process + spread + np.where(unseen, np.inf, 0.0)
         return variances
 
     def _covariances(self, features, codes, include_noise):
         design, _ = self._unknown(features, codes)
-        covariances = np.einsum("njp,mjp->nmj", design @ self._covariance, design)
+        design = design @ self._factor
+        covariances = np.einsum("njp,mjp->nmj", design, design)
         for i, rows, V in self._explained(features, codes):
             covariances[:, :, i] += self._rests[i].covariance(rows, rows) - V.T @ V
         same = np.arange(len(features))

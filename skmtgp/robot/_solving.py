@@ -19,8 +19,9 @@ class Solution(NamedTuple):
     ----------
     coef : ndarray of shape (n_columns,)
         Least squares, or posterior mean.
-    covariance : ndarray of shape (n_columns, n_columns)
-        Of the coefficients, as far as the data show them.
+    factor : ndarray of shape (n_columns, n_shown)
+        Of the covariance of the coefficients, as far as the data show them. Without
+        it a variance that is small by cancellation would have no digits, or no sign.
     blind : ndarray of shape (n_columns, n_blind)
         Directions that the data do not show, in which the coefficients are 0; none
         with a prior.
@@ -29,9 +30,14 @@ class Solution(NamedTuple):
     """
 
     coef: np.ndarray
-    covariance: np.ndarray
+    factor: np.ndarray
     blind: np.ndarray
     precision: float
+
+    @property
+    def covariance(self):
+        """The factor times its transpose, of shape (n_columns, n_columns)."""
+        return self.factor @ self.factor.T
 
 
 def least_squares(A, b, precision=0.0):
@@ -40,12 +46,12 @@ def least_squares(A, b, precision=0.0):
     Without a prior it is the shortest solution of those that fit best.
     """
     U, s, V, blind = _decompose(A)
-    covariance = (V / (s**2 + precision)) @ V.T
+    factor = V / np.sqrt(s**2 + precision)
     if precision:
-        covariance += blind @ blind.T / precision
+        factor = np.hstack([factor, blind / np.sqrt(precision)])
         blind = blind[:, :0]
     coef = V @ (s * (U.T @ b) / (s**2 + precision))
-    return Solution(coef, covariance, blind, precision)
+    return Solution(coef, factor, blind, precision)
 
 
 def evidence(A, b):
@@ -102,7 +108,7 @@ def solve(A, Y, method):
     for _ in range(N_ROUNDS):
         before = noise
         solution = method(*weigh(A, Y, noise))
-        spread = np.einsum("njp,njp->j", A @ solution.covariance, A)
+        spread = np.square(A @ solution.factor).sum(axis=(0, 2))
         freedom = n - spread / noise
         left = np.sum(np.square(Y - A @ solution.coef), axis=0)
         noise = np.maximum(left / np.maximum(freedom, 1.0), SMALLEST * power)

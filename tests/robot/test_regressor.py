@@ -318,3 +318,11 @@ def test_what_data_do_not_show_is_the_models_own(puma):
     found = near.parameters_["value"][["I_xy(joint6)"]]
     position = names.tolist().index("I_xy(joint6)")
     assert found.iloc[0] == pytest.approx(nominal.nominal_[position], abs=1e-6)
+
+
+def test_variances_of_what_hardly_shows_have_a_sign(puma, moved):
+    X, Y, _ = moved
+    model = RigidBodyRegressor(puma, joint=0, prior="evidence").fit(X[::9], Y[::9, 0])
+    mean, std = model.predict(X, return_std=True)
+    assert (std >= 0.0).all()
+    assert mean.shape == std.shape

@@ -31,6 +31,7 @@ from skmtgp.metrics import (
 
 KEYS = ["case", "draw", "model"]
 ORDER = "puma", "puma-stribeck", "ur10e", "ur10e-third", "kinova", "kinova-one"
+ONE_LOAD, SAME_AS_POOLED = ("kinova", "kinova-one"), ("iGP", "sGP", "mGP paper")
 NEAR = 1.1  # times the error of the best model
 UNKNOWN = 1e3  # deviations of the torque, for what least squares knows nothing of
 
@@ -73,7 +74,8 @@ def run(arguments):
     makers = cases(arguments.data, arguments.data_home)
     for draw in arguments.draws:
         for of in arguments.cases or [name for name in ORDER if name in makers]:
-            names = [m for m in arguments.models if (of, draw, m) not in done]
+            wanted = [m for m in arguments.models if (of, draw, m) not in done]
+            names = [m for m in wanted if of not in ONE_LOAD or m not in SAME_AS_POOLED]
             case = makers[of](draw) if names else None
             for name in names:
                 rows = [

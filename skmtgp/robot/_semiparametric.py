@@ -225,7 +225,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
                 rest = rest._replace(noise=self._alone(left[:, i], i))
             self._table += [{"joint": name, **row} for row in table]
             self._rests.append(rest)
-            told += warnings
+            told += [(kind, f"Rest of {name!r}: {text}") for kind, text in warnings]
         return told
 
     def _joint_names(self):

@@ -8,7 +8,7 @@ import pytest
 from rigid import rnea, states, two_joints
 from scipy.linalg import block_diag
 from sklearn.base import clone
-from sklearn.exceptions import NotFittedError
+from sklearn.exceptions import ConvergenceWarning, NotFittedError
 from sklearn.model_selection import GridSearchCV
 
 from skmtgp import MultiTaskGPRegressor
@@ -328,3 +328,12 @@ def test_errors(options, error, message):
     urdf, X, Y = arm(20)
     with pytest.raises(error, match=message):
         SemiparametricRegressor(urdf, **options).fit(X, Y)
+
+
+def test_warnings_name_the_joint():
+    urdf, X, Y = arm()
+    process = MultiTaskGPRegressor(rank=1, max_iter=1)
+    model = SemiparametricRegressor(urdf, joint="slide", estimator=process)
+    with pytest.warns(ConvergenceWarning, match="^Rest of 'slide': "):
+        model.fit(X, Y[:, 1])
+    assert model.summary()["rest"].tolist() == ["friction"]

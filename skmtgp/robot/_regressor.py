@@ -353,7 +353,9 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         """Draws of the parameters, which all joints and tasks have in common."""
         A = self._whole(features, codes)
         z = rng.standard_normal((self._factor.shape[1], n_draws))
-        return A @ (self._coef[:, None] + self._factor @ z), np.sqrt(self._noise(codes))[..., None]
+        return A @ (self._coef[:, None] + self._factor @ z), np.sqrt(
+            self._noise(codes)
+        )[..., None]
 
     def _whole(self, features, codes):
         """Rows of the coefficients of all tasks."""

@@ -138,7 +138,8 @@ class Rest(NamedTuple):
 
     def noise_of(self, tasks):
         """Noise variance of each row."""
-        return np.broadcast_to(self.noise, np.max(tasks, initial=0) + 1)[tasks]
+        noise = np.asarray(self.noise)
+        return noise[tasks] if noise.ndim else np.full(len(tasks), noise)
 
 
 def choose(kinds, make, left, tasks, estimator, criterion):
@@ -168,7 +169,9 @@ def choose(kinds, make, left, tasks, estimator, criterion):
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    candidates = [(Rest(NONE, None, None, np.mean(np.square(left))), _alone(left), [])]
+    candidates = [
+        (Rest(NONE, None, None, np.mean(np.square(left))), _alone(left, criterion), [])
+    ]
     for kind in kinds:
         features, z = make(kind)
         with collect_warnings() as warnings:
@@ -184,19 +187,19 @@ def choose(kinds, make, left, tasks, estimator, criterion):
 def _learn(estimator, Z, left):
     """A model of what is left, whose mean is 0: a constant is a part of friction."""
     kernel = RBF(np.full(Z.shape[1] - 1, LENGTH_SCALE), BOUNDS)
-    model = clone(estimator).set_params(
-        task_levels=False, normalize_y=False, task_feature=-1
-    )
+    units = {"task_levels": False, "normalize_y": False, "target_transform": None}
+    model = clone(estimator).set_params(task_feature=-1, **units)
     if model.kernel is None:
         model.set_params(kernel=kernel)
     return model.fit(Z, left)
 
 
-def _alone(left):
+def _alone(left, criterion):
     """How likely it is that noise is all that is left."""
     n, variance = len(left), max(np.mean(np.square(left)), np.finfo(float).tiny)
     likelihood = -0.5 * n * (np.log(2.0 * np.pi * variance) + 1.0)
-    return _row(NONE, likelihood, 1, n) | {"loo": -2.0 * likelihood}
+    row = _row(NONE, likelihood, 1, n)
+    return row | ({"loo": -2.0 * likelihood} if criterion == "loo" else {})
 
 
 def _tell(kind, model, left, criterion):

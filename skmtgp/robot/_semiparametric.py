@@ -22,7 +22,7 @@ from skmtgp._support.warnings import warn
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._regressor import BLIND, RigidBodyRegressor
 from skmtgp.robot._rest import NONE, Features, check_rest, choose, whiten
-from skmtgp.robot._solving import METHODS, join, power_of
+from skmtgp.robot._solving import METHODS, SMALLEST, join, power_of
 
 # Of learning what is left and, given that, links and friction anew: the first rest is
 # that of least squares, which has taken a part of it for links. More than two changed
@@ -70,8 +70,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         the logarithm of the number of rows for each hyperparameter, or by the density
         of each row given all others.
     estimator : MultiTaskGPRegressor, default=None
-        The process: its K^rho, its kernel if it has one, and how it is learned. Levels
-        and units it has none. None is ``MultiTaskGPRegressor(rank=1, shared=True,
+        The process: its K^rho, its kernel if it has one, and how it is learned. Levels,
+        units and a `target_transform` it has none, and of its hyperparameters the mode
+        counts. None is ``MultiTaskGPRegressor(rank=1, shared=True,
         noise="shared")``, a function of all tasks and one that each has a share of.
     prior : {"evidence", "nominal"} or None, default="evidence"
         Of links, friction and loads, see :class:`RigidBodyRegressor`.
@@ -215,14 +216,16 @@ class SemiparametricRegressor(RigidBodyRegressor):
         x, codes, Y = self._rows_in_training
         left, self._known = Y - super()._means(x, codes), self._coef
         link, told, self._rests, self._table = self._link(x, codes), [], [], []
-        something = np.square(left).mean(axis=0) > ROUNDING * power_of(Y)
+        power = power_of(Y)
+        something = np.square(left).mean(axis=0) > ROUNDING * power
         for i, name in enumerate(self._joint_names()):
             make = partial(self._features, i, x, link[:, i])
             options = left[:, i], codes, self._process(), self.criterion
             found = choose(kinds if something[i] else [], make, *options)
             rest, table, warnings = found
             if rest.name == NONE:
-                rest = rest._replace(noise=self._alone(left[:, i], i))
+                variance = np.sum(np.square(left[:, i])) / max(self._freedom[i], 1.0)
+                rest = rest._replace(noise=max(variance, SMALLEST * power[i]))
             self._table += [{"joint": name, **row} for row in table]
             self._rests.append(rest)
             told += [(kind, f"Rest of {name!r}: {text}") for kind, text in warnings]
@@ -243,10 +246,6 @@ class SemiparametricRegressor(RigidBodyRegressor):
             return self.estimator
         rank = int(len(self.tasks_) > 1)
         return MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")
-
-    def _alone(self, left, i):
-        """Noise variance of a joint without a process."""
-        return np.sum(np.square(left)) / max(self._freedom[i], 1.0)
 
     def _link(self, features, codes):
         """Torques of links and loads without friction, as they were when learned."""

@@ -88,6 +88,7 @@ def test_none_is_the_normal_distribution_of_the_noise():
     variance = np.mean(left**2)
     expected = -1.5 * np.log(2 * np.pi * variance) - 1.5
     assert row["log_marginal_likelihood"] == pytest.approx(expected)
+    assert "loo" not in row
     assert row["bic"] == pytest.approx(np.log(3) - 2 * expected)
 
 

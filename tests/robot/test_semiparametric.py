@@ -281,6 +281,9 @@ def test_the_process_is_the_users():
     alone = model.predict(X[:4], return_std=True)[1]
     expected = learned.noise_variance_[X[:4, -1].astype(int)]
     np.testing.assert_allclose(std**2 - alone**2, expected)
+    first = X[X[:, -1] == 0][:3]  # rows of one task alone
+    std = model.predict(first, return_std=True, include_noise=True)[1]
+    assert (std**2 >= learned.noise_variance_[0]).all()
 
 
 def test_without_a_rest_it_is_rigid_bodies(puma, sticky):
@@ -291,6 +294,15 @@ def test_without_a_rest_it_is_rigid_bodies(puma, sticky):
         model.predict(X), rigid.predict(X), rtol=0, atol=1e-2 * Y.std()
     )
     assert model.results_["rest"].tolist() == ["none"] * 6
+
+
+def test_a_torque_of_zero_is_no_process():
+    urdf, X, _ = arm()
+    model = SemiparametricRegressor(urdf, joint=0).fit(X, np.zeros(len(X)))
+    assert model.summary()["rest"].tolist() == ["none"]
+    mean, std = model.predict(X, return_std=True, include_noise=True)
+    np.testing.assert_allclose(mean, 0.0, atol=1e-9)
+    assert np.isfinite(std).all()
 
 
 def test_several_rests_by_leaving_out():

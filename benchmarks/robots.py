@@ -5,7 +5,8 @@ draw with each model, and keeps a line for each joint and test set: nMSE (within
 load, averaged over loads), the log density of an observation relative to that of a
 normal distribution with the mean and variance of the training targets (MSLL, the lower
 the better), the share of observations in 95 % intervals, seconds of the fit of all
-joints. What is in the file is not run again. ``--report`` prints the tables.
+joints. What is in the file is not run again. ``--report`` prints the tables; "near" is
+at how many joints a model is within 10 % of every other one, on the draws of both.
 
 The cases: the Puma 560 with the friction that least squares knows ("puma") and with
 friction that is larger where a joint begins to move and under load ("puma-stribeck"); a
@@ -33,6 +34,7 @@ KEYS = ["case", "draw", "model"]
 ORDER = "puma", "puma-stribeck", "ur10e", "ur10e-third", "kinova", "kinova-one"
 ONE_LOAD, SAME_AS_POOLED = ("kinova", "kinova-one"), ("iGP", "sGP", "mGP paper")
 NEAR = 1.1  # times the error of the best model
+ROUNDING = 1e-20  # an nMSE below it is exact
 UNKNOWN = 1e3  # deviations of the torque, for what least squares knows nothing of
 
 
@@ -87,38 +89,57 @@ def run(arguments):
                 print(of, draw, name, rows[0]["seconds"], flush=True)
 
 
-def report(table):
+def report(table, *, markdown=False):
     """Print the tables of each case and test."""
     for of in [name for name in ORDER if name in set(table["case"])]:
         here = table[table["case"] == of]
         for test in here["test"].unique():
-            show(f"{of}, {test}", here[here["test"] == test])
+            frame = summarise(here[here["test"] == test])
+            n = here["draw"].nunique()
+            title = f"{of}, {test}: nMSE, geometric means of {n} draw{'s' * (n > 1)}"
+            print(f"\n**{title}**\n\n{pipes(frame)}" if markdown else f"\n{title}")
+            print("" if markdown else frame.to_string(index_names=False))
 
 
-def show(title, table):
-    """Geometric means over the draws, by joint and model."""
-    logs = table.assign(nmse=np.log(np.maximum(table["nmse"], 1e-300)))
+def summarise(table):
+    """Geometric means over the draws, by model and joint, as text."""
     order = [name for name in MODELS if name in set(table["model"])]
-    by = logs.groupby(["model", "joint"])
-    errors = np.exp(by["nmse"].mean().unstack())
-    others = errors[~errors.index.isin(VARIANTS)]
-    near = (errors <= NEAR * others.min()).sum(axis=1)
-    of_model = logs.groupby("model")
+    logs = table.assign(nmse=np.log(np.maximum(table["nmse"], ROUNDING)))
+    of_model, joints = logs.groupby("model"), table["joint"].unique()
+    errors = np.exp(logs.groupby(["model", "joint"])["nmse"].mean().unstack())
     columns = {
-        **{f"joint {j}": errors[j] for j in errors},
-        "mean": np.exp(of_model["nmse"].mean()),
-        "near": near,
-        "msll": by["msll"].mean().unstack().mean(axis=1),
-        "cover": of_model["coverage"].mean(),
-        "seconds": of_model["seconds"].median(),
+        **{f"joint {j}": errors[j].map("{:.2g}".format) for j in joints},
+        "mean": np.exp(of_model["nmse"].mean()).map("{:.2g}".format),
+        "near": pd.Series({name: near_the_best(logs, name) for name in order}),
+        "msll": of_model["msll"].mean().map("{:.2f}".format),
+        "cover": of_model["coverage"].mean().map("{:.2f}".format),
+        "seconds": of_model["seconds"].median().map("{:.1f}".format),
+        "draws": of_model["draw"].nunique(),
     }
-    frame = pd.DataFrame(columns).loc[order]
-    forms = {name: "{:.2g}".format for name in columns if name[0] in "j"}
-    forms |= {"mean": "{:.2g}".format, "cover": "{:.2f}".format}
-    forms |= {"seconds": "{:.1f}".format, "msll": "{:.2f}".format}
-    n = table["draw"].nunique()
-    print(f"\n{title}: nMSE, geometric mean of {n} draw{'s' * (n > 1)}")
-    print(frame.to_string(formatters=forms, index_names=False))
+    return pd.DataFrame(columns).loc[order]
+
+
+def near_the_best(logs, name):
+    """At how many joints it is within 10 % of each other model, on common draws."""
+    wide = logs.pivot(index=["joint", "draw"], columns="model", values="nmse")
+    others = wide.drop(columns=[*VARIANTS, name], errors="ignore")
+    behind = others.rsub(wide[name], axis=0).groupby("joint").mean().max(axis=1)
+    return int((behind <= np.log(NEAR)).sum())
+
+
+def pipes(frame):
+    """A table in Markdown, the lowest of each column of errors in bold."""
+    heads = ["model", *frame.columns]
+    lines = [heads, ["---"] + ["--:"] * (len(heads) - 1)]
+    errors = [c for c in frame.columns if c.startswith("joint") or c == "mean"]
+    best = frame[errors].astype(float).min()
+    for name, row in frame.iterrows():
+        cells = [
+            f"**{v}**" if c in errors and float(v) == best[c] else str(v)
+            for c, v in row.items()
+        ]
+        lines.append([name, *cells])
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
 def main():
@@ -127,15 +148,16 @@ def main():
     add, default = parser.add_argument, Path(__file__).parent / "results/robots.jsonl"
     add("--output", type=Path, default=default, help="the file of the rows")
     add("--report", action="store_true", help="print what is measured")
+    add("--markdown", action="store_true", help="the same as tables for the page")
     add("--data", type=Path, help="folder that has a folder ur10e")
     add("--data-home", type=Path, help="scikit-learn's data home, for the Kinova")
     add("--cases", nargs="+", choices=ORDER, help="all that there are data for")
     add("--models", nargs="+", choices=MODELS, default=list(MODELS))
     add("--draws", nargs="+", type=int, default=list(range(5)))
     arguments = parser.parse_args()
-    if not arguments.report:
+    if not (arguments.report or arguments.markdown):
         run(arguments)
-    report(read(arguments.output))
+    report(read(arguments.output), markdown=arguments.markdown)
 
 
 if __name__ == "__main__":

@@ -128,17 +128,10 @@ def near_the_best(logs, name):
 
 
 def pipes(frame):
-    """A table in Markdown, the lowest of each column of errors in bold."""
+    """A table in Markdown."""
     heads = ["model", *frame.columns]
     lines = [heads, ["---"] + ["--:"] * (len(heads) - 1)]
-    errors = [c for c in frame.columns if c.startswith("joint") or c == "mean"]
-    best = frame[errors].astype(float).min()
-    for name, row in frame.iterrows():
-        cells = [
-            f"**{v}**" if c in errors and float(v) == best[c] else str(v)
-            for c, v in row.items()
-        ]
-        lines.append([name, *cells])
+    lines += [[name, *map(str, row)] for name, row in frame.T.items()]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 

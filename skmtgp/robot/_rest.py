@@ -4,10 +4,10 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
 
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._columns import FRICTION
@@ -126,10 +126,21 @@ class Rest(NamedTuple):
         return relation * self.model.kernel_(z, w)
 
     def factor(self, rows):
-        """Lower Cholesky factor of the covariance of targets."""
-        K = self.covariance(rows, rows)
-        K[np.diag_indices(len(K))] += self.noise_of(rows[1])
-        return cholesky(K, lower=True, overwrite_a=True)
+        """Cholesky decomposition of the covariance of targets."""
+
+        def build():
+            K = np.asfortranarray(self.covariance(rows, rows))
+            K[np.diag_indices_from(K)] += self.noise_of(rows[1])
+            return K
+
+        return cholesky_with_jitter(build)
+
+    def joined(self, rows, left):
+        """With a task more, of which these rows are what rigid bodies leave."""
+        if self.model is None:
+            return self
+        model = self.model.add_task(np.column_stack(rows), left)
+        return self._replace(model=model, noise=model.noise_variance_)
 
     def variance(self, rows):
         """Prior variance of rows."""
@@ -223,8 +234,14 @@ def _row(kind, likelihood, n_hyperparameters, n):
     }
 
 
-def whiten(L, B):
-    """Rows for which noise and rest have variance 1: the inverse of L times B."""
-    if np.ndim(L) == 0:
-        return B / L
-    return solve_triangular(L, B, lower=True, check_finite=False)
+def whiten(scale, B):
+    """Rows whose noise and rest have variance 1.
+
+    Parameters
+    ----------
+    scale : Cholesky or float
+        Of the covariance of the rows, or the standard deviation of each.
+    B : ndarray of shape (n_samples, ...)
+        What is linear in the targets.
+    """
+    return scale.half_solve(B) if isinstance(scale, Cholesky) else B / scale

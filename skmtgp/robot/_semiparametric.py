@@ -33,6 +33,11 @@ ROUNDING = 1e-20  # power of what is left relative to that of the torque
 CHUNK = 500  # rows of predictions at a time: columns of all tasks' loads are many
 
 
+def chunks(n):
+    """Slices of so many rows."""
+    return [slice(begin, begin + CHUNK) for begin in range(0, n, CHUNK)]
+
+
 class SemiparametricRegressor(RigidBodyRegressor):
     r"""Torques of a robot: rigid bodies, friction, and a process of what is left.
 
@@ -138,6 +143,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     Features stay within the range of the training rows: at the edge of it the
     process keeps its value, where a squared exponential would fall back to 0.
+
+    `sample_y` draws each joint by itself, although joints have links in common.
 
     Memory grows with the square of the number of samples, time with its cube, once for
     each joint.
@@ -269,7 +276,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         x, codes, Y = self._rows_in_training
         self._trained = self._inputs(x, codes)
         self._factors = [
-            rest.factor(rows) if rows else np.sqrt(rest.noise)
+            rest.factor(rows) if rows else float(np.sqrt(rest.noise))
             for rest, rows in zip(self._rests, self._trained, strict=True)
         ]
         design = self._whole(x, codes)
@@ -388,14 +395,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         """Relate the new task's processes to those of the others."""
         inputs, left = self._inputs(x, code), Y - super()._means(x, code)
         self._rests = [
-            rest._replace(model=rest.model.add_task(np.column_stack(rows), left[:, i]))
-            if rows
-            else rest
-            for i, (rest, rows) in enumerate(zip(self._rests, inputs, strict=True))
-        ]
-        self._rests = [
-            rest._replace(noise=rest.model.noise_variance_) if rest.model else rest
-            for rest in self._rests
+            rest.joined(rows, of_joint)
+            for rest, rows, of_joint in zip(self._rests, inputs, left.T, strict=True)
         ]
 
     @property
@@ -408,8 +409,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
     def _processes(self, features, codes):
         """Means of the processes."""
         means = np.zeros((len(features), len(self._rests)))
-        for i, _, V in self._explained(features, codes):
-            means[:, i] = V.T @ self._left[i]
+        for rows in chunks(len(features)):
+            for i, _, V in self._explained(features[rows], codes[rows]):
+                means[rows, i] = V.T @ self._left[i]
         return means
 
     def _explained(self, features, codes):
@@ -435,8 +437,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     def _variances(self, features, codes, include_noise):
         variances = float(include_noise) * self._noise(codes)
-        for begin in range(0, len(features), CHUNK):
-            rows = slice(begin, begin + CHUNK)
+        for rows in chunks(len(features)):
             design, of_process = self._unknown(features[rows], codes[rows])
             spread = np.square(design @ self._factor).sum(axis=2)
             unseen = (np.abs(design @ self._blind) > BLIND).any(axis=2)

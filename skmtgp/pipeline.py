@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from typing import Literal, TypeVar
+from types import NoneType
+from typing import Any, Literal, TypeVar
 
 from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
@@ -19,6 +20,7 @@ from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.preprocessing import InverseDynamicsFeatures
+from skmtgp.robot import RigidBodyRegressor, make_semiparametric_regressor
 from skmtgp.single_task import SingleTaskGP
 
 __all__ = ["add_task", "make_inverse_dynamics_regressor"]
@@ -30,6 +32,7 @@ ANGLES = {
     "geometric": "trigonometric",
     "trigonometric": "trigonometric",
 }
+RIGID = "rigid-body"
 
 
 def add_task(
@@ -47,14 +50,15 @@ def add_task(
     Parameters
     ----------
     model : MultiTaskGPRegressor, RankSearchIC, or Pipeline that ends with one
-        Fitted.
+        Fitted. A model of :mod:`skmtgp.robot` will do too.
     X : array-like of shape (n_samples, n_features)
         Inputs of the new task, with its label, as `model` takes them.
     y : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Its targets.
     prior : {"tasks"} or None, default="tasks"
         Whether the other tasks tell where the new one lies among them, or maximum
-        likelihood, see :meth:`MultiTaskGPRegressor.add_task`.
+        likelihood, see :meth:`MultiTaskGPRegressor.add_task`. Models of
+        :mod:`skmtgp.robot` have one way only, and take no notice of it.
 
     Returns
     -------
@@ -92,6 +96,8 @@ def add_task(
         name, last = model.steps[-1]
         extended.steps = [*model.steps[:-1], (name, add_task(last, X, y, prior=prior))]
         return extended
+    if isinstance(model, RigidBodyRegressor):
+        return model.add_task(X, y)
     if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC)):
         advice = " Pass its best_estimator_." * hasattr(model, "best_estimator_")
         raise TypeError(
@@ -104,9 +110,11 @@ def add_task(
 def make_inverse_dynamics_regressor(
     estimator: BaseEstimator | None = None,
     *,
-    kernel: Literal["paper", "geometric", "trigonometric"] = "paper",
+    kernel: Literal["paper", "geometric", "trigonometric", "rigid-body"] = "paper",
     n_joints: int = 6,
     joint_types: Sequence[str] | None = None,
+    robot: Any = None,
+    joint: int | str | None = None,
     task_feature: int | str = -1,
 ) -> Pipeline:
     """Pipeline of the inverse dynamics features, a kernel of them and a model.
@@ -121,35 +129,46 @@ def make_inverse_dynamics_regressor(
         estimator that is given keeps its own settings. It is cloned; where it has a
         kernel that is None it gets `kernel`, and its own `task_feature` becomes -1,
         where the features put the load.
-    kernel : {"paper", "geometric", "trigonometric"}, default="paper"
+    kernel : {"paper", "geometric", "trigonometric", "rigid-body"}, default="paper"
         Which kernel, and the features that it is of. "paper" and "trigonometric" are
         :func:`~skmtgp.kernels.inverse_dynamics_kernel`, of the joints' positions or of
         their cosines and sines; "geometric" is
         :func:`~skmtgp.kernels.geometric_inverse_dynamics_kernel`, polynomials of these,
-        which extrapolates best where links and joints are rigid.
+        which extrapolates best where links and joints are rigid. "rigid-body" is
+        :func:`~skmtgp.robot.make_semiparametric_regressor` for a `robot` that is
+        described, with `estimator`, a MultiTaskGPRegressor or None, for what rigid
+        bodies leave; it has no features of its own, and takes the torques of all joints
+        at once.
     n_joints : int, default=6
         Number of joints J.
     joint_types : sequence of str, default=None
         "revolute" (or "R") or "prismatic" (or "P") for each joint. None: all revolute.
         It does not matter to the paper's kernel.
+    robot : str, path or pinocchio.Model, default=None
+        For "rigid-body" alone: file of a URDF, its text, or a Pinocchio model, which
+        say how many joints there are and what they do.
+    joint : int, str or None, default=None
+        For "rigid-body" alone: position from 0, or name, of the only joint whose torque
+        y is.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
 
     Returns
     -------
     pipeline : Pipeline
-        Of the steps "features" and "regressor". It is fitted on X of shape (n_samples,
-        3 J + 1): positions in rad, velocities in rad/s, accelerations in rad/s^2 and
-        the load; and on torques y in N m, of shape (n_samples,) or (n_samples,
-        n_outputs).
+        Of the steps "features" and "regressor"; of the second alone for "rigid-body".
+        It is fitted on X of shape (n_samples, 3 J + 1): positions in rad, velocities in
+        rad/s, accelerations in rad/s^2 and the load; and on torques y in N m, of shape
+        (n_samples,) or (n_samples, n_outputs).
 
     Raises
     ------
     TypeError
         If `estimator` is none of these, or `joint_types` is no sequence.
     ValueError
-        If `kernel` is none of these words, `n_joints` is not a positive integer, or
-        `joint_types` are not the types of so many joints.
+        If `kernel` is none of these words, `n_joints` is not a positive integer,
+        `joint_types` are not the types of so many joints, or `robot` or `joint` is
+        given to another kernel than "rigid-body", or `robot` is not given to that.
 
     Notes
     -----
@@ -169,7 +188,23 @@ def make_inverse_dynamics_regressor(
     >>> model = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
     >>> model[0].angles, model[-1].kernel.n_dims
     ('trigonometric', 49)
+
+    With a description of the robot, its URDF:
+
+    >>> from skmtgp.datasets import puma560_urdf
+    >>> model = make_inverse_dynamics_regressor(
+    ...     kernel="rigid-body", robot=puma560_urdf()
+    ... )
+    >>> model[-1].rest
+    'friction'
     """
+    if isinstance(kernel, str) and kernel == RIGID:
+        return _rigid_bodies(estimator, robot, joint, task_feature)
+    for name, value in {"robot": robot, "joint": joint}.items():
+        if value is not None:
+            raise ValueError(
+                f"{name}={value!r} needs kernel={RIGID!r}, not {kernel!r}."
+            )
     regressor = _paper_model() if estimator is None else clone(estimator)
     _set_kernel(regressor, _make_kernel(kernel, n_joints, joint_types))
     features = InverseDynamicsFeatures(
@@ -181,10 +216,24 @@ def make_inverse_dynamics_regressor(
     return Pipeline([("features", features), ("regressor", regressor)])
 
 
+def _rigid_bodies(estimator, robot, joint, task_feature):
+    """The model of a robot that is described."""
+    if robot is None:
+        raise ValueError(f"kernel={RIGID!r} needs robot, a URDF or a Pinocchio model.")
+    if not isinstance(estimator, (MultiTaskGPRegressor, NoneType)):
+        raise TypeError(
+            f"estimator={estimator!r} must be a MultiTaskGPRegressor or None for "
+            f"kernel={RIGID!r}: the model of what rigid bodies leave."
+        )
+    options = {"estimator": estimator, "joint": joint, "task_feature": task_feature}
+    regressor = make_semiparametric_regressor(robot, **options)
+    return Pipeline([("regressor", regressor)])
+
+
 def _make_kernel(name, n_joints, joint_types):
     """The kernel of a name, of so many joints."""
     if not isinstance(name, str) or name not in ANGLES:
-        words = ", ".join(map(repr, ANGLES))
+        words = ", ".join(map(repr, [*ANGLES, RIGID]))
         raise ValueError(f"kernel={name!r} must be one of {words}.")
     options = {"angles": ANGLES[name], "joint_types": joint_types}
     kernel = inverse_dynamics_kernel(n_joints, **options)  # it checks them

@@ -225,9 +225,8 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))
         scaled = (self._states(x) - self.mean_) / self.scale_
         features = np.column_stack([scaled, signs])
-        if wants_pandas(self):
-            return self._to_frame(features, labels, X)
-        return np.column_stack([features, _as_column(labels)])
+        names = self.get_feature_names_out() if wants_pandas(self) else None
+        return join_labels(features, labels, X, self._task_position, names)
 
     def get_feature_names_out(
         self, input_features: ArrayLike | None = None
@@ -291,21 +290,44 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         """The states, as float64, and the labels."""
         return split_table(table, self._task_position, self)
 
-    def _to_frame(self, features, labels, X):
-        index = None
-        if isinstance(X, pd.DataFrame):
-            index, labels = X.index, X.iloc[:, self._task_position].array
-        else:
-            labels = labels.of_rows()
-        *names, task = self.get_feature_names_out()
-        frame = pd.DataFrame(features, columns=names, index=index)
-        return frame.assign(**{task: labels})
-
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
         tags.input_tags.categorical = True
         tags.input_tags.string = True
         return tags
+
+
+def join_labels(features, labels, X, position, names=None):
+    """Features with the tasks as the last column.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_columns)
+        Numbers.
+    labels : Labels
+        The task of each row.
+    X : array-like of shape (n_samples, n_features)
+        Whose rows they are; a frame gives its index and the labels as they were.
+    position : int
+        Of the task column in X.
+    names : ndarray of shape (n_columns + 1,), default=None
+        Names of the columns, if a frame is wanted.
+
+    Returns
+    -------
+    joined : ndarray or DataFrame of shape (n_samples, n_columns + 1)
+        As an array, float64 where the labels are numbers, else object.
+    """
+    if names is None:
+        return np.column_stack([features, _as_column(labels)])
+    index = None
+    if isinstance(X, pd.DataFrame):
+        index, labels = X.index, X.iloc[:, position].array
+    else:
+        labels = labels.of_rows()
+    *others, task = names
+    frame = pd.DataFrame(features, columns=others, index=index)
+    return frame.assign(**{task: labels})
 
 
 def _as_column(labels):

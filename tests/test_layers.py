@@ -21,7 +21,7 @@ LAYERS = [
     {"learning"},
     {"_estimators"},
     {"multitask", "baselines", "single_task", "linear"},
-    {"model_selection", "inspection", "preprocessing", "pipeline", "wide"},
+    {"model_selection", "inspection", "preprocessing", "pipeline", "wide", "robot"},
     {"__init__"},
     {"__main__"},
 ]

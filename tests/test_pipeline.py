@@ -21,12 +21,13 @@ from skmtgp import (
     add_task,
     make_inverse_dynamics_regressor,
 )
-from skmtgp.datasets import load_puma560
+from skmtgp.datasets import load_puma560, puma560_urdf
 from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
 from skmtgp.preprocessing import InverseDynamicsFeatures
+from skmtgp.robot import SemiparametricRegressor
 
 LOADS = {"n_per_load": 8, "loads": [1, 2, 5]}
 X, Y = load_puma560(**LOADS, return_X_y=True)
@@ -106,7 +107,34 @@ def test_other_kernels_learn_and_predict(kernel):
     assert K.shape == (n, n)
 
 
-@pytest.mark.parametrize("kernel", ["rigid-body", "SE", None, RBF()])
+def test_a_robot_that_is_described():
+    pytest.importorskip("pinocchio")
+    urdf, process = puma560_urdf(), MultiTaskGPRegressor(rank=2)
+    model = make_inverse_dynamics_regressor(
+        process, kernel="rigid-body", robot=urdf, joint=3, task_feature="load"
+    )
+    assert isinstance(model[-1], SemiparametricRegressor)
+    found = model[-1].get_params()
+    expected = {"model": urdf, "joint": 3, "task_feature": "load", "estimator__rank": 2}
+    assert expected.items() <= found.items()
+    model = make_inverse_dynamics_regressor(kernel="rigid-body", robot=urdf)
+    model.fit(X, Y)
+    assert abs(model.predict(X) - Y).max() < 1e-8
+    new, torque = load_puma560(n_per_load=4, loads=[9], return_X_y=True)
+    assert add_task(model, new, torque)[-1].tasks_.tolist() == [1, 2, 5, 9]
+
+
+def test_only_one_kernel_has_a_robot():
+    with pytest.raises(ValueError, match="'rigid-body' needs robot, a URDF or a Pin"):
+        make_inverse_dynamics_regressor(kernel="rigid-body")
+    for options in ({"robot": "arm.urdf"}, {"joint": 1}):
+        with pytest.raises(ValueError, match="needs kernel='rigid-body', not 'paper'"):
+            make_inverse_dynamics_regressor(**options)
+    with pytest.raises(TypeError, match="must be a MultiTaskGPRegressor or None for"):
+        make_inverse_dynamics_regressor(PooledGP(), kernel="rigid-body", robot="a")
+
+
+@pytest.mark.parametrize("kernel", ["rigid", "SE", None, RBF()])
 def test_kernels_without_a_name(kernel):
     message = "must be one of 'paper', 'geometric', 'trigonometric'"
     with pytest.raises(ValueError, match=message):

@@ -5,6 +5,7 @@ from ._make import make_puma560
 from ._puma560 import fetch_puma560, load_puma560
 from ._recordings import prepare_trajectory
 from ._sites import make_sites
+from ._urdf import puma560_urdf
 
 __all__ = [
     "fetch_kinova_gen3",
@@ -13,4 +14,5 @@ __all__ = [
     "make_puma560",
     "make_sites",
     "prepare_trajectory",
+    "puma560_urdf",
 ]

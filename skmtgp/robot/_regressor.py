@@ -1,0 +1,367 @@
+"""Least squares on the regressor of a robot: what is done without learning kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from numbers import Integral
+from typing import Any, Literal, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag, helmert
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._data.checks import check_new_task, check_training, warn_of_noise
+from skmtgp._data.labels import rows_by_code
+from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.progress import fitting
+from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.robot._columns import Columns, check_friction
+from skmtgp.robot._dynamics import INERTIAL, Dynamics
+from skmtgp.robot._solving import METHODS, join, solve, typical
+
+BLIND = 1e-6  # share of a direction that the data do not show, above which it counts
+
+
+class RigidBodyRegressor(PosteriorMixin, Estimator):
+    r"""Torques of a robot by least squares, with one load for each task.
+
+    .. math::
+        \tau_j = \Phi_j(q, \dot q, \ddot q)^T \beta
+        + \Psi_j(q, \dot q, \ddot q)^T \delta_m + e_j, \qquad
+        e_j \sim \mathcal N(0, \sigma_j^2)
+
+    All joints and tasks share the base parameters of the links and of friction, beta;
+    each task m has the inertial parameters of a load that is fixed to the last link,
+    delta_m.
+
+    Parameters
+    ----------
+    model : str, path or pinocchio.Model
+        The robot: file of a URDF, its text, or a Pinocchio model. Its J joints have one
+        degree of freedom each and are, in its order, those of the columns of X. Only
+        where joints and links are matters, not what they weigh.
+    friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
+        Torques of each joint beside those of rigid bodies, see
+        :class:`RigidBodyFeatures`.
+    prior : {"evidence", "nominal"} or None, default=None
+        None is least squares. "evidence" is a normal prior around 0 of what each
+        parameter typically contributes to the torques, in units of these, with the
+        variance that makes the data likeliest. "nominal" is the same around the masses
+        and inertias of the model, for motion that does not show all of them; y must
+        then be torques, and the model must have the robot's own figures.
+    joint : int, str or None, default=None
+        Position from 0, or name, of the only joint whose torque y is. None: y has a
+        column for each joint.
+    empty_task : int or str, default=None
+        Label of the task without a load. None: loads are relative to the mean of those
+        of all tasks, which counts as a part of the last link.
+    task_feature : int or str, default=-1
+        Position or name of the task column. The other columns are, from left to right,
+        positions q1..qJ (rad, or m where a joint slides), velocities and accelerations.
+
+    Attributes
+    ----------
+    tasks_ : ndarray of shape (n_tasks,)
+        Task labels, sorted.
+    parameters_ : DataFrame of shape (n_parameters, 2)
+        Value and standard deviation ("value", "std") of each base parameter of the
+        links (kg, kg m, kg m^2) and of friction. See
+        :meth:`RigidBodyFeatures.get_feature_names_out` for their names.
+    load_parameters_ : DataFrame of shape (n_tasks, n_load)
+        Mass "m" (kg), first moments "mc_x", ... (kg m) and inertia "I_xx", ... (kg
+        m^2) of each task's load, about the origin and in the axes of the last joint's
+        frame. A single joint's torque does not tell all ten; what is left out counts
+        among the others.
+    load_covariance_ : ndarray of shape (n_tasks, n_load, n_load)
+        Their covariance, with infinite variances of what the data do not show.
+    noise_variance_ : float or ndarray of shape (n_joints,)
+        Noise variance of each joint, in squared units of y.
+    y_train_ : ndarray of the shape of y
+        Targets in training.
+    n_features_in_ : int
+        Number of columns of X, the task column counted.
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Their names, if X has any.
+
+    See Also
+    --------
+    RigidBodyFeatures : The regressor of one joint, for other models.
+    skmtgp.MultiTaskGPRegressor : Needs no model, and learns what is not in one.
+
+    Notes
+    -----
+    Rows of a joint weigh by the inverse of its noise variance, which is learned by
+    turns: the sum of squares that is left divided by the rows that the coefficients do
+    not use up.
+
+    Where the data do not show a direction of the parameters, least squares takes the
+    shortest of those that fit equally well, in units of what each parameter typically
+    contributes. Predictions that depend on such a direction have an infinite standard
+    deviation.
+
+    The parameters are not held to be those of a body: a mass may turn out negative
+    where data say little of it.
+
+    Memory and time are linear in the number of samples, and quadratic in the number of
+    parameters, which is n_load for each task and about ten for each joint.
+
+    References
+    ----------
+    .. [1] C. H. An, C. G. Atkeson, J. M. Hollerbach, "Estimation of inertial parameters
+       of rigid body links of manipulators", CDC 1985, 990-995.
+    .. [2] C. G. Atkeson, C. H. An, J. M. Hollerbach, "Estimation of inertial parameters
+       of manipulator loads and links", International Journal of Robotics Research
+       5(3), 101-119, 1986.
+
+    Examples
+    --------
+    >>> from skmtgp.datasets import load_puma560, puma560_urdf
+    >>> from skmtgp.robot import RigidBodyRegressor
+    >>> X, y = load_puma560(n_per_load=50, loads=[1, 8, 15], return_X_y=True)
+    >>> model = RigidBodyRegressor(puma560_urdf(), empty_task=1).fit(X, y)
+    >>> model.load_parameters_["m"].round(3).tolist()  # of 0.2, 1.6 and 3 kg
+    [0.0, 1.4, 2.8]
+    >>> X, y = load_puma560(
+    ...     n_per_load=50, loads=[1, 8, 15], subset="extrapolation", return_X_y=True
+    ... )
+    >>> bool(abs(model.predict(X) - y).max() < 1e-8)
+    True
+    """
+
+    _parameter_constraints = {
+        "prior": [StrOptions({"evidence", "nominal"}), None],
+        "joint": [Integral, str, None],
+        "empty_task": [Integral, str, None],
+        "task_feature": [Integral, str],
+    }
+
+    def __init__(
+        self,
+        model: Any,
+        *,
+        friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
+        prior: Literal["evidence", "nominal"] | None = None,
+        joint: int | str | None = None,
+        empty_task: int | str | None = None,
+        task_feature: int | str = -1,
+    ) -> None:
+        self.model = model
+        self.friction = friction
+        self.prior = prior
+        self.joint = joint
+        self.empty_task = empty_task
+        self.task_feature = task_feature
+
+    @with_callbacks
+    @fit_context(prefer_skip_nested_validation=True)
+    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn the parameters of links, friction and loads, and the noise variances.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, 3 * n_joints + 1)
+            Positions, velocities, accelerations and the task.
+        y : array-like of shape (n_samples, n_joints) or, with `joint`, (n_samples,)
+            Torques, N m (N where a joint slides), or motor currents.
+
+        Returns
+        -------
+        self : RigidBodyRegressor
+            Fitted.
+
+        Raises
+        ------
+        ImportError
+            If Pinocchio is not installed.
+        FileNotFoundError
+            If there is no such model.
+        TypeError, ValueError
+            If a parameter, the model, a feature, a label or a target cannot be used.
+            The estimator is then as it was before.
+        """
+        with fitting(self, X, y):
+            training = check_training(self, X, y)
+            self._set_columns()
+            with limit_threads(self.n_features_in_):
+                self._fit(*training)
+        return self
+
+    def _set_columns(self):
+        dynamics, words = Dynamics(self.model), check_friction(self.friction)
+        joints = range(dynamics.n_joints)
+        if self.joint is not None:
+            joints = [dynamics.position_of(self.joint)]
+        self._columns = Columns(dynamics, words, joints)
+
+    def _fit(self, x, codes, tasks, y):
+        self.tasks_, self._single_output = tasks, y.ndim == 1
+        self.y_train_, Y = y, y.reshape(len(y), -1)
+        self._check_outputs(Y)
+        columns, load = self._columns.of(x)
+        self._scale = typical(columns, Y), typical(load, Y)
+        to_loads = np.kron(self._code(tasks), np.eye(load.shape[2]))
+        self._matrix = block_diag(np.eye(columns.shape[2]), to_loads)
+        self._centre = np.zeros(len(self._matrix))
+        if self.prior == "nominal":
+            self._centre[: len(self._scale[0])] = self._columns.nominal * self._scale[0]
+        design = self._whole(x, codes)
+        solution, noise, self._freedom = solve(
+            design @ self._matrix, Y - design @ self._centre, METHODS[self.prior]
+        )
+        warn_of_noise((self._freedom >= 1.0)[:, None])
+        self._noise_variances = noise
+        self._keep(solution)
+
+    def _check_outputs(self, Y):
+        n, names = len(self._columns.joints), self._columns.dynamics.names
+        if Y.shape[1] != n:
+            expected = f"a column for each joint of the model, {names}"
+            if self.joint is not None:
+                expected = f"the torque of joint={self.joint!r} alone"
+            advice = " Set joint to learn one of them." * (self.joint is None)
+            raise ValueError(
+                f"y has {Y.shape[1]} columns, but must have {expected}.{advice}"
+            )
+
+    def _code(self, tasks):
+        """The load of each task, of shape (n_tasks, n_loads), of loads to learn."""
+        if self.empty_task is None:  # their mean is 0
+            n = len(tasks)
+            return helmert(n).T if n > 1 else np.empty((1, 0))
+        labels = tasks.tolist()
+        if self.empty_task not in labels:
+            raise ValueError(
+                f"empty_task={self.empty_task!r} is none of the tasks, {labels[:5]}."
+            )
+        return np.delete(np.eye(len(tasks)), labels.index(self.empty_task), axis=1)
+
+    def _keep(self, solution):
+        """Set what is known of links, friction and the load of each task."""
+        matrix, self._precision = self._matrix, solution.precision
+        self._coef = self._centre + matrix @ solution.coef
+        self._factor = matrix @ solution.factor
+        self._blind = matrix @ solution.blind
+        self._store()
+
+    def _store(self):
+        """Set the public attributes, in units of y."""
+        n, r, n_tasks = *map(len, self._scale), len(self.tasks_)
+        scale = np.concatenate([self._scale[0], np.tile(self._scale[1], n_tasks)])
+        values = self._coef / scale
+        factor = self._factor / scale[:, None]
+        covariance = factor @ factor.T
+        hidden = (np.abs(self._blind) > BLIND).any(axis=1)
+        covariance[hidden, hidden] = np.inf
+        std = np.sqrt(np.diagonal(covariance))
+        self.parameters_ = pd.DataFrame(
+            {"value": values[:n], "std": std[:n]}, index=self._columns.names
+        )
+        self.load_parameters_ = pd.DataFrame(
+            values[n:].reshape(n_tasks, r),
+            index=pd.Index(self.tasks_, name="task"),
+            columns=[INERTIAL[j] for j in self._columns.load],
+        )
+        blocks = covariance[n:, n:].reshape(n_tasks, r, n_tasks, r)
+        same = np.arange(n_tasks)
+        self.load_covariance_ = blocks[same, :, same]
+        noise = self._noise_variances
+        self.noise_variance_ = float(noise[0]) if self._single_output else noise
+
+    @public
+    def add_task(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn the load of a new task; links, friction and noise stay as they are.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs of the new task, with its label. Few will do.
+        y : array-like of the other dimensions of the training targets
+            Its torques.
+
+        Returns
+        -------
+        model : RigidBodyRegressor
+            A new fitted model, which knows the new task too, as the last one. This one
+            stays as it is.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the task is known already, or X or y cannot be used.
+        """
+        check_is_fitted(self)
+        x, label, Y = check_new_task(self, X, y)
+        columns, load = self._columns.of(x)
+        columns, load = columns / self._scale[0], load / self._scale[1]
+        left = Y - columns @ self._coef[: columns.shape[2]]
+        new = join(load, left, self._noise_variances, self._precision)
+        model = copy(self)
+        model.tasks_ = np.append(self.tasks_, label)
+        model._coef = np.append(self._coef, new.coef)
+        model._factor = block_diag(self._factor, new.factor)
+        model._blind = block_diag(self._blind, new.blind)
+        model._store()
+        return model
+
+    @property
+    def _side(self):
+        return self.n_features_in_
+
+    def _rows(self, features, codes):
+        """What predictions are linear in, a row for each sample and joint, by task.
+
+        Yields the positions of a task's samples, those of its coefficients, and the
+        columns of these, of shape (n_rows, n_joints, n_columns).
+        """
+        n, r = map(len, self._scale)
+        for code, rows in zip(*rows_by_code(codes), strict=True):
+            columns, load = self._columns.of(features[rows])
+            parts = [columns / self._scale[0], load / self._scale[1]]
+            own = np.r_[:n, n + code * r : n + (code + 1) * r]
+            yield rows, own, np.concatenate(parts, axis=2)
+
+    def _means(self, features, codes):
+        means = np.empty((len(features), len(self._noise_variances)))
+        for rows, own, A in self._rows(features, codes):
+            means[rows] = A @ self._coef[own]
+        return means
+
+    def _noise(self, codes):
+        return np.tile(self._noise_variances, (len(codes), 1))
+
+    def _variances(self, features, codes, include_noise):
+        variances = float(include_noise) * self._noise(codes)
+        for rows, own, A in self._rows(features, codes):
+            variances[rows] += np.square(A @ self._factor[own]).sum(axis=2)
+            unseen = (np.abs(A @ self._blind[own]) > BLIND).any(axis=2)
+            variances[rows] += np.where(unseen, np.inf, 0.0)
+        return variances
+
+    def _covariances(self, features, codes, include_noise):
+        A = self._whole(features, codes) @ self._factor
+        covariances = np.einsum("njp,mjp->nmj", A, A)
+        same = np.arange(len(features))
+        covariances[same, same] = self._variances(features, codes, include_noise)
+        return covariances
+
+    def _draws(self, features, codes, n_draws, rng):
+        """Draws of the parameters, which all joints and tasks have in common."""
+        A = self._whole(features, codes)
+        z = rng.standard_normal((self._factor.shape[1], n_draws))
+        return A @ (self._coef[:, None] + self._factor @ z), np.sqrt(
+            self._noise(codes)
+        )[..., None]
+
+    def _whole(self, features, codes):
+        """Rows of the coefficients of all tasks."""
+        n, r = map(len, self._scale)
+        n_columns = n + r * len(self.tasks_)
+        whole = np.zeros((len(features), len(self._columns.joints), n_columns))
+        for rows, own, A in self._rows(features, codes):
+            whole[rows[:, None], :, own] = A.swapaxes(1, 2)
+        return whole

@@ -1,0 +1,247 @@
+"""What rigid bodies leave of a joint's torque: a Gaussian process of a few features."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.base import clone
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
+from skmtgp._support.warnings import collect_warnings
+from skmtgp.multitask import MultiTaskGPRegressor
+from skmtgp.robot._columns import FRICTION
+
+# Length-scales in units of a feature's size: shorter ones than a tenth fit noise.
+LENGTH_SCALE, BOUNDS = 3.0, (0.1, 10.0)
+NONE = "none"
+
+
+def _friction(dynamics, x, link, joint):
+    """Velocity, its sign, and the torque that the gear passes on."""
+    _, qd, qdd = dynamics.states(x)
+    sign = FRICTION["coulomb"]["coulomb"](qd[:, joint], qdd[:, joint])
+    return np.column_stack([qd[:, joint], sign, link])
+
+
+def _states(dynamics, x, link, joint):
+    """All positions, those of joints that turn as cosine and sine, and rates."""
+    q, qd, qdd = dynamics.states(x)
+    turns = ~np.array(dynamics.slides)
+    return np.hstack([q[:, ~turns], np.cos(q[:, turns]), np.sin(q[:, turns]), qd, qdd])
+
+
+KINDS = {"friction": _friction, "states": _states}
+
+
+def check_rest(rest):
+    """The words of what may be left of a torque.
+
+    Parameters
+    ----------
+    rest : str, sequence of str or None
+        "friction" or "states"; None: nothing.
+
+    Returns
+    -------
+    words : list of str
+        Without repetitions.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are none of these.
+    """
+    words = [] if rest is None else rest
+    words = [words] if isinstance(words, str) else words
+    if not isinstance(words, Iterable):
+        raise TypeError(f"rest={rest!r} must be None, a word or a sequence of words.")
+    words = list(dict.fromkeys(words))
+    for word in words:
+        if not isinstance(word, str) or word not in KINDS:
+            known = ", ".join(map(repr, KINDS))
+            raise ValueError(f"rest={rest!r} has {word!r}; it must be of {known}.")
+    return words
+
+
+class Features:
+    """Features of the rest, held within the range of the training rows.
+
+    A squared exponential falls back to 0 where it has no rows; at the edge of what it
+    has seen it knows more than nothing, and there its features stay.
+
+    Parameters
+    ----------
+    kind : str
+        Of `KINDS`.
+    dynamics : Dynamics
+        The robot.
+    joint : int
+        Whose torque.
+    x : ndarray of shape (n_samples, 3 J)
+        States in training.
+    link : ndarray of shape (n_samples,)
+        Torques of rigid bodies there.
+    """
+
+    def __init__(self, kind, dynamics, joint, x, link):
+        self.kind, self.dynamics, self.joint = kind, dynamics, joint
+        values = self._of(x, link)
+        self.lower, self.upper = values.min(axis=0), values.max(axis=0)
+        size = np.sqrt(np.square(values).mean(axis=0))
+        self.scale = np.where(size > 0.0, size, 1.0)
+
+    def _of(self, x, link):
+        return KINDS[self.kind](self.dynamics, x, link, self.joint)
+
+    def __call__(self, x, link):
+        """The features of some rows, of shape (n_samples, n_features)."""
+        return np.clip(self._of(x, link), self.lower, self.upper) / self.scale
+
+
+class Rest(NamedTuple):
+    """The process of one joint, and how it was chosen.
+
+    Attributes
+    ----------
+    name : str
+        Of `KINDS`, or `NONE`.
+    features : Features or None
+        What it depends on.
+    model : MultiTaskGPRegressor or None
+        Learned; its tasks are positions among the robot's.
+    noise : float or ndarray of shape (n_tasks,)
+        Variance that neither has.
+    """
+
+    name: str
+    features: Features | None
+    model: MultiTaskGPRegressor | None
+    noise: float | np.ndarray
+
+    def covariance(self, rows, others):
+        """Between rows of features and task, of shape (n_rows, n_others)."""
+        (z, tasks), (w, columns) = rows, others
+        relation = self.model.task_covariance_[np.ix_(tasks, columns)]
+        return relation * self.model.kernel_(z, w)
+
+    def factor(self, rows):
+        """Cholesky decomposition of the covariance of targets."""
+
+        def build():
+            K = np.asfortranarray(self.covariance(rows, rows))
+            K[np.diag_indices_from(K)] += self.noise_of(rows[1])
+            return K
+
+        return cholesky_with_jitter(build)
+
+    def joined(self, rows, left):
+        """With a task more, of which these rows are what rigid bodies leave."""
+        if self.model is None:
+            return self
+        model = self.model.add_task(np.column_stack(rows), left)
+        return self._replace(model=model, noise=model.noise_variance_)
+
+    def variance(self, rows):
+        """Prior variance of rows."""
+        z, tasks = rows
+        return np.diag(self.model.task_covariance_)[tasks] * self.model.kernel_.diag(z)
+
+    def noise_of(self, tasks):
+        """Noise variance of each row."""
+        noise = np.asarray(self.noise)
+        return noise[tasks] if noise.ndim else np.full(len(tasks), noise)
+
+
+def choose(kinds, make, left, tasks, estimator, criterion):
+    """The best rest of a joint, a table of all, and the warnings of the best.
+
+    Parameters
+    ----------
+    kinds : list of str
+        What may be left, beside nothing.
+    make : callable
+        Features of a kind, and their values in training.
+    left : ndarray of shape (n_samples,)
+        What rigid bodies leave.
+    tasks : ndarray of shape (n_samples,)
+        Positions of the tasks.
+    estimator : MultiTaskGPRegressor
+        Unfitted.
+    criterion : {"bic", "loo"}
+        By which one is chosen.
+
+    Returns
+    -------
+    rest : Rest
+        The chosen one.
+    table : list of dict
+        A row for each.
+    warnings : list of (type, str)
+        What was warned of when the best one was learned.
+    """
+    candidates = [
+        (Rest(NONE, None, None, np.mean(np.square(left))), _alone(left, criterion), [])
+    ]
+    for kind in kinds:
+        features, z = make(kind)
+        with collect_warnings() as warnings:
+            model = _learn(estimator, np.column_stack([z, tasks]), left)
+            told = _tell(kind, model, left, criterion)
+        rest = Rest(kind, features, model, model.noise_variance_)
+        candidates.append((rest, told, warnings))
+    best = min(candidates, key=lambda candidate: candidate[1][criterion])
+    table = [{**row, "chosen": row is best[1]} for _, row, _ in candidates]
+    return best[0], table, best[2]
+
+
+def _learn(estimator, Z, left):
+    """A model of what is left, whose mean is 0: a constant is a part of friction."""
+    kernel = RBF(np.full(Z.shape[1] - 1, LENGTH_SCALE), BOUNDS)
+    units = {"task_levels": False, "normalize_y": False, "target_transform": None}
+    model = clone(estimator).set_params(task_feature=-1, **units)
+    if model.kernel is None:
+        model.set_params(kernel=kernel)
+    return model.fit(Z, left)
+
+
+def _alone(left, criterion):
+    """How likely it is that noise is all that is left."""
+    n, variance = len(left), max(np.mean(np.square(left)), np.finfo(float).tiny)
+    likelihood = -0.5 * n * (np.log(2.0 * np.pi * variance) + 1.0)
+    row = _row(NONE, likelihood, 1, n)
+    return row | ({"loo": -2.0 * likelihood} if criterion == "loo" else {})
+
+
+def _tell(kind, model, left, criterion):
+    row = _row(
+        kind, model.log_marginal_likelihood_value_, model.n_hyperparameters_, len(left)
+    )
+    if criterion == "loo":
+        mean, std = model.loo_predict(include_noise=True)
+        row["loo"] = np.sum(
+            np.square((left - mean) / std) + np.log(2.0 * np.pi * std**2)
+        )
+    return row
+
+
+def _row(kind, likelihood, n_hyperparameters, n):
+    return {
+        "rest": kind,
+        "log_marginal_likelihood": float(likelihood),
+        "n_hyperparameters": int(n_hyperparameters),
+        "bic": float(n_hyperparameters * np.log(n) - 2.0 * likelihood),
+    }
+
+
+def whiten(scale, B):
+    """Rows whose noise and rest have variance 1.
+
+    Parameters
+    ----------
+    scale : Cholesky or float
+        Of the covariance of the rows, or the standard deviation of each.
+    B : ndarray of shape (n_samples, ...)
+        What is linear in the targets.
+    """
+    return scale.half_solve(B) if isinstance(scale, Cholesky) else B / scale

@@ -1,0 +1,523 @@
+"""Rigid bodies with friction, and a Gaussian process of what they leave."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from functools import partial
+from typing import Any, Literal, Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._data.checks import check_new_task
+from skmtgp._estimators.estimator import public
+from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.sklearn_compat import StrOptions
+from skmtgp._support.warnings import warn
+from skmtgp.multitask import MultiTaskGPRegressor
+from skmtgp.robot._regressor import BLIND, RigidBodyRegressor
+from skmtgp.robot._rest import NONE, Features, check_rest, choose, whiten
+from skmtgp.robot._solving import METHODS, SMALLEST, join, power_of
+
+# Of learning what is left and, given that, links and friction anew: the first rest is
+# that of least squares, which has taken a part of it for links. More than two changed
+# errors by less than they differ between draws.
+N_ROUNDS = 2
+PARTS = "links", "friction", "load", "process"
+ROUNDING = 1e-20  # power of what is left relative to that of the torque
+CHUNK = 500  # rows of predictions at a time: columns of all tasks' loads are many
+
+
+def chunks(n):
+    """Slices of so many rows."""
+    return [slice(begin, begin + CHUNK) for begin in range(0, n, CHUNK)]
+
+
+class SemiparametricRegressor(RigidBodyRegressor):
+    r"""Torques of a robot: rigid bodies, friction, and a process of what is left.
+
+    .. math::
+        \tau_j = \Phi_j(q, \dot q, \ddot q)^T \beta
+        + \Psi_j(q, \dot q, \ddot q)^T \delta_m + g_j^m(z_j) + e_j
+
+    The first two terms are those of :class:`RigidBodyRegressor`: base parameters of
+    links and friction, beta, which all joints and tasks share, and the load of each
+    task m, delta_m. The third is a Gaussian process of a few features z_j of joint j,
+
+    .. math::
+        \mathrm{cov}(g_j^m(z), g_j^{m'}(z')) = K^{\rho j}_{mm'} k_j(z, z')
+
+    with a squared exponential k_j and a task covariance of its own. A criterion
+    decides for each joint whether there is one. All three make one normal
+    distribution: where the process explains a torque, the links do not.
+
+    Parameters
+    ----------
+    model : str, path or pinocchio.Model
+        The robot: file of a URDF, its text, or a Pinocchio model. Its J joints have one
+        degree of freedom each and are, in its order, those of the columns of X. Only
+        where joints and links are matters, not what they weigh.
+    friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
+        Torques of each joint beside those of rigid bodies, see
+        :class:`RigidBodyFeatures`.
+    rest : str, sequence of str or None, default="friction"
+        What may be left of a joint's torque. "friction" depends on the joint's
+        velocity, its sign and the torque of the rigid bodies, that is what bearings and
+        gears do. "states" depends on positions, velocities and accelerations of all
+        joints. Of several the best one is chosen for each joint, or none of them.
+    criterion : {"bic", "loo"}, default="bic"
+        Which is best: by the marginal likelihood of what rigid bodies leave, less half
+        the logarithm of the number of rows for each hyperparameter, or by the density
+        of each row given all others.
+    estimator : MultiTaskGPRegressor, default=None
+        The process: its K^rho, its kernel if it has one, and how it is learned. Levels,
+        units and a `target_transform` it has none, and of its hyperparameters the mode
+        counts. None is ``MultiTaskGPRegressor(rank=1, shared=True,
+        noise="shared")``, a function of all tasks and one that each has a share of.
+    prior : {"evidence", "nominal"} or None, default="evidence"
+        Of links, friction and loads, see :class:`RigidBodyRegressor`.
+    joint : int, str or None, default=None
+        Position from 0, or name, of the only joint whose torque y is. None: y has a
+        column for each joint, which tell much more of the links.
+    empty_task : int or str, default=None
+        Label of the task without a load. None: loads are relative to the mean of those
+        of all tasks, which counts as a part of the last link.
+    task_feature : int or str, default=-1
+        Position or name of the task column. The other columns are, from left to right,
+        positions q1..qJ (rad, or m where a joint slides), velocities and accelerations.
+
+    Attributes
+    ----------
+    tasks_ : ndarray of shape (n_tasks,)
+        Task labels, sorted; those of `add_task` last.
+    parameters_ : DataFrame of shape (n_parameters, 2)
+        Value and standard deviation ("value", "std") of each base parameter of the
+        links (kg, kg m, kg m^2) and of friction.
+    load_parameters_ : DataFrame of shape (n_tasks, n_load)
+        Mass, first moments and inertia of each task's load, see
+        :class:`RigidBodyRegressor`.
+    load_covariance_ : ndarray of shape (n_tasks, n_load, n_load)
+        Their covariance, with infinite variances of what the data do not show.
+    results_ : DataFrame of n_joints * n_candidates rows
+        joint, rest ("none" or a word of `rest`), log_marginal_likelihood of what rigid
+        bodies leave, n_hyperparameters, bic, with `criterion` "loo" that too, and
+        chosen.
+    estimators_ : list of n_joints MultiTaskGPRegressor or None
+        The process of each joint; its tasks are positions in `tasks_`, its targets what
+        rigid bodies leave.
+    noise_variance_ : float or ndarray of shape (n_joints,)
+        Noise variance of each joint, in squared units of y; its mean over tasks where
+        they have noise of their own.
+    y_train_ : ndarray of the shape of y
+        Targets in training.
+    n_features_in_ : int
+        Number of columns of X, the task column counted.
+    feature_names_in_ : ndarray of shape (`n_features_in_`,)
+        Their names, if X has any.
+
+    See Also
+    --------
+    make_semiparametric_regressor : The same by a shorter name for its settings.
+    RigidBodyRegressor : The first two terms alone.
+    skmtgp.MultiTaskGPRegressor : Needs no model.
+
+    Notes
+    -----
+    The parts have task covariances of their own, for they differ in it: links and
+    friction are the same whatever the load, a load adds ten numbers, and the rest is
+    related in ways that the data must tell. One K^rho for a sum of kernels makes all
+    links vary by task as much as the load does.
+
+    Learning goes in two rounds. What is left by least squares gives the hyperparameters
+    of the process; links, friction and loads are then estimated anew, by generalised
+    least squares with the covariance of the process, which gives the means and
+    variances of a joint normal distribution (Rasmussen and Williams (2006), section
+    2.7). In the second round the process is learned from what these leave. Its
+    hyperparameters are known, as far as the variances go, and so are the features
+    that depend on rigid bodies.
+
+    Features stay within the range of the training rows: at the edge of it the
+    process keeps its value, where a squared exponential would fall back to 0.
+
+    `sample_y` draws each joint by itself, although joints have links in common.
+
+    Memory grows with the square of the number of samples, time with its cube, once for
+    each joint.
+
+    References
+    ----------
+    .. [1] D. Nguyen-Tuong, J. Peters, "Using model knowledge for learning inverse
+       dynamics", ICRA 2010, 2677-2682.
+    .. [2] C. E. Rasmussen, C. K. I. Williams, "Gaussian Processes for Machine
+       Learning", MIT Press, 2006.
+
+    Examples
+    --------
+    A robot whose joints stick before they move, which no formula here has:
+
+    >>> import numpy as np
+    >>> from skmtgp.datasets import make_puma560, puma560_urdf
+    >>> from skmtgp.robot import RigidBodyRegressor, SemiparametricRegressor
+    >>> puma = make_puma560(n_samples=20, n_loads=2, stribeck=0.5)
+    >>> X, y = puma.data, puma.target[:, 2]
+    >>> rows = np.random.default_rng(0).permutation(len(X))
+    >>> train, test = rows[:200], rows[200:]
+    >>> model = SemiparametricRegressor(puma560_urdf(), joint=2)
+    >>> model = model.fit(X[train], y[train])
+    >>> model.summary()["rest"].tolist()
+    ['friction']
+    >>> rigid = RigidBodyRegressor(puma560_urdf(), joint=2).fit(X[train], y[train])
+    >>> left, more = (1 - m.score(X[test], y[test]) for m in (model, rigid))
+    >>> bool(left < 0.1 * more)
+    True
+    """
+
+    _parameter_constraints = {
+        **RigidBodyRegressor._parameter_constraints,
+        "criterion": [StrOptions({"bic", "loo"})],
+        "estimator": [MultiTaskGPRegressor, None],
+    }
+
+    def __init__(
+        self,
+        model: Any,
+        *,
+        friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
+        rest: str | Sequence[str] | None = "friction",
+        criterion: Literal["bic", "loo"] = "bic",
+        estimator: MultiTaskGPRegressor | None = None,
+        prior: Literal["evidence", "nominal"] | None = "evidence",
+        joint: int | str | None = None,
+        empty_task: int | str | None = None,
+        task_feature: int | str = -1,
+    ) -> None:
+        super().__init__(
+            model,
+            friction=friction,
+            prior=prior,
+            joint=joint,
+            empty_task=empty_task,
+            task_feature=task_feature,
+        )
+        self.rest = rest
+        self.criterion = criterion
+        self.estimator = estimator
+
+    def _fit(self, x, codes, tasks, y):
+        kinds = check_rest(self.rest)
+        super()._fit(x, codes, tasks, y)
+        self._rows_in_training = x, codes, y.reshape(len(y), -1)
+        for _ in range(N_ROUNDS):
+            told = self._learn_rests(kinds)
+            self._settle()
+        for category, message in told:
+            warn(message, category)
+
+    def _learn_rests(self, kinds):
+        """Learn the process of each joint; give the warnings of those chosen."""
+        x, codes, Y = self._rows_in_training
+        left, self._known = Y - super()._means(x, codes), self._coef
+        link, told, self._rests, self._table = self._link(x, codes), [], [], []
+        power = power_of(Y)
+        something = np.square(left).mean(axis=0) > ROUNDING * power
+        for i, name in enumerate(self._joint_names()):
+            make = partial(self._features, i, x, link[:, i])
+            options = left[:, i], codes, self._process(), self.criterion
+            found = choose(kinds if something[i] else [], make, *options)
+            rest, table, warnings = found
+            if rest.name == NONE:
+                variance = np.sum(np.square(left[:, i])) / max(self._freedom[i], 1.0)
+                rest = rest._replace(noise=max(variance, SMALLEST * power[i]))
+            self._table += [{"joint": name, **row} for row in table]
+            self._rests.append(rest)
+            told += [(kind, f"Rest of {name!r}: {text}") for kind, text in warnings]
+        return told
+
+    def _joint_names(self):
+        return [self._columns.dynamics.names[j] for j in self._columns.joints]
+
+    def _features(self, i, x, link, kind):
+        """What the rest of a joint may depend on, and its values in training."""
+        dynamics, joint = self._columns.dynamics, self._columns.joints[i]
+        features = Features(kind, dynamics, joint, x, link)
+        return features, features(x, link)
+
+    def _process(self):
+        """The model of what is left."""
+        if self.estimator is not None:
+            return self.estimator
+        rank = int(len(self.tasks_) > 1)
+        return MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")
+
+    def _link(self, features, codes):
+        """Torques of links and loads without friction, as they were when learned."""
+        coef = self._known.copy()
+        coef[self._columns.n_links : len(self._scale[0])] = 0.0
+        link = np.empty((len(features), len(self._columns.joints)))
+        for rows, own, A in self._rows(features, codes):
+            link[rows] = A @ coef[own]
+        return link
+
+    def _inputs(self, features, codes):
+        """What the process of each joint depends on; None where there is none."""
+        link = self._link(features, codes)
+        return [
+            None if rest.name == NONE else (rest.features(features, link[:, i]), codes)
+            for i, rest in enumerate(self._rests)
+        ]
+
+    def _settle(self):
+        """The posterior of all parameters, given the processes and all rows."""
+        x, codes, Y = self._rows_in_training
+        self._trained = self._inputs(x, codes)
+        self._factors = [
+            rest.factor(rows) if rows else float(np.sqrt(rest.noise))
+            for rest, rows in zip(self._rests, self._trained, strict=True)
+        ]
+        design = self._whole(x, codes)
+        joints = list(enumerate(self._factors))
+        self._whitened = [whiten(L, design[:, i]) for i, L in joints]
+        targets = [whiten(L, Y[:, i]) for i, L in joints]
+        A, b = np.concatenate(self._whitened), np.concatenate(targets)
+        self._noise_variances = np.array([np.mean(rest.noise) for rest in self._rests])
+        self._keep(METHODS[self.prior](A @ self._matrix, b - A @ self._centre))
+        self._left = [
+            target - W @ self._coef
+            for target, W in zip(targets, self._whitened, strict=True)
+        ]
+
+    @property
+    def results_(self) -> pd.DataFrame:
+        """A table of what could be left of each joint, made anew."""
+        check_is_fitted(self)
+        return pd.DataFrame(self._table)
+
+    @property
+    def estimators_(self) -> list[MultiTaskGPRegressor | None]:
+        """The process of each joint."""
+        check_is_fitted(self)
+        return [rest.model for rest in self._rests]
+
+    @public
+    def summary(self) -> pd.DataFrame:
+        """A table of the joints: how large each part of the torque is.
+
+        Returns
+        -------
+        summary : DataFrame of n_joints rows
+            With the names of the joints as index. Its columns are
+
+            - links: root mean square of the torque of the links over the training rows,
+              in units of y;
+            - friction, load, process: the same of these parts;
+            - noise: standard deviation of the noise;
+            - rest: what the process depends on, or "none";
+            - gain: by how many nats `criterion` prefers that to none.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        """
+        check_is_fitted(self)
+        x, codes, _ = self._rows_in_training
+        n_links, n = self._columns.n_links, len(self._scale[0])
+        parts = np.split(self._whole(x, codes) * self._coef, [n_links, n], axis=2)
+        parts = [*(part.sum(axis=2) for part in parts), self._processes(x, codes)]
+        sizes = [np.sqrt(np.square(part).mean(axis=0)) for part in parts]
+        columns = dict(zip(PARTS, sizes, strict=True))
+        index = pd.Index(self._joint_names(), name="joint")
+        table = self.results_.set_index("joint")
+        none, best = table[table["rest"] == NONE], table[table["chosen"]]
+        columns["noise"] = np.sqrt(self._noise_variances)
+        columns["rest"] = best["rest"].to_numpy()
+        columns["gain"] = 0.5 * (none[self.criterion] - best[self.criterion]).to_numpy()
+        return pd.DataFrame(columns, index=index)
+
+    @public
+    def add_task(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Learn the load of a new task, and how its rest is related to the others'.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs of the new task, with its label. Few will do.
+        y : array-like of the other dimensions of the training targets
+            Its torques.
+
+        Returns
+        -------
+        model : SemiparametricRegressor
+            A new fitted model, which knows the new task too, as the last one. This one
+            stays as it is.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the task is known already, or X or y cannot be used.
+
+        Notes
+        -----
+        Kernels, noise and the relations of the known tasks stay as they are. Links and
+        friction have a posterior given the new rows too.
+        """
+        check_is_fitted(self)
+        x, label, Y = check_new_task(self, X, y)
+        model, code = copy(self), np.full(len(x), len(self.tasks_))
+        with limit_threads(self._side):
+            model._join_load(x, Y)
+            model.tasks_ = np.append(self.tasks_, label)
+            model._join_rests(x, code, Y)
+            old = self._rows_in_training
+            model._rows_in_training = tuple(
+                map(np.concatenate, zip(old, (x, code, Y), strict=True))
+            )
+            model._settle()
+        return model
+
+    def _join_load(self, x, Y):
+        """Append the load that rigid bodies alone give a new task."""
+        columns, load = self._columns.of(x)
+        columns, load = columns / self._scale[0], load / self._scale[1]
+        left = Y - columns @ self._coef[: columns.shape[2]]
+        new = join(load, left, self._noise_variances, self._precision).coef
+        self._known = np.append(self._known, new)
+        self._coef = np.append(self._coef, new)
+        self._centre = np.append(self._centre, np.zeros(len(new)))
+        self._matrix = block_diag(self._matrix, np.eye(len(new)))
+
+    def _join_rests(self, x, code, Y):
+        """Relate the new task's processes to those of the others."""
+        inputs, left = self._inputs(x, code), Y - super()._means(x, code)
+        self._rests = [
+            rest.joined(rows, of_joint)
+            for rest, rows, of_joint in zip(self._rests, inputs, left.T, strict=True)
+        ]
+
+    @property
+    def _side(self):
+        return len(self._rows_in_training[0])
+
+    def _means(self, features, codes):
+        return super()._means(features, codes) + self._processes(features, codes)
+
+    def _processes(self, features, codes):
+        """Means of the processes."""
+        means = np.zeros((len(features), len(self._rests)))
+        for rows in chunks(len(features)):
+            for i, _, V in self._explained(features[rows], codes[rows]):
+                means[rows, i] = V.T @ self._left[i]
+        return means
+
+    def _explained(self, features, codes):
+        """Whitened covariances with the training rows, where there is a process."""
+        inputs = self._inputs(features, codes)
+        for i, rows in enumerate(inputs):
+            if rows:
+                K = self._rests[i].covariance(self._trained[i], rows)
+                yield i, rows, whiten(self._factors[i], K)
+
+    def _noise(self, codes):
+        return np.column_stack([rest.noise_of(codes) for rest in self._rests])
+
+    def _unknown(self, features, codes):
+        """What predictions are linear in of the parameters, and process variances."""
+        design = self._whole(features, codes)
+        variances = np.zeros(design.shape[:2])
+        for i, rows, V in self._explained(features, codes):
+            design[:, i] -= V.T @ self._whitened[i]
+            prior = self._rests[i].variance(rows)
+            variances[:, i] = np.maximum(prior - np.square(V).sum(axis=0), 0.0)
+        return design, variances
+
+    def _variances(self, features, codes, include_noise):
+        variances = float(include_noise) * self._noise(codes)
+        for rows in chunks(len(features)):
+            design, of_process = self._unknown(features[rows], codes[rows])
+            spread = np.square(design @ self._factor).sum(axis=2)
+            unseen = (np.abs(design @ self._blind) > BLIND).any(axis=2)
+            variances[rows] += of_process + spread + np.where(unseen, np.inf, 0.0)
+        return variances
+
+    def _covariances(self, features, codes, include_noise):
+        design, _ = self._unknown(features, codes)
+        design = design @ self._factor
+        covariances = np.einsum("njp,mjp->nmj", design, design)
+        for i, rows, V in self._explained(features, codes):
+            covariances[:, :, i] += self._rests[i].covariance(rows, rows) - V.T @ V
+        same = np.arange(len(features))
+        covariances[same, same] = self._variances(features, codes, include_noise)
+        return covariances
+
+    _draws = PosteriorMixin._draws
+
+
+def make_semiparametric_regressor(
+    model: Any,
+    *,
+    joint: int | str | None = None,
+    friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
+    rest: str | Sequence[str] | None = "friction",
+    estimator: MultiTaskGPRegressor | None = None,
+    prior: Literal["evidence", "nominal"] | None = "evidence",
+    empty_task: int | str | None = None,
+    task_feature: int | str = -1,
+) -> SemiparametricRegressor:
+    """Model of a robot's torques: rigid bodies, friction, and what these leave.
+
+    Parameters
+    ----------
+    model : str, path or pinocchio.Model
+        The robot: file of a URDF, its text, or a Pinocchio model.
+    joint : int, str or None, default=None
+        Position from 0, or name, of the only joint whose torque y is. None: y has a
+        column for each joint, which tell much more of the links.
+    friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
+        Friction law, see :class:`RigidBodyFeatures`.
+    rest : str, sequence of str or None, default="friction"
+        What may be left, "friction" or "states"; None: rigid bodies alone.
+    estimator : MultiTaskGPRegressor, default=None
+        The process of what is left: how tasks are related in it, and how it is learned.
+    prior : {"evidence", "nominal"} or None, default="evidence"
+        Of links, friction and loads, see :class:`RigidBodyRegressor`.
+    empty_task : int or str, default=None
+        Label of the task without a load.
+    task_feature : int or str, default=-1
+        Position or name of the task column.
+
+    Returns
+    -------
+    regressor : SemiparametricRegressor
+        To be fitted on X of shape (n_samples, 3 J + 1), positions, velocities,
+        accelerations and the load, and torques y of shape (n_samples, J) or, with
+        `joint`, (n_samples,).
+
+    See Also
+    --------
+    SemiparametricRegressor : What it is, in detail.
+    skmtgp.make_inverse_dynamics_regressor : Models that need no description.
+
+    Examples
+    --------
+    >>> from skmtgp.datasets import load_puma560, puma560_urdf
+    >>> from skmtgp.robot import make_semiparametric_regressor
+    >>> X, y = load_puma560(n_per_load=8, loads=[1, 8, 15], return_X_y=True)
+    >>> model = make_semiparametric_regressor(puma560_urdf(), empty_task=1).fit(X, y)
+    >>> model.load_parameters_["m"].round(2).tolist()  # of 0.2, 1.6 and 3 kg
+    [0.0, 1.4, 2.8]
+    """
+    return SemiparametricRegressor(
+        model,
+        friction=friction,
+        rest=rest,
+        estimator=estimator,
+        prior=prior,
+        joint=joint,
+        empty_task=empty_task,
+        task_feature=task_feature,
+    )

@@ -1,0 +1,111 @@
+"""What may be left of a torque: its features, and which one is chosen."""
+
+import numpy as np
+import pytest
+from rigid import states, two_joints
+
+from skmtgp import MultiTaskGPRegressor
+from skmtgp.robot._rest import NONE, Features, check_rest, choose
+
+pytest.importorskip("pinocchio")
+
+
+@pytest.fixture(scope="module")
+def dynamics():
+    from skmtgp.robot._dynamics import Dynamics
+
+    return Dynamics(two_joints())  # the second slides
+
+
+def test_friction_depends_on_velocity_sign_and_torque(dynamics):
+    x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
+    features = Features("friction", dynamics, 1, x, link)
+    expected = np.column_stack([x[:, 3], np.sign(x[:, 3]), link])
+    expected /= np.sqrt(np.square(expected).mean(axis=0))
+    np.testing.assert_allclose(features(x, link), expected)
+
+
+def test_states_have_cosines_of_joints_that_turn(dynamics):
+    x = states(50, 2)[:, :-1]
+    features = Features("states", dynamics, 1, x, np.zeros(50))
+    parts = [x[:, 1], np.cos(x[:, 0]), np.sin(x[:, 0]), *x[:, 2:].T]
+    expected = np.column_stack(parts)
+    found = features(x, np.zeros(50)) * features.scale
+    np.testing.assert_allclose(found, expected)
+
+
+def test_features_stay_where_rows_have_been(dynamics):
+    x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
+    features = Features("friction", dynamics, 0, x, link)
+    far, edge = 9.0 * x[:1], x[:1].copy()
+    far[0, 2], edge[0, 2] = 50.0, x[:, 2].max()
+    np.testing.assert_array_equal(
+        features(far, np.array([80.0])), features(edge, np.array([5.0]))
+    )
+
+
+def test_a_joint_at_rest_has_finite_features(dynamics):
+    x = states(5, 2)[:, :-1]
+    x[:, 2] = 0.0
+    assert np.isfinite(
+        Features("friction", dynamics, 0, x, np.ones(5))(x, np.ones(5))
+    ).all()
+
+
+def best_of(left, criterion):
+    z = np.random.default_rng(1).uniform(-2, 2, (60, 1))
+    tasks, process = np.repeat([0, 1], 30), MultiTaskGPRegressor(rank=1, shared=True)
+
+    def make(kind):
+        return None, z
+
+    return choose(["states"], make, left(z[:, 0]), tasks, process, criterion)
+
+
+def chance(z):
+    return 0.1 * np.random.default_rng(0).standard_normal(len(z))
+
+
+def test_chance_is_no_process():
+    rest, table, warnings = best_of(chance, "bic")
+    assert (rest.name, rest.model, warnings) == (NONE, None, [])
+    assert rest.noise == pytest.approx(0.01, rel=0.3)
+    assert [row["chosen"] for row in table] == [True, False]
+
+
+@pytest.mark.parametrize("criterion", ["bic", "loo"])
+def test_a_function_is_one(criterion):
+    rest, table, _ = best_of(lambda z: chance(z) + np.sin(2 * z), criterion)
+    assert rest.name == "states"
+    assert rest.noise == pytest.approx(0.01, rel=0.5)
+    assert table[0][criterion] > table[1][criterion] + 50
+    assert [row["chosen"] for row in table] == [False, True]
+
+
+def test_none_is_the_normal_distribution_of_the_noise():
+    left = np.array([1.0, -2.0, 0.5])
+    _, (row,), _ = choose([], None, left, np.zeros(3, int), None, "bic")
+    variance = np.mean(left**2)
+    expected = -1.5 * np.log(2 * np.pi * variance) - 1.5
+    assert row["log_marginal_likelihood"] == pytest.approx(expected)
+    assert "loo" not in row
+    assert row["bic"] == pytest.approx(np.log(3) - 2 * expected)
+
+
+@pytest.mark.parametrize(
+    ("rest", "error", "message"),
+    [
+        ("magic", ValueError, "rest='magic' has 'magic'; it must be of 'friction', 's"),
+        (["states", 3], ValueError, "has 3; it must be of"),
+        (3, TypeError, "rest=3 must be None, a word or a sequence of words"),
+    ],
+)
+def test_wrong_words(rest, error, message):
+    with pytest.raises(error, match=message):
+        check_rest(rest)
+
+
+def test_words():
+    assert check_rest(None) == []
+    assert check_rest("states") == ["states"]
+    assert check_rest(("friction", "states", "friction")) == ["friction", "states"]

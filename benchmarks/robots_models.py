@@ -5,8 +5,10 @@ of observations, of shape (n_samples, n_joints). Put another one into `MODELS`.
 """
 
 import numpy as np
+from lwpr import LWPR
 from settings import PAPER
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+from sklearn.model_selection import GridSearchCV
 
 from skmtgp import (
     IndependentGP,
@@ -149,12 +151,49 @@ class OneProduct:
         return self.model.predict(self._features(X), **options)
 
 
+class LocallyWeighted:
+    """LWPR of each load alone, with the shape of its fields by cross-validation.
+
+    Its deviation is that of what it errs on rows that are left out.
+    """
+
+    GRID = {"init_D": [1e-3, 1e-2, 3e-2, 0.1], "alpha": [0.0, 1.0]}
+    SETTINGS = {"n_epochs": 20, "add_threshold": 0.9}
+
+    def __init__(self, case, joint):
+        self.case = case
+
+    def fit(self, X, y):
+        """Learn one joint."""
+        self.features = InverseDynamicsFeatures(self.case.Y.shape[1]).fit(X)
+        self.centre, self.scale, self.of_load = y.mean(), y.std(), {}
+        Z, y = self.features.transform(X)[:, :-1], (y - self.centre) / self.scale
+        for load in np.unique(X[:, -1]):
+            rows = X[:, -1] == load
+            search = GridSearchCV(
+                LWPR(**self.SETTINGS), self.GRID, cv=3, scoring="neg_mean_squared_error"
+            ).fit(Z[rows].astype(float), y[rows])
+            self.of_load[load] = search, np.sqrt(-search.best_score_)
+        return self
+
+    def predict(self, X, **options):
+        """Means, and the deviation of each load."""
+        Z, (mean, std) = self.features.transform(X)[:, :-1], np.empty((2, len(X)))
+        for load, (search, deviation) in self.of_load.items():
+            rows = X[:, -1] == load
+            if rows.any():
+                mean[rows] = search.predict(Z[rows].astype(float))
+            std[rows] = deviation
+        return self.centre + self.scale * mean, self.scale * std
+
+
 MODELS = {
     "rigid, no friction": rigid(None),
     "rigid, symmetric": rigid(SYMMETRIC),
     "rigid, asymmetric": rigid(ASYMMETRIC),
     "rigid, prior": rigid_with_prior,
     "rigid, each joint": by_joint(rigid_of_one),
+    "LWPR": by_joint(LocallyWeighted),
     "pGP": process("paper", pooled),
     "iGP": process("paper", independent),
     "sGP": process("paper", single),

@@ -179,7 +179,7 @@ def climb_table(fits):
         "280 rows, medians",
         "log likelihood",
         "seconds",
-        "skmtgp is there after (s)",
+        "skmtgp is there after",
     ]
     return table(head, rows) if rows else NOT_MEASURED
 

@@ -63,6 +63,7 @@ def speed(timings):
         sizes = sorted({r["n"] for r in rows})
         ax.set_xticks(sizes, [f"{n:,}" for n in sizes])
         ax.minorticks_off()
+        ax.yaxis.set_major_formatter("{x:,.0f}")
         ax.set_title("One evaluation of likelihood and gradient")
         ax.grid(alpha=0.3)
         ax.legend(frameon=False)

@@ -37,10 +37,10 @@ help:
 	@echo 'make bench-sparse the whole training set by inducing inputs: hours'
 	@echo 'make bench-short  what make bench does, with one small problem'
 	@echo 'make bench-envs   the environments of the other packages alone (5 GB)'
-	@echo 'make bench-page   docs/benchmarks.md and its plots from what is measured'
+	@echo 'make bench-page   the pages of benchmarks and their plots from what is measured'
 	@echo 'make paper        the experiments of the paper: hours, see examples/paper/README.md'
 	@echo 'make paper-short  the same, tiny: a minute'
-	@echo 'make paper-page   docs/paper.md from what is measured'
+	@echo 'make paper-page   the pages of the paper from what is measured'
 	@echo 'make clean        remove what was installed, caches and build products'
 	@echo 'make help         this list'
 

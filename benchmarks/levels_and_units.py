@@ -500,7 +500,7 @@ def puma_judge(section, label, values, before):
 
 
 def results_before():
-    """Likelihood and errors of each joint at rank 4, as docs/benchmarks.md has them."""
+    """Likelihood and errors of each joint at rank 4, as benchmarks_tables.md has."""
     wanted = {"package": "skmtgp", "settings": "shipped", "n": 280, "draw": 0}
     with (RESULTS / "fits.jsonl").open() as file:
         rows = [json.loads(line) for line in file]

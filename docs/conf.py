@@ -4,9 +4,12 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpydoc.xref
+
 import skmtgp
 
-sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order
+sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and inventories
+from inventories import reachable
 
 project = "skmtgp"
 author = "the skmtgp developers"
@@ -19,6 +22,8 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.doctest",
+    "sphinx.ext.intersphinx",
+    "sphinx.ext.viewcode",
     "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
@@ -49,7 +54,23 @@ autosummary_filename_map = {  # the pages that estimators link to
     for name in import_module(module).__all__
 }
 numpydoc_show_class_members = False
-numpydoc_xref_param_type = False
+numpydoc_xref_param_type = True
+numpydoc_xref_ignore = "all"  # but these; its own links warn without a network
+numpydoc.xref.DEFAULT_LINKS.clear()
+numpydoc_xref_aliases = {
+    "DataFrame": "pandas.DataFrame",
+    "Kernel": "sklearn.gaussian_process.kernels.Kernel",
+    "RandomState": "numpy.random.RandomState",
+    "Series": "pandas.Series",
+    "ndarray": "numpy.ndarray",
+}
+intersphinx_mapping = reachable(
+    numpy="https://numpy.org/doc/stable/",
+    pandas="https://pandas.pydata.org/docs/",
+    python="https://docs.python.org/3/",
+    scipy="https://docs.scipy.org/doc/scipy/",
+    sklearn="https://scikit-learn.org/stable/",
+)
 doctest_test_doctest_blocks = ""  # pytest runs those of the docstrings
 doctest_global_setup = "import numpy as np; import pandas as pd"
 trim_doctest_flags = True
@@ -57,7 +78,12 @@ trim_doctest_flags = True
 sphinx_gallery_conf = {
     "examples_dirs": "../examples/gallery",
     "gallery_dirs": "auto_examples",
+    "copyfile_regex": r"index\.rst",  # the page with the sections
     "within_subsection_order": "gallery_order.position",
+    "minigallery_sort_order": "gallery_order.position",
+    "doc_module": ("skmtgp",),
+    "backreferences_dir": "auto_examples/backreferences",  # "Examples using ..."
+    "reference_url": {"skmtgp": None},
     "min_reported_time": 1,  # seconds
     "reset_modules": ("matplotlib",),
     "abort_on_example_error": True,
@@ -73,6 +99,8 @@ html_title = f"skmtgp {version}"
 html_static_path = ["_static"]
 html_css_files = ["skmtgp.css"]
 html_theme_options = {
+    "header_links_before_dropdown": 6,
+    "navbar_center": ["navbar-nav", "coming-from"],
     "navigation_with_keys": False,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],

@@ -1,4 +1,4 @@
-"""The plots of the page."""
+"""The plots of the pages; those of the short one can be read on a phone."""
 
 import matplotlib
 
@@ -6,16 +6,25 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
-from compare import NAMES, OURS, against_ours, label, of_variant, usable, variants
+from compare import (
+    NAMES,
+    OURS,
+    against_ours,
+    label,
+    of_variant,
+    our_fits,
+    problem_of,
+    usable,
+    variants,
+)
 
-COLORS = {
-    "skmtgp": "#d55e00",
-    "gpytorch": "#0072b2",
-    "botorch": "#56b4e9",
-    "gpy": "#009e73",
-    "gpflow": "#e69f00",
-    "sklearn": "#999999",
-}
+from skmtgp.inspection._drawing import COLORS as PALETTE
+from skmtgp.inspection._drawing import MARKERS as SHAPES
+
+PACKAGES = "gpytorch", "skmtgp", "gpy", "gpflow", "botorch", None, "sklearn"
+COLORS = dict(zip(PACKAGES, PALETTE, strict=True))
+SHAPE = dict(zip(PACKAGES, SHAPES, strict=True))
+PHONE = {"font.size": 11, "axes.titlesize": 11}
 STYLES = {"best": "-", "shipped": ":"}
 MARKERS = {"best": "o", "shipped": "x"}
 
@@ -25,6 +34,9 @@ def draw(fits, timings, folder):
     folder.mkdir(parents=True, exist_ok=True)
     if any("seconds" in row for row in timings):
         save(evaluations(timings), folder / "benchmark-evaluation.png")
+        save(speed(timings), folder / "benchmark-speed.png")
+    if usable(fits):
+        save(climb(fits), folder / "benchmark-climb.png")
     for n in sorted({row["n"] for row in usable(fits)}):
         figure = traces([r for r in usable(fits) if r["n"] == n])
         save(figure, folder / f"benchmark-fits-{n}.png")
@@ -34,8 +46,94 @@ def draw(fits, timings, folder):
 
 def save(figure, path):
     """Write a figure."""
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=200)
     plt.close(figure)
+
+
+def speed(timings):
+    """Milliseconds of an evaluation against n, each package at its best."""
+    rows = [r for r in timings if "seconds" in r and r["settings"] == "best"]
+    with plt.rc_context(PHONE):
+        figure, ax = plt.subplots(figsize=(5.2, 4.4), layout="constrained")
+        for package, settings in variants(rows):
+            group = sorted(of_variant(rows, package, settings), key=lambda r: r["n"])
+            times = [1e3 * r["seconds"] for r in group]
+            ax.plot([r["n"] for r in group], times, **style(package))
+        ax.set(xscale="log", yscale="log", xlabel="rows", ylabel="milliseconds")
+        sizes = sorted({r["n"] for r in rows})
+        ax.set_xticks(sizes, [f"{n:,}" for n in sizes])
+        ax.minorticks_off()
+        ax.yaxis.set_major_formatter("{x:,.0f}")
+        ax.set_title("One evaluation of likelihood and gradient")
+        ax.grid(alpha=0.3)
+        ax.legend(frameon=False)
+    return figure
+
+
+def style(package):
+    """Colour, marker and width of a package's line."""
+    wide = package == OURS
+    return {
+        "color": COLORS[package],
+        "marker": SHAPE[package],
+        "label": NAMES[package],
+        "lw": 3.0 if wide else 1.6,
+        "ms": 7.0 if wide else 5.0,
+        "zorder": 3 if wide else 2,
+    }
+
+
+def climb(fits):
+    """Nats below skmtgp's final likelihood in time, a panel for each n."""
+    rows = [r for r in usable(fits) if r["settings"] == "best"]
+    sizes = sorted({r["n"] for r in rows})
+    size = (5.2, 1.2 + 2.9 * len(sizes))
+    with plt.rc_context(PHONE):
+        figure, axes = plt.subplots(
+            len(sizes),
+            1,
+            figsize=size,
+            layout="constrained",
+            squeeze=False,
+            sharex=True,
+        )
+        for ax, n in zip(axes[:, 0], sizes, strict=True):
+            climb_panel(ax, [r for r in rows if r["n"] == n])
+            ax.set_title(f"{n:,} rows")
+        axes[-1, 0].set_xlabel("seconds")
+        figure.supylabel("log likelihood below skmtgp's final one", fontsize=11)
+        handles = axes[0, 0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+def climb_panel(ax, rows):
+    """Medians over joints and draws, from when half have one to their median end."""
+    final = {key: r["likelihood"] for key, r in our_fits(rows).items()}
+    for package, settings in variants(rows):
+        group = [
+            r for r in of_variant(rows, package, settings) if problem_of(r) in final
+        ]
+        if not group:
+            continue
+        last = np.median([r["seconds"] for r in group])
+        times = np.geomspace(0.3, last, 60)
+        found = [[final[problem_of(r)] - at(r, t) for r in group] for t in times]
+        marks = {"markevery": [-1]}
+        ax.plot(times, np.median(found, axis=1), **style(package), **marks)
+    ax.set(xscale="log")
+    ax.set_yscale("symlog", linthresh=10.0)
+    ax.set_yticks([0, 10, 100, 1000, 10000], ["0", "10", "100", "1,000", "10,000"])
+    ax.set_xticks([1, 10, 100], ["1", "10", "100"])
+    ax.minorticks_off()
+    ax.set_ylim(20000, -4)
+    ax.grid(alpha=0.3)
+
+
+def at(row, seconds):
+    """The best likelihood after some time; -inf before there was any."""
+    known = [value for when, value in row["trace"] if when <= seconds]
+    return max(known, default=-np.inf)
 
 
 def evaluations(timings):
@@ -52,7 +150,7 @@ def evaluations(timings):
         "--k",
         label="potrf and potri",
     )
-    ax.set(xscale="log", yscale="log", xlabel="n", ylabel="seconds")
+    ax.set(xscale="log", yscale="log", xlabel="rows n", ylabel="seconds")
     sizes = sorted({r["n"] for r in rows})
     ax.set_xticks(sizes, sizes)
     ax.minorticks_off()
@@ -87,11 +185,14 @@ def traces(fits):
     for ax, joint in zip(axes.flat, joints, strict=False):
         panel(ax, [r for r in fits if r["joint"] == joint])
         ax.set_title(f"joint {joint}")
+    for ax in axes[-1]:
+        ax.set_xlabel("seconds")
     handles = {}
     for ax in axes.flat:
         handles |= {h.get_label(): h for h in ax.get_lines()}
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=4)
     figure.suptitle(f"Log marginal likelihood against seconds, n = {fits[0]['n']}")
+    figure.supylabel("log marginal likelihood")
     return figure
 
 

@@ -82,7 +82,6 @@ class SparseResults:
     def section(self):
         """The lines of the page; none if nothing has been measured."""
         parts = [
-            *self.goals(),
             *self.own_fits(),
             *printed(self.folder, "more_rows", MORE_ROWS),
             *self.evaluations(),
@@ -97,9 +96,7 @@ class SparseResults:
 
     def goals(self):
         """What was wanted, what was found, whether reached."""
-        found = [*self.error_goal(), *self.memory_goal(), *self.speed_goals()]
-        rows = [(*line, "yes" if ok else "**no**") for *line, ok in found]
-        return [table(["goal", "measured", "reached"], rows)] if rows else []
+        return [*self.error_goal(), *self.memory_goal(), *self.speed_goals()]
 
     def error_goal(self):
         """Both errors against those of exact inference, for each way of fitting."""

@@ -1,7 +1,8 @@
-"""Make docs/paper.md and its plots from the results, and from nothing else.
+"""Make docs/paper.md, docs/paper_details.md and their plots from the results alone.
 
 ``python examples/paper/page.py``; what is missing is shown as missing. Results of
-another folder are shown on a page in that folder.
+another folder are shown on pages in that folder. What was to be reached goes to
+``examples/paper/README.md``.
 """
 
 import argparse
@@ -15,23 +16,27 @@ from reporting import (
     goals,
     learning,
     novel_task,
+    overview,
     plots,
     table2,
 )
 from reporting.markdown import MISSING, table
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
+README = Path(__file__).parent / "README.md"
+BEGIN, END = "<!-- goals: made by page.py -->", "<!-- end of goals -->"
 INTRODUCTION = """\
-# The paper's experiments
+# The paper's experiments in detail
 
 Section 6 of Chai, Williams, Klanke and Vijayakumar, *Multi-task Gaussian Process
 Learning of Robot Inverse Dynamics* (NIPS 2008), done again with this package, and two
-claims of its section 3 that it gives no experiments for. `make paper` measures all of
-it anew; this page is made by `make paper-page` from `examples/paper/results` alone, and
-what is missing there is missing here. nMSE is the mean squared error over the variance
-of the test targets, averaged over loads; interpolation is tested on 4000 samples of
-each load, from the trajectories that it was trained on, extrapolation on 60,000 from
-all 16.
+claims of its section 3 that it gives no experiments for. [The short page](paper.md) has
+the paper's numbers beside ours. `make paper` measures everything; `make paper-page`
+makes these pages from `examples/paper/results` alone.
+
+nMSE is the mean squared error over the variance of the test targets, averaged over
+loads. Interpolation is tested on 4000 samples of each load, from the trajectories that
+it was trained on; extrapolation on 60,000 from all 16.
 """
 DATA = """\
 ## Where the data differ from the paper's
@@ -56,14 +61,25 @@ The paper's data are not published, so that numbers can be compared in size only
 """
 
 
-def make(results=store.RESULTS, docs=None):
-    """Write the page and the plots."""
+def make(results=store.RESULTS, docs=None, draw=True):
+    """Write the pages, the goals and the plots."""
     docs = docs or (DOCS if results == store.RESULTS else results)
     everything = {name: store.read(name, results) for name in store.KEYS}
     rows = {name: store.measured(table) for name, table in everything.items()}
+    docs.mkdir(parents=True, exist_ok=True)
+    (docs / "paper.md").write_text(overview.page(rows), "utf-8")
+    (docs / "paper_details.md").write_text(details(rows, everything, results), "utf-8")
+    readme = README if docs == DOCS else docs / "README.md"
+    readme.write_text(with_goals(README.read_text("utf-8"), rows), "utf-8")
+    if draw:
+        plots.draw(rows, docs / "images")
+    print("paper.md:", *(f"{name} {len(t)} rows," for name, t in rows.items()))
+
+
+def details(rows, everything, results):
+    """The page with all numbers."""
     parts = [
         INTRODUCTION,
-        *goals.section(all_goals(rows)),
         *table2.section(rows["table2"]),
         *figure4_section.section(rows["figure4"]),
         *learning.section(rows["learning"]),
@@ -73,10 +89,14 @@ def make(results=store.RESULTS, docs=None):
         *failures_section(everything),
         *machine_section(results),
     ]
-    docs.mkdir(parents=True, exist_ok=True)
-    (docs / "paper.md").write_text("\n".join(parts))
-    plots.draw(rows, docs / "images")
-    print("paper.md:", *(f"{name} {len(t)} rows," for name, t in rows.items()))
+    return "\n".join(parts)
+
+
+def with_goals(readme, rows):
+    """The README, with what was to be reached and what was."""
+    before, _, rest = readme.partition(BEGIN)
+    text = "\n".join(goals.section(all_goals(rows)))
+    return f"{before}{BEGIN}\n\n{text}\n{END}{rest.partition(END)[2]}"
 
 
 def all_goals(rows):
@@ -150,8 +170,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--results", type=Path, default=store.RESULTS)
     parser.add_argument("--docs", type=Path, help="folder of the page")
+    parser.add_argument("--no-plots", action="store_true", help="the words alone")
     arguments = parser.parse_args()
-    make(arguments.results, arguments.docs)
+    make(arguments.results, arguments.docs, draw=not arguments.no_plots)
 
 
 if __name__ == "__main__":

@@ -12,9 +12,13 @@ GALLERY = ROOT / "examples" / "gallery"
 SCRIPTS = sorted(GALLERY.glob("*.py"))
 
 
-def test_there_are_scripts_and_a_header():
+def test_every_script_is_in_a_section():
+    """As a picture, and in the list of pages; both in the same order."""
+    text = (GALLERY / "index.rst").read_text("utf-8")
+    shown = re.findall(r"^   \.\./examples/gallery/(\w+)\.py$", text, re.MULTILINE)
     assert SCRIPTS
-    assert (GALLERY / "README.txt").is_file()
+    assert sorted(shown) == [path.stem for path in SCRIPTS]
+    assert re.findall(r"^   (plot_\w+)$", text, re.MULTILINE) == shown
 
 
 def test_every_script_has_its_place():

@@ -38,4 +38,4 @@ def section(goals):
     note = "*So far*: it holds on what is measured, and some is missing.\n"
     notes = [note] if any(g.reached == "so far" for g in goals) else []
     head = ["goal", "measured", "reached"]
-    return ["## Goals\n", table(head, rows, "---"), *notes]
+    return [table(head, rows, "---"), *notes]

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 from matplotlib.ticker import LogLocator, NullFormatter
 from measuring import plan
 
-from . import figure4, learning, novel_task, published, table2
+from . import figure4, learning, novel_task, overview, published, table2
 from .markdown import MISSING
 from .summaries import geometric_mean
 
@@ -47,6 +47,8 @@ def draw(rows, folder):
     if len(averages):
         save(samples(averages), folder / "paper-table2.png")
     errors = figure4.errors(rows["figure4"])
+    if len(errors):
+        save(overview_joints(errors), folder / "paper-figure4.png")
     for subset in plan.TEST_SETS if len(errors) else ():
         save(joints(errors, subset), folder / f"paper-figure4-{subset}.png")
     found = learning.compared(rows["learning"])
@@ -59,7 +61,7 @@ def draw(rows, folder):
 
 def save(figure, path):
     """Write a figure."""
-    figure.savefig(path, dpi=110)
+    figure.savefig(path, dpi=180)
     plt.close(figure)
 
 
@@ -102,6 +104,26 @@ def joints(errors, subset):
     title = f"{subset.capitalize()}: error of the torques against n"
     column, models = f"nmse_{subset}", figure4.MODELS
     return panels(errors, "n", column, models, title, "nMSE, averaged over 14 loads")
+
+
+def overview_joints(errors):
+    """The paper's two joints, to be read on a phone."""
+    ticks = sorted(errors["n"].unique())
+    with plt.rc_context({"font.size": 11, "axes.titlesize": 11}):
+        figure, axes = plt.subplots(
+            2, 1, figsize=(5.2, 6.6), layout="constrained", sharex=True
+        )
+        for joint, ax in zip(overview.PAPER_JOINTS, axes, strict=True):
+            of_joint = errors[errors["joint"] == joint]
+            for model in figure4.MODELS:
+                of_model = of_joint[of_joint["model"] == model]
+                line(ax, of_model, "n", "nmse_extrapolation", model, ticks)
+            log_axes(ax, ticks, "samples of all 14 loads")
+            ax.set(title=f"joint {joint}", ylabel="nMSE on new motions")
+        axes[0].set_xlabel("")
+        handles = axes[0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower center", ncols=2, frameon=False)
+    return figure
 
 
 def novel(found):

@@ -5,7 +5,7 @@ from skmtgp.baselines import IndependentGP, PooledGP
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor
+from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_fit
 from skmtgp.single_task import SingleTaskGP
 
 __version__ = "0.1.0.dev0"
@@ -19,5 +19,6 @@ __all__ = [
     "SingleTaskGP",
     "add_task",
     "make_inverse_dynamics_regressor",
+    "partial_fit",
     "show_versions",
 ]

@@ -29,6 +29,26 @@ class Mixture:
     def __init__(self, likelihood, thetas):
         self.parts = [likelihood.posterior(theta) for theta in thetas]
 
+    def updated(self, update, likelihood, thetas):
+        """The same of a likelihood that shares rows; this one stays as it is.
+
+        Parameters
+        ----------
+        update : callable
+            ``update(part, likelihood, theta)`` gives the posterior of each part.
+        likelihood : Likelihood
+            Of all rows.
+        thetas : ndarray of shape (n_draws, n_theta)
+            Draws of the parameters, as before but for those of tasks that have joined.
+
+        Returns
+        -------
+        mixture : Mixture
+        """
+        mixture, parts = copy(self), zip(self.parts, thetas, strict=True)
+        mixture.parts = [update(part, likelihood, theta) for part, theta in parts]
+        return mixture
+
     def _of_parts(self, evaluate):
         """What the parts give, (n_draws, ...)."""
         return np.array([evaluate(part) for part in self.parts])

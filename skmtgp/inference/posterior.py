@@ -67,6 +67,7 @@ class Posterior(ABC):
         self.prior, self.theta = prior, theta
         self.kernel, self.K_rho = prior.kernel_at(theta), prior.K_rho_at(theta)
         self.bound = prior.node.bind(values.kernel, likelihood.inputs)
+        self.n_inputs = len(likelihood.inputs)
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = values.noise[likelihood.noise_of_row]
         largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
@@ -196,7 +197,7 @@ class Posterior(ABC):
 
     def cross(self, X):
         """k^x between rows of X and the training inputs, (n_samples, n_inputs)."""
-        shape = len(X), self.weights.shape[1]
+        shape = len(X), self.n_inputs
         K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)
 

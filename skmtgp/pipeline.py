@@ -132,8 +132,8 @@ def partial_fit(
     TypeError
         If the model has no ``partial_fit``, or X or y is a Dask collection.
     ValueError
-        If X or y cannot be used, see :meth:`MultiTaskGPRegressor.partial_fit`. The
-        model is then as it was before.
+        If X or y cannot be used, see :meth:`MultiTaskGPRegressor.partial_fit`. A
+        fitted model is then as it was before.
 
     Examples
     --------
@@ -156,20 +156,12 @@ def partial_fit(
     if last is model:
         return model.partial_fit(X, y, max_rows=max_rows)
     check_stream(X, y, max_rows)
-    if hasattr(last, "tasks_"):
-        X = model[:-1].transform(X) if len(model) > 1 else X
-        last.partial_fit(X, y, max_rows=max_rows)
-    else:
-        _fit_first(model, X, y, max_rows)
+    first, is_fitted = model[:-1], hasattr(last, "tasks_")
+    if len(first):
+        X = first.transform(X) if is_fitted else first.fit_transform(X, y)
+    model.steps = [*first.steps, model.steps[-1]]  # with a memory, fitted clones
+    last.partial_fit(X, y, max_rows=max_rows)
     return model
-
-
-def _fit_first(pipeline, X, y, max_rows):
-    """Fit a copy of all steps, which then take the place of the pipeline's."""
-    fitted = clone(pipeline)
-    X = fitted[:-1].fit_transform(X, y) if len(fitted) > 1 else X
-    fitted[-1].partial_fit(X, y, max_rows=max_rows)
-    pipeline.steps = fitted.steps
 
 
 def make_inverse_dynamics_regressor(

@@ -6,6 +6,7 @@ from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_fit
+from skmtgp.predictor import compile_predictor
 from skmtgp.single_task import SingleTaskGP
 
 __version__ = "0.1.0.dev0"
@@ -18,6 +19,7 @@ __all__ = [
     "RankSearchIC",
     "SingleTaskGP",
     "add_task",
+    "compile_predictor",
     "make_inverse_dynamics_regressor",
     "partial_fit",
     "show_versions",

@@ -65,6 +65,15 @@ class Mixture:
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
         return self.means(X, tasks).mean(axis=0)
 
+    def summands(self, tasks):
+        """What the means of these tasks are sums of, a list of Summand."""
+        found = [summand for part in self.parts for summand in part.summands(tasks)]
+        n = len(self.parts)
+        return [
+            of._replace(weights=of.weights / n, constants=of.constants / n)
+            for of in found
+        ]
+
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
         return _variance(self.means(X, tasks), self.variances(X, tasks))

@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.inference.posterior import bordered
+from skmtgp.inference.posterior import Summand, bordered
 from skmtgp.inference.sums import sum_residuals
 from skmtgp.inference.variances import (
     diagonal,
@@ -115,6 +115,11 @@ class SparsePosterior:
 
         with limit_threads(self.bound.side):
             return in_blocks(of_rows, self.block_size, X) + self.levels[tasks]
+
+    def summands(self, tasks):
+        """What the means of these tasks are sums of, a list of Summand."""
+        parts = self.weights[tasks], self.levels[tasks]
+        return [Summand(self.kernel, self.features.Z, *parts)]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""

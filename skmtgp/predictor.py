@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.labels import check_labels, encode_tasks
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._estimators.compiled import Chain, Transform, folded
+from skmtgp._estimators.compiled import Chain, Transform, means_of
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.single_task import SingleTaskGP
@@ -98,8 +98,14 @@ class CompiledPredictor:
 
     Parameters
     ----------
-    model, task, outputs, std
-        See :func:`compile_predictor`.
+    model : estimator, Pipeline, or a sequence or mapping of them
+        Fitted.
+    task : int or str, default=None
+        Label of the task that is predicted.
+    outputs : sequence, default=None
+        Which outputs are predicted.
+    std : bool, default=False
+        Whether the standard deviation can be asked for.
 
     Attributes
     ----------
@@ -167,8 +173,8 @@ class CompiledPredictor:
         y = np.empty(len(self.outputs))
         for features, heads in self._of_task(self._plans, task):
             z = features(x)
-            for place, folded, k, back in heads:
-                value = folded(z)[k]
+            for place, mean, k, back in heads:
+                value = mean(z)[k]
                 y[place] = value if back is None else back(np.array([value]))[0]
         return y
 
@@ -286,7 +292,7 @@ class _Source:
         return Transform(self.first, self.model, label)
 
     def heads(self, labels):
-        """For each label the functions of all outputs: (folded, k, back).
+        """For each label the functions of all outputs: (mean, k, back).
 
         What they give has one number for each label, of which the k-th counts.
         """
@@ -294,11 +300,11 @@ class _Source:
         columns = getattr(self.model._target, "columns", [None] * self.n_outputs)
         backs = [column and column.back for column in columns]
         if isinstance(self.model, SingleTaskGP):
-            each = [folded(self.model.estimators_[code], [0]) for code in codes]
-            found = [[(f, 0) for f in of_task] for of_task in each]
+            alone = [means_of(self.model.estimators_[code], [0]) for code in codes]
+            found = [[(mean, 0) for mean in of_task] for of_task in alone]
         else:
-            folded = folded(self.model, codes)
-            found = [[(f, k) for f in folded] for k in range(len(codes))]
+            means = means_of(self.model, codes)
+            found = [[(mean, k) for mean in means] for k in range(len(codes))]
         return {
             label: [(*head, back) for head, back in zip(heads, backs, strict=True)]
             for label, heads in zip(labels, found, strict=True)

@@ -5,7 +5,7 @@ import pandas as pd
 
 from skmtgp._data.checks import locate
 from skmtgp._data.labels import check_labels
-from skmtgp.model import compile_kernel, fold
+from skmtgp.model._nodes import compile_kernel, fold
 
 
 class Chain:
@@ -62,7 +62,7 @@ class Transform:
         return np.asarray(self.first.transform(row), dtype=object)[0]
 
 
-def folded(model, codes):
+def means_of(model, codes):
     """Functions of the features, each of which gives an output of some tasks.
 
     Parameters

@@ -4,6 +4,6 @@ What a kernel needs to join the fast path is here: a `Node`, the `Bound` kernel 
 gives, and its entry in `NODES`, see the page "Design" of the documentation.
 """
 
-from skmtgp.model._nodes import NODES, Bound, Node, allocate, compile_kernel, fold
+from skmtgp.model._nodes import NODES, Bound, Node, allocate, compile_kernel
 
-__all__ = ["NODES", "Bound", "Node", "allocate", "compile_kernel", "fold"]
+__all__ = ["NODES", "Bound", "Node", "allocate", "compile_kernel"]

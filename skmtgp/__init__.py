@@ -5,7 +5,8 @@ from skmtgp.baselines import IndependentGP, PooledGP
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor
+from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_fit
+from skmtgp.predictor import compile_predictor
 from skmtgp.single_task import SingleTaskGP
 from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
@@ -20,7 +21,9 @@ __all__ = [
     "SingleTaskGP",
     "WideRegressor",
     "add_task",
+    "compile_predictor",
     "make_inverse_dynamics_regressor",
+    "partial_fit",
     "show_versions",
     "stack_tasks",
     "unstack_tasks",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.checks import check_stream
 from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
@@ -296,7 +297,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         check_is_fitted(self)
         if isinstance(self.best_estimator_, SingleTaskGP):
             raise TypeError(
-                f"{method} is about how tasks are related, but the search has chosen "
+                f"{method} needs a model of all tasks, but the search has chosen "
                 f"{ALONE}, whose models best_estimator_.estimators_ has. Fit it with "
                 "simpler=False for the best model of all tasks."
             )
@@ -425,6 +426,48 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model.best_estimator_ = best.add_task(X, y, prior=prior)
         model.__dict__.pop("estimators_", None)
         return model
+
+    def partial_fit(
+        self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+    ) -> Self:
+        """Let rows join the best model, at the rank that was chosen.
+
+        The first call is `fit`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in the estimator's column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+        max_rows : int, default=None
+            See :meth:`MultiTaskGPRegressor.partial_fit`.
+
+        Returns
+        -------
+        self : object
+            With another `best_estimator_`; `results_` are those of the search.
+
+        Raises
+        ------
+        TypeError
+            If single tasks were chosen, or X or y is a Dask collection.
+        ValueError
+            See :meth:`MultiTaskGPRegressor.partial_fit`. The search is then as it was
+            before.
+        """
+        check_stream(X, y, max_rows)
+        model, is_first = copy(self), not hasattr(self, "best_estimator_")
+        if is_first:
+            model.fit(X, y)
+        model.best_estimator_ = copy(model._joint("partial_fit"))
+        if not is_first:
+            model.best_estimator_.partial_fit(X, y, max_rows=max_rows)
+        elif max_rows is not None:
+            model.best_estimator_._drop(max_rows)
+        vars(model).pop("estimators_", None)
+        self.__dict__ = vars(model)  # all at once, whatever fails before
+        return self
 
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False

@@ -19,8 +19,7 @@ from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
-from skmtgp.inference.engine import Demand, Engine
-from skmtgp.inference.memory import TileMemory
+from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
@@ -510,31 +509,35 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
-        training, position = self._training().with_task(*check_new_task(self, X, y))
-        self._check_room(training)
-        n_new, model = len(training.features) - len(self.X_train_), copy(self)
-        informed = prior is not None
-        with limit_threads(self._side + n_new):
-            outputs = self._extend(training, position, informed=informed)
-            likelihoods, modes = map(list, zip(*outputs, strict=True))
-            model._store_learned(training, self._engine, likelihoods, modes)
-            if self._is_sampled():
-                told = self._chains_told()
-                model._store_draws(self._extend_draws(training, position, informed))
-                vars(model).update(told)
+        new_task, model = check_new_task(self, X, y), copy(self)
+        model._join_task(*new_task, prior=prior)
         return model
+
+    def _join_task(self, features, label, Y, prior="tasks"):
+        """Become the model with one more task."""
+        training, position = self._training().with_task(features, label, Y)
+        self._check_room(training)
+        informed, engine = prior is not None, self._engine
+        origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))
+        update = self._updating(training, origin, engine)
+        with limit_threads(self._side + len(features)):
+            outputs = self._extend(training, position, informed)
+            likelihoods, modes = map(list, zip(*outputs, strict=True))
+            thetas = [mode.theta for mode in modes]
+            outputs = zip(self._posteriors, likelihoods, thetas, strict=True)
+            posteriors = [update(*output) for output in outputs]
+            draws = self._extend_draws(training, position, informed)
+            draws = self._updated_draws(update, likelihoods, draws)
+            self._store_learned(training, engine, likelihoods, modes, posteriors)
+            self._store_updated_draws(draws)
 
     def _check_room(self, training):
         """Whether memory suffices for the model with a task more."""
-        n_before, n_outputs = len(self._likelihoods[0].inputs), len(self._likelihoods)
-        n_new, n_tasks = (
+        n_before, n_new = (
+            len(self._likelihoods[0].inputs),
             len(training.features) - len(self.X_train_),
-            len(training.tasks),
         )
-        rank = self.rank_ + self._is_full()
-        n_kept = n_outputs * (1 + len(getattr(self, "theta_samples_", ())))
-        demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_kept)
-        tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
+        demand, tiles = self._demand(training, rank=self.rank_ + self._is_full())
         self._engine.check_joining(demand, tiles, n_before, n_new)
 
     def _extend(self, training, position, informed):
@@ -542,7 +545,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         outputs = zip(
             self._likelihoods,
             self._posteriors,
-            np.split(self.theta_, len(self._likelihoods)),
+            self._thetas(),
             training.data(self._engine),
             strict=True,
         )
@@ -553,12 +556,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             yield self._engine.joined(*more), mode
 
     def _extend_draws(self, training, position, informed):
-        """The draws of each output with a border of the task for each of them."""
-        rng, n = np.random.default_rng(position), len(self._likelihoods)
+        """The draws of each output, if any, with a border of the task for each."""
+        if not self._is_sampled():
+            return
+        rng = np.random.default_rng(position)
         outputs = zip(
             self._likelihoods,
             self._predictive,
-            np.split(self.theta_samples_, n, axis=1),
+            self._draws_of_outputs(),
             training.data(self._engine),
             strict=True,
         )
@@ -590,8 +595,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         """Whether the task covariance is as general as it can be."""
         return self.rank is None and self.rank_ == len(self.tasks_)
 
-    def _store_learned(self, training, engine, likelihoods, modes):
-        super()._store_learned(training, engine, likelihoods, modes)
+    def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
+        super()._store_learned(training, engine, likelihoods, modes, posteriors)
         form = likelihoods[0].prior.task_covariance
         self.rank_ = form.rank
         has_own = bool(getattr(form, "n_own", 0))

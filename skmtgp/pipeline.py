@@ -1,4 +1,4 @@
-"""Pipelines: the paper's model of a robot, and a task that joins a fitted one."""
+"""Pipelines: the paper's model of a robot, tasks and rows that join a fitted one."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
+from skmtgp._data.checks import check_stream
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
@@ -21,7 +22,7 @@ from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.preprocessing import InverseDynamicsFeatures
 from skmtgp.single_task import SingleTaskGP
 
-__all__ = ["add_task", "make_inverse_dynamics_regressor"]
+__all__ = ["add_task", "make_inverse_dynamics_regressor", "partial_fit"]
 
 Model = TypeVar("Model", bound=BaseEstimator)
 # The kernels of inverse dynamics, and what stands for a joint's position in each
@@ -99,6 +100,68 @@ def add_task(
             f"that ends with one of them, not a {type(model).__name__}.{advice}"
         )
     return model.add_task(X, y, prior=prior)
+
+
+def partial_fit(
+    model: Model, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+) -> Model:
+    """Let rows join a model, which may be the last step of a Pipeline.
+
+    The model's own method ``partial_fit``, after the transformers of a Pipeline. The
+    first call fits all steps; from then on the transformers stay as they are.
+
+    Parameters
+    ----------
+    model : estimator, or Pipeline that ends with one
+        A MultiTaskGPRegressor, an IndependentGP, a PooledGP or a RankSearchIC. It is
+        changed.
+    X : array-like of shape (n_samples, n_features)
+        Inputs, with the task labels, as `model` takes them.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets.
+    max_rows : int, default=None
+        How many rows are kept, see :meth:`MultiTaskGPRegressor.partial_fit`.
+
+    Returns
+    -------
+    model : same type as `model`
+        The model that was passed, fitted.
+
+    Raises
+    ------
+    TypeError
+        If the model has no ``partial_fit``, or X or y is a Dask collection.
+    ValueError
+        If X or y cannot be used, see :meth:`MultiTaskGPRegressor.partial_fit`. A
+        fitted model is then as it was before.
+
+    Examples
+    --------
+    >>> from skmtgp import PooledGP, make_inverse_dynamics_regressor, partial_fit
+    >>> from skmtgp.datasets import load_puma560
+    >>> X, y = load_puma560(n_per_load=8, loads=[1, 2], return_X_y=True)
+    >>> model = make_inverse_dynamics_regressor(PooledGP(max_iter=0))
+    >>> for rows in (slice(0, 12), slice(12, 14), slice(14, 16)):
+    ...     model = partial_fit(model, X[rows], y[rows, 0])
+    >>> model[-1].y_train_.shape
+    (16,)
+    """
+    last = model.steps[-1][1] if isinstance(model, Pipeline) else model
+    if not isinstance(last, (BaseMultiTaskGP, RankSearchIC)):
+        raise TypeError(
+            "The model must be a MultiTaskGPRegressor, IndependentGP, PooledGP or "
+            "RankSearchIC, or a Pipeline that ends with one of them, not a "
+            f"{type(last).__name__}."
+        )
+    if last is model:
+        return model.partial_fit(X, y, max_rows=max_rows)
+    check_stream(X, y, max_rows)
+    first, is_fitted = model[:-1], hasattr(last, "tasks_")
+    if len(first):
+        X = first.transform(X) if is_fitted else first.fit_transform(X, y)
+    model.steps = [*first.steps, model.steps[-1]]  # with a memory, fitted clones
+    last.partial_fit(X, y, max_rows=max_rows)
+    return model
 
 
 def make_inverse_dynamics_regressor(

@@ -229,6 +229,11 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
             return self._to_frame(features, labels, X)
         return np.column_stack([features, _as_column(labels)])
 
+    def _compile(self, label):
+        """The same of one state without its task, see `compile_predictor`."""
+        check_is_fitted(self)
+        return OneState(self._revolute, self.n_joints_, self.mean_, self.scale_)
+
     def get_feature_names_out(
         self, input_features: ArrayLike | None = None
     ) -> NDArray[np.object_]:
@@ -306,6 +311,45 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         tags.input_tags.categorical = True
         tags.input_tags.string = True
         return tags
+
+
+class OneState:
+    """The features of one state, a plain array in and out.
+
+    Parameters
+    ----------
+    turns : sequence of bool
+        Of each joint, whether its cosine and its sine stand for its position.
+    n_joints : int
+        Number of joints J.
+    mean, scale : ndarray of shape (n_states,)
+        What is taken off the states, and what they are divided by.
+    """
+
+    def __init__(self, turns, n_joints, mean, scale):
+        self.n_joints, self.mean, self.scale = n_joints, mean, scale
+        positions = columns_of_positions(turns)
+        self.turning = np.flatnonzero(turns)
+        self.cosines = np.array([positions[j][0] for j in self.turning], dtype=int)
+        others = np.ones(len(mean), dtype=bool)
+        others[self.cosines], others[self.cosines + 1] = False, False
+        self.others = np.flatnonzero(others)
+        self.kept = np.delete(np.arange(3 * n_joints), self.turning)
+
+    def __call__(self, x):
+        J, n = self.n_joints, len(self.mean)
+        features = np.empty(n + J)
+        features[self.others] = x[self.kept]
+        if len(self.turning):
+            angles = x[self.turning]
+            features[self.cosines] = np.cos(angles)
+            features[self.cosines + 1] = np.sin(angles)
+        features[:n] -= self.mean
+        features[:n] /= self.scale
+        velocities = x[J : 2 * J]
+        np.sign(velocities, out=features[n:])
+        features[n:][np.abs(velocities) <= STANDSTILL] = 0.0
+        return features
 
 
 def _as_column(labels):

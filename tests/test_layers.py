@@ -22,6 +22,7 @@ LAYERS = [
     {"_estimators"},
     {"multitask", "baselines", "single_task", "linear"},
     {"model_selection", "inspection", "preprocessing", "pipeline", "wide"},
+    {"predictor"},
     {"__init__"},
     {"__main__"},
 ]

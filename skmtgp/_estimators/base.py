@@ -19,7 +19,7 @@ from skmtgp._data.partitions import check_partitions
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
-from skmtgp._estimators.fitted import FittedGP
+from skmtgp._estimators.online import OnlineGP
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.targets import fit_target
 from skmtgp._estimators.training import Training, default_kernel
@@ -49,7 +49,7 @@ CENTRED = 1.0
 TRANSFORMER = "fit", "transform", "inverse_transform"
 
 
-class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
+class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {

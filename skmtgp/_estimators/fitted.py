@@ -266,17 +266,21 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._draw_hyperparameters()
             self.hyperparameters_ = "sampled"
 
-    def _store_learned(self, training, engine, likelihoods, modes):
-        """The same of likelihoods that are there already."""
-        X = sample_rows(training.features)
-        for likelihood, mode in zip(likelihoods, modes, strict=True):
-            check_covariance(likelihood.prior.kernel_at(mode.theta), X)
+    def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
+        """The same of likelihoods, and perhaps posteriors, that are there already."""
+        thetas, X = [mode.theta for mode in modes], sample_rows(training.features)
+        for likelihood, theta in zip(likelihoods, thetas, strict=True):
+            check_covariance(likelihood.prior.kernel_at(theta), X)
+        pairs = zip(likelihoods, thetas, strict=True)
+        if posteriors is None:
+            posteriors = [likelihood.posterior(theta) for likelihood, theta in pairs]
+        self._store_posteriors(training, engine, likelihoods, posteriors, thetas)
+        self._store_modes(modes)
+
+    def _store_posteriors(self, training, engine, likelihoods, posteriors, thetas):
+        """Set what follows from posteriors at these parameters of each output."""
         self._engine, self.inference_ = engine, engine.name
-        self._likelihoods = likelihoods
-        self._posteriors = [
-            likelihood.posterior(mode.theta)
-            for likelihood, mode in zip(likelihoods, modes, strict=True)
-        ]
+        self._likelihoods, self._posteriors = likelihoods, posteriors
         self._predictive = self._posteriors
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
@@ -287,13 +291,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._log_jacobian = training.units.log_jacobian(training.counts)
         self.tasks_, self._n_rows = training.tasks, training.counts
         self._store_rows(training)
-        self.theta_ = np.concatenate([mode.theta for mode in modes])
+        self.theta_ = np.concatenate(thetas)
         vars(self).pop("inducing_inputs_", None)
         if not engine.exact:
             Z = [likelihood.inputs for likelihood in likelihoods]
             self.inducing_inputs_ = Z[0] if training.single_output else Z
-        self._store_parameters(modes)
-        self._store_summary(modes)
+        self._store_parameters(thetas)
+        self._store_likelihoods()
 
     def _store_rows(self, training):
         """Keep the rows, unless they lie in Dask's partitions."""
@@ -308,13 +312,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.y_train_ = Y[:, 0] if training.single_output else Y
         self.complete_ = training.design is not None
 
-    def _store_parameters(self, modes):
-        scales = self._units.scale
+    def _store_parameters(self, thetas):
+        outputs = zip(self._likelihoods, thetas, self._units.scale, strict=True)
         found = [
-            likelihood.prior.in_units(mode.theta, scale)
-            for likelihood, mode, scale in zip(
-                self._likelihoods, modes, scales, strict=True
-            )
+            likelihood.prior.in_units(theta, scale)
+            for likelihood, theta, scale in outputs
         ]
         kernels, *arrays = zip(*found, strict=True)
         rho, factor, level, noise = map(np.array, arrays)
@@ -344,7 +346,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             return arrays
         return [of[0] if of.ndim > 1 else float(of[0]) for of in arrays]
 
-    def _store_summary(self, modes):
+    def _store_likelihoods(self):
         values = np.array([posterior.log_likelihood for posterior in self._posteriors])
         self.log_marginal_likelihoods_ = values + self._log_jacobian
         self.log_marginal_likelihood_value_ = float(
@@ -353,6 +355,9 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.n_hyperparameters_ = sum(
             likelihood.prior.n_hyperparameters for likelihood in self._likelihoods
         )
+
+    def _store_modes(self, modes):
+        """What learning took, and whether it has ended."""
         self.n_iter_ = max(mode.n_iter for mode in modes)
         self.n_evaluations_ = sum(mode.n_evaluations for mode in modes)
         _warn_of_unfinished(modes, self.max_iter)

@@ -191,11 +191,14 @@ class SampledMixin:
         say(f"{name}: sampling {N_CHAINS} chains from {modes}, about {seconds:.0f} s")
         return lambda k, _: say(f"{name}: chain {k + 1} of {N_CHAINS} is done")
 
-    def _store_draws(self, thetas):
-        """Predict by draws of theta, (n_draws, n_theta) for each output."""
+    def _store_draws(self, thetas, mixtures=None):
+        """Predict by draws of theta, (n_draws, n_theta) for each output.
+
+        Unless their mixtures are given, they are made.
+        """
         thetas = list(thetas)
         self.theta_samples_ = np.hstack(thetas)
-        self._predictive = [
+        self._predictive = mixtures or [
             Mixture(likelihood, of_output)
             for likelihood, of_output in zip(self._likelihoods, thetas, strict=True)
         ]

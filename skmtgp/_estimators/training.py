@@ -104,6 +104,35 @@ class Training:
         n_tasks = len(self.tasks)
         return [Data(X, tasks, held(y), n_tasks, design) for y in Y.T]
 
+    def with_rows(self, features, codes, Y):
+        """The data with more rows of its tasks, which come last.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n_new, n_features - 1)
+            Their inputs.
+        codes : ndarray of shape (n_new,)
+            Position of the task of each.
+        Y : ndarray of shape (n_new, n_outputs)
+            Their targets, not transformed.
+
+        Returns
+        -------
+        training : Training
+            In the same units.
+        """
+        return replace(
+            self,
+            features=np.vstack([self.features, features]),
+            codes=np.append(self.codes, codes),
+            Y=np.vstack([self.Y, self.target.forward(Y)]),
+        )
+
+    def part(self, rows):
+        """The data of some of the rows, in the same units."""
+        parts = {name: getattr(self, name)[rows] for name in ("features", "codes", "Y")}
+        return replace(self, **parts)
+
     def with_task(self, features, label, Y):
         """The data of one more task put below the others'.
 

@@ -1,0 +1,118 @@
+"""What predictions of one row need of a fitted model, and nothing else."""
+
+import numpy as np
+import pandas as pd
+
+from skmtgp._data.checks import locate
+from skmtgp._data.labels import check_labels
+from skmtgp.model._nodes import compile_kernel, fold
+
+
+class Chain:
+    """Functions of a row, one after another."""
+
+    def __init__(self, functions):
+        self.functions = functions
+
+    def __call__(self, x):
+        for function in self.functions:
+            x = function(x)
+        return x
+
+
+class Transform:
+    """Transformers that are called as they are, of a row with its task."""
+
+    def __init__(self, first, model, label):
+        self.first, self.label = first, label
+        self.position, _ = locate(model)
+        n = first.n_features_in_
+        self.before = (
+            self.position if self.position < model.n_features_in_ - 1 else n - 1
+        )
+        self.names = getattr(first, "feature_names_in_", None)
+        if isinstance(model.task_feature, str) and self.names is not None:
+            self.before = list(self.names).index(model.task_feature)
+        self._check(n)
+
+    def _check(self, n):
+        """Raise a ValueError where the label does not come out where the task is."""
+        found = self._transformed(np.ones(n - 1))[self.position]
+        try:
+            same = check_labels([found]).tasks[0].item() == self.label
+        except (TypeError, ValueError):
+            same = False
+        if not same:
+            names = [type(step).__name__ for _, step in self.first.steps]
+            raise ValueError(
+                "compile_predictor cannot tell which column of X has the task: of "
+                f"{', '.join(names)} it is not the model's. Let it be the last one of "
+                "X and of what the transformers make of it."
+            )
+
+    def __call__(self, x):
+        return np.delete(self._transformed(x), self.position).astype(float)
+
+    def _transformed(self, x):
+        row = np.insert(x.astype(object), self.before, self.label)[None]
+        if self.names is not None:
+            row = pd.DataFrame(row, columns=self.names).infer_objects()
+        elif not isinstance(self.label, str):
+            row = row.astype(float)
+        return np.asarray(self.first.transform(row), dtype=object)[0]
+
+
+def means_of(model, codes):
+    """Functions of the features, each of which gives an output of some tasks.
+
+    Parameters
+    ----------
+    model : FittedGP
+        Fitted.
+    codes : list of int
+        Positions of the tasks.
+
+    Returns
+    -------
+    means : list of n_outputs Mean
+        Of shape (n_tasks,) for one row of features, in the units of y, or in those of
+        transformed targets.
+    """
+    codes = np.array(codes)
+    posteriors, units = model._posteriors_for(codes), model._units
+    shape = len(codes), len(posteriors)
+    scales, centres = (
+        np.broadcast_to(units.of_rows(of, codes), shape)
+        for of in (units.scale, units.centre)
+    )
+    outputs = zip(posteriors, scales.T, centres.T, strict=True)
+    return [
+        Mean(posterior.summands(codes), scale, centre)
+        for posterior, scale, centre in outputs
+    ]
+
+
+class Mean:
+    """The mean of an output in the units of y, of some tasks."""
+
+    def __init__(self, summands, scale, centre):
+        self.parts, self.constant = [], centre.copy()
+        for summand in summands:
+            self.constant += summand.constants * scale
+            inputs, B = _collapsed(summand.inputs, summand.weights.T * scale)
+            if len(B):
+                kernel = summand.kernel
+                bound = compile_kernel(kernel).bind(kernel.theta, inputs)
+                self.parts.append(fold(bound, B))
+
+    def __call__(self, z):
+        return sum((part(z) for part in self.parts), self.constant)
+
+
+def _collapsed(inputs, B):
+    """Inputs that differ and matter, and the sums of their weights."""
+    matter = B.any(axis=1)
+    inputs, of_row = np.unique(inputs[matter], axis=0, return_inverse=True)
+    sums = np.zeros((len(inputs), B.shape[1]))
+    np.add.at(sums, of_row.ravel(), B[matter])
+    return inputs, sums

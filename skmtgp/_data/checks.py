@@ -101,7 +101,8 @@ def check_new_task(estimator, X, y):
     for name, data in [("X", X), ("y", y)]:
         refuse_dask(name, data, f"Pass {name}.compute(): a task that joins is small.")
     table = read_table(estimator, X, reset=False)
-    features, (tasks, _) = _split(estimator, table)
+    features, labels = _split(estimator, table)
+    tasks = labels.tasks
     known = estimator.tasks_
     if len(tasks) != 1:
         raise ValueError(
@@ -119,6 +120,7 @@ def check_new_task(estimator, X, y):
             f"Task {label!r} is known already; fit learns from more samples of it, "
             "add_task takes new ones."
         )
+    _check_descriptors(estimator, features, labels)
     y = check_target(table, y)
     if y.shape[1:] != estimator.y_train_.shape[1:]:
         raise ValueError(
@@ -135,9 +137,17 @@ def check_test(estimator, X, *, unseen=False):
     """
     refuse_dask("X", X, BY_PARTITIONS)
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
+    _check_descriptors(estimator, features, labels)
     can_join = hasattr(estimator, "add_task")
     options = {"can_join": can_join, "unseen": unseen}
     return features, encode_tasks(labels, estimator.tasks_, **options)
+
+
+def _check_descriptors(estimator, features, labels):
+    """Raise a ValueError where those of a task differ, by themselves or from fit."""
+    descriptors = getattr(estimator, "_descriptors", None)
+    if descriptors is not None:
+        descriptors.check(features, labels, estimator.tasks_)
 
 
 def _split(estimator, table):

@@ -145,13 +145,14 @@ def make_inverse_dynamics_regressor(
     pipeline : Pipeline
         Of the steps "features" and "regressor". It is fitted on X of shape (n_samples,
         3 J + 1): positions in rad, velocities in rad/s, accelerations in rad/s^2 and
-        the load, and any descriptors beside these; and on torques y in N m, of shape (n_samples,) or (n_samples,
-        n_outputs).
+        the load, with any descriptors beside these; and on torques y in N m, of shape
+        (n_samples,) or (n_samples, n_outputs).
 
     Raises
     ------
     TypeError
-        If `estimator` is none of these, or `joint_types` is no sequence.
+        If `estimator` is none of these, or takes no `task_descriptors` that are given,
+        or if `joint_types` is no sequence.
     ValueError
         If `kernel` is none of these words, `n_joints` is not a positive integer, or
         `joint_types` are not the types of so many joints.
@@ -182,7 +183,7 @@ def make_inverse_dynamics_regressor(
     ...     n_per_load=4, loads=[1, 8, 15], descriptors=["mass"], return_X_y=True
     ... )
     >>> model = make_inverse_dynamics_regressor(
-    ...     MultiTaskGPRegressor(rank=2, max_iter=5), task_descriptors=[-2]
+    ...     MultiTaskGPRegressor(rank=2, max_iter=0), task_descriptors=[-2]
     ... )
     >>> seen = X[:, -1] != 8
     >>> model.fit(X[seen], y[seen, 1]).predict(X[~seen]).shape

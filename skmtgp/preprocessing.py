@@ -64,8 +64,8 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
     task_descriptors : sequence of int or str, default=None
         Positions or names of columns that describe the tasks, such as the mass of a
         load. They are passed on as they are, in front of the task. The other columns
-        are, from left to right, positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and accelerations
-        qdd1..qddJ (rad/s^2).
+        are, from left to right, positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and
+        accelerations qdd1..qddJ (rad/s^2).
 
     Attributes
     ----------
@@ -298,9 +298,9 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         if rest:
             beside = " beside the task_descriptors" * bool(len(self._descriptors))
             raise ValueError(
-                f"X has {n_states + 1} columns{beside}, but {expected}: positions q1..qJ (rad), "
-                "velocities qd1..qdJ (rad/s), accelerations qdd1..qddJ (rad/s^2) and "
-                "the task column."
+                f"X has {n_states + 1} columns{beside}, but {expected}: positions "
+                "q1..qJ (rad), velocities qd1..qdJ (rad/s), accelerations qdd1..qddJ "
+                "(rad/s^2) and the task column."
             )
         return int(n_joints)
 

@@ -21,7 +21,7 @@ LAYERS = [
     {"learning"},
     {"_estimators"},
     {"multitask", "baselines", "single_task", "linear"},
-    {"model_selection", "inspection", "preprocessing", "pipeline"},
+    {"model_selection", "inspection", "preprocessing", "pipeline", "identification"},
     {"__init__"},
     {"__main__"},
 ]

@@ -69,6 +69,7 @@ class SparsePosterior:
             self.weights = solve(self.omega.T, transposed=True).T
         self.features.warn_of_jitter()
         self.bound, self.theta, self.noise = bound, theta, weights.noise
+        self.prior = bound.prior
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho, self.level = bound.prior.K_rho_at(theta), weights.level
         prior = largest_prior(self.K_rho, self.kernel, bound.Z) + self.level

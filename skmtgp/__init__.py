@@ -2,6 +2,7 @@
 
 from skmtgp._support.versions import show_versions
 from skmtgp.baselines import IndependentGP, PooledGP
+from skmtgp.identification import TaskIdentifier
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -19,6 +20,7 @@ __all__ = [
     "PooledGP",
     "RankSearchIC",
     "SingleTaskGP",
+    "TaskIdentifier",
     "WideRegressor",
     "add_task",
     "compile_predictor",

@@ -26,6 +26,7 @@ from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
@@ -67,7 +68,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     estimator : MultiTaskGPRegressor, default=None
         The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
     ranks : sequence of int, default=None
-        Ranks to compare. Those above the number of tasks count as that number. 0 is one
+        Ranks to compare. Those above the number of tasks, or above that of descriptors
+        by more than one, count as the highest. 0 is one
         function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
         the number of tasks, as long as four samples come on each free parameter of a
         task covariance, and, of sparse inference, until two in a row are worse than a
@@ -214,7 +216,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
                 "criterion='loo' leaves out one row after another, which Dask "
                 "collections do not allow. Use criterion='bic', or fit to arrays."
             )
-        ranks = self._check_ranks(len(training.tasks), len(training.Y))
+        ranks = self._check_ranks(training.n_told, len(training.Y))
         simpler = len(training.tasks) > 1 and self._asks_simpler()
         n_forms = len(ranks) + len(SIMPLER) * simpler
         n_kept = n_forms if self.keep_estimators else 1
@@ -223,9 +225,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         exact = problems[0].engine.exact  # without, likelihoods of each task take long
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
-        forms = [low_rank(len(training.tasks), **each) for each in settings]
+        data, described = problems[0].data, training.descriptors is not None
+        forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms))
-        alone = _alone(model, training, X, y) if simpler and exact else None
+        asks = simpler and exact and not described
+        alone = _alone(model, training, X, y) if asks else None
         with limit_threads(side(problems)):
             until_worse = self.ranks is None
             modes = model._learn_ranks(
@@ -275,10 +279,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             verbose=max(self.verbose, model.verbose),
         )
 
-    def _check_ranks(self, n_tasks, n):
+    def _check_ranks(self, n_rows, n):
+        """The ranks, by the number of rows that a factor has."""
         if self.ranks is None:
-            ranks = range(min(n_tasks, MOST_RANK) + 1)
-            free = [low_rank(n_tasks, rank).n_free for rank in ranks]
+            ranks = range(min(n_rows, MOST_RANK) + 1)
+            free = [low_rank(n_rows, rank).n_free for rank in ranks]
             return [r for r in ranks if r < 2 or ROWS * free[r] <= n]
         ranks = np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
@@ -287,7 +292,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             )
         if ranks.min() < 0:
             raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")
-        return np.unique(np.minimum(ranks, n_tasks)).tolist()
+        return np.unique(np.minimum(ranks, n_rows)).tolist()
 
     def _model(self):
         return self.best_estimator_

@@ -171,6 +171,7 @@ def make_inverse_dynamics_regressor(
     n_joints: int = 6,
     joint_types: Sequence[str] | None = None,
     task_feature: int | str = -1,
+    task_descriptors: Sequence[int | str] | None = None,
 ) -> Pipeline:
     """Pipeline of the inverse dynamics features, a kernel of them and a model.
 
@@ -197,19 +198,24 @@ def make_inverse_dynamics_regressor(
         It does not matter to the paper's kernel.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
+    task_descriptors : sequence of int or str, default=None
+        Positions or names of columns that describe the load, such as its mass. They
+        are no features, but the `task_descriptors` of the model, which has to be a
+        MultiTaskGPRegressor, or a RankSearchIC of one.
 
     Returns
     -------
     pipeline : Pipeline
         Of the steps "features" and "regressor". It is fitted on X of shape (n_samples,
         3 J + 1): positions in rad, velocities in rad/s, accelerations in rad/s^2 and
-        the load; and on torques y in N m, of shape (n_samples,) or (n_samples,
-        n_outputs).
+        the load, with any descriptors beside these; and on torques y in N m, of shape
+        (n_samples,) or (n_samples, n_outputs).
 
     Raises
     ------
     TypeError
-        If `estimator` is none of these, or `joint_types` is no sequence.
+        If `estimator` is none of these, or takes no `task_descriptors` that are given,
+        or if `joint_types` is no sequence.
     ValueError
         If `kernel` is none of these words, `n_joints` is not a positive integer, or
         `joint_types` are not the types of so many joints.
@@ -232,14 +238,31 @@ def make_inverse_dynamics_regressor(
     >>> model = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
     >>> model[0].angles, model[-1].kernel.n_dims
     ('trigonometric', 49)
+
+    A load that was never seen, from its mass:
+
+    >>> from skmtgp import MultiTaskGPRegressor
+    >>> X, y = load_puma560(
+    ...     n_per_load=4, loads=[1, 8, 15], descriptors=["mass"], return_X_y=True
+    ... )
+    >>> model = make_inverse_dynamics_regressor(
+    ...     MultiTaskGPRegressor(rank=2, max_iter=0), task_descriptors=[-2]
+    ... )
+    >>> seen = X[:, -1] != 8
+    >>> model.fit(X[seen], y[seen, 1]).predict(X[~seen]).shape
+    (4,)
     """
     regressor = _paper_model() if estimator is None else clone(estimator)
-    _set_kernel(regressor, _make_kernel(kernel, n_joints, joint_types))
+    model = _model_of(regressor)
+    _set_kernel(model, _make_kernel(kernel, n_joints, joint_types))
+    if task_descriptors is not None:
+        _set_descriptors(model, len(task_descriptors))
     features = InverseDynamicsFeatures(
         n_joints,
         angles=ANGLES[kernel],
         joint_types=joint_types,
         task_feature=task_feature,
+        task_descriptors=task_descriptors,
     )
     return Pipeline([("features", features), ("regressor", regressor)])
 
@@ -263,12 +286,17 @@ def _paper_model():
     return RankSearchIC(MultiTaskGPRegressor(**settings), ranks=(2, 4, 5, 6, 8, 10))
 
 
+def _model_of(regressor):
+    """The model that has a kernel: of a search its estimator."""
+    if not isinstance(regressor, RankSearchIC):
+        return regressor
+    if regressor.estimator is None:
+        regressor.set_params(estimator=MultiTaskGPRegressor())
+    return regressor.estimator
+
+
 def _set_kernel(regressor, kernel):
     """Give the model its kernel where it lacks one; features put the task last."""
-    if isinstance(regressor, RankSearchIC):
-        if regressor.estimator is None:
-            regressor.set_params(estimator=MultiTaskGPRegressor())
-        regressor = regressor.estimator
     linear = isinstance(regressor, BayesianLinearRegression)
     if not (linear or isinstance(regressor, (BaseMultiTaskGP, SingleTaskGP))):
         raise TypeError(
@@ -278,3 +306,14 @@ def _set_kernel(regressor, kernel):
     if not linear and regressor.kernel is None:
         regressor.set_params(kernel=kernel)
     regressor.set_params(task_feature=-1)
+
+
+def _set_descriptors(regressor, n_descriptors):
+    """Tell the model where features put the descriptors: in front of the task."""
+    if not isinstance(regressor, MultiTaskGPRegressor):
+        raise TypeError(
+            f"task_descriptors are for a MultiTaskGPRegressor, or a RankSearchIC of "
+            f"one, not for {regressor!r}."
+        )
+    places = list(range(-1 - n_descriptors, -1))
+    regressor.set_params(task_descriptors=places)

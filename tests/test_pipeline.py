@@ -1,4 +1,5 @@
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -330,3 +331,39 @@ class TestAddTask:
     def test_a_model_that_is_not_fitted(self, name):
         with pytest.raises(NotFittedError):
             add_task(clone(MODELS[name]), X_NEW, Y_NEW[:, 0])
+
+
+class TestDescriptors:
+    """A load that was never seen, from its mass and moments."""
+
+    def test_they_go_from_the_data_to_the_model(self):
+        names = ["mass", "mc_x", "mc_y", "mc_z"]
+        options = {"descriptors": names, "n_per_load": 8, "as_frame": True}
+        puma = load_puma560(loads=range(1, 15), **options)
+        model = MultiTaskGPRegressor(
+            rank=3,
+            task_levels=False,
+            normalize_y="shared",
+            noise="shared",
+            max_iter=30,
+            tol=1.0,
+        )
+        pipeline = make_inverse_dynamics_regressor(model, task_descriptors=names)
+        assert pipeline[-1].task_descriptors == [-5, -4, -3, -2]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            pipeline.fit(puma.data, puma.target["tau2"])
+        new = load_puma560(loads=[15], **options)
+        error = pipeline.predict(new.data) - new.target["tau2"]
+        assert np.square(error).mean() < 1e-2 * new.target["tau2"].var()
+        table = pipeline[-1].task_descriptors_
+        assert table.loc["c3"].tolist() == puma.loads.loc["c3", names].tolist()
+
+    def test_a_search(self):
+        search = RankSearchIC(ranks=(1,))
+        pipeline = make_inverse_dynamics_regressor(search, task_descriptors=[-2])
+        assert pipeline[-1].estimator.task_descriptors == [-2]
+
+    def test_other_models_take_none(self):
+        with pytest.raises(TypeError, match="task_descriptors are for a MultiTaskGP"):
+            make_inverse_dynamics_regressor(PooledGP(), task_descriptors=[-2])

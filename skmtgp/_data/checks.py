@@ -173,6 +173,7 @@ def _check_joining(estimator, X, y):
     table = read_table(estimator, X, reset=False)
     check_given(estimator, y)
     features, labels = _split(estimator, table)
+    _check_descriptors(estimator, features, labels)
     y = check_target(table, y)
     shape = getattr(estimator, "y_train_", y).shape[1:]  # of Dask's rows none is kept
     if y.shape[1:] != shape:
@@ -190,9 +191,17 @@ def check_test(estimator, X, *, unseen=False):
     """
     refuse_dask("X", X, BY_PARTITIONS)
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
+    _check_descriptors(estimator, features, labels)
     can_join = hasattr(estimator, "add_task")
     options = {"can_join": can_join, "unseen": unseen}
     return features, encode_tasks(labels, estimator.tasks_, **options)
+
+
+def _check_descriptors(estimator, features, labels):
+    """Raise a ValueError where those of a task differ, by themselves or from fit."""
+    descriptors = getattr(estimator, "_descriptors", None)
+    if descriptors is not None:
+        descriptors.check(features, labels, estimator.tasks_)
 
 
 def _split(estimator, table):

@@ -31,6 +31,8 @@ from skmtgp.model.kernel_check import check_covariance, sample_rows
 class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
+    _descriptors = None
+
     @public
     def loo_predict(
         self, include_noise: bool = False
@@ -187,6 +189,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._units,
             self.noise_,
             self._target,
+            self._descriptors,
         )
 
     def _check_rows(self):
@@ -198,34 +201,52 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             )
 
     def _knows_unseen(self):
-        """Whether one function of all tasks says what to expect of another one."""
-        return not self._units.per_task and self._shares()
+        """Whether what all tasks share, or descriptors, tell of another one."""
+        told = self._shares() or self._descriptors is not None
+        return told and not self._units.per_task
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""
         return getattr(self, "shared", False)
 
-    def _posteriors_for(self, codes):
-        """What predicts, with tasks that were never seen if there are any."""
-        n_unseen = max(0, codes.max(initial=0) + 1 - len(self.tasks_))
+    def _predicting(self, features, codes):
+        """What predicts, with tasks that were never seen if there are any.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n_samples, n_features - 1)
+            Columns of X without the task's.
+        codes : ndarray of shape (n_samples,)
+            Positions of the tasks; those that were never seen are beyond.
+
+        Returns
+        -------
+        posteriors : list of n_outputs Posterior
+        inputs : ndarray of shape (n_samples, n_inputs)
+            Columns without the descriptors.
+        """
+        n_unseen, described = max(0, codes.max(initial=0) + 1 - len(self.tasks_)), None
+        if self._descriptors is not None:
+            described = self._descriptors.unseen(features, codes)
+            features = self._descriptors.inputs(features)
         if not n_unseen:
-            return self._predictive
-        return [posterior.with_unseen(n_unseen) for posterior in self._predictive]
+            return self._predictive, features
+        return [p.with_unseen(n_unseen, described) for p in self._predictive], features
 
     def _means(self, features, codes):
-        posteriors = self._posteriors_for(codes)
-        means = np.stack([p.mean(features, codes) for p in posteriors], axis=1)
+        posteriors, X = self._predicting(features, codes)
+        means = np.stack([p.mean(X, codes) for p in posteriors], axis=1)
         return self._units.unscaled(means, codes)
 
     def _variances(self, features, codes, include_noise):
-        posteriors = self._posteriors_for(codes)
-        variances = [p.variance(features, codes) for p in posteriors]
-        variances = np.stack(variances, axis=1) * np.square(self._scales(codes))
+        posteriors, X = self._predicting(features, codes)
+        variances = np.stack([p.variance(X, codes) for p in posteriors], axis=1)
+        variances *= np.square(self._scales(codes))
         return variances + (self._noise(codes) if include_noise else 0.0)
 
     def _covariances(self, features, codes, include_noise):
-        posteriors = self._posteriors_for(codes)
-        covariances = [p.covariance(features, codes) for p in posteriors]
+        posteriors, X = self._predicting(features, codes)
+        covariances = [p.covariance(X, codes) for p in posteriors]
         scale = self._scales(codes)
         covariances = np.stack(covariances, axis=2) * (scale[:, None] * scale)
         if include_noise:
@@ -290,6 +311,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.noise_ = training.noise
         self._log_jacobian = training.units.log_jacobian(training.counts)
         self.tasks_, self._n_rows = training.tasks, training.counts
+        self._store_descriptors(training.descriptors)
         self._store_rows(training)
         self.theta_ = np.concatenate(thetas)
         vars(self).pop("inducing_inputs_", None)
@@ -298,6 +320,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self.inducing_inputs_ = Z[0] if training.single_output else Z
         self._store_parameters(thetas)
         self._store_likelihoods()
+
+    def _store_descriptors(self, descriptors):
+        """Keep what is known of the tasks, if anything is."""
+        self._descriptors = descriptors
+        vars(self).pop("task_descriptors_", None)
+        if descriptors is not None:
+            self.task_descriptors_ = self._frame(descriptors.table, descriptors.names)
 
     def _store_rows(self, training):
         """Keep the rows, unless they lie in Dask's partitions."""

@@ -108,7 +108,8 @@ class SampledMixin:
         """Draws of f, each by a draw of the hyperparameters, and of the noise."""
         if not self._is_sampled():
             return super()._draws(features, codes, n_draws, rng)
-        mixtures, n = self._posteriors_for(codes), len(self.theta_samples_)
+        mixtures, features = self._predicting(features, codes)
+        n = len(self.theta_samples_)
         which = rng.randint(n, size=n_draws)
         draws = np.empty((n_draws, len(features), len(mixtures)))
         for k in np.unique(which):
@@ -129,7 +130,8 @@ class SampledMixin:
         """Means and variances of each draw, (n_draws, n_samples, n_outputs)."""
         if not self._is_sampled():
             return super()._components(features, codes, include_noise)
-        mixtures, scales = self._posteriors_for(codes), self._scales(codes)
+        mixtures, features = self._predicting(features, codes)
+        scales = self._scales(codes)
         means = np.stack([of.means(features, codes) for of in mixtures], axis=2)
         variances = np.stack([of.variances(features, codes) for of in mixtures], axis=2)
         variances *= np.square(scales)

@@ -103,10 +103,10 @@ class Mixture:
         means = self._of_parts(lambda part: part.levels)
         return _variance(means, self._of_parts(lambda part: part.level_variances()))
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too; this one stays as it is."""
         mixture = copy(self)
-        mixture.parts = [part.with_unseen(n_unseen) for part in self.parts]
+        mixture.parts = [of.with_unseen(n_unseen, described) for of in self.parts]
         return mixture
 
 

@@ -241,13 +241,15 @@ class Posterior(ABC):
         of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
         self.levels = self.level * of_tasks
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too, the last ones.
 
         Parameters
         ----------
         n_unseen : int
             How many they are.
+        described : ndarray of shape (n_unseen, n_rows), default=None
+            What is known of each, see :class:`~skmtgp.model.described.Described`.
 
         Returns
         -------
@@ -255,8 +257,9 @@ class Posterior(ABC):
             This one stays as it is.
         """
         posterior = copy(self)
-        common, own = self.prior.unseen(self.theta)
-        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
+        loadings, own = loadings_of(self.prior, self.theta, n_unseen, described)
+        F = self.prior.latent(self.theta)[0]
+        posterior.K_rho = bordered(self.K_rho, F, loadings, own)
         posterior._set_means()
         return posterior
 
@@ -270,13 +273,31 @@ class Posterior(ABC):
         return total
 
 
-def bordered(K_rho, common, own, n_unseen):
-    """K^rho with tasks that share functions with all, and nothing else.
+def loadings_of(prior, theta, n_unseen, described):
+    """Of tasks without data, (n_unseen, n_common), and what they have beside these."""
+    loadings, own = prior.unseen(theta, described)
+    return np.broadcast_to(loadings, (n_unseen, loadings.shape[1])), own
 
-    `common` and `own` are those of :meth:`skmtgp.model.prior.Prior.unseen`.
+
+def bordered(K_rho, F, loadings, own):
+    """K^rho with tasks that share some of the latent functions, and nothing else.
+
+    Parameters
+    ----------
+    K_rho : ndarray of shape (n_tasks, n_tasks)
+        Of the tasks with data.
+    F : ndarray of shape (n_tasks, n_latent)
+        Their latent functions, see `LowRank.latent`.
+    loadings, own
+        See `loadings_of`.
+
+    Returns
+    -------
+    K_rho : ndarray of shape (n_tasks + n_unseen, n_tasks + n_unseen)
     """
     n_tasks = len(K_rho)
-    found = np.full((n_tasks + n_unseen,) * 2, common @ common)
+    F = np.vstack([F[:, : loadings.shape[1]], loadings])
+    found = F @ F.T
     found[:n_tasks, :n_tasks] = K_rho
     unseen = np.arange(n_tasks, len(found))
     found[unseen, unseen] += own

@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.inference.posterior import Summand, bordered
+from skmtgp.inference.posterior import Summand, bordered, loadings_of
 from skmtgp.inference.sums import sum_residuals
 from skmtgp.inference.variances import (
     diagonal,
@@ -76,6 +76,7 @@ class SparsePosterior:
             self.weights = solve(self.omega.T, transposed=True).T
         self.features.warn_of_jitter()
         self.bound, self.theta, self.noise = bound, theta, weights.noise
+        self.prior = bound.prior
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho, self.level = bound.prior.K_rho_at(theta), weights.level
         prior = largest_prior(self.K_rho, self.kernel, bound.Z) + self.level
@@ -141,14 +142,15 @@ class SparsePosterior:
             spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
         return spread + covariances.of_level[tasks]
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too, the last ones.
 
         See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
         """
-        posterior, (common, own) = copy(self), self.bound.prior.unseen(self.theta)
-        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
-        posterior.covariances = self.covariances.with_unseen(common, own, n_unseen)
+        posterior, prior = copy(self), self.bound.prior
+        loadings, own = loadings_of(prior, self.theta, n_unseen, described)
+        posterior.K_rho = bordered(self.K_rho, self.covariances.F, loadings, own)
+        posterior.covariances = self.covariances.with_unseen(loadings, own)
         omega = posterior.covariances.F[-n_unseen:] @ self.V
         posterior.omega = np.vstack([self.omega, omega])
         solve = self.features.cholesky.half_solve

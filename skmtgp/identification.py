@@ -1,0 +1,457 @@
+"""Which task is it? Samples of a task whose label is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from numbers import Real
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._data.checks import check_test
+from skmtgp._data.descriptors import locate_descriptors
+from skmtgp._data.numbers import as_frame, check_numbers
+from skmtgp._data.task_column import locate_task_column
+from skmtgp._estimators.estimator import Estimator
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.sklearn_compat import Interval
+from skmtgp.learning.identifying import Output, Unknown, follow, identify
+from skmtgp.learning.novel import Population
+from skmtgp.multitask import MultiTaskGPRegressor
+
+__all__ = ["TaskIdentifier"]
+
+RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks differ
+
+
+class TaskIdentifier(Estimator):
+    r"""Which task samples come from, and what describes it.
+
+    It asks a fitted model: one of several outputs, or one model for each of them, such
+    as for each joint of a robot. All outputs count together. A task may be one of those
+    that the model knows, or none of them; where tasks have descriptors, samples tell
+    those of another one, such as the mass of a load that has just been picked up.
+
+    Parameters
+    ----------
+    model : MultiTaskGPRegressor, RankSearchIC or Pipeline, or a list or dict of them
+        Fitted; a search is asked for its best model. Several models know the same
+        tasks; the columns of y are their outputs, in their order. A dict has names of
+        the outputs, by which they are found in frames.
+    noise : float or array-like of shape (n_outputs,), default=None
+        Standard deviation of noise that the samples have beside the model's, in units
+        of y.
+    widening : float, default=2.0
+        Deviation of the descriptors of another task from the mean of the known tasks',
+        in units of their deviation.
+    floor : float, default=1.0
+        The model's own error, as a multiple of that of leaving out one training sample.
+        However many samples there are, it stays.
+    switching : float, default=0.02
+        Probability that the task switches between two samples of a stream.
+
+    Attributes
+    ----------
+    classes_ : ndarray of shape (n_tasks + 1,)
+        Labels of the known tasks, and None for none of them.
+    descriptors_ : list of str or int
+        Names of the descriptors, if the model has any.
+    responsibilities_ : ndarray of shape (n_tasks + 1,)
+        Probability of each class after the last sample of `partial_fit`.
+    path_ : ndarray of shape (n_samples, n_tasks + 1)
+        The same after each sample of the last call.
+
+    See Also
+    --------
+    MultiTaskGPRegressor.add_task : A model with the task that samples come from.
+
+    Notes
+    -----
+    With the rows :math:`f_j` of the factors, which are linear in the descriptors d, the
+    samples of output j are normal with mean :math:`\sum_a f_{ja} \mu_a(x)` and a
+    covariance that depends on :math:`f_j`, too: latent functions are not known exactly.
+    Descriptors have a normal prior, that of the known tasks, widened. Their mode is
+    found by Fisher scoring with a line search, from the mean and from two known tasks;
+    the covariance is the inverse of the Fisher information. "None of them" has the
+    density of the samples with the descriptors integrated out by Laplace's method.
+    Without descriptors the rows have a normal prior themselves.
+
+    Responsibilities of a stream are those of a hidden Markov model, whose samples are
+    independent given the tasks.
+
+    Examples
+    --------
+    Machines whose response grows with their age:
+
+    >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor, TaskIdentifier
+    >>> rng = np.random.default_rng(0)
+    >>> age, machine = np.array([1.0, 3.0, 6.0, 9.0]), np.repeat([0, 1, 2, 3], 20)
+    >>> x = rng.uniform(0, 6, 80)
+    >>> y = age[machine] * np.sin(x) + 0.1 * rng.standard_normal(80)
+    >>> X = np.column_stack([x, age[machine], machine])
+    >>> model = MultiTaskGPRegressor(rank=1, task_descriptors=[1]).fit(X, y)
+    >>> identifier = TaskIdentifier(model)
+    >>> probabilities = identifier.predict_proba([[1.0], [2.0]], [5.1, 5.4])
+    >>> identifier.classes_[probabilities.argmax()]
+    2
+    >>> mean, covariance = identifier.estimate([[1.0], [2.0]], [3.8, 4.0])
+    >>> mean.round(1)
+    1    4.4
+    dtype: float64
+    """
+
+    _parameter_constraints = {
+        "model": "no_validation",
+        "noise": [Interval(Real, 0.0, None, closed="left"), "array-like", None],
+        "widening": [Interval(Real, 0.0, None, closed="neither")],
+        "floor": [Interval(Real, 0.0, None, closed="left")],
+        "switching": [Interval(Real, 0.0, 1.0, closed="both")],
+    }
+
+    def __init__(
+        self,
+        model: BaseEstimator | list[BaseEstimator] | dict[str, BaseEstimator],
+        *,
+        noise: ArrayLike | None = None,
+        widening: float = 2.0,
+        floor: float = 1.0,
+        switching: float = 0.02,
+    ) -> None:
+        self.model = model
+        self.noise = noise
+        self.widening = widening
+        self.floor = floor
+        self.switching = switching
+
+    def predict_proba(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+        """Probability that all samples come from each of the tasks, or from another.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as the model takes them. Columns of the task and of descriptors are
+            not looked at, and may be left out.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        probabilities : ndarray of shape (n_tasks + 1,)
+            In the order of `classes_`, the last one for none of the known tasks. Before
+            any sample all are equally probable.
+
+        Raises
+        ------
+        TypeError
+            If the model is none that has a factor.
+        ValueError
+            If X or y cannot be used, or the models do not know the same tasks.
+        """
+        outputs, starts = self._outputs(X, y)
+        with limit_threads(len(outputs[0].X)):
+            known = [
+                sum(of.known(task) for of in outputs)
+                for task in range(len(self.classes_) - 1)
+            ]
+            another = identify(Unknown(outputs), starts).log_evidence
+        log_density = np.append(known, another)
+        weights = np.exp(log_density - log_density.max())
+        return weights / weights.sum()
+
+    def estimate(self, X: ArrayLike, y: ArrayLike) -> tuple[pd.Series, pd.DataFrame]:
+        """Descriptors of the task that all samples come from.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as for `predict_proba`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        mean : Series of shape (n_descriptors,)
+            The most probable ones.
+        covariance : DataFrame of shape (n_descriptors, n_descriptors)
+            Their covariance.
+
+        Raises
+        ------
+        ValueError
+            If the model was fitted without `task_descriptors`; or as `predict_proba`.
+        """
+        outputs, starts = self._outputs(X, y)
+        if self._population is None:
+            raise ValueError(
+                "estimate tells descriptors of a task, and the model has none. Fit it "
+                "with task_descriptors, the columns that describe the tasks."
+            )
+        with limit_threads(len(outputs[0].X)):
+            found = identify(Unknown(outputs), starts)
+        centre, scale = self._population
+        names = pd.Index(self.descriptors_)
+        mean = pd.Series(centre + scale @ found.u, index=names)
+        covariance = scale @ found.covariance @ scale.T
+        return mean, pd.DataFrame(covariance, index=names, columns=names)
+
+    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Follow a stream of samples, whose task may switch at any of them.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as for `predict_proba`, in the order of time.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        self : TaskIdentifier
+            With `responsibilities_` after the last sample. The first call begins with
+            equal ones.
+        """
+        outputs, _ = self._outputs(X, y)
+        with limit_threads(len(outputs[0].X)):
+            log_densities = sum(of.each() for of in outputs)
+        n_classes = len(self.classes_)
+        usual = np.full(n_classes, 1.0 / n_classes)
+        before = getattr(self, "responsibilities_", usual)
+        self.path_ = follow(before, log_densities, usual, self.switching)
+        self.responsibilities_ = self.path_[-1]
+        return self
+
+    def reset(self) -> Self:
+        """Forget the stream."""
+        for name in ("responsibilities_", "path_"):
+            vars(self).pop(name, None)
+        return self
+
+    # what the models are asked
+
+    def _outputs(self, X, y):
+        """The outputs at the samples, and where u of another task may begin."""
+        self._validate_params()
+        pairs = [(of, _last(of)) for of in map(_best, _each(self.model))]
+        models = [model for _, model in pairs]
+        _check_alike(models)
+        first = models[0]
+        self.classes_ = np.array([*first.tasks_.tolist(), None], dtype=object)
+        self._population = _population(first._descriptors, self.widening)
+        if first._descriptors is not None:
+            self.descriptors_ = list(first._descriptors.names)
+        rows = _rows(models, self._population, self.widening)
+        Y = _targets(y, self.model, len(rows))
+        inputs = [_inputs(*pair, X) for pair in pairs]
+        if len(inputs[0]) != len(Y):
+            raise ValueError(f"X has {len(inputs[0])} rows, but y has {len(Y)}.")
+        noise, found = iter(self._noises(len(rows))), []
+        for model, X_of_model, columns in zip(
+            models, inputs, _columns(models), strict=True
+        ):
+            target = model._target.forward(Y[:, columns])
+            scaled = (target - model._units.centre.T) / model._units.scale.T
+            for j, of_y in enumerate(scaled.T):
+                given = _noise_of(model, j, next(noise)), self.floor * _own(model, j)
+                factor = _factor(model, j)
+                row = rows[len(found)]
+                posterior = model._posteriors[j]
+                found.append(Output(posterior, X_of_model, of_y, *given, factor, row))
+        return found, _starts(first, self._population, rows)
+
+    def _noises(self, n_outputs):
+        """Standard deviation of noise of each output, beside the model's."""
+        noise = (
+            np.zeros(1) if self.noise is None else check_numbers(self.noise, "noise")
+        )
+        if noise.size not in (1, n_outputs) or (noise < 0.0).any():
+            raise ValueError(
+                f"noise={self.noise!r} must be a standard deviation, or one for each "
+                f"of the {n_outputs} outputs."
+            )
+        return np.broadcast_to(noise.ravel(), n_outputs)
+
+
+def _each(model):
+    """The models, one or more outputs each."""
+    if isinstance(model, Mapping):
+        model = list(model.values())
+    found = list(model) if isinstance(model, (list, tuple)) else [model]
+    if not found:
+        raise ValueError("model is empty: give a fitted model, or one for each output.")
+    return found
+
+
+def _best(estimator):
+    """What a search has found."""
+    while hasattr(estimator, "best_estimator_"):
+        estimator = estimator.best_estimator_
+    return estimator
+
+
+def _last(estimator):
+    """The model at the end of a pipeline, checked."""
+    model = _best(estimator[-1] if isinstance(estimator, Pipeline) else estimator)
+    if not isinstance(model, MultiTaskGPRegressor):
+        raise TypeError(
+            "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that "
+            f"ends with one, or a list or dict of these, not a {type(model).__name__}."
+        )
+    check_is_fitted(model)
+    model._check_rows()
+    if model._units.per_task:
+        raise ValueError(
+            "The tasks have units of their own, which those of an unknown task do not "
+            "follow from. Fit the model with normalize_y='shared'."
+        )
+    return model
+
+
+def _check_alike(models):
+    """Raise a ValueError where models know other tasks, or other descriptors."""
+    first = models[0]
+    for model in models[1:]:
+        if model.tasks_.tolist() != first.tasks_.tolist():
+            raise ValueError(
+                f"The models know other tasks: {first.tasks_.tolist()} and "
+                f"{model.tasks_.tolist()}. Fit them to the same."
+            )
+        tables = [getattr(of, "task_descriptors_", None) for of in (first, model)]
+        same = [
+            None if table is None else table.to_numpy().tolist() for table in tables
+        ]
+        if same[0] != same[1]:
+            raise ValueError(
+                "The models have other descriptors of the tasks, or some have none. "
+                "Fit them with the same task_descriptors."
+            )
+
+
+def _columns(models):
+    """Which columns of y are the outputs of each."""
+    ends = np.cumsum([0, *(len(model._posteriors) for model in models)]).tolist()
+    return [slice(*of) for of in pairwise(ends)]
+
+
+def _targets(y, model, n_outputs):
+    """The columns of y, (n_samples, n_outputs)."""
+    if isinstance(model, Mapping) and hasattr(y, "columns"):
+        y = as_frame(y)[list(model)]
+    Y = check_numbers(y, "y")
+    Y = Y.reshape(len(Y), -1) if n_outputs > 1 or Y.ndim > 1 else Y[:, None]
+    if Y.shape[1] != n_outputs:
+        raise ValueError(
+            f"y has {Y.shape[1]} columns, but the model has {n_outputs} outputs."
+        )
+    return Y
+
+
+def _inputs(estimator, model, X):
+    """Inputs of the kernel, whatever the task."""
+    steps = estimator[:-1] if isinstance(estimator, Pipeline) else []
+    table = _with_task(estimator[0] if len(steps) else model, model, X)
+    table = steps.transform(table) if len(steps) else table
+    features, _ = check_test(model, table)
+    return (
+        features if model._descriptors is None else model._descriptors.inputs(features)
+    )
+
+
+def _with_task(first, model, X):
+    """X with the columns of a known task, as the first step takes them."""
+    names, n = getattr(first, "feature_names_in_", None), first.n_features_in_
+    position = locate_task_column(first.task_feature, n, names)
+    columns, values = [position], [model.tasks_[0].item()]
+    if first.task_descriptors is not None:
+        given = first.task_descriptors, position, n, names
+        columns += np.delete(np.arange(n), position)[
+            locate_descriptors(*given)
+        ].tolist()
+        values += model._descriptors.table[0].tolist()
+    X = as_frame(X)
+    table = X.copy() if isinstance(X, pd.DataFrame) else pd.DataFrame(np.asarray(X))
+    named = isinstance(X, pd.DataFrame) and names is not None
+    if named:
+        table = table.drop(columns=list(names[columns]), errors="ignore")
+    elif table.shape[1] == n:
+        table = table.drop(columns=table.columns[columns])
+    for column, value in sorted(
+        zip(columns, values, strict=True), key=lambda of: of[0]
+    ):
+        table.insert(column, names[column] if named else f"column {column}", value)
+    if named:
+        return table[list(names)]
+    return table.to_numpy()
+
+
+def _population(descriptors, widening):
+    """Mean of the descriptors of another task, and a factor of their covariance."""
+    if descriptors is None:
+        return None
+    table = descriptors.table
+    unit = np.where(table.std(axis=0) > 0.0, table.std(axis=0), 1.0)
+    covariance = np.atleast_2d(np.cov((table / unit).T, bias=True))
+    covariance.flat[:: len(covariance) + 1] += RIDGE
+    scale = widening * unit[:, None] * np.linalg.cholesky(covariance)
+    return table.mean(axis=0), scale
+
+
+def _factor(model, j):
+    """F of an output, without the function that all share."""
+    prior, theta = model._posteriors[j].prior, model._posteriors[j].theta
+    return prior.task_covariance.columns(prior.values(theta).rho)
+
+
+def _rows(models, population, widening):
+    """Of each output c and A, by which the row of another task is c + A u."""
+    pairs = [(model, j) for model in models for j in range(len(model._posteriors))]
+    if population is not None:
+        return [_described(*pair, *population) for pair in pairs]
+    populations = [Population(_factor(*pair), own=False) for pair in pairs]
+    ranks = [len(of.mean) for of in populations]
+    blocks = np.split(np.eye(sum(ranks)), np.cumsum(ranks)[:-1])
+    return [
+        (of.mean, widening * of.scale @ block)
+        for of, block in zip(populations, blocks, strict=True)
+    ]
+
+
+def _described(model, j, centre, scale):
+    """The same of tasks with descriptors, which the outputs share."""
+    prior, theta = model._posteriors[j].prior, model._posteriors[j].theta
+    tables = np.vstack([centre, centre + scale.T])
+    loadings, _ = prior.unseen(theta, model._descriptors.rows(tables))
+    c, *others = loadings[:, int(prior.task_covariance.shared) :]
+    return c, (np.array(others) - c).T
+
+
+def _starts(model, population, rows):
+    """Where u of another task may begin: at the known tasks, or at 0."""
+    if population is None:
+        return np.zeros((1, rows[0][1].shape[1]))
+    centre, scale = population
+    return np.linalg.solve(scale, (model._descriptors.table - centre).T).T
+
+
+def _noise_of(model, j, more):
+    """Noise variance of samples of each task, and of another, in the model's units."""
+    posterior = model._posteriors[j]
+    noise = posterior.prior.values(posterior.theta).noise
+    noise = np.broadcast_to(noise, len(model.tasks_))
+    usual = np.exp(np.log(noise).mean())
+    return np.append(noise, usual) + np.square(more / model._units.scale[j, 0])
+
+
+def _own(model, j):
+    """Variance of the model's own error in units of k^x: of leaving out one sample."""
+    posterior, likelihood = model._posteriors[j], model._likelihoods[j]
+    residual, _ = posterior.leave_one_out()
+    noise = posterior.prior.values(posterior.theta).noise
+    square = max(np.square(residual).mean() - noise.mean(), 0.0)
+    return square / posterior.kernel.diag(likelihood.inputs).mean()

@@ -295,11 +295,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         pairs = zip(likelihoods, thetas, strict=True)
         if posteriors is None:
             posteriors = [likelihood.posterior(theta) for likelihood, theta in pairs]
-        self._store_posteriors(training, engine, likelihoods, posteriors, thetas)
+        self._store_posteriors(training, engine, likelihoods, posteriors)
+        self.theta_ = np.concatenate(thetas)
+        self._store_parameters(thetas)
         self._store_modes(modes)
 
-    def _store_posteriors(self, training, engine, likelihoods, posteriors, thetas):
-        """Set what follows from posteriors at these parameters of each output."""
+    def _store_posteriors(self, training, engine, likelihoods, posteriors):
+        """Set what follows from the rows and the posterior of each output."""
         self._engine, self.inference_ = engine, engine.name
         self._likelihoods, self._posteriors = likelihoods, posteriors
         self._predictive = self._posteriors
@@ -313,12 +315,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.tasks_, self._n_rows = training.tasks, training.counts
         self._store_descriptors(training.descriptors)
         self._store_rows(training)
-        self.theta_ = np.concatenate(thetas)
         vars(self).pop("inducing_inputs_", None)
         if not engine.exact:
             Z = [likelihood.inputs for likelihood in likelihoods]
             self.inducing_inputs_ = Z[0] if training.single_output else Z
-        self._store_parameters(thetas)
         self._store_likelihoods()
 
     def _store_descriptors(self, descriptors):

@@ -19,6 +19,8 @@ from skmtgp.inference.memory import TileMemory
 from skmtgp.inference.pruning import least_informative
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
+AT_ONCE = 100  # rows for which memory is looked for: that takes as long as a few rows
+
 
 class OnlineGP(FittedGP):
     """Gaussian process regressor that learns from a stream of rows."""
@@ -100,14 +102,15 @@ class OnlineGP(FittedGP):
         """Let rows of known tasks join."""
         before, n_new = self._training(), len(Y)
         training = before.with_rows(features, codes, Y)
-        for likelihood, theta in zip(self._likelihoods, self._thetas(), strict=True):
-            check_covariance(likelihood.prior.kernel_at(theta), sample_rows(features))
+        for posterior in self._posteriors:
+            check_covariance(posterior.kernel, sample_rows(features))
         engine = self._engine
         if engine.uses_design:  # of complete data, which may be so no more
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
-        engine.check_memory(*self._demand(training))
+        if len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE:
+            engine.check_memory(*self._demand(training))
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
 
@@ -158,7 +161,8 @@ class OnlineGP(FittedGP):
             posteriors = [update(*output) for output in outputs]
             draws = self._draws_of_outputs() if self._is_sampled() else ()
             draws = self._updated_draws(update, likelihoods, draws)
-            self._store_posteriors(training, engine, likelihoods, posteriors, thetas)
+            self._store_posteriors(training, engine, likelihoods, posteriors)
+            self._store_levels()
             self._store_updated_draws(draws)
 
     def _updating(self, training, origin, engine):

@@ -127,9 +127,7 @@ def _(bound: BoundProduct, n):
         else:
             rows.append(row_of(part, n))
     for (_, exponent), factors in alike.items():
-        row = LinearFactors(
-            [of.columns for of in factors], [of.inner for of in factors]
-        )
+        row = LinearFactors(factors)
         rows.append(row if exponent == 1 else Power(row, exponent))
     return Times(rows)
 

@@ -15,7 +15,12 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.labels import check_labels, encode_tasks
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._estimators.compiled import Chain, Transform, means_of
+from skmtgp._estimators.compiled import (
+    Chain,
+    MeansOfDescribed,
+    Transform,
+    means_of,
+)
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.single_task import SingleTaskGP
@@ -113,8 +118,10 @@ class CompiledPredictor:
         The task that is predicted; None where it comes with each call.
     outputs : list
         The outputs, in the order in which they are predicted.
+    tasks : list
+        Labels that it was compiled for.
     n_features_in : int
-        Length of a state: the columns of X without the task.
+        Length of a state: the columns of X without the task and its descriptors.
 
     Examples
     --------
@@ -144,25 +151,36 @@ class CompiledPredictor:
         chosen = _chosen(keys, sources, outputs)
         labels = _common_tasks(sources) if task is None else [_plain(task)]
         self.task = None if task is None else labels[0]
-        self.outputs, self._asked = list(chosen), outputs
+        self.tasks, self.outputs, self._asked = labels, list(chosen), outputs
         self.n_features_in = sources[0].n_features
         self._shape = (self.n_features_in,)
         self._plans = _plans(sources, list(chosen.values()), labels)
+        self._described = None
+        if task is None:
+            self._described = _described(sources, list(chosen.values()), labels[0])
         self._deviations = None
         if std:
             self._deviations = _deviations(sources, list(chosen.values()), labels)
 
     def __call__(
-        self, x: ArrayLike, task: int | str | None = None
+        self,
+        x: ArrayLike,
+        task: int | str | None = None,
+        *,
+        descriptors: ArrayLike | None = None,
     ) -> NDArray[np.float64]:
         """Predict the outputs for one state.
 
         Parameters
         ----------
         x : array-like of shape (n_features_in,)
-            The columns of X in their order, without the task.
+            The columns of X in their order, without the task and its descriptors.
         task : int or str, default=None
             Label of the task, if the predictor is not of one.
+        descriptors : array-like of shape (n_descriptors,), default=None
+            Those of a task that the model need not know, in place of a label. Only of
+            models with `task_descriptors`, in whose order they are, and compiled for
+            all tasks.
 
         Returns
         -------
@@ -170,11 +188,63 @@ class CompiledPredictor:
             What `predict` says, in the units of y.
         """
         x = self._check(x)
+        if descriptors is not None:
+            return self._predict_described(x, descriptors)
         y = np.empty(len(self.outputs))
         for features, heads in self._of_task(self._plans, task):
             z = features(x)
             for place, mean, k, back in heads:
                 value = mean(z)[k]
+                y[place] = value if back is None else back(np.array([value]))[0]
+        return y
+
+    def predict_tasks(self, x: ArrayLike) -> NDArray[np.float64]:
+        """Predict the outputs of all tasks for one state, in about the time of one.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_features_in,)
+            The columns of X in their order, without the task and its descriptors.
+
+        Returns
+        -------
+        y : ndarray of shape (n_tasks, n_outputs)
+            In the order of `tasks`, in the units of y.
+        """
+        x, found = self._check(x), {}
+        y = np.empty((len(self.tasks), len(self.outputs)))
+        for row, task in zip(y, self.tasks, strict=True):
+            for features, heads in self._plans[task]:
+                if features not in found:
+                    found[features] = features(x)
+                for place, mean, k, back in heads:
+                    key = features, mean
+                    if key not in found:
+                        found[key] = mean(found[features])
+                    value = found[key][k]
+                    row[place] = value if back is None else back(np.array([value]))[0]
+        return y
+
+    def _predict_described(self, x, descriptors):
+        """The outputs of a task with these descriptors."""
+        if self._described is None:
+            raise ValueError(
+                "descriptors need models with the same task_descriptors, compiled "
+                "without `task`."
+            )
+        descriptors = np.asarray(descriptors, dtype=float)
+        names, y = self._described[0], np.empty(len(self.outputs))
+        if descriptors.shape != (len(names),):
+            raise ValueError(
+                f"descriptors has shape {descriptors.shape}, not ({len(names)},): one "
+                f"number for each of {names}."
+            )
+        before = z = None
+        for features, of, heads in self._described[1]:
+            z = z if features is before else features(x)
+            before, along = features, of.along(descriptors)
+            for place, mean, back in heads:
+                value = mean(z) @ along
                 y[place] = value if back is None else back(np.array([value]))[0]
         return y
 
@@ -186,7 +256,7 @@ class CompiledPredictor:
         Parameters
         ----------
         x : array-like of shape (n_features_in,)
-            The columns of X in their order, without the task.
+            The columns of X in their order, without the task and its descriptors.
         task : int or str, default=None
             Label of the task, if the predictor is not of one.
         include_noise : bool, default=False
@@ -208,7 +278,9 @@ class CompiledPredictor:
         x = self._check(x)
         variances = np.empty(len(self.outputs))
         for features, model, code, of in self._of_task(self._deviations, task):
-            rows, target = (features(x)[None], np.array([code])), model._target
+            z, given, target = features(x), model._descriptors, model._target
+            z = z if given is None else given.with_inputs(z, given.table[code])
+            rows = z[None], np.array([code])
             with limit_threads(model._side):
                 found = target.variances(model, *rows, include_noise)[0]
             variances[[place for place, _ in of]] = found[[j for _, j in of]]
@@ -243,7 +315,7 @@ class CompiledPredictor:
         if x.shape != self._shape:
             raise ValueError(
                 f"x has shape {x.shape}, not {self._shape}: it is one state, without "
-                "the task."
+                "the task and its descriptors."
             )
         return x
 
@@ -274,7 +346,9 @@ class _Source:
         check_is_fitted(self.last)
         self.model = copy(self.last._model())  # as it is now, whatever joins later
         begin = steps[0][1] if hasattr(steps[0][1], "n_features_in_") else self.last
-        self.n_features = begin.n_features_in_ - 1
+        self.given = self.model._descriptors
+        n_descriptors = 0 if self.given is None else len(self.given.names)
+        self.n_features = begin.n_features_in_ - 1 - n_descriptors
         self.n_outputs = len(self.model.log_marginal_likelihoods_)
 
     def code(self, label):
@@ -289,6 +363,11 @@ class _Source:
         steps = [step for step in steps if step not in (None, "passthrough")]
         if all(hasattr(step, "_compile") for step in steps):
             return Chain([step._compile(label) for step in steps])
+        if self.given is not None:
+            raise ValueError(
+                "compile_predictor takes a model with task_descriptors alone, or after "
+                "an InverseDynamicsFeatures that has them too."
+            )
         return Transform(self.first, self.model, label)
 
     def heads(self, labels):
@@ -360,15 +439,42 @@ def _common_tasks(sources):
 def _plans(sources, chosen, labels):
     """For each label what gives the outputs: features, and functions of them."""
     heads = {i: sources[i].heads(labels) for i in dict.fromkeys(i for i, _ in chosen)}
-    plans = {}
+    plans, shared = {}, {}
     for label in labels:
         groups = {}
         for place, (i, j) in enumerate(chosen):
-            features = sources[i].features(label)
-            group = groups.setdefault(pickle.dumps(features), (features, []))
-            group[1].append((place, *heads[i][label][j]))
-        plans[label] = list(groups.values())
+            features = _share(shared, sources[i].features(label))
+            group = groups.setdefault(features, [])
+            group.append((place, *heads[i][label][j]))
+        plans[label] = list(groups.items())
     return plans
+
+
+def _share(known, features):
+    """One that does the same, if it is known already."""
+    return known.setdefault(pickle.dumps(features), features)
+
+
+def _described(sources, chosen, label):
+    """Names of the descriptors, and what gives the outputs of a task with any."""
+    used = {i: sources[i] for i in dict.fromkeys(i for i, _ in chosen)}
+    told = [source.given for source in used.values()]
+    if any(given is None for given in told):
+        return None
+    names = list(told[0].names)
+    if any(list(given.names) != names for given in told):
+        return None
+    plans, shared = [], {}
+    for i, source in used.items():
+        columns = getattr(source.model._target, "columns", [None] * source.n_outputs)
+        described = MeansOfDescribed(source.model)
+        heads = [
+            (place, described.means[j], columns[j] and columns[j].back)
+            for place, (k, j) in enumerate(chosen)
+            if k == i
+        ]
+        plans.append((_share(shared, source.features(label)), described, heads))
+    return names, plans
 
 
 def _deviations(sources, chosen, labels):

@@ -10,7 +10,8 @@ the impulses of friction that stop joints or oppose their motion (Stewart and Tr
 import numpy as np
 import pinocchio as pin
 
-from skmtgp.datasets import _drive as drive, make_puma560
+from skmtgp.datasets import _drive as drive
+from skmtgp.datasets import make_puma560
 from skmtgp.datasets._robot import _pinocchio_model
 from skmtgp.datasets._trajectories import PATHS
 

@@ -89,6 +89,15 @@ class Descriptors:
         """The other columns."""
         return np.delete(features, self.columns, axis=1)
 
+    def with_inputs(self, inputs, values):
+        """The columns that inputs and descriptors of one row come from."""
+        row = np.empty(len(inputs) + len(values))
+        row[self.columns], row[np.delete(np.arange(len(row)), self.columns)] = (
+            values,
+            inputs,
+        )
+        return row
+
     @cached_property
     def centre(self):
         """Mean of each over the tasks."""

@@ -79,7 +79,10 @@ def means_of(model, codes):
         transformed targets.
     """
     codes = np.array(codes)
-    posteriors, units = model._posteriors_for(codes), model._units
+    return _means(model._predictive_for(codes), model._units, codes)
+
+
+def _means(posteriors, units, codes):
     shape = len(codes), len(posteriors)
     scales, centres = (
         np.broadcast_to(units.of_rows(of, codes), shape)
@@ -90,6 +93,31 @@ def means_of(model, codes):
         Mean(posterior.summands(codes), scale, centre)
         for posterior, scale, centre in outputs
     ]
+
+
+class MeansOfDescribed:
+    """The means of a task with any descriptors, which they are linear in.
+
+    Parameters
+    ----------
+    model : FittedGP
+        Fitted with `task_descriptors`.
+    """
+
+    def __init__(self, model):
+        given = model._descriptors
+        self.centre = given.centre
+        self.scale = np.where(np.isfinite(given.scale), given.scale, 1.0)
+        steps = np.vstack([np.zeros(len(self.scale)), np.diag(self.scale)])
+        rows = given.rows(self.centre + steps)
+        codes = len(model.tasks_) + np.arange(len(rows))
+        posteriors = model._predictive_for(codes, rows)
+        self.means = _means(posteriors, model._units, codes)
+
+    def along(self, descriptors):
+        """What the values of `means` are to be multiplied by and summed."""
+        steps = (descriptors - self.centre) / self.scale
+        return np.append(1.0 - steps.sum(), steps)
 
 
 class Mean:

@@ -225,13 +225,18 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         inputs : ndarray of shape (n_samples, n_inputs)
             Columns without the descriptors.
         """
-        n_unseen, described = max(0, codes.max(initial=0) + 1 - len(self.tasks_)), None
+        described = None
         if self._descriptors is not None:
             described = self._descriptors.unseen(features, codes)
             features = self._descriptors.inputs(features)
+        return self._predictive_for(codes, described), features
+
+    def _predictive_for(self, codes, described=None):
+        """Posteriors that know these tasks; of unseen ones what is `described`."""
+        n_unseen = max(0, codes.max(initial=0) + 1 - len(self.tasks_))
         if not n_unseen:
-            return self._predictive, features
-        return [p.with_unseen(n_unseen, described) for p in self._predictive], features
+            return self._predictive
+        return [of.with_unseen(n_unseen, described) for of in self._predictive]
 
     def _means(self, features, codes):
         posteriors, X = self._predicting(features, codes)

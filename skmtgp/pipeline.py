@@ -146,7 +146,10 @@ def partial_fit(
     >>> model[-1].y_train_.shape
     (16,)
     """
-    last = model.steps[-1][1] if isinstance(model, Pipeline) else model
+    check_stream(X, y, max_rows)
+    last = model
+    while isinstance(last, Pipeline):
+        last = last.steps[-1][1]
     if not isinstance(last, (BaseMultiTaskGP, RankSearchIC)):
         raise TypeError(
             "The model must be a MultiTaskGPRegressor, IndependentGP, PooledGP or "
@@ -155,12 +158,11 @@ def partial_fit(
         )
     if last is model:
         return model.partial_fit(X, y, max_rows=max_rows)
-    check_stream(X, y, max_rows)
     first, is_fitted = model[:-1], hasattr(last, "tasks_")
     if len(first):
         X = first.transform(X) if is_fitted else first.fit_transform(X, y)
+    partial_fit(model.steps[-1][1], X, y, max_rows=max_rows)
     model.steps = [*first.steps, model.steps[-1]]  # with a memory, fitted clones
-    last.partial_fit(X, y, max_rows=max_rows)
     return model
 
 

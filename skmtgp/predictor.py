@@ -335,20 +335,23 @@ class _Source:
     """A fitted model, its features and its tasks."""
 
     def __init__(self, model):
-        steps = model.steps if isinstance(model, Pipeline) else [("", model)]
+        steps = [("model", model)]
+        while isinstance(steps[-1][1], Pipeline):
+            steps = [*steps[:-1], *steps[-1][1].steps]
         if not isinstance(steps[-1][1], MODELS):
             raise TypeError(
                 "model must be a MultiTaskGPRegressor, IndependentGP, PooledGP, "
                 "SingleTaskGP or RankSearchIC, a Pipeline that ends with one of them, "
                 f"or several of these, not a {type(steps[-1][1]).__name__}."
             )
-        self.first, self.last = model[:-1] if len(steps) > 1 else None, steps[-1][1]
+        *first, self.last = (step for _, step in steps)
+        self.steps = [step for step in first if step not in (None, "passthrough")]
         check_is_fitted(self.last)
         self.model = copy(self.last._model())  # as it is now, whatever joins later
-        begin = steps[0][1] if hasattr(steps[0][1], "n_features_in_") else self.last
+        first = [*self.steps, self.last][0]
         self.given = self.model._descriptors
         n_descriptors = 0 if self.given is None else len(self.given.names)
-        self.n_features = begin.n_features_in_ - 1 - n_descriptors
+        self.n_features = first.n_features_in_ - 1 - n_descriptors
         self.n_outputs = len(self.model.log_marginal_likelihoods_)
 
     def code(self, label):
@@ -359,16 +362,14 @@ class _Source:
 
     def features(self, label):
         """The transformers as a function of the columns without the task."""
-        steps = [] if self.first is None else [step for _, step in self.first.steps]
-        steps = [step for step in steps if step not in (None, "passthrough")]
-        if all(hasattr(step, "_compile") for step in steps):
-            return Chain([step._compile(label) for step in steps])
+        if all(hasattr(step, "_compile") for step in self.steps):
+            return Chain([step._compile(label) for step in self.steps])
         if self.given is not None:
             raise ValueError(
                 "compile_predictor takes a model with task_descriptors alone, or after "
                 "an InverseDynamicsFeatures that has them too."
             )
-        return Transform(self.first, self.model, label)
+        return Transform(self.steps, self.model, label)
 
     def heads(self, labels):
         """For each label the functions of all outputs: (mean, k, back).

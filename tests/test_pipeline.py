@@ -20,7 +20,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
     add_task,
+    compile_predictor,
     make_inverse_dynamics_regressor,
+    partial_fit,
 )
 from skmtgp.datasets import load_puma560
 from skmtgp.kernels import (
@@ -367,3 +369,75 @@ class TestDescriptors:
     def test_other_models_take_none(self):
         with pytest.raises(TypeError, match="task_descriptors are for a MultiTaskGP"):
             make_inverse_dynamics_regressor(PooledGP(), task_descriptors=[-2])
+
+
+class TestPartialFit:
+    """Rows join what ends with a model, whichever the steps."""
+
+    FIRST, LATER = slice(0, 24, 2), slice(1, 24, 2)
+
+    @pytest.fixture(params=MODELS.values(), ids=MODELS)
+    def model(self, request):
+        return clone(request.param)
+
+    def test_of_every_model(self, model):
+        assert partial_fit(model, X[self.FIRST], Y[self.FIRST, 0]) is model
+        theta = last_of(model).theta_
+        assert len(last_of(model).y_train_) == 12
+        partial_fit(model, X[self.LATER], Y[self.LATER, 0])
+        assert len(last_of(model).y_train_) == 24
+        np.testing.assert_array_equal(last_of(model).theta_, theta)
+        partial_fit(model, X_NEW, Y_NEW[:, 0], max_rows=20)
+        assert last_of(model).tasks_.tolist() == [1, 2, 5, 9]
+        assert len(last_of(model).y_train_) == 20
+
+    def test_it_is_the_last_step_that_learns(self, model):
+        first = clone(model).fit(X[self.FIRST], Y[self.FIRST, 0])
+        expected = pickle.loads(pickle.dumps(first))
+        rows, step = X[self.LATER], expected
+        while isinstance(step, Pipeline):
+            rows = step[:-1].transform(rows) if len(step) > 1 else rows
+            step = step[-1]
+        step.partial_fit(rows, Y[self.LATER, 0])
+        partial_fit(first, X[self.LATER], Y[self.LATER, 0])
+        np.testing.assert_array_equal(first.predict(X), expected.predict(X))
+
+    def test_compiled(self, model):
+        model.fit(X, Y[:, 0])
+        predictor = compile_predictor(model)
+        found = [predictor(x[:-1], x[-1])[0] for x in X[:6]]
+        np.testing.assert_allclose(found, model.predict(X[:6]), rtol=1e-9)
+
+    def test_a_failure_leaves_it(self, model):
+        model.fit(X, Y[:, 0])
+        before = pickle.dumps(model)
+        for rows, y, message in [
+            (X[:2, 1:], Y[:2, 0], "features|columns"),
+            (X[:2], Y[:2], "y has shape"),
+        ]:
+            with pytest.raises(ValueError, match=message):
+                partial_fit(model, rows, y)
+        with pytest.raises(ValueError, match="below the number of tasks"):
+            partial_fit(model, X[:2], Y[:2, 0], max_rows=1)
+        assert pickle.dumps(model) == before
+
+    def test_with_a_memory(self, tmp_path):
+        model = make_inverse_dynamics_regressor(clone(ESTIMATORS["pGP"]))
+        model.set_params(memory=str(tmp_path))
+        partial_fit(model, X[self.FIRST], Y[self.FIRST, 0])
+        partial_fit(model, X[self.LATER], Y[self.LATER, 0])
+        assert np.isfinite(model.predict(X)).all()
+
+    @pytest.mark.parametrize(
+        "model",
+        [
+            SingleTaskGP(**QUICK),
+            BayesianLinearRegression(),
+            scaled(LinearRegression()),
+            GridSearchCV(ESTIMATORS["mGP"], {"rank": [1]}),
+        ],
+        ids=repr,
+    )
+    def test_other_models_are_refused(self, model):
+        with pytest.raises(TypeError, match=r"must be a MultiTaskGPRegressor, Indepen"):
+            partial_fit(model, X, Y[:, 0])

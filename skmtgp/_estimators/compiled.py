@@ -23,15 +23,13 @@ class Chain:
 class Transform:
     """Transformers that are called as they are, of a row with its task."""
 
-    def __init__(self, first, model, label):
-        self.first, self.label = first, label
+    def __init__(self, steps, model, label):
+        self.steps, self.label = steps, label
         self.position, _ = locate(model)
-        n = first.n_features_in_
-        self.before = (
-            self.position if self.position < model.n_features_in_ - 1 else n - 1
-        )
-        self.names = getattr(first, "feature_names_in_", None)
-        if isinstance(model.task_feature, str) and self.names is not None:
+        n, is_last = steps[0].n_features_in_, self.position + 1 == model.n_features_in_
+        self.before = n - 1 if is_last else self.position
+        self.names = getattr(steps[0], "feature_names_in_", None)
+        if self.names is not None and model.task_feature in self.names:
             self.before = list(self.names).index(model.task_feature)
         self._check(n)
 
@@ -43,7 +41,7 @@ class Transform:
         except (TypeError, ValueError):
             same = False
         if not same:
-            names = [type(step).__name__ for _, step in self.first.steps]
+            names = [type(step).__name__ for step in self.steps]
             raise ValueError(
                 "compile_predictor cannot tell which column of X has the task: of "
                 f"{', '.join(names)} it is not the model's. Let it be the last one of "
@@ -59,7 +57,9 @@ class Transform:
             row = pd.DataFrame(row, columns=self.names).infer_objects()
         elif not isinstance(self.label, str):
             row = row.astype(float)
-        return np.asarray(self.first.transform(row), dtype=object)[0]
+        for step in self.steps:
+            row = step.transform(row)
+        return np.asarray(row, dtype=object)[0]
 
 
 def means_of(model, codes):

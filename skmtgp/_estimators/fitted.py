@@ -51,9 +51,9 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given. Where `add_task` was used,
-            the rows of the new task come last. With `target_transform` it is no mean
-            but the median, as of `predict`.
+            in the order of the rows that `fit` was given. Rows that joined later, by
+            `add_task` or `partial_fit`, come after them, as in `y_train_`. With
+            `target_transform` it is no mean but the median, as of `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 

@@ -74,6 +74,20 @@ class OnlineGP(FittedGP):
 
         In the attributes new rows come after those before, and rows of new tasks after
         the others of the same call.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 60), rng.choice([0, 1, 2], 60)
+        >>> X = np.column_stack([x, task])
+        >>> y = np.array([1.0, -2.0, 0.5])[task] * np.sin(x)
+        >>> model = MultiTaskGPRegressor(rank=1)
+        >>> for rows in (slice(0, 40), slice(40, 50), slice(50, 60)):
+        ...     model = model.partial_fit(X[rows], y[rows], max_rows=50)
+        >>> model.y_train_.shape
+        (50,)
         """
         check_stream(X, y, max_rows)
         model = copy(self)

@@ -229,7 +229,13 @@ class TaskIdentifier(Estimator):
         return self
 
     def reset(self) -> Self:
-        """Forget the stream."""
+        """Forget the stream.
+
+        Returns
+        -------
+        self : TaskIdentifier
+            As before the first `partial_fit`.
+        """
         for name in ("responsibilities_", "path_"):
             vars(self).pop(name, None)
         return self
@@ -268,9 +274,8 @@ class TaskIdentifier(Estimator):
 
     def _noises(self, n_outputs):
         """Standard deviation of noise of each output, beside the model's."""
-        noise = (
-            np.zeros(1) if self.noise is None else check_numbers(self.noise, "noise")
-        )
+        noise = np.atleast_1d(0.0 if self.noise is None else self.noise)
+        noise = check_numbers(noise, "noise")
         if noise.size not in (1, n_outputs) or (noise < 0.0).any():
             raise ValueError(
                 f"noise={self.noise!r} must be a standard deviation, or one for each "

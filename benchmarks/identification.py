@@ -5,7 +5,7 @@
 load 15, 3 kg, which the models have not seen, and estimates its ten inertial
 parameters, from torques with 1 % of noise and without: median error of the mass, and
 how many of the parameters that are told (to less than half of what is known before) are
-within two deviations. Then a stream of known loads at 20 Hz, which switches every 0.5 s.
+within two deviations. Then a stream of known loads at 20 Hz, switched every 0.5 s.
 """
 
 import argparse

@@ -50,9 +50,10 @@ class TaskIdentifier(Estimator):
     widening : float, default=2.0
         Deviation of the descriptors of another task from the mean of the known tasks',
         in units of their deviation.
-    floor : float, default=1.0
-        The model's own error, as a multiple of that of leaving out one training sample.
-        However many samples there are, it stays.
+    floor : float, default=3e-4
+        The model's own error: the deviation of a function of its own that each task
+        has beside what the model knows, relative to that of the tasks' functions.
+        However many samples there are, and however exact, it stays.
     switching : float, default=0.02
         Probability that the task switches between two samples of a stream.
 
@@ -121,7 +122,7 @@ class TaskIdentifier(Estimator):
         *,
         noise: ArrayLike | None = None,
         widening: float = 2.0,
-        floor: float = 1.0,
+        floor: float = 3e-4,
         switching: float = 0.02,
     ) -> None:
         self.model = model
@@ -228,7 +229,13 @@ class TaskIdentifier(Estimator):
         return self
 
     def reset(self) -> Self:
-        """Forget the stream."""
+        """Forget the stream.
+
+        Returns
+        -------
+        self : TaskIdentifier
+            As before the first `partial_fit`.
+        """
         for name in ("responsibilities_", "path_"):
             vars(self).pop(name, None)
         return self
@@ -258,7 +265,7 @@ class TaskIdentifier(Estimator):
             target = model._target.forward(Y[:, columns])
             scaled = (target - model._units.centre.T) / model._units.scale.T
             for j, of_y in enumerate(scaled.T):
-                given = _noise_of(model, j, next(noise)), self.floor * _own(model, j)
+                given = _noise_of(model, j, next(noise)), _own(model, j, self.floor)
                 factor = _factor(model, j)
                 row = rows[len(found)]
                 posterior = model._posteriors[j]
@@ -267,9 +274,8 @@ class TaskIdentifier(Estimator):
 
     def _noises(self, n_outputs):
         """Standard deviation of noise of each output, beside the model's."""
-        noise = (
-            np.zeros(1) if self.noise is None else check_numbers(self.noise, "noise")
-        )
+        noise = np.atleast_1d(0.0 if self.noise is None else self.noise)
+        noise = check_numbers(noise, "noise")
         if noise.size not in (1, n_outputs) or (noise < 0.0).any():
             raise ValueError(
                 f"noise={self.noise!r} must be a standard deviation, or one for each "
@@ -375,19 +381,23 @@ def _with_task(first, model, X):
         ].tolist()
         values += model._descriptors.table[0].tolist()
     X = as_frame(X)
-    table = X.copy() if isinstance(X, pd.DataFrame) else pd.DataFrame(np.asarray(X))
-    named = isinstance(X, pd.DataFrame) and names is not None
-    if named:
-        table = table.drop(columns=list(names[columns]), errors="ignore")
-    elif table.shape[1] == n:
-        table = table.drop(columns=table.columns[columns])
-    for column, value in sorted(
-        zip(columns, values, strict=True), key=lambda of: of[0]
-    ):
-        table.insert(column, names[column] if named else f"column {column}", value)
-    if named:
-        return table[list(names)]
-    return table.to_numpy()
+    if isinstance(X, pd.DataFrame) and names is not None:
+        known = dict(zip(names[columns], values, strict=True))
+        missing = [name for name in names if name not in {*known, *X.columns}]
+        if missing:
+            raise ValueError(f"X lacks the columns {missing} that the model takes.")
+        return X.assign(**known)[list(names)]
+    table = np.asarray(X)
+    others = np.delete(np.arange(n), columns)
+    if table.ndim != 2 or table.shape[1] not in (n, len(others)):
+        raise ValueError(
+            f"X has shape {table.shape}, but must have {n} columns, as the model takes "
+            f"them, or {len(others)}, without the task and its descriptors."
+        )
+    full = np.empty((len(table), n), dtype=object)
+    full[:, columns] = values
+    full[:, others] = table if len(others) == table.shape[1] else table[:, others]
+    return full
 
 
 def _population(descriptors, widening):
@@ -448,10 +458,6 @@ def _noise_of(model, j, more):
     return np.append(noise, usual) + np.square(more / model._units.scale[j, 0])
 
 
-def _own(model, j):
-    """Variance of the model's own error in units of k^x: of leaving out one sample."""
-    posterior, likelihood = model._posteriors[j], model._likelihoods[j]
-    residual, _ = posterior.leave_one_out()
-    noise = posterior.prior.values(posterior.theta).noise
-    square = max(np.square(residual).mean() - noise.mean(), 0.0)
-    return square / posterior.kernel.diag(likelihood.inputs).mean()
+def _own(model, j, floor):
+    """Variance of the model's own error: of a function beside those of the tasks."""
+    return floor**2 * np.diagonal(model._posteriors[j].K_rho).mean()

@@ -319,6 +319,21 @@ def test_pipelines_and_persistence():
     assert clone(pipeline[-1]).task_descriptors == [1, 2]
 
 
+def test_skops(tmp_path):
+    io = pytest.importorskip("skops.io")
+    model = MultiTaskGPRegressor(rank=2, **QUICK).fit(X, y)
+    file = tmp_path / "model.skops"
+    io.dump(model, file)
+    types = set(io.get_untrusted_types(file=file))
+    expected = {
+        "skmtgp.model.described.Described",
+        "skmtgp._data.descriptors.Descriptors",
+    }
+    assert {of for of in types if "descri" in of} == expected
+    again = io.load(file, trusted=sorted(types))
+    np.testing.assert_array_equal(again.predict(NEW), model.predict(NEW))
+
+
 def test_refit_without_forgets_them():
     model = MultiTaskGPRegressor(rank=1, **QUICK).fit(X, y)
     model.set_params(task_descriptors=None).fit(X, y)

@@ -1,0 +1,166 @@
+"""Controllers of the robot: feed-forward torques of a model, and a soft spring.
+
+Each period a controller is asked for the torque of the reference (`torque`), which has
+to be there in time, and is then told what was measured (`observe`). What it does with
+that may take longer: it gives a job, a function without arguments, whose result is
+installed (`install`) when the time that it took has passed.
+"""
+
+import numpy as np
+
+from skmtgp import TaskIdentifier
+from skmtgp.datasets._robot import inverse_dynamics
+
+STIFFNESS = np.array([400.0, 400.0, 250.0, 40.0, 40.0, 20.0])  # N m/rad
+DAMPING = np.array([60.0, 60.0, 35.0, 4.0, 4.0, 2.0])  # N m s/rad
+
+
+class Controller:
+    """A soft spring and damper alone, which know nothing of the robot."""
+
+    def torque(self, ahead):
+        """Feed-forward torque of a state of the reference."""
+        return np.zeros(6)
+
+    def spring(self, q, qd, robot):
+        """What pulls the robot back to the reference."""
+        return STIFFNESS * (q - robot.q) + DAMPING * (qd - robot.qd)
+
+    def picked_up(self, load):
+        """The load has changed; only those that are told by the user may look."""
+
+    def observe(self, state, torque):
+        """A state that was measured, of shape (18,), and the torque that made it."""
+
+    def install(self, result):
+        """Take over what a job has found."""
+
+
+class RigidBodies(Controller):
+    """The true equations of the robot and of a load that does not change."""
+
+    def __init__(self, load=None):
+        self.load = load
+
+    def torque(self, ahead):
+        states = np.split(ahead[None], 3, axis=1)
+        return inverse_dynamics(*map(np.ascontiguousarray, states), self.load)[0]
+
+
+class Exact(RigidBodies):
+    """The same, and it is told each load."""
+
+    def picked_up(self, load):
+        self.load = load
+
+
+class Nearest(Controller):
+    """The learned model of the known load that is nearest in mass; it is told which."""
+
+    def __init__(self, predictor, loads, task):
+        self.predictor, self.loads, self.task = predictor, loads, task
+
+    def torque(self, ahead):
+        return self.predictor(ahead, self.task)
+
+    def picked_up(self, load):
+        distances = np.abs(self.loads[:, 0] - load[0])
+        self.task = self.predictor.tasks[int(distances.argmin())]
+
+
+class Switching(Nearest):
+    """MMST: switch to the model whose predictions err least, here and now.
+
+    Narendra and Balakrishnan (1997). Errors of earlier measurements fade.
+    """
+
+    def __init__(self, predictor, deviations, task, fading=0.98):
+        super().__init__(predictor, None, task)
+        self.deviations, self.fading, self.errors = deviations, fading, 0.0
+
+    def picked_up(self, load):
+        pass
+
+    def observe(self, state, torque):
+        off = (self.predictor.predict_tasks(state) - torque) / self.deviations
+        self.errors = self.fading * self.errors + np.square(off).sum(axis=1)
+        self.task = self.predictor.tasks[int(self.errors.argmin())]
+
+
+class Weighted(Switching):
+    """MOSAIC: a mean of the models' torques by their responsibilities.
+
+    Haruno, Wolpert and Kawato (2001). `spread` is the deviation, of a torque's own, that
+    a right model's errors have.
+    """
+
+    def __init__(self, predictor, deviations, task, fading=0.98, spread=0.01):
+        super().__init__(predictor, deviations, task, fading)
+        self.spread = spread
+        self.weights = np.equal(predictor.tasks, task).astype(float)
+
+    def torque(self, ahead):
+        return self.weights @ self.predictor.predict_tasks(ahead)
+
+    def observe(self, state, torque):
+        super().observe(state, torque)
+        off = -0.5 * (self.errors - self.errors.min()) * (1 - self.fading)
+        weights = np.exp(off / self.spread**2)
+        self.weights = weights / weights.sum()
+
+
+class Identifying(Controller):
+    """The learned model of a load whose ten parameters it finds by itself.
+
+    Where the torque that was applied is not what the model says of the measured state,
+    the load must be another one: samples are collected from then on, and the load is
+    estimated from 1, 2, 4, ... of them.
+
+    Parameters
+    ----------
+    predictor : CompiledPredictor
+        Of models whose descriptors are the load's ten inertial parameters.
+    models : list
+        These models.
+    load : ndarray of shape (10,)
+        What it carries at first.
+    deviations : ndarray of shape (6,)
+        Deviation of each joint's torque.
+    doubt : float
+        Share of these by which a prediction must be off, for another load.
+    """
+
+    EVERY = 5  # periods between samples
+    MOST = 16
+
+    def __init__(self, predictor, models, load, deviations, doubt=0.02):
+        self.predictor, self.load = predictor, load
+        self.identifier = TaskIdentifier(models)
+        self.deviations, self.doubt = deviations, doubt
+        self.samples, self.waits, self.next_size = [], 0, 1
+
+    def torque(self, ahead):
+        return self.predictor(ahead, descriptors=self.load)
+
+    def observe(self, state, torque):
+        self.waits -= 1
+        if self.waits > 0:
+            return None
+        self.waits = self.EVERY
+        if not self.samples and not self._surprised(state, torque):
+            return None
+        self.samples.append((state, torque))
+        if len(self.samples) < self.next_size or self.next_size > self.MOST:
+            return None
+        X, y = map(np.array, zip(*self.samples, strict=True))
+        self.next_size *= 2
+        return lambda: self.identifier.estimate(X, y)[0].to_numpy()
+
+    def _surprised(self, state, torque):
+        off = self.predictor(state, descriptors=self.load) - torque
+        return (np.abs(off) > self.doubt * self.deviations).any()
+
+    def install(self, result):
+        self.load = result
+        if len(self.samples) >= self.MOST:  # ready for the next load
+            self.samples, self.next_size = [], 1

@@ -8,10 +8,13 @@ installed (`install`) when the time that it took has passed.
 
 import numpy as np
 
+from plant import CONTROL
+
 from skmtgp import TaskIdentifier
 from skmtgp.datasets._robot import inverse_dynamics
 
 STIFFNESS = np.array([400.0, 400.0, 250.0, 40.0, 40.0, 20.0])  # N m/rad
+SLOW = 2e-3  # rad/s; friction has no one value where a joint sticks
 DAMPING = np.array([60.0, 60.0, 35.0, 4.0, 4.0, 2.0])  # N m s/rad
 
 
@@ -113,8 +116,9 @@ class Identifying(Controller):
     """The learned model of a load whose ten parameters it finds by itself.
 
     Where the torque that was applied is not what the model says of the measured state,
-    the load must be another one: samples are collected from then on, and the load is
-    estimated from 1, 2, 4, ... of them.
+    the load must be another one. Then the load is estimated from samples, of which each
+    comes later than the one before by a half as much again: the first ones hardly
+    differ, and tell only what matters now.
 
     Parameters
     ----------
@@ -126,41 +130,60 @@ class Identifying(Controller):
         What it carries at first.
     deviations : ndarray of shape (6,)
         Deviation of each joint's torque.
+    noise : float
+        Share of these that measurements may be off: what moves is no rigid body with
+        ideal friction.
     doubt : float
         Share of these by which a prediction must be off, for another load.
     """
 
-    EVERY = 5  # periods between samples
-    MOST = 16
+    GROWTH, LONGEST = 1.5, 50  # of the periods between two samples
+    MOST = 10  # samples; earlier ones were further from the path
+    ENOUGH = 40
 
-    def __init__(self, predictor, models, load, deviations, doubt=0.02):
+    def __init__(
+        self, predictor, models, load, deviations, *, noise=0.003, doubt=0.05
+    ):
         self.predictor, self.load = predictor, load
-        self.identifier = TaskIdentifier(models)
+        self.identifier = TaskIdentifier(models, noise=noise * deviations)
         self.deviations, self.doubt = deviations, doubt
-        self.samples, self.waits, self.next_size = [], 0, 1
+        self.samples, self.waits, self.gap, self.n_seen = [], 0, 1.0, 0
 
     def torque(self, ahead):
+        """That of the load as it is known now."""
         return self.predictor(ahead, descriptors=self.load)
 
     def observe(self, state, torque):
+        """Wait for a sample that tells, and estimate the load from all of them."""
         self.waits -= 1
-        if self.waits > 0:
+        if self.waits > 0 or _reverses(state):
             return None
-        self.waits = self.EVERY
-        if not self.samples and not self._surprised(state, torque):
+        if self._known() and not self._surprised(state, torque):
             return None
-        self.samples.append((state, torque))
-        if len(self.samples) < self.next_size or self.next_size > self.MOST:
-            return None
+        if self._known():  # another load than before
+            self.samples, self.gap, self.n_seen = [], 1.0, 0
+        self.samples = [*self.samples[1 - self.MOST :], (state, torque)]
+        self.gap = min(self.GROWTH * self.gap, self.LONGEST)
+        self.waits, self.n_seen = round(self.gap), self.n_seen + 1
         X, y = map(np.array, zip(*self.samples, strict=True))
-        self.next_size *= 2
         return lambda: self.identifier.estimate(X, y)[0].to_numpy()
+
+    def _known(self):
+        """Whether no more samples of the load are to come."""
+        return not self.samples or self.n_seen >= self.ENOUGH
 
     def _surprised(self, state, torque):
         off = self.predictor(state, descriptors=self.load) - torque
         return (np.abs(off) > self.doubt * self.deviations).any()
 
     def install(self, result):
+        """Take over another estimate of the load."""
         self.load = result
-        if len(self.samples) >= self.MOST:  # ready for the next load
-            self.samples, self.next_size = [], 1
+
+
+def _reverses(state):
+    """Whether a joint turned back, or stood still, where friction has no one value."""
+    _, qd, qdd = np.split(state, 3)
+    half = 0.5 * qdd / CONTROL
+    slowest = np.minimum(np.abs(qd - half), np.abs(qd + half))
+    return ((qd - half) * (qd + half) <= 0.0).any() or (slowest < SLOW).any()

@@ -17,6 +17,7 @@ from skmtgp.inference.posterior import Posterior
 
 MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to gain
 N_REWEIGHTED = 3
+ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
 HALVINGS = 30
 
 
@@ -191,7 +192,7 @@ class Unknown:
         for _ in range(MOST_STEPS):
             step = np.linalg.solve(self.information(u), gradient)
             gain = gradient @ step
-            if not gain > TOL:
+            if not gain > TOL + ROUNDING * abs(value):
                 break
             for k in range(HALVINGS):
                 further = u + 0.5**k * step

@@ -278,7 +278,8 @@ class CompiledPredictor:
         x = self._check(x)
         variances = np.empty(len(self.outputs))
         for features, model, code, of in self._of_task(self._deviations, task):
-            z, given, target = features(x), model._descriptors, model._target
+            z, target = features(x), model._target
+            given = getattr(model, "_descriptors", None)
             z = z if given is None else given.with_inputs(z, given.table[code])
             rows = z[None], np.array([code])
             with limit_threads(model._side):
@@ -349,7 +350,7 @@ class _Source:
         check_is_fitted(self.last)
         self.model = copy(self.last._model())  # as it is now, whatever joins later
         first = [*self.steps, self.last][0]
-        self.given = self.model._descriptors
+        self.given = getattr(self.model, "_descriptors", None)
         n_descriptors = 0 if self.given is None else len(self.given.names)
         self.n_features = first.n_features_in_ - 1 - n_descriptors
         self.n_outputs = len(self.model.log_marginal_likelihoods_)

@@ -141,9 +141,7 @@ class Identifying(Controller):
     MOST = 10  # samples; earlier ones were further from the path
     ENOUGH = 40
 
-    def __init__(
-        self, predictor, models, load, deviations, *, noise=0.003, doubt=0.05
-    ):
+    def __init__(self, predictor, models, load, deviations, *, noise=0.003, doubt=0.05):
         self.predictor, self.load = predictor, load
         self.identifier = TaskIdentifier(models, noise=noise * deviations)
         self.deviations, self.doubt = deviations, doubt

@@ -205,11 +205,23 @@ def identify(unknown, starts):
     Returns
     -------
     found : Found
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the covariance of the samples is singular in floating point.
     """
     values = [unknown.value_and_grad(u)[0] for u in starts]
-    best = np.argsort(values)[::-1][:2]
-    modes = [unknown.climb(u) for u in (np.zeros_like(starts[0]), *starts[best])]
-    return max(modes, key=lambda mode: mode.log_evidence)
+    first = np.argsort(values)[::-1][:2]
+    modes = [unknown.climb(u) for u in (np.zeros_like(starts[0]), *starts[first])]
+    best = max(modes, key=lambda mode: mode.log_evidence)
+    if not np.isfinite(best.log_evidence):
+        raise NotPositiveDefiniteError(
+            "The covariance of the samples is singular: some are too close to each "
+            "other for a model with so little noise. Give their noise, a larger floor, "
+            "or fewer samples."
+        )
+    return best
 
 
 def log_normal(y, mean, covariance):

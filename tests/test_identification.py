@@ -12,8 +12,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, TaskIdentifier
+from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.identification import _population
-from skmtgp.learning.identifying import follow
+from skmtgp.learning.identifying import Unknown, follow, identify
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 M, N, NOISE = 6, 120, 0.1
@@ -250,14 +251,10 @@ class TestModels:
         frame = pd.DataFrame(X, columns=names)
         frame["machine"] = "m" + frame["machine"].astype(int).astype(str)
         options = DESCRIBED | {"task_descriptors": ["age", "size"]}
-        of = make_pipeline(
-            FunctionTransformer(),
-            MultiTaskGPRegressor(task_feature="machine", **options),
-        )
         of = MultiTaskGPRegressor(task_feature="machine", **options).fit(frame, Y)
         identifier = TaskIdentifier(of)
         mean, _ = identifier.estimate(pd.DataFrame({"x": NEW}), Y_NEW)
-        assert mean.index.tolist() == ["age", "size"] == identifier.descriptors_
+        assert mean.index.tolist() == ["age", "size"]
         same = identifier.estimate(pd.DataFrame({"age": 0.0, "x": NEW}), Y_NEW)[0]
         pd.testing.assert_series_equal(mean, same)
         y = draw(NEW, AGE[3], SIZE[3])
@@ -405,3 +402,26 @@ class TestStream:
         found = follow(np.full(2, 0.5), log_densities, np.full(2, 0.5), 0.01)
         np.testing.assert_array_equal(found.argmax(axis=1), [0, 1, 0])
         assert np.isfinite(found).all()
+
+    def test_another_model_needs_a_reset(self, model):
+        identifier = TaskIdentifier(model).partial_fit(NEW[:, None], Y_NEW)
+        identifier.model = model.add_task(with_task(NEW, *ANOTHER, 9), Y_NEW)
+        with pytest.raises(ValueError, match="knows 7 tasks, and 6 in the last call"):
+            identifier.partial_fit(NEW[:, None], Y_NEW)
+        identifier.reset().partial_fit(NEW[:, None], Y_NEW)
+        assert identifier.responsibilities_.shape == (M + 2,)
+
+
+class Singular(Unknown):
+    """Samples whose covariance cannot be factorised."""
+
+    def __init__(self):
+        super().__init__([])
+
+    def value_and_grad(self, u):
+        return -np.inf, np.full(len(u), np.nan)
+
+
+def test_samples_whose_covariance_is_singular():
+    with pytest.raises(NotPositiveDefiniteError, match="Give their noise, a larger"):
+        identify(Singular(), np.zeros((3, 2)))

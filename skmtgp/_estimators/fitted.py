@@ -318,20 +318,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.noise_ = training.noise
         self._log_jacobian = training.units.log_jacobian(training.counts)
         self.tasks_, self._n_rows = training.tasks, training.counts
-        self._store_descriptors(training.descriptors)
+        self._descriptors = training.descriptors
         self._store_rows(training)
         vars(self).pop("inducing_inputs_", None)
         if not engine.exact:
             Z = [likelihood.inputs for likelihood in likelihoods]
             self.inducing_inputs_ = Z[0] if training.single_output else Z
         self._store_likelihoods()
-
-    def _store_descriptors(self, descriptors):
-        """Keep what is known of the tasks, if anything is."""
-        self._descriptors = descriptors
-        vars(self).pop("task_descriptors_", None)
-        if descriptors is not None:
-            self.task_descriptors_ = self._frame(descriptors.table, descriptors.names)
 
     def _store_rows(self, training):
         """Keep the rows, unless they lie in Dask's partitions."""

@@ -208,18 +208,23 @@ class Unknown:
 
 
 def identify(unknown, starts):
-    """The best mode from the best starts.
+    """The better mode of two starts.
 
     Parameters
     ----------
     unknown : Unknown
         The samples.
     starts : ndarray of shape (n_starts, n_u)
-        Of which two are followed, and 0.
+        Of which the likeliest is followed, and 0.
 
     Returns
     -------
     found : Found
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the covariance of the samples is singular in floating point.
     """
     values = [unknown.value_and_grad(u)[0] for u in starts]
     modes = []
@@ -227,7 +232,14 @@ def identify(unknown, starts):
         for _ in range(N_REWEIGHTED):
             u = unknown.reweight(u)
         modes.append(unknown.climb(u))
-    return max(modes, key=lambda mode: mode.log_evidence)
+    best = max(modes, key=lambda mode: mode.log_evidence)
+    if not np.isfinite(best.log_evidence):
+        raise NotPositiveDefiniteError(
+            "The covariance of the samples is singular: some are too close to each "
+            "other for a model with so little noise. Give their noise, a larger floor, "
+            "or fewer samples."
+        )
+    return best
 
 
 def log_normal(y, mean, covariance):

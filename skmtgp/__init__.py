@@ -2,10 +2,12 @@
 
 from skmtgp._support.versions import show_versions
 from skmtgp.baselines import IndependentGP, PooledGP
+from skmtgp.identification import TaskIdentifier
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor
+from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_fit
+from skmtgp.predictor import compile_predictor
 from skmtgp.single_task import SingleTaskGP
 from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
@@ -18,9 +20,12 @@ __all__ = [
     "PooledGP",
     "RankSearchIC",
     "SingleTaskGP",
+    "TaskIdentifier",
     "WideRegressor",
     "add_task",
+    "compile_predictor",
     "make_inverse_dynamics_regressor",
+    "partial_fit",
     "show_versions",
     "stack_tasks",
     "unstack_tasks",

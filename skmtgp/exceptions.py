@@ -6,6 +6,7 @@ __all__ = [
     "AmbiguousFitWarning",
     "ConstantTargetWarning",
     "CorrelatedResidualsWarning",
+    "DescriptorWarning",
     "IncompleteDataWarning",
     "InsufficientMemoryError",
     "JitterWarning",
@@ -94,6 +95,22 @@ class CorrelatedResidualsWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import CorrelatedResidualsWarning
     >>> warnings.simplefilter("error", CorrelatedResidualsWarning)
+    """
+
+
+class DescriptorWarning(UserWarning):
+    """The tasks are too few, or too alike, to tell what each of their descriptors does.
+
+    Some descriptor is the same for all tasks, follows from the others, or there are as
+    many descriptors as tasks. The model explains the tasks that it has; one that fit
+    has not seen is predicted by the smallest coefficients that do. More tasks help, or
+    fewer descriptors.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import DescriptorWarning
+    >>> warnings.simplefilter("error", DescriptorWarning)
     """
 
 

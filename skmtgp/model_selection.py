@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.checks import check_stream
 from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
@@ -25,6 +26,7 @@ from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
@@ -66,7 +68,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     estimator : MultiTaskGPRegressor, default=None
         The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
     ranks : sequence of int, default=None
-        Ranks to compare. Those above the number of tasks count as that number. 0 is one
+        Ranks to compare. Those above the number of tasks, or above that of descriptors
+        by more than one, count as the highest. 0 is one
         function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
         the number of tasks, as long as four samples come on each free parameter of a
         task covariance, and, of sparse inference, until two in a row are worse than a
@@ -213,7 +216,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
                 "criterion='loo' leaves out one row after another, which Dask "
                 "collections do not allow. Use criterion='bic', or fit to arrays."
             )
-        ranks = self._check_ranks(len(training.tasks), len(training.Y))
+        ranks = self._check_ranks(training.n_told, len(training.Y))
         simpler = len(training.tasks) > 1 and self._asks_simpler()
         n_forms = len(ranks) + len(SIMPLER) * simpler
         n_kept = n_forms if self.keep_estimators else 1
@@ -222,9 +225,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         exact = problems[0].engine.exact  # without, likelihoods of each task take long
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
-        forms = [low_rank(len(training.tasks), **each) for each in settings]
+        data, described = problems[0].data, training.descriptors is not None
+        forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms))
-        alone = _alone(model, training, X, y) if simpler and exact else None
+        asks = simpler and exact and not described
+        alone = _alone(model, training, X, y) if asks else None
         with limit_threads(side(problems)):
             until_worse = self.ranks is None
             modes = model._learn_ranks(
@@ -274,10 +279,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             verbose=max(self.verbose, model.verbose),
         )
 
-    def _check_ranks(self, n_tasks, n):
+    def _check_ranks(self, n_rows, n):
+        """The ranks, by the number of rows that a factor has."""
         if self.ranks is None:
-            ranks = range(min(n_tasks, MOST_RANK) + 1)
-            free = [low_rank(n_tasks, rank).n_free for rank in ranks]
+            ranks = range(min(n_rows, MOST_RANK) + 1)
+            free = [low_rank(n_rows, rank).n_free for rank in ranks]
             return [r for r in ranks if r < 2 or ROWS * free[r] <= n]
         ranks = np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
@@ -286,7 +292,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             )
         if ranks.min() < 0:
             raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")
-        return np.unique(np.minimum(ranks, n_tasks)).tolist()
+        return np.unique(np.minimum(ranks, n_rows)).tolist()
 
     def _model(self):
         return self.best_estimator_
@@ -296,7 +302,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         check_is_fitted(self)
         if isinstance(self.best_estimator_, SingleTaskGP):
             raise TypeError(
-                f"{method} is about how tasks are related, but the search has chosen "
+                f"{method} needs a model of all tasks, but the search has chosen "
                 f"{ALONE}, whose models best_estimator_.estimators_ has. Fit it with "
                 "simpler=False for the best model of all tasks."
             )
@@ -425,6 +431,48 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model.best_estimator_ = best.add_task(X, y, prior=prior)
         model.__dict__.pop("estimators_", None)
         return model
+
+    def partial_fit(
+        self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+    ) -> Self:
+        """Let rows join the best model, at the rank that was chosen.
+
+        The first call is `fit`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in the estimator's column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+        max_rows : int, default=None
+            See :meth:`MultiTaskGPRegressor.partial_fit`.
+
+        Returns
+        -------
+        self : object
+            With another `best_estimator_`; `results_` are those of the search.
+
+        Raises
+        ------
+        TypeError
+            If single tasks were chosen, or X or y is a Dask collection.
+        ValueError
+            See :meth:`MultiTaskGPRegressor.partial_fit`. The search is then as it was
+            before.
+        """
+        check_stream(X, y, max_rows)
+        model, is_first = copy(self), not hasattr(self, "best_estimator_")
+        if is_first:
+            model.fit(X, y)
+        model.best_estimator_ = copy(model._joint("partial_fit"))
+        if not is_first:
+            model.best_estimator_.partial_fit(X, y, max_rows=max_rows)
+        elif max_rows is not None:
+            model.best_estimator_._drop(max_rows)
+        vars(model).pop("estimators_", None)
+        self.__dict__ = vars(model)  # all at once, whatever fails before
+        return self
 
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -19,13 +20,13 @@ from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
-from skmtgp.inference.engine import Demand, Engine
-from skmtgp.inference.memory import TileMemory
+from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
-from skmtgp.learning.novel import learn_novel
+from skmtgp.learning.novel import join_described, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.screening import criterion
+from skmtgp.model.described import describes, task_covariance
 from skmtgp.model.task_covariance import low_rank
 
 ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
@@ -57,7 +58,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         one length-scale for each feature, started and bounded relative to the feature's
         standard deviation; the task covariance is its amplitude.
     rank : int, default=None
-        Rank of the task covariance, 0 to the number of tasks. None is full rank, or
+        Rank of the task covariance, 0 to the number of tasks, with `task_descriptors`
+        to one more than there are of them if that is less. None is full rank, or
         the highest that leaves four rows for each number of the task covariance, of the
         `n_exact` rows where inference is sparse. Where tasks have fewer than eight of
         those on average, BIC chooses between that rank, one function that all tasks
@@ -79,6 +81,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         from N(0, v). The variance v is learned. Levels are integrated out exactly.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
+    task_descriptors : sequence of int or str, default=None
+        Positions or names of columns of X with numbers that describe the tasks, and are
+        constant within each: a machine's age, the mass of a robot's load. They are no
+        inputs of :math:`k^x`, but :math:`K^\rho = D B B^\top D^\top` with a row
+        [1, descriptors] of D for each task, and B of the given rank learned in its
+        place. A task that `fit` has not seen is then predicted from its descriptors.
+        See :doc:`/guide/descriptors`.
     noise : {"auto", "shared", "per_task"}, default="auto"
         Whether the tasks share one noise variance or have one each. "auto" asks the
         data, see Notes.
@@ -175,6 +184,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
         outputs ``task_correlation_.loc[j]`` is that of output j.
+    task_descriptors_ : DataFrame of n_tasks rows
+        The descriptors of each task. Only with `task_descriptors`.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its lower trapezoidal factor: ``L @ L.T``, without the diagonal and without the
         function that all share.
@@ -201,9 +212,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters as eq. 8 counts them, summed over the outputs: those
-        of the kernel, r (2 M + 1 - r) / 2 of the task covariance, 1 of a function that
-        all share, M of a diagonal, 1 of all levels, and the noise. The scale of the
-        task covariance and an amplitude of the kernel count both, as in the paper.
+        of the kernel, r (2 M + 1 - r) / 2 of the task covariance (with p descriptors
+        p + 1 takes the place of M), 1 of a function that all share, M of a diagonal, 1
+        of all levels, and the noise. The scale of the task covariance and an amplitude
+        of the kernel count both, as in the paper.
         Means and deviations that `normalize_y` takes do not count.
     theta_ : ndarray of shape (n_theta,)
         All parameters as learned, for each output: the kernel's theta, the factor of
@@ -213,7 +225,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         of the scaled output. It is scaled by `y_scale_`; without `normalize_y` by its
         root mean square, with `task_levels` by the deviation around the means of the
         tasks. The factor is a rotation of `task_factor_`: ``L @ Q``, with the same
-        ``L @ L.T``.
+        ``L @ L.T``. With `task_descriptors` it is that of their coefficients, in
+        units in which they are independent.
     rank_ : int
         Rank of the task covariance, a function that all share not counted.
     diagonal_ : bool or "equal"
@@ -246,8 +259,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Fewer than `n_inducing` where more would add nothing. Only if inference is
         sparse.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
-        Training inputs without the task column. Not there, nor are the next two and
-        `complete_`, if X was a Dask collection.
+        Training inputs without the task column, nor the descriptors. Not there, nor are
+        the next two and `complete_`, if X was a Dask collection.
     tasks_train_ : ndarray of shape (n_samples,)
         Position in `tasks_` of each training sample's task.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
@@ -322,6 +335,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "shared": ["boolean"],
         "diagonal": ["boolean", StrOptions({"equal"})],
         "task_levels": ["boolean"],
+        "task_descriptors": ["array-like", None],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
         "truncation": [StrOptions({"eigen", "cholesky"})],
         "n_restarts_optimizer": [Interval(Integral, 0, None, closed="left")],
@@ -337,6 +351,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         diagonal: Literal["equal"] | bool = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
+        task_descriptors: Sequence[int | str] | None = None,
         noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
@@ -363,6 +378,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.diagonal = diagonal
         self.task_levels = task_levels
         self.task_feature = task_feature
+        self.task_descriptors = task_descriptors
         self.noise = noise
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
@@ -384,39 +400,49 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.verbose = verbose
 
     def _learn(self, problems, progress):
-        M = problems[0].prior.n_tasks
-        if isinstance(self.rank, (bool, np.bool_)):
-            raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
-        if self.rank is not None and self.rank > M:
-            raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
-        if self.rank == 0 and not (self.shared or self._equal()):
-            raise ValueError(
-                "rank=0 leaves tasks nothing in common: set shared=True, for one "
-                "function of all of them, diagonal='equal', for an independent one of "
-                "each, or rank=1 or more."
-            )
+        self._check_rank(problems[0].data)
         forms = self._forms(problems[0])
         modes = self._learn_ranks(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
         found = zip(of_forms, modes, strict=True)
         return max(found, key=lambda of: sum(map(criterion, *of)))
 
+    def _check_rank(self, data):
+        """Raise an error where there is no such rank."""
+        most, what = data.n_tasks, "the number of tasks"
+        if self._describes() and len(self.task_descriptors) < most:
+            most, what = len(self.task_descriptors) + 1, "1 + the number of descriptors"
+        if isinstance(self.rank, (bool, np.bool_)):
+            raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
+        if self.rank is not None and self.rank > most:
+            raise ValueError(f"rank={self.rank} is above {what}, {most}.")
+        if self.rank == 0 and not (self.shared or self._equal()):
+            raise ValueError(
+                "rank=0 leaves tasks nothing in common: set shared=True, for one "
+                "function of all of them, diagonal='equal', for an independent one of "
+                "each, or rank=1 or more."
+            )
+
     def _forms(self, problem):
         """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
-        n_tasks, n = problem.prior.n_tasks, problem.engine.n_told(len(problem.data))
-        form = self._form(n_tasks, self._rank(n_tasks, n))
-        if self.rank is not None or n >= FEW * n_tasks or self.max_iter == 0:
+        data, n = problem.data, problem.engine.n_told(len(problem.data))
+        form = self._form(data, min(self._rank(data.n_told, n), data.n_told))
+        if self.rank is not None or n >= FEW * data.n_told or self.max_iter == 0:
             return [form]
-        forms = [self._form(n_tasks, 0), form]
+        forms = [self._form(data, 0), form]
         if self.diagonal or not problem.engine.exact:  # to which diagonals take long
             return forms
-        return [low_rank(n_tasks, 0, "equal", shared=True), *forms]
+        simplest = {"diagonal": "equal", "shared": True}
+        return [task_covariance(data.n_tasks, 0, data.Q, **simplest), *forms]
 
-    def _form(self, n_tasks, rank):
+    def _form(self, data, rank):
         """The form of K^rho."""
         alone = self.rank == 0 and self._equal()  # as the user asked for
-        shared = self.shared or (rank == 0 and not alone)
-        return low_rank(n_tasks, rank, self.diagonal, shared)
+        options = {
+            "diagonal": self.diagonal,
+            "shared": self.shared or (rank == 0 and not alone),
+        }
+        return task_covariance(data.n_tasks, rank, data.Q, **options)
 
     def _equal(self):
         """Whether what tasks have of their own has the same variance for all."""
@@ -487,7 +513,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         Notes
         -----
-        Section 3.3 of the paper, but for the prior, and for levels. Where the tasks
+        Section 3.3 of the paper, but for the prior, and for levels. A task with
+        descriptors is known by them: nothing is learned, its rows join those of the
+        others; with `diagonal` it gets the mean of the others'. Where the tasks
         have noise variances of their own, the new one gets their geometric mean. Where
         they have units of their own, it is taken off the mean of its samples and
         divided by their deviation, of one or two samples by the geometric mean of the
@@ -510,31 +538,35 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
-        training, position = self._training().with_task(*check_new_task(self, X, y))
-        self._check_room(training)
-        n_new, model = len(training.features) - len(self.X_train_), copy(self)
-        informed = prior is not None
-        with limit_threads(self._side + n_new):
-            outputs = self._extend(training, position, informed=informed)
-            likelihoods, modes = map(list, zip(*outputs, strict=True))
-            model._store_learned(training, self._engine, likelihoods, modes)
-            if self._is_sampled():
-                told = self._chains_told()
-                model._store_draws(self._extend_draws(training, position, informed))
-                vars(model).update(told)
+        new_task, model = check_new_task(self, X, y), copy(self)
+        model._join_task(*new_task, prior=prior)
         return model
+
+    def _join_task(self, features, label, Y, prior="tasks"):
+        """Become the model with one more task."""
+        training, position = self._training().with_task(features, label, Y)
+        self._check_room(training)
+        informed, engine = prior is not None, self._engine
+        origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))
+        update = self._updating(training, origin, engine)
+        with limit_threads(self._side + len(features)):
+            outputs = self._extend(training, position, informed)
+            likelihoods, modes = map(list, zip(*outputs, strict=True))
+            thetas = [mode.theta for mode in modes]
+            outputs = zip(self._posteriors, likelihoods, thetas, strict=True)
+            posteriors = [update(*output) for output in outputs]
+            draws = self._extend_draws(training, position, informed)
+            draws = self._updated_draws(update, likelihoods, draws)
+            self._store_learned(training, engine, likelihoods, modes, posteriors)
+            self._store_updated_draws(draws)
 
     def _check_room(self, training):
         """Whether memory suffices for the model with a task more."""
-        n_before, n_outputs = len(self._likelihoods[0].inputs), len(self._likelihoods)
-        n_new, n_tasks = (
+        n_before, n_new = (
+            len(self._likelihoods[0].inputs),
             len(training.features) - len(self.X_train_),
-            len(training.tasks),
         )
-        rank = self.rank_ + self._is_full()
-        n_kept = n_outputs * (1 + len(getattr(self, "theta_samples_", ())))
-        demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_kept)
-        tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
+        demand, tiles = self._demand(training, rank=self.rank_ + self._is_full())
         self._engine.check_joining(demand, tiles, n_before, n_new)
 
     def _extend(self, training, position, informed):
@@ -542,7 +574,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         outputs = zip(
             self._likelihoods,
             self._posteriors,
-            np.split(self.theta_, len(self._likelihoods)),
+            self._thetas(),
             training.data(self._engine),
             strict=True,
         )
@@ -553,12 +585,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             yield self._engine.joined(*more), mode
 
     def _extend_draws(self, training, position, informed):
-        """The draws of each output with a border of the task for each of them."""
-        rng, n = np.random.default_rng(position), len(self._likelihoods)
+        """The draws of each output, if any, with a border of the task for each."""
+        if not self._is_sampled():
+            return
+        rng = np.random.default_rng(position)
         outputs = zip(
             self._likelihoods,
             self._predictive,
-            np.split(self.theta_samples_, n, axis=1),
+            self._draws_of_outputs(),
             training.data(self._engine),
             strict=True,
         )
@@ -569,7 +603,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _border(self, likelihood, data, training, position, informed):
         """What learns the border of a new task, at a posterior and its theta."""
-        new = data.tasks == position
+        new, own_noise = data.tasks == position, training.noise == "per_task"
+        if describes(likelihood.prior.task_covariance):
+            place = position, own_noise
+            return partial(join_described, likelihood, data.Q[position], *place)
         return partial(
             learn_novel,
             likelihood,
@@ -577,7 +614,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             y=data.y[new],
             position=position,
             own=self._has_own(),
-            own_noise=training.noise == "per_task",
+            own_noise=own_noise,
             informed=informed,
             budget=self._budget(),
         )
@@ -588,10 +625,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _is_full(self):
         """Whether the task covariance is as general as it can be."""
-        return self.rank is None and self.rank_ == len(self.tasks_)
+        full = self.rank is None and self.rank_ == len(self.tasks_)
+        return full and not self._describes()
 
-    def _store_learned(self, training, engine, likelihoods, modes):
-        super()._store_learned(training, engine, likelihoods, modes)
+    def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
+        super()._store_learned(training, engine, likelihoods, modes, posteriors)
         form = likelihoods[0].prior.task_covariance
         self.rank_ = form.rank
         has_own = bool(getattr(form, "n_own", 0))

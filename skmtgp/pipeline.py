@@ -1,4 +1,4 @@
-"""Pipelines: the paper's model of a robot, and a task that joins a fitted one."""
+"""Pipelines: the paper's model of a robot, tasks and rows that join a fitted one."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
 
+from skmtgp._data.checks import check_stream
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
@@ -23,7 +24,7 @@ from skmtgp.preprocessing import InverseDynamicsFeatures
 from skmtgp.robot import RigidBodyRegressor, make_semiparametric_regressor
 from skmtgp.single_task import SingleTaskGP
 
-__all__ = ["add_task", "make_inverse_dynamics_regressor"]
+__all__ = ["add_task", "make_inverse_dynamics_regressor", "partial_fit"]
 
 Model = TypeVar("Model", bound=BaseEstimator)
 # The kernels of inverse dynamics, and what stands for a joint's position in each
@@ -107,6 +108,70 @@ def add_task(
     return model.add_task(X, y, prior=prior)
 
 
+def partial_fit(
+    model: Model, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+) -> Model:
+    """Let rows join a model, which may be the last step of a Pipeline.
+
+    The model's own method ``partial_fit``, after the transformers of a Pipeline. The
+    first call fits all steps; from then on the transformers stay as they are.
+
+    Parameters
+    ----------
+    model : estimator, or Pipeline that ends with one
+        A MultiTaskGPRegressor, an IndependentGP, a PooledGP or a RankSearchIC. It is
+        changed.
+    X : array-like of shape (n_samples, n_features)
+        Inputs, with the task labels, as `model` takes them.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Targets.
+    max_rows : int, default=None
+        How many rows are kept, see :meth:`MultiTaskGPRegressor.partial_fit`.
+
+    Returns
+    -------
+    model : same type as `model`
+        The model that was passed, fitted.
+
+    Raises
+    ------
+    TypeError
+        If the model has no ``partial_fit``, or X or y is a Dask collection.
+    ValueError
+        If X or y cannot be used, see :meth:`MultiTaskGPRegressor.partial_fit`. A
+        fitted model is then as it was before.
+
+    Examples
+    --------
+    >>> from skmtgp import PooledGP, make_inverse_dynamics_regressor, partial_fit
+    >>> from skmtgp.datasets import load_puma560
+    >>> X, y = load_puma560(n_per_load=8, loads=[1, 2], return_X_y=True)
+    >>> model = make_inverse_dynamics_regressor(PooledGP(max_iter=0))
+    >>> for rows in (slice(0, 12), slice(12, 14), slice(14, 16)):
+    ...     model = partial_fit(model, X[rows], y[rows, 0])
+    >>> model[-1].y_train_.shape
+    (16,)
+    """
+    check_stream(X, y, max_rows)
+    last = model
+    while isinstance(last, Pipeline):
+        last = last.steps[-1][1]
+    if not isinstance(last, (BaseMultiTaskGP, RankSearchIC)):
+        raise TypeError(
+            "The model must be a MultiTaskGPRegressor, IndependentGP, PooledGP or "
+            "RankSearchIC, or a Pipeline that ends with one of them, not a "
+            f"{type(last).__name__}."
+        )
+    if last is model:
+        return model.partial_fit(X, y, max_rows=max_rows)
+    first, is_fitted = model[:-1], hasattr(last, "tasks_")
+    if len(first):
+        X = first.transform(X) if is_fitted else first.fit_transform(X, y)
+    partial_fit(model.steps[-1][1], X, y, max_rows=max_rows)
+    model.steps = [*first.steps, model.steps[-1]]  # with a memory, fitted clones
+    return model
+
+
 def make_inverse_dynamics_regressor(
     estimator: BaseEstimator | None = None,
     *,
@@ -116,6 +181,7 @@ def make_inverse_dynamics_regressor(
     robot: Any = None,
     joint: int | str | None = None,
     task_feature: int | str = -1,
+    task_descriptors: Sequence[int | str] | None = None,
 ) -> Pipeline:
     """Pipeline of the inverse dynamics features, a kernel of them and a model.
 
@@ -152,19 +218,25 @@ def make_inverse_dynamics_regressor(
         y is.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
+    task_descriptors : sequence of int or str, default=None
+        Positions or names of columns that describe the load, such as its mass. They
+        are no features, but the `task_descriptors` of the model, which has to be a
+        MultiTaskGPRegressor, or a RankSearchIC of one.
 
     Returns
     -------
     pipeline : Pipeline
         Of the steps "features" and "regressor"; of the second alone for "rigid-body".
         It is fitted on X of shape (n_samples, 3 J + 1): positions in rad, velocities in
-        rad/s, accelerations in rad/s^2 and the load; and on torques y in N m, of shape
+        rad/s, accelerations in rad/s^2 and the load, with any descriptors beside these;
+        and on torques y in N m, of shape
         (n_samples,) or (n_samples, n_outputs).
 
     Raises
     ------
     TypeError
-        If `estimator` is none of these, or `joint_types` is no sequence.
+        If `estimator` is none of these, or takes no `task_descriptors` that are given,
+        or if `joint_types` is no sequence.
     ValueError
         If `kernel` is none of these words, `n_joints` is not a positive integer,
         `joint_types` are not the types of so many joints, or `robot` or `joint` is
@@ -197,8 +269,26 @@ def make_inverse_dynamics_regressor(
     ... )
     >>> model[-1].rest
     'friction'
+
+    A load that was never seen, from its mass:
+
+    >>> from skmtgp import MultiTaskGPRegressor
+    >>> X, y = load_puma560(
+    ...     n_per_load=4, loads=[1, 8, 15], descriptors=["mass"], return_X_y=True
+    ... )
+    >>> model = make_inverse_dynamics_regressor(
+    ...     MultiTaskGPRegressor(rank=2, max_iter=0), task_descriptors=[-2]
+    ... )
+    >>> seen = X[:, -1] != 8
+    >>> model.fit(X[seen], y[seen, 1]).predict(X[~seen]).shape
+    (4,)
     """
     if isinstance(kernel, str) and kernel == RIGID:
+        if task_descriptors is not None:
+            raise ValueError(
+                f"task_descriptors={task_descriptors!r} cannot go with "
+                f"kernel={RIGID!r}, which learns a load's parameters itself."
+            )
         return _rigid_bodies(estimator, robot, joint, task_feature)
     for name, value in {"robot": robot, "joint": joint}.items():
         if value is not None:
@@ -206,12 +296,16 @@ def make_inverse_dynamics_regressor(
                 f"{name}={value!r} needs kernel={RIGID!r}, not {kernel!r}."
             )
     regressor = _paper_model() if estimator is None else clone(estimator)
-    _set_kernel(regressor, _make_kernel(kernel, n_joints, joint_types))
+    model = _model_of(regressor)
+    _set_kernel(model, _make_kernel(kernel, n_joints, joint_types))
+    if task_descriptors is not None:
+        _set_descriptors(model, len(task_descriptors))
     features = InverseDynamicsFeatures(
         n_joints,
         angles=ANGLES[kernel],
         joint_types=joint_types,
         task_feature=task_feature,
+        task_descriptors=task_descriptors,
     )
     return Pipeline([("features", features), ("regressor", regressor)])
 
@@ -249,12 +343,17 @@ def _paper_model():
     return RankSearchIC(MultiTaskGPRegressor(**settings), ranks=(2, 4, 5, 6, 8, 10))
 
 
+def _model_of(regressor):
+    """The model that has a kernel: of a search its estimator."""
+    if not isinstance(regressor, RankSearchIC):
+        return regressor
+    if regressor.estimator is None:
+        regressor.set_params(estimator=MultiTaskGPRegressor())
+    return regressor.estimator
+
+
 def _set_kernel(regressor, kernel):
     """Give the model its kernel where it lacks one; features put the task last."""
-    if isinstance(regressor, RankSearchIC):
-        if regressor.estimator is None:
-            regressor.set_params(estimator=MultiTaskGPRegressor())
-        regressor = regressor.estimator
     linear = isinstance(regressor, BayesianLinearRegression)
     if not (linear or isinstance(regressor, (BaseMultiTaskGP, SingleTaskGP))):
         raise TypeError(
@@ -264,3 +363,14 @@ def _set_kernel(regressor, kernel):
     if not linear and regressor.kernel is None:
         regressor.set_params(kernel=kernel)
     regressor.set_params(task_feature=-1)
+
+
+def _set_descriptors(regressor, n_descriptors):
+    """Tell the model where features put the descriptors: in front of the task."""
+    if not isinstance(regressor, MultiTaskGPRegressor):
+        raise TypeError(
+            f"task_descriptors are for a MultiTaskGPRegressor, or a RankSearchIC of "
+            f"one, not for {regressor!r}."
+        )
+    places = list(range(-1 - n_descriptors, -1))
+    regressor.set_params(task_descriptors=places)

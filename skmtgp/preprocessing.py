@@ -14,6 +14,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import refuse_dask
+from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.joints import check_angles, check_joints, columns_of_positions
 from skmtgp._data.labels import FIRST_INEXACT
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
@@ -59,9 +60,12 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         that slides, such as ``"RRPRRR"``. None: all turn. It matters to trigonometric
         angles only: the position of a joint that slides is standardised.
     task_feature : int or str, default=-1
-        Position or name of the task column. The other columns are, from left to right,
-        positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and accelerations
-        qdd1..qddJ (rad/s^2).
+        Position or name of the task column.
+    task_descriptors : sequence of int or str, default=None
+        Positions or names of columns that describe the tasks, such as the mass of a
+        load. They are passed on as they are, in front of the task. The other columns
+        are, from left to right, positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and
+        accelerations qdd1..qddJ (rad/s^2).
 
     Attributes
     ----------
@@ -76,7 +80,7 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         in training, its root mean square where zero stays zero, 1 for cosines and sines
         and where that is 0.
     n_features_in_ : int
-        Number of columns seen in `fit`, 3 J + 1.
+        Number of columns seen in `fit`, 3 J + 1 and the descriptors.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
         Names of the columns seen in `fit`, if they had any.
 
@@ -118,11 +122,13 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         angles: Literal["radians", "trigonometric"] = "radians",
         joint_types: Sequence[str] | None = None,
         task_feature: int | str = -1,
+        task_descriptors: Sequence[int | str] | None = None,
     ) -> None:
         self.n_joints = n_joints
         self.angles = angles
         self.joint_types = joint_types
         self.task_feature = task_feature
+        self.task_descriptors = task_descriptors
 
     @with_callbacks
     def fit(self, X: ArrayLike, y: Any = None) -> Self:
@@ -163,9 +169,21 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         self._task_position = locate_task_column(
             self.task_feature, n_features, getattr(self, "feature_names_in_", None)
         )
+        self._descriptors = self._locate_descriptors()
         self.n_joints_ = self._count_joints(n_features)
         self._revolute = self._turning()
         self.mean_, self.scale_ = self._units(self._states(self._split(table)[0]))
+
+    def _locate_descriptors(self):
+        """Where they are among the columns without the task's."""
+        if self.task_descriptors is None:
+            return np.array([], dtype=int)
+        return locate_descriptors(
+            self.task_descriptors,
+            self._task_position,
+            self.n_features_in_,
+            getattr(self, "feature_names_in_", None),
+        )
 
     def _turning(self):
         """Of each joint, whether its cosine and its sine stand for its position."""
@@ -204,8 +222,9 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
         Returns
         -------
-        features : ndarray or DataFrame of shape (n_samples, n_states + n_joints + 1)
-            The scaled states, the J signs -1, 0 or 1, and the task. The states are 3 J
+        features : ndarray or DataFrame of shape (n_samples, n_features_out)
+            The scaled states, the J signs -1, 0 or 1, the descriptors and the task,
+            which are n_states + J + n_descriptors + 1 columns. The states are 3 J
             columns; with trigonometric angles the cosine and then the sine of a joint
             that turns stand where its position was. As an array, float64 where the
             labels are numbers, else object. As a frame (after
@@ -220,13 +239,18 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         """
         check_is_fitted(self)
         refuse_dask("X", X, BY_PARTITIONS)
-        x, labels = self._split(read_table(self, X, reset=False))
+        x, described, labels = self._split(read_table(self, X, reset=False))
         velocities = x[:, self.n_joints_ : 2 * self.n_joints_]
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))
         scaled = (self._states(x) - self.mean_) / self.scale_
-        features = np.column_stack([scaled, signs])
+        features = np.column_stack([scaled, signs, described])
         names = self.get_feature_names_out() if wants_pandas(self) else None
         return join_labels(features, labels, X, self._task_position, names)
+
+    def _compile(self, label):
+        """The same of one state without its task, see `compile_predictor`."""
+        check_is_fitted(self)
+        return OneState(self._revolute, self.n_joints_, self.mean_, self.scale_)
 
     def get_feature_names_out(
         self, input_features: ArrayLike | None = None
@@ -241,10 +265,10 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
         Returns
         -------
-        names : ndarray of shape (n_states + n_joints + 1,)
+        names : ndarray of shape (n_features_out,)
             The names of the states, ``"cos(q1)"`` and ``"sin(q1)"`` for trigonometric
-            angles, ``"sgn(qd1)"`` for a velocity ``"qd1"``, and the name of the task
-            column.
+            angles, ``"sgn(qd1)"`` for a velocity ``"qd1"``, and the names of the
+            descriptors and of the task column.
 
         Raises
         ------
@@ -253,7 +277,9 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         """
         check_is_fitted(self)
         names = check_feature_names_in(self, input_features)
-        states = np.delete(names, self._task_position)
+        others = np.delete(names, self._task_position)
+        states = np.delete(others, self._descriptors)
+        described = others[self._descriptors]
         positions = [
             form.format(name)
             for name, turns in zip(states, self._revolute, strict=False)
@@ -262,20 +288,23 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         others = states[self.n_joints_ :]
         signs = [f"sgn({name})" for name in others[: self.n_joints_]]
         task = names[self._task_position]
-        return np.array([*positions, *others, *signs, task], dtype=object)
+        names = [*positions, *others, *signs, *described, task]
+        return np.array(names, dtype=object)
 
     def _count_joints(self, n_features):
+        n_states = n_features - 1 - len(self._descriptors)
         if self.n_joints is None:
-            n_joints, rest = divmod(n_features - 1, 3)
+            n_joints, rest = divmod(n_states, 3)
             expected = "J joints need 3 J + 1"
         else:
-            n_joints, rest = self.n_joints, n_features - 1 - 3 * self._given_joints()
+            n_joints, rest = self.n_joints, n_states - 3 * self._given_joints()
             expected = f"n_joints={n_joints} needs {3 * n_joints + 1}"
         if rest:
+            beside = " beside the task_descriptors" * bool(len(self._descriptors))
             raise ValueError(
-                f"X has {n_features} columns, but {expected}: positions q1..qJ (rad), "
-                "velocities qd1..qdJ (rad/s), accelerations qdd1..qddJ (rad/s^2) and "
-                "the task column."
+                f"X has {n_states + 1} columns{beside}, but {expected}: positions "
+                "q1..qJ (rad), velocities qd1..qdJ (rad/s), accelerations qdd1..qddJ "
+                "(rad/s^2) and the task column."
             )
         return int(n_joints)
 
@@ -287,8 +316,10 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         return self.n_joints
 
     def _split(self, table):
-        """The states, as float64, and the labels."""
-        return split_table(table, self._task_position, self)
+        """The states and the descriptors, as float64, and the labels."""
+        features, labels = split_table(table, self._task_position, self)
+        columns = self._descriptors
+        return np.delete(features, columns, axis=1), features[:, columns], labels
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()
@@ -328,6 +359,45 @@ def join_labels(features, labels, X, position, names=None):
     *others, task = names
     frame = pd.DataFrame(features, columns=others, index=index)
     return frame.assign(**{task: labels})
+
+
+class OneState:
+    """The features of one state, a plain array in and out.
+
+    Parameters
+    ----------
+    turns : sequence of bool
+        Of each joint, whether its cosine and its sine stand for its position.
+    n_joints : int
+        Number of joints J.
+    mean, scale : ndarray of shape (n_states,)
+        What is taken off the states, and what they are divided by.
+    """
+
+    def __init__(self, turns, n_joints, mean, scale):
+        self.n_joints, self.mean, self.scale = n_joints, mean, scale
+        positions = columns_of_positions(turns)
+        self.turning = np.flatnonzero(turns)
+        self.cosines = np.array([positions[j][0] for j in self.turning], dtype=int)
+        others = np.ones(len(mean), dtype=bool)
+        others[self.cosines], others[self.cosines + 1] = False, False
+        self.others = np.flatnonzero(others)
+        self.kept = np.delete(np.arange(3 * n_joints), self.turning)
+
+    def __call__(self, x):
+        J, n = self.n_joints, len(self.mean)
+        features = np.empty(n + J)
+        features[self.others] = x[self.kept]
+        if len(self.turning):
+            angles = x[self.turning]
+            features[self.cosines] = np.cos(angles)
+            features[self.cosines + 1] = np.sin(angles)
+        features[:n] -= self.mean
+        features[:n] /= self.scale
+        velocities = x[J : 2 * J]
+        np.sign(velocities, out=features[n:])
+        features[n:][np.abs(velocities) <= STANDSTILL] = 0.0
+        return features
 
 
 def _as_column(labels):

@@ -21,7 +21,16 @@ LAYERS = [
     {"learning"},
     {"_estimators"},
     {"multitask", "baselines", "single_task", "linear"},
-    {"model_selection", "inspection", "preprocessing", "pipeline", "wide", "robot"},
+    {
+        "model_selection",
+        "inspection",
+        "preprocessing",
+        "pipeline",
+        "wide",
+        "identification",
+        "robot",
+    },
+    {"predictor"},
     {"__init__"},
     {"__main__"},
 ]

@@ -1,4 +1,5 @@
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
     add_task,
+    compile_predictor,
     make_inverse_dynamics_regressor,
+    partial_fit,
 )
 from skmtgp.datasets import load_puma560, puma560_urdf
 from skmtgp.kernels import (
@@ -127,6 +130,10 @@ def test_a_robot_that_is_described():
 def test_only_one_kernel_has_a_robot():
     with pytest.raises(ValueError, match="'rigid-body' needs robot, a URDF or a Pin"):
         make_inverse_dynamics_regressor(kernel="rigid-body")
+    with pytest.raises(ValueError, match=r"task_descriptors=\[18\] cannot go with"):
+        make_inverse_dynamics_regressor(
+            kernel="rigid-body", robot="arm.urdf", task_descriptors=[18]
+        )
     for options in ({"robot": "arm.urdf"}, {"joint": 1}):
         with pytest.raises(ValueError, match="needs kernel='rigid-body', not 'paper'"):
             make_inverse_dynamics_regressor(**options)
@@ -358,3 +365,111 @@ class TestAddTask:
     def test_a_model_that_is_not_fitted(self, name):
         with pytest.raises(NotFittedError):
             add_task(clone(MODELS[name]), X_NEW, Y_NEW[:, 0])
+
+
+class TestDescriptors:
+    """A load that was never seen, from its mass and moments."""
+
+    def test_they_go_from_the_data_to_the_model(self):
+        names = ["mass", "mc_x", "mc_y", "mc_z"]
+        options = {"descriptors": names, "n_per_load": 8, "as_frame": True}
+        puma = load_puma560(loads=range(1, 15), **options)
+        model = MultiTaskGPRegressor(
+            rank=3,
+            task_levels=False,
+            normalize_y="shared",
+            noise="shared",
+            max_iter=30,
+            tol=1.0,
+        )
+        pipeline = make_inverse_dynamics_regressor(model, task_descriptors=names)
+        assert pipeline[-1].task_descriptors == [-5, -4, -3, -2]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            pipeline.fit(puma.data, puma.target["tau2"])
+        new = load_puma560(loads=[15], **options)
+        error = pipeline.predict(new.data) - new.target["tau2"]
+        assert np.square(error).mean() < 1e-2 * new.target["tau2"].var()
+        table = pipeline[-1].task_descriptors_
+        assert table.loc["c3"].tolist() == puma.loads.loc["c3", names].tolist()
+
+    def test_a_search(self):
+        search = RankSearchIC(ranks=(1,))
+        pipeline = make_inverse_dynamics_regressor(search, task_descriptors=[-2])
+        assert pipeline[-1].estimator.task_descriptors == [-2]
+
+    def test_other_models_take_none(self):
+        with pytest.raises(TypeError, match="task_descriptors are for a MultiTaskGP"):
+            make_inverse_dynamics_regressor(PooledGP(), task_descriptors=[-2])
+
+
+class TestPartialFit:
+    """Rows join what ends with a model, whichever the steps."""
+
+    FIRST, LATER = slice(0, 24, 2), slice(1, 24, 2)
+
+    @pytest.fixture(params=MODELS.values(), ids=MODELS)
+    def model(self, request):
+        return clone(request.param)
+
+    def test_of_every_model(self, model):
+        assert partial_fit(model, X[self.FIRST], Y[self.FIRST, 0]) is model
+        theta = last_of(model).theta_
+        assert len(last_of(model).y_train_) == 12
+        partial_fit(model, X[self.LATER], Y[self.LATER, 0])
+        assert len(last_of(model).y_train_) == 24
+        np.testing.assert_array_equal(last_of(model).theta_, theta)
+        partial_fit(model, X_NEW, Y_NEW[:, 0], max_rows=20)
+        assert last_of(model).tasks_.tolist() == [1, 2, 5, 9]
+        assert len(last_of(model).y_train_) == 20
+
+    def test_it_is_the_last_step_that_learns(self, model):
+        first = clone(model).fit(X[self.FIRST], Y[self.FIRST, 0])
+        expected = pickle.loads(pickle.dumps(first))
+        rows, step = X[self.LATER], expected
+        while isinstance(step, Pipeline):
+            rows = step[:-1].transform(rows) if len(step) > 1 else rows
+            step = step[-1]
+        step.partial_fit(rows, Y[self.LATER, 0])
+        partial_fit(first, X[self.LATER], Y[self.LATER, 0])
+        np.testing.assert_array_equal(first.predict(X), expected.predict(X))
+
+    def test_compiled(self, model):
+        model.fit(X, Y[:, 0])
+        predictor = compile_predictor(model)
+        found = [predictor(x[:-1], x[-1])[0] for x in X[:6]]
+        np.testing.assert_allclose(found, model.predict(X[:6]), rtol=1e-9)
+
+    def test_a_failure_leaves_it(self, model):
+        model.fit(X, Y[:, 0])
+        before = pickle.dumps(model)
+        for rows, y, message in [
+            (X[:2, 1:], Y[:2, 0], "features|columns"),
+            (X[:2], Y[:2], "y has shape"),
+        ]:
+            with pytest.raises(ValueError, match=message):
+                partial_fit(model, rows, y)
+        with pytest.raises(ValueError, match="below the number of tasks"):
+            partial_fit(model, X[:2], Y[:2, 0], max_rows=1)
+        assert pickle.dumps(model) == before
+
+    def test_with_a_memory(self, tmp_path):
+        model = make_inverse_dynamics_regressor(clone(ESTIMATORS["pGP"]))
+        model.set_params(memory=str(tmp_path))
+        partial_fit(model, X[self.FIRST], Y[self.FIRST, 0])
+        partial_fit(model, X[self.LATER], Y[self.LATER, 0])
+        assert np.isfinite(model.predict(X)).all()
+
+    @pytest.mark.parametrize(
+        "model",
+        [
+            SingleTaskGP(**QUICK),
+            BayesianLinearRegression(),
+            scaled(LinearRegression()),
+            GridSearchCV(ESTIMATORS["mGP"], {"rank": [1]}),
+        ],
+        ids=repr,
+    )
+    def test_other_models_are_refused(self, model):
+        with pytest.raises(TypeError, match=r"must be a MultiTaskGPRegressor, Indepen"):
+            partial_fit(model, X, Y[:, 0])

@@ -347,3 +347,34 @@ def test_a_feature_in_the_place_of_the_task(states):
     X = np.column_stack([np.arange(5), states])
     with pytest.raises(ValueError, match=r"fractional numbers .* Does task_feature"):
         InverseDynamicsFeatures().fit(X)
+
+
+class TestDescriptors:
+    """Columns that describe the tasks are passed on as they are."""
+
+    STATES = np.array([[0.1, -2.0, 5.0], [0.3, 0.0, 9.0], [0.2, 1.0, 7.0]])
+    X = np.column_stack([STATES[:, :1], [3.0, 4.0, 4.0], STATES[:, 1:], [1, 2, 2]])
+
+    def test_in_front_of_the_task(self):
+        features = InverseDynamicsFeatures(task_descriptors=[1]).fit(self.X)
+        plain = InverseDynamicsFeatures().fit(np.delete(self.X, 1, axis=1))
+        expected = plain.transform(np.delete(self.X, 1, axis=1))
+        found = features.transform(self.X)
+        assert features.n_joints_ == 1
+        np.testing.assert_array_equal(found[:, -2], [3.0, 4.0, 4.0])
+        np.testing.assert_array_equal(np.delete(found, -2, axis=1), expected)
+
+    def test_their_names(self):
+        frame = pd.DataFrame(self.X, columns=["q1", "mass", "qd1", "qdd1", "load"])
+        frame["load"] = ["a", "b", "b"]
+        options = {"task_descriptors": ["mass"], "angles": "trigonometric"}
+        features = InverseDynamicsFeatures(**options).set_output(transform="pandas")
+        found = features.fit_transform(frame)
+        expected = ["cos(q1)", "sin(q1)", "qd1", "qdd1", "sgn(qd1)", "mass", "load"]
+        assert found.columns.tolist() == expected
+        assert features.get_feature_names_out().tolist() == expected
+        assert found["load"].tolist() == ["a", "b", "b"]
+
+    def test_other_columns_are_counted(self):
+        with pytest.raises(ValueError, match="4 columns beside the task_descriptors"):
+            InverseDynamicsFeatures(2, task_descriptors=[1]).fit(self.X)

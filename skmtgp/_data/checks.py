@@ -1,9 +1,16 @@
 """Training and test data as the estimators get them: checked and encoded."""
 
+from numbers import Integral
+
 import numpy as np
 import pandas as pd
 from sklearn.preprocessing import StandardScaler
-from sklearn.utils import check_array, check_consistent_length, gen_batches
+from sklearn.utils import (
+    check_array,
+    check_consistent_length,
+    check_scalar,
+    gen_batches,
+)
 
 from skmtgp._data.dask import is_dask, refuse_dask
 from skmtgp._data.labels import encode_tasks
@@ -98,10 +105,8 @@ def check_new_task(estimator, X, y):
     Y : ndarray of shape (n_samples, n_outputs)
         Numbers.
     """
-    for name, data in [("X", X), ("y", y)]:
-        refuse_dask(name, data, f"Pass {name}.compute(): a task that joins is small.")
-    table = read_table(estimator, X, reset=False)
-    features, (tasks, _) = _split(estimator, table)
+    _refuse_dask_rows(X, y, "a task that joins is small.")
+    features, (tasks, _), Y = _check_joining(estimator, X, y)
     known = estimator.tasks_
     if len(tasks) != 1:
         raise ValueError(
@@ -116,16 +121,67 @@ def check_new_task(estimator, X, y):
         )
     if label in known.tolist():  # not as floats
         raise ValueError(
-            f"Task {label!r} is known already; fit learns from more samples of it, "
+            f"Task {label!r} is known already; partial_fit takes more samples of it, "
             "add_task takes new ones."
         )
+    return features, label, Y
+
+
+def check_more(estimator, X, y):
+    """Features, labels, tasks and targets of rows that join a fitted estimator.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted.
+    X : array-like of shape (n_samples, n_features)
+        Inputs with the task column.
+    y : array-like of the other dimensions of the training targets
+        Targets.
+
+    Returns
+    -------
+    features : ndarray of shape (n_samples, n_features - 1)
+        Numbers.
+    labels : Labels
+        Of the rows.
+    codes : ndarray of shape (n_samples,)
+        Positions of the tasks in `tasks_`; those of new tasks are beyond.
+    Y : ndarray of shape (n_samples, n_outputs)
+        Numbers.
+    """
+    features, labels, Y = _check_joining(estimator, X, y)
+    can_join = hasattr(estimator, "add_task")
+    codes = encode_tasks(labels, estimator.tasks_, unseen=can_join)
+    return features, labels, codes, Y
+
+
+def check_stream(X, y, max_rows):
+    """Raise an error where rows are Dask's, or no number of rows is to be kept."""
+    _refuse_dask_rows(X, y, "the rows of a stream are few at a time.")
+    if max_rows is not None:
+        check_scalar(max_rows, "max_rows", Integral, min_val=1)
+
+
+def _refuse_dask_rows(X, y, why):
+    for name, data in [("X", X), ("y", y)]:
+        refuse_dask(name, data, f"Pass {name}.compute(): {why}")
+
+
+def _check_joining(estimator, X, y):
+    """Features, labels and targets, of as many outputs as those of fit."""
+    table = read_table(estimator, X, reset=False)
+    check_given(estimator, y)
+    features, labels = _split(estimator, table)
+    _check_descriptors(estimator, features, labels)
     y = check_target(table, y)
-    if y.shape[1:] != estimator.y_train_.shape[1:]:
+    shape = getattr(estimator, "y_train_", y).shape[1:]  # of Dask's rows none is kept
+    if y.shape[1:] != shape:
         raise ValueError(
             f"y has shape {y.shape}; the model was fitted to targets of shape "
-            f"{('n_samples', *estimator.y_train_.shape[1:])}.".replace("'", "")
+            f"{('n_samples', *shape)}.".replace("'", "")
         )
-    return features, label, y.reshape(len(y), -1)
+    return features, labels, y.reshape(len(y), -1)
 
 
 def check_test(estimator, X, *, unseen=False):
@@ -135,9 +191,17 @@ def check_test(estimator, X, *, unseen=False):
     """
     refuse_dask("X", X, BY_PARTITIONS)
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
+    _check_descriptors(estimator, features, labels)
     can_join = hasattr(estimator, "add_task")
     options = {"can_join": can_join, "unseen": unseen}
     return features, encode_tasks(labels, estimator.tasks_, **options)
+
+
+def _check_descriptors(estimator, features, labels):
+    """Raise a ValueError where those of a task differ, by themselves or from fit."""
+    descriptors = getattr(estimator, "_descriptors", None)
+    if descriptors is not None:
+        descriptors.check(features, labels, estimator.tasks_)
 
 
 def _split(estimator, table):

@@ -27,6 +27,8 @@ class Data:
         once each, and this is made use of: parts of the data are complete then, too.
     Z : ndarray of shape (n_inducing, n_features), default=None
         Inducing inputs, for a bound on the likelihood.
+    Q : ndarray of shape (n_tasks, n_rows), default=None
+        What is known of the tasks, see :class:`~skmtgp._data.descriptors.Descriptors`.
     """
 
     X: np.ndarray
@@ -35,9 +37,15 @@ class Data:
     n_tasks: int
     design: np.ndarray | None = None
     Z: np.ndarray | None = None
+    Q: np.ndarray | None = None
 
     def __len__(self):
         return len(self.y)
+
+    @property
+    def n_told(self):
+        """How many rows a factor of K^rho has: one for each task, or descriptor."""
+        return self.n_tasks if self.Q is None else self.Q.shape[1]
 
     @property
     def n_inputs(self):

@@ -266,8 +266,8 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False):
     why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
     join = ", or let it join with add_task" * can_join
     share = (
-        " A model with shared=True and normalize_y='shared' predicts tasks that it "
-        "never saw."
+        " A model with shared=True, or with task_descriptors, predicts tasks that it "
+        "never saw, where normalize_y_ is 'shared'."
     ) * can_join
     raise ValueError(
         f"{what}: the model knows {_enumerate(tasks)}.{why} Fit with samples of every "

@@ -35,34 +35,39 @@ def locate_task_column(task_feature, n_features, feature_names=None):
     ValueError
         If there is no such column.
     """
-    if isinstance(task_feature, str):
-        return _locate_name(task_feature, feature_names)
-    if isinstance(task_feature, (bool, np.bool_)) or not isinstance(
-        task_feature, numbers.Integral
-    ):
+    return locate_column(task_feature, n_features, feature_names)
+
+
+def locate_column(
+    column, n_features, names=None, parameter="task_feature", what="task column"
+):
+    """Position of a column, of which errors tell the parameter and what it is for."""
+    if isinstance(column, str):
+        return _locate_name(column, names, parameter)
+    if isinstance(column, (bool, np.bool_)) or not isinstance(column, numbers.Integral):
         raise TypeError(
-            f"task_feature={task_feature!r} must be the position (int) or the name "
-            f"(str) of the task column, not {type(task_feature).__name__}."
+            f"{parameter}={column!r} must be the position (int) or the name "
+            f"(str) of the {what}, not {type(column).__name__}."
         )
-    if not -n_features <= task_feature < n_features:
+    if not -n_features <= column < n_features:
         raise ValueError(
-            f"task_feature={task_feature} is out of range: X has {n_features} columns."
+            f"{parameter}={column} is out of range: X has {n_features} columns."
         )
-    return int(task_feature) % n_features
+    return int(column) % n_features
 
 
-def _locate_name(name, names):
+def _locate_name(name, names, parameter):
     """Position of a name among those of the columns."""
     if names is None:
         raise ValueError(
-            f"task_feature={name!r} names a column, but X has no column names. Pass a "
+            f"{parameter}={name!r} names a column, but X has no column names. Pass a "
             "DataFrame, which a pipeline makes after set_output(transform='pandas'), "
             "or the position of the column."
         )
     names = list(names)
     if name not in names:
         advice = _advise(name, names)
-        raise ValueError(f"task_feature={name!r} is not a column: {names}.{advice}")
+        raise ValueError(f"{parameter}={name!r} is not a column: {names}.{advice}")
     return names.index(name)
 
 

@@ -13,13 +13,15 @@ from numpy.typing import ArrayLike
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import Kernel
 
-from skmtgp._data.checks import FEW_ROWS, check_training, warn_of_constants
+from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
 from skmtgp._data.dask import is_dask
+from skmtgp._data.descriptors import locate_descriptors, read_descriptors
+from skmtgp._data.labels import Labels
 from skmtgp._data.partitions import check_partitions
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
-from skmtgp._estimators.fitted import FittedGP
+from skmtgp._estimators.online import OnlineGP
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.targets import fit_target
 from skmtgp._estimators.training import Training, default_kernel
@@ -49,7 +51,7 @@ CENTRED = 1.0
 TRANSFORMER = "fit", "transform", "inverse_transform"
 
 
-class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
+class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
@@ -153,6 +155,11 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
                 "hyperparameters='sampled' needs the rows in memory, and X is a Dask "
                 "collection. Give arrays, or set hyperparameters='mode'."
             )
+        if stay and self._describes():
+            raise ValueError(
+                "task_descriptors needs the rows in memory, and X is a Dask "
+                "collection. Give arrays, or leave the descriptors out."
+            )
         check = check_partitions if stay else check_training
         training = self._scale(*check(self, X, y))
         report = "auto" in (self.normalize_y, self.noise) and progress(
@@ -166,13 +173,35 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
         target = fit_target(self.target_transform, Y)
         Y = target.forward(Y)
-        training = Training(features, codes, tasks, Y, single_output, target=target)
+        features, described = self._describe(features, codes, tasks)
+        training = Training(
+            features, codes, tasks, Y, single_output, target=target, **described
+        )
         if len(Y) > FEW_ROWS:
             same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
             # without normalize_y one that is not zero has a size, if nothing else
             sized = not self.normalize_y and self._learns_amplitude()
             warn_of_constants(same & ~(sized & np.asarray(Y.max(axis=0) != 0.0)))
         return decide(self, training)
+
+    def _describes(self):
+        """Whether tasks have descriptors, which are columns of X."""
+        return getattr(self, "task_descriptors", None) is not None
+
+    def _describe(self, features, codes, tasks):
+        """The inputs of the kernel, and the descriptors of the tasks, if any."""
+        if not self._describes():
+            return features, {}
+        position, names = locate(self)
+        columns = locate_descriptors(
+            self.task_descriptors,
+            position,
+            self.n_features_in_,
+            getattr(self, "feature_names_in_", None),
+        )
+        labels = Labels(tasks, codes)
+        descriptors = read_descriptors(columns, names, features, labels)
+        return descriptors.inputs(features), {"descriptors": descriptors}
 
     def _kernel(self, training):
         """k^x with its starting values."""

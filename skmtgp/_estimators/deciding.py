@@ -58,7 +58,8 @@ def _units(model, training):
     shared = shared_units(Y, centred=centred, scaled=scaled)
     if model._has_levels() and scaled:
         shared = shared.without_levels(Y, codes, n_tasks)
-    if model.normalize_y != "auto" or n_tasks == 1 or model.max_iter == 0:
+    asks = model.normalize_y == "auto" and n_tasks > 1 and model.max_iter > 0
+    if not asks or training.descriptors is not None:  # of which units do not follow
         return [shared]
     of_tasks = units_of_tasks(Y, codes, n_tasks)
     asks = differ_in_size(of_tasks.scale, training.counts)

@@ -31,6 +31,8 @@ from skmtgp.model.kernel_check import check_covariance, sample_rows
 class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
+    _descriptors = None
+
     @public
     def loo_predict(
         self, include_noise: bool = False
@@ -49,9 +51,9 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
             Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given. Where `add_task` was used,
-            the rows of the new task come last. With `target_transform` it is no mean
-            but the median, as of `predict`.
+            in the order of the rows that `fit` was given. Rows that joined later, by
+            `add_task` or `partial_fit`, come after them, as in `y_train_`. With
+            `target_transform` it is no mean but the median, as of `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 
@@ -187,6 +189,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._units,
             self.noise_,
             self._target,
+            self._descriptors,
         )
 
     def _check_rows(self):
@@ -198,34 +201,57 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             )
 
     def _knows_unseen(self):
-        """Whether one function of all tasks says what to expect of another one."""
-        return not self._units.per_task and self._shares()
+        """Whether what all tasks share, or descriptors, tell of another one."""
+        told = self._shares() or self._descriptors is not None
+        return told and not self._units.per_task
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""
         return getattr(self, "shared", False)
 
-    def _posteriors_for(self, codes):
-        """What predicts, with tasks that were never seen if there are any."""
+    def _predicting(self, features, codes):
+        """What predicts, with tasks that were never seen if there are any.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n_samples, n_features - 1)
+            Columns of X without the task's.
+        codes : ndarray of shape (n_samples,)
+            Positions of the tasks; those that were never seen are beyond.
+
+        Returns
+        -------
+        posteriors : list of n_outputs Posterior
+        inputs : ndarray of shape (n_samples, n_inputs)
+            Columns without the descriptors.
+        """
+        described = None
+        if self._descriptors is not None:
+            described = self._descriptors.unseen(features, codes)
+            features = self._descriptors.inputs(features)
+        return self._predictive_for(codes, described), features
+
+    def _predictive_for(self, codes, described=None):
+        """Posteriors that know these tasks; of unseen ones what is `described`."""
         n_unseen = max(0, codes.max(initial=0) + 1 - len(self.tasks_))
         if not n_unseen:
             return self._predictive
-        return [posterior.with_unseen(n_unseen) for posterior in self._predictive]
+        return [of.with_unseen(n_unseen, described) for of in self._predictive]
 
     def _means(self, features, codes):
-        posteriors = self._posteriors_for(codes)
-        means = np.stack([p.mean(features, codes) for p in posteriors], axis=1)
+        posteriors, X = self._predicting(features, codes)
+        means = np.stack([p.mean(X, codes) for p in posteriors], axis=1)
         return self._units.unscaled(means, codes)
 
     def _variances(self, features, codes, include_noise):
-        posteriors = self._posteriors_for(codes)
-        variances = [p.variance(features, codes) for p in posteriors]
-        variances = np.stack(variances, axis=1) * np.square(self._scales(codes))
+        posteriors, X = self._predicting(features, codes)
+        variances = np.stack([p.variance(X, codes) for p in posteriors], axis=1)
+        variances *= np.square(self._scales(codes))
         return variances + (self._noise(codes) if include_noise else 0.0)
 
     def _covariances(self, features, codes, include_noise):
-        posteriors = self._posteriors_for(codes)
-        covariances = [p.covariance(features, codes) for p in posteriors]
+        posteriors, X = self._predicting(features, codes)
+        covariances = [p.covariance(X, codes) for p in posteriors]
         scale = self._scales(codes)
         covariances = np.stack(covariances, axis=2) * (scale[:, None] * scale)
         if include_noise:
@@ -266,17 +292,23 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._draw_hyperparameters()
             self.hyperparameters_ = "sampled"
 
-    def _store_learned(self, training, engine, likelihoods, modes):
-        """The same of likelihoods that are there already."""
-        X = sample_rows(training.features)
-        for likelihood, mode in zip(likelihoods, modes, strict=True):
-            check_covariance(likelihood.prior.kernel_at(mode.theta), X)
+    def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
+        """The same of likelihoods, and perhaps posteriors, that are there already."""
+        thetas, X = [mode.theta for mode in modes], sample_rows(training.features)
+        for likelihood, theta in zip(likelihoods, thetas, strict=True):
+            check_covariance(likelihood.prior.kernel_at(theta), X)
+        pairs = zip(likelihoods, thetas, strict=True)
+        if posteriors is None:
+            posteriors = [likelihood.posterior(theta) for likelihood, theta in pairs]
+        self._store_posteriors(training, engine, likelihoods, posteriors)
+        self.theta_ = np.concatenate(thetas)
+        self._store_parameters(thetas)
+        self._store_modes(modes)
+
+    def _store_posteriors(self, training, engine, likelihoods, posteriors):
+        """Set what follows from the rows and the posterior of each output."""
         self._engine, self.inference_ = engine, engine.name
-        self._likelihoods = likelihoods
-        self._posteriors = [
-            likelihood.posterior(mode.theta)
-            for likelihood, mode in zip(likelihoods, modes, strict=True)
-        ]
+        self._likelihoods, self._posteriors = likelihoods, posteriors
         self._predictive = self._posteriors
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
@@ -286,14 +318,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.noise_ = training.noise
         self._log_jacobian = training.units.log_jacobian(training.counts)
         self.tasks_, self._n_rows = training.tasks, training.counts
+        self._descriptors = training.descriptors
         self._store_rows(training)
-        self.theta_ = np.concatenate([mode.theta for mode in modes])
         vars(self).pop("inducing_inputs_", None)
         if not engine.exact:
             Z = [likelihood.inputs for likelihood in likelihoods]
             self.inducing_inputs_ = Z[0] if training.single_output else Z
-        self._store_parameters(modes)
-        self._store_summary(modes)
+        self._store_likelihoods()
 
     def _store_rows(self, training):
         """Keep the rows, unless they lie in Dask's partitions."""
@@ -308,13 +339,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.y_train_ = Y[:, 0] if training.single_output else Y
         self.complete_ = training.design is not None
 
-    def _store_parameters(self, modes):
-        scales = self._units.scale
+    def _store_parameters(self, thetas):
+        outputs = zip(self._likelihoods, thetas, self._units.scale, strict=True)
         found = [
-            likelihood.prior.in_units(mode.theta, scale)
-            for likelihood, mode, scale in zip(
-                self._likelihoods, modes, scales, strict=True
-            )
+            likelihood.prior.in_units(theta, scale)
+            for likelihood, theta, scale in outputs
         ]
         kernels, *arrays = zip(*found, strict=True)
         rho, factor, level, noise = map(np.array, arrays)
@@ -344,7 +373,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             return arrays
         return [of[0] if of.ndim > 1 else float(of[0]) for of in arrays]
 
-    def _store_summary(self, modes):
+    def _store_likelihoods(self):
         values = np.array([posterior.log_likelihood for posterior in self._posteriors])
         self.log_marginal_likelihoods_ = values + self._log_jacobian
         self.log_marginal_likelihood_value_ = float(
@@ -353,6 +382,9 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.n_hyperparameters_ = sum(
             likelihood.prior.n_hyperparameters for likelihood in self._likelihoods
         )
+
+    def _store_modes(self, modes):
+        """What learning took, and whether it has ended."""
         self.n_iter_ = max(mode.n_iter for mode in modes)
         self.n_evaluations_ = sum(mode.n_evaluations for mode in modes)
         _warn_of_unfinished(modes, self.max_iter)

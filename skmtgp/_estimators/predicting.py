@@ -102,11 +102,12 @@ class PosteriorMixin(RegressorMixin):
         Notes
         -----
         A task that `fit` has not seen can be predicted by a PooledGP, and by a
-        MultiTaskGPRegressor with ``shared=True`` where `normalize_y_` is not
-        "per_task": by what all tasks share. Its uncertainty has what tasks differ by:
-        the variances of the levels and, on average, of the rest of
-        `task_covariance_`. With noise of each task it has the geometric mean of the
-        noise variances.
+        MultiTaskGPRegressor with ``shared=True`` or `task_descriptors` where
+        `normalize_y_` is not "per_task": by what all tasks share, and by its
+        descriptors. Its uncertainty has what tasks differ by beside these: the
+        variances of the levels and, on average, of the rest of `task_covariance_`.
+        Known tasks have the descriptors of `fit`. With noise of each task a new one has
+        the geometric mean of the noise variances.
 
         With `target_transform` the first is the inverse of the mean that is learned, as
         that of scikit-learn's TransformedTargetRegressor. It is no mean but the median,

@@ -108,7 +108,8 @@ class SampledMixin:
         """Draws of f, each by a draw of the hyperparameters, and of the noise."""
         if not self._is_sampled():
             return super()._draws(features, codes, n_draws, rng)
-        mixtures, n = self._posteriors_for(codes), len(self.theta_samples_)
+        mixtures, features = self._predicting(features, codes)
+        n = len(self.theta_samples_)
         which = rng.randint(n, size=n_draws)
         draws = np.empty((n_draws, len(features), len(mixtures)))
         for k in np.unique(which):
@@ -129,7 +130,8 @@ class SampledMixin:
         """Means and variances of each draw, (n_draws, n_samples, n_outputs)."""
         if not self._is_sampled():
             return super()._components(features, codes, include_noise)
-        mixtures, scales = self._posteriors_for(codes), self._scales(codes)
+        mixtures, features = self._predicting(features, codes)
+        scales = self._scales(codes)
         means = np.stack([of.means(features, codes) for of in mixtures], axis=2)
         variances = np.stack([of.variances(features, codes) for of in mixtures], axis=2)
         variances *= np.square(scales)
@@ -191,11 +193,14 @@ class SampledMixin:
         say(f"{name}: sampling {N_CHAINS} chains from {modes}, about {seconds:.0f} s")
         return lambda k, _: say(f"{name}: chain {k + 1} of {N_CHAINS} is done")
 
-    def _store_draws(self, thetas):
-        """Predict by draws of theta, (n_draws, n_theta) for each output."""
+    def _store_draws(self, thetas, mixtures=None):
+        """Predict by draws of theta, (n_draws, n_theta) for each output.
+
+        Unless their mixtures are given, they are made.
+        """
         thetas = list(thetas)
         self.theta_samples_ = np.hstack(thetas)
-        self._predictive = [
+        self._predictive = mixtures or [
             Mixture(likelihood, of_output)
             for likelihood, of_output in zip(self._likelihoods, thetas, strict=True)
         ]

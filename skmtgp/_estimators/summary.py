@@ -23,6 +23,20 @@ class SummaryMixin:
         check_is_fitted(self)
         return self._by_output([self._frame(R, self._tasks()) for R in self._related()])
 
+    @property
+    def task_descriptors_(self) -> pd.DataFrame:
+        """Descriptors of the tasks, with their labels as index.
+
+        Only of a model that was fitted with `task_descriptors`.
+        """
+        descriptors = getattr(self, "_descriptors", None)
+        if descriptors is None:  # a frame cannot be kept by skops
+            raise AttributeError(
+                f"{type(self).__name__!r} object has no attribute 'task_descriptors_': "
+                "it was not fitted with task_descriptors"
+            )
+        return self._frame(descriptors.table, descriptors.names)
+
     @public
     def summary(self) -> pd.DataFrame:
         """A table of the tasks: what was learned of each, in units of y.

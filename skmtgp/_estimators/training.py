@@ -10,6 +10,7 @@ from skmtgp._data.checks import deviation_of, largest_of
 from skmtgp._data.complete import complete_design
 from skmtgp._data.dask import held
 from skmtgp._data.data import Data
+from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.labels import sorted_tasks
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
 from skmtgp._estimators.units import Units, count_tasks
@@ -45,8 +46,8 @@ class Training:
 
     Attributes
     ----------
-    features : ndarray of shape (n_samples, n_features - 1)
-        X without the task column.
+    features : ndarray of shape (n_samples, n_inputs)
+        X without the task column and the descriptors.
     codes : ndarray of shape (n_samples,)
         Position in `tasks` of each row's task.
     tasks : ndarray of shape (n_tasks,)
@@ -61,6 +62,8 @@ class Training:
         Whether tasks have noise variances of their own.
     target : AsGiven or Transformed
         How Y was transformed.
+    descriptors : Descriptors, default=None
+        What is known of the tasks.
     """
 
     features: np.ndarray
@@ -71,11 +74,17 @@ class Training:
     units: Units | None = None
     noise: str = "shared"
     target: AsGiven = AS_GIVEN
+    descriptors: Descriptors | None = None
 
     @cached_property
     def design(self):
         """The row of each input and task, or None where the data are not complete."""
         return complete_design(self.features, self.codes)
+
+    @property
+    def n_told(self):
+        """How many rows a factor of K^rho has: one for each task, or descriptor."""
+        return len(self.tasks) if self.descriptors is None else self.descriptors.n_rows
 
     @cached_property
     def counts(self):
@@ -102,7 +111,37 @@ class Training:
         if engine.uses_design and self.design is not None:
             design = np.argsort(order)[self.design]
         n_tasks = len(self.tasks)
-        return [Data(X, tasks, held(y), n_tasks, design) for y in Y.T]
+        Q = self.descriptors and self.descriptors.Q
+        return [Data(X, tasks, held(y), n_tasks, design, Q=Q) for y in Y.T]
+
+    def with_rows(self, features, codes, Y):
+        """The data with more rows of its tasks, which come last.
+
+        Parameters
+        ----------
+        features : ndarray of shape (n_new, n_features - 1)
+            Their inputs.
+        codes : ndarray of shape (n_new,)
+            Position of the task of each.
+        Y : ndarray of shape (n_new, n_outputs)
+            Their targets, not transformed.
+
+        Returns
+        -------
+        training : Training
+            In the same units.
+        """
+        return replace(
+            self,
+            features=np.vstack([self.features, features]),
+            codes=np.append(self.codes, codes),
+            Y=np.vstack([self.Y, self.target.forward(Y)]),
+        )
+
+    def part(self, rows):
+        """The data of some of the rows, in the same units."""
+        parts = {name: getattr(self, name)[rows] for name in ("features", "codes", "Y")}
+        return replace(self, **parts)
 
     def with_task(self, features, label, Y):
         """The data of one more task put below the others'.
@@ -110,7 +149,7 @@ class Training:
         Parameters
         ----------
         features : ndarray of shape (n_new, n_features - 1)
-            Its inputs.
+            Columns of its X without the task's.
         label : str, int or bool
             Its label.
         Y : ndarray of shape (n_new, n_outputs)
@@ -127,6 +166,11 @@ class Training:
         tasks = sorted_tasks([*self.tasks.tolist(), label])
         position = tasks.tolist().index(label)
         codes = self.codes + (self.codes >= position)
+        descriptors = self.descriptors
+        if descriptors is not None:
+            values = features[0, descriptors.columns]
+            features = descriptors.inputs(features)
+            descriptors = descriptors.with_task(values, position)
         training = replace(
             self,
             features=np.vstack([self.features, features]),
@@ -134,5 +178,6 @@ class Training:
             tasks=tasks,
             Y=np.vstack([self.Y, Y]),
             units=self.units.with_task(Y, position),
+            descriptors=descriptors,
         )
         return training, position

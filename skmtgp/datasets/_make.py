@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -9,7 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.utils import Bunch, check_random_state
 
-from ._bunch import Rows, package
+from ._bunch import Rows, check_descriptors, package
 from ._checks import check_count, check_flag, check_numbers, check_ranges
 from ._drive import Drive, motor_motion, motor_torques
 from ._loads import (
@@ -57,6 +58,7 @@ def make_puma560(
     stiffness: ArrayLike | None = None,
     noise: ArrayLike = 0.0,
     random_state: np.random.RandomState | int | None = 0,
+    descriptors: Sequence[str] | None = None,
     return_X_y: bool = False,
     as_frame: bool = False,
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
@@ -118,6 +120,10 @@ def make_puma560(
         Standard deviation of normal noise added to each joint's torque, N m.
     random_state : int, RandomState instance or None, default=0
         Draws the loads, then the noise.
+    descriptors : sequence of str, "inertial" or None, default=None
+        Columns of the table `loads` that come before the load in the data, such as
+        ``["mass"]``; "inertial" are its ten inertial parameters. They are the
+        `task_descriptors` of a MultiTaskGPRegressor.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.
     as_frame : bool, default=False
@@ -130,11 +136,12 @@ def make_puma560(
         Dictionary-like object, with the following attributes. The rows are in
         order of load, path, speed and time.
 
-        data : {ndarray, DataFrame} of shape (n_rows, 19)
-            q1..q6 (rad), qd1..qd6 (rad/s), qdd1..qdd6 (rad/s^2), load (from 1).
+        data : {ndarray, DataFrame} of shape (n_rows, 19 + n_descriptors)
+            q1..q6 (rad), qd1..qd6 (rad/s), qdd1..qdd6 (rad/s^2), descriptors,
+            load (from 1).
         target : {ndarray, DataFrame} of shape (n_rows, 6)
             Torques tau1..tau6, N m.
-        frame : DataFrame of shape (n_rows, 25)
+        frame : DataFrame of shape (n_rows, 25 + n_descriptors)
             Data and target; None unless ``as_frame=True``.
         feature_names, target_names : list of str
             Names of the columns.
@@ -186,6 +193,7 @@ def make_puma560(
     """
     return_X_y = check_flag("return_X_y", return_X_y)
     as_frame = check_flag("as_frame", as_frame)
+    descriptors = check_descriptors(descriptors)
     drive = _check_drive(friction, stribeck, stribeck_speed, load_friction, stiffness)
     noise = _check_noise(noise)
     paths = check_numbers("paths", paths, (None, 3))
@@ -205,7 +213,7 @@ def make_puma560(
         torque += noise * rng.normal(size=torque.shape)
     rows = _lay_out(x, torque, trajectory_labels(len(paths), len(speeds)), loads)
     time = _times(speeds, len(paths), n_samples, len(loads))
-    return package(rows, return_X_y, as_frame, time=time)
+    return package(rows, return_X_y, as_frame, descriptors, time=time)
 
 
 def load_torques(x, loads, drive=_RIGID, periods=None):

@@ -9,7 +9,7 @@ import numpy as np
 from sklearn.utils import Bunch
 
 from . import _store as store
-from ._bunch import Rows, package
+from ._bunch import Rows, check_descriptors, package
 from ._checks import check_flag, check_loads, check_n_per_load, check_seed, check_subset
 from ._loads import N_LOADS
 from ._split import subset_rows
@@ -26,6 +26,7 @@ def fetch_puma560(
     loads: Sequence[int | str] | None = None,
     data_home: str | PathLike[str] | None = None,
     random_state: int = 0,
+    descriptors: Sequence[str] | None = None,
     return_X_y: bool = False,
     as_frame: bool = False,
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
@@ -59,6 +60,10 @@ def fetch_puma560(
         Folder of the stored data. None is :func:`sklearn.datasets.get_data_home`.
     random_state : int, default=0
         Draws the loads and the sets. Every value has its own stored file, 55 MB.
+    descriptors : sequence of str, "inertial" or None, default=None
+        Columns of the table `loads` that come before the load in the data, such as
+        ``["mass"]``; "inertial" are its ten inertial parameters. They are the
+        `task_descriptors` of a MultiTaskGPRegressor.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.
     as_frame : bool, default=False
@@ -71,11 +76,12 @@ def fetch_puma560(
         Dictionary-like object, with the following attributes. The rows are
         grouped by load.
 
-        data : {ndarray, DataFrame} of shape (n_rows, 19)
-            q1..q6 (rad), qd1..qd6 (rad/s), qdd1..qdd6 (rad/s^2), load (1..15).
+        data : {ndarray, DataFrame} of shape (n_rows, 19 + n_descriptors)
+            q1..q6 (rad), qd1..qd6 (rad/s), qdd1..qdd6 (rad/s^2), descriptors,
+            load (1..15).
         target : {ndarray, DataFrame} of shape (n_rows, 6)
             Torques tau1..tau6, N m.
-        frame : DataFrame of shape (n_rows, 25)
+        frame : DataFrame of shape (n_rows, 25 + n_descriptors)
             Data and target; None unless ``as_frame=True``.
         feature_names, target_names : list of str
             Names of the columns.
@@ -125,6 +131,7 @@ def fetch_puma560(
     """
     return_X_y = check_flag("return_X_y", return_X_y)
     as_frame = check_flag("as_frame", as_frame)
+    descriptors = check_descriptors(descriptors)
     subset = check_subset(subset)
     seed = check_seed(random_state)
     numbers = check_loads(loads, N_LOADS)
@@ -132,7 +139,7 @@ def fetch_puma560(
     n_per_load = check_n_per_load(n_per_load, len(orders[0]), subset)
     arrays = stored_arrays(data_home, seed)
     rows = select_rows(arrays, numbers, [order[:n_per_load] for order in orders])
-    return package(rows, return_X_y, as_frame)
+    return package(rows, return_X_y, as_frame, descriptors)
 
 
 def load_puma560(
@@ -140,6 +147,7 @@ def load_puma560(
     subset: Literal["train", "interpolation", "extrapolation"] = "train",
     n_per_load: int | None = None,
     loads: Sequence[int | str] | None = None,
+    descriptors: Sequence[str] | None = None,
     return_X_y: bool = False,
     as_frame: bool = False,
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
@@ -164,6 +172,10 @@ def load_puma560(
     loads : list of (int or str), default=None
         Loads to keep, as numbers 1..15 or names "c1".."c15", in this order. None
         is all.
+    descriptors : sequence of str, "inertial" or None, default=None
+        Columns of the table `loads` that come before the load in the data, such as
+        ``["mass"]``; "inertial" are its ten inertial parameters. They are the
+        `task_descriptors` of a MultiTaskGPRegressor.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.
     as_frame : bool, default=False
@@ -173,8 +185,8 @@ def load_puma560(
     Returns
     -------
     data : :class:`~sklearn.utils.Bunch`
-        Dictionary-like object with ``data`` of shape (n_rows, 19), ``target`` of
-        shape (n_rows, 6), ``frame``, ``feature_names``, ``target_names``,
+        Dictionary-like object with ``data`` of shape (n_rows, 19 + n_descriptors),
+        ``target`` of shape (n_rows, 6), ``frame``, ``feature_names``, ``target_names``,
         ``trajectory``, ``loads`` and ``DESCR``, as :func:`fetch_puma560` has it.
 
     (data, target) : tuple if ``return_X_y`` is True
@@ -198,9 +210,16 @@ def load_puma560(
     ((40, 19), (40, 6))
     >>> puma.feature_names[:3], puma.target_names[:3]
     (['q1', 'q2', 'q3'], ['tau1', 'tau2', 'tau3'])
+
+    With the mass of each load:
+
+    >>> puma = load_puma560(n_per_load=20, loads=["c15"], descriptors=["mass"])
+    >>> puma.feature_names[-3:], puma.data[0, -2:].tolist()
+    (['qdd6', 'mass', 'load'], [3.0, 15.0])
     """
     return_X_y = check_flag("return_X_y", return_X_y)
     as_frame = check_flag("as_frame", as_frame)
+    descriptors = check_descriptors(descriptors)
     subset = check_subset(subset)
     numbers = check_loads(loads, N_LOADS)
     with resources.as_file(bundled_path()) as path:
@@ -209,7 +228,7 @@ def load_puma560(
     hint = "; fetch_puma560 has more"
     n_per_load = check_n_per_load(n_per_load, available, subset, hint)
     rows = _first_rows(arrays, subset, numbers, n_per_load)
-    return package(rows, return_X_y, as_frame)
+    return package(rows, return_X_y, as_frame, descriptors)
 
 
 def bundled_path():

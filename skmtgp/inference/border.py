@@ -113,6 +113,18 @@ class BorderLikelihood:
         information[shared, shared] += self.means @ inverse @ self.means.T
         return information
 
+    def weighted(self, row):
+        """S^{-1} times the means of the latent functions and the targets, at a border.
+
+        Returns
+        -------
+        by_means, by_targets : ndarray of shape (rank, rank) and (rank,)
+            Normal equations of a border with this covariance of the targets.
+        """
+        S, _ = self._covariance(row)
+        solved = np.linalg.pinv(S, hermitian=True) @ self.means.T
+        return self.means @ solved, self.y @ solved
+
     def _covariance(self, row):
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
         half = self.half_of_fixed

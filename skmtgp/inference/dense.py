@@ -5,6 +5,8 @@ from scipy.linalg.blas import dsyr
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._numerics.updates import UpdatedCholesky
+from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood
@@ -153,6 +155,9 @@ class DensePosterior(Posterior):
         Where the data and the model's form come from.
     theta : ndarray of shape (n_theta,)
         Parameters.
+    before : (DensePosterior, ndarray of shape (n_samples,)), default=None
+        One at the same parameters, of which this one shares rows, and where in it each
+        row is; -1 for new ones. What they share is not decomposed again.
 
     Attributes
     ----------
@@ -160,14 +165,39 @@ class DensePosterior(Posterior):
         Of K.
     """
 
-    def __init__(self, likelihood, theta):
+    def __init__(self, likelihood, theta, before=None):
         super().__init__(likelihood, theta)
-        self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
+        self.cholesky = None if before is None else self._update(likelihood, *before)
+        if self.cholesky is None:
+            self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
         self.jitter = self.cholesky.jitter
         half = self.cholesky.half_solve(likelihood.y)
         self.log_likelihood = likelihood.log_density(self.cholesky, half)
         self.alpha = self.cholesky.half_solve(half, transposed=True)
         self._set_means()
+
+    def _update(self, likelihood, before, origin):
+        """The factor of K from that of other rows; None where it is better made anew.
+
+        Which is after as many rows have gone as there are, on average in O(n^2) too,
+        and where there was jitter, or must be.
+        """
+        cholesky = UpdatedCholesky.of(before.cholesky)
+        gone = np.setdiff1d(np.arange(len(before.tasks)), origin)
+        new = np.flatnonzero(origin < 0)
+        if before.jitter or cholesky.n_dropped + len(gone) > len(origin):
+            return None
+        if len(gone):
+            cholesky = cholesky.without(gone)
+        if not len(new):
+            return cholesky
+        rows = likelihood.X[new], likelihood.tasks[new]
+        corner = DenseLikelihood(likelihood.prior, *rows, likelihood.y[new])
+        cross = self._cross_covariance(*rows)[origin >= 0]
+        try:
+            return cholesky.bordered(new, cross, corner.covariance(self.theta))
+        except NotPositiveDefiniteError:
+            return None
 
     def _weigh_tasks(self):
         """Of k^x at each training input in the mean of each task."""
@@ -205,7 +235,11 @@ class DensePosterior(Posterior):
 
     def _half(self, X, tasks):
         """C^{-1} K(X_train, X), where K_train = C C^T."""
+        return self.cholesky.half_solve(self._cross_covariance(X, tasks))
+
+    def _cross_covariance(self, X, tasks):
+        """K(X_train, X), of f."""
         cross = self.K_rho[np.ix_(self.tasks, tasks)] * self.cross(X).T
         if self.level:
             cross += self.level * np.equal.outer(self.tasks, tasks)
-        return self.cholesky.half_solve(cross)
+        return cross

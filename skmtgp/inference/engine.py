@@ -59,6 +59,8 @@ class Engine(ABC):
         Whether it makes use of complete data.
     n_exact : int or None, default=None
         Of an approximation: rows that are learned from exactly before.
+    drops : bool, default=False
+        Whether its posteriors tell which rows tell least, so that these can go.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class Engine(ABC):
     sorts = True
     uses_design = False
     n_exact = None
+    drops = False
 
     @property
     def exact(self):
@@ -178,6 +181,28 @@ class Engine(ABC):
         likelihood : Likelihood
         """
         return self.likelihood(prior, data)
+
+    def updated(self, posterior, likelihood, theta, origin):
+        """The posterior of a likelihood that shares rows with another's.
+
+        Parameters
+        ----------
+        posterior : Posterior
+            Of the other, made by this engine at the same parameters, but for those of
+            tasks that have joined.
+        likelihood : Likelihood
+            Of all rows, made by this engine.
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+        origin : ndarray of shape (n_samples,)
+            Which row of the other each row is; -1 for new ones.
+
+        Returns
+        -------
+        posterior : Posterior
+            That of the likelihood, computed from the other where that is faster.
+        """
+        return likelihood.posterior(theta)
 
     def side(self, data):
         """Rows of the largest matrices that learning decomposes."""

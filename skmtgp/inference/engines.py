@@ -9,7 +9,7 @@ from skmtgp._numerics.linalg import HALVED
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import IncompleteDataWarning
-from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.dense import DenseLikelihood, DensePosterior
 from skmtgp.inference.engine import (
     Engine,
     depends_on_inputs_only,
@@ -24,6 +24,7 @@ from skmtgp.inference.memory import (
     check_sparse_memory,
 )
 from skmtgp.inference.sparse import SparseBound, check_latent
+from skmtgp.inference.sparse_posterior import SparsePosterior
 
 
 class Dense(Engine):
@@ -36,6 +37,7 @@ class Dense(Engine):
     """
 
     name = "dense"
+    drops = True
 
     def __init__(self, why=""):
         self.why = why
@@ -61,6 +63,10 @@ class Dense(Engine):
     def likelihood(self, prior, data):
         """The likelihood of the data."""
         return DenseLikelihood(prior, data.X, data.tasks, data.y)
+
+    def updated(self, posterior, likelihood, theta, origin):
+        """The posterior by a factor that is updated, in O(n^2) a row."""
+        return DensePosterior(likelihood, theta, (posterior, origin))
 
 
 class Kronecker(Engine):
@@ -161,6 +167,10 @@ class Sparse(Engine):
         Z = np.vstack([likelihood.Z, data.X[np.flatnonzero(data.tasks == position)]])
         most = min(len(Z), 2 * len(likelihood.Z))
         return self.likelihood(prior, replace(data, Z=greedy_variance(kernel, Z, most)))
+
+    def updated(self, posterior, likelihood, theta, origin):
+        """The posterior by sums over the rows, to which those of new ones are added."""
+        return SparsePosterior(likelihood, theta, (posterior, origin))
 
     def side(self, data):
         """Rows of the largest matrices that learning decomposes."""

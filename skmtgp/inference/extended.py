@@ -147,10 +147,10 @@ class ExtendedPosterior(Posterior):
         """Of k^x at each training input in the mean of each task."""
         return self._weights(self.K_rho)
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too, the last ones."""
-        posterior = super().with_unseen(n_unseen)
-        posterior.base = self.base.with_unseen(n_unseen)
+        posterior = super().with_unseen(n_unseen, described)
+        posterior.base = self.base.with_unseen(n_unseen, described)
         return posterior
 
     def _weights(self, loadings):

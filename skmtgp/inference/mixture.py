@@ -29,6 +29,26 @@ class Mixture:
     def __init__(self, likelihood, thetas):
         self.parts = [likelihood.posterior(theta) for theta in thetas]
 
+    def updated(self, update, likelihood, thetas):
+        """The same of a likelihood that shares rows; this one stays as it is.
+
+        Parameters
+        ----------
+        update : callable
+            ``update(part, likelihood, theta)`` gives the posterior of each part.
+        likelihood : Likelihood
+            Of all rows.
+        thetas : ndarray of shape (n_draws, n_theta)
+            Draws of the parameters, as before but for those of tasks that have joined.
+
+        Returns
+        -------
+        mixture : Mixture
+        """
+        mixture, parts = copy(self), zip(self.parts, thetas, strict=True)
+        mixture.parts = [update(part, likelihood, theta) for part, theta in parts]
+        return mixture
+
     def _of_parts(self, evaluate):
         """What the parts give, (n_draws, ...)."""
         return np.array([evaluate(part) for part in self.parts])
@@ -44,6 +64,15 @@ class Mixture:
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
         return self.means(X, tasks).mean(axis=0)
+
+    def summands(self, tasks):
+        """What the means of these tasks are sums of, a list of Summand."""
+        found = [summand for part in self.parts for summand in part.summands(tasks)]
+        n = len(self.parts)
+        return [
+            of._replace(weights=of.weights / n, constants=of.constants / n)
+            for of in found
+        ]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -74,10 +103,10 @@ class Mixture:
         means = self._of_parts(lambda part: part.levels)
         return _variance(means, self._of_parts(lambda part: part.level_variances()))
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too; this one stays as it is."""
         mixture = copy(self)
-        mixture.parts = [part.with_unseen(n_unseen) for part in self.parts]
+        mixture.parts = [of.with_unseen(n_unseen, described) for of in self.parts]
         return mixture
 
 

@@ -2,8 +2,10 @@
 
 from abc import ABC, abstractmethod
 from copy import copy
+from typing import NamedTuple
 
 import numpy as np
+from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference import tiles
@@ -18,6 +20,27 @@ from skmtgp.inference.variances import (
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
 LEAST_FREEDOM = 1.0  # degrees of freedom that tell a noise variance
+
+
+class Summand(NamedTuple):
+    """A part of the mean of f: sum_i weights_mi k^x(x, inputs_i) + constant_m.
+
+    Attributes
+    ----------
+    kernel : Kernel
+        k^x.
+    inputs : ndarray of shape (n_inputs, n_features)
+        Rows.
+    weights : ndarray of shape (n_tasks, n_inputs)
+        Of each task.
+    constants : ndarray of shape (n_tasks,)
+        Of each task.
+    """
+
+    kernel: Kernel
+    inputs: np.ndarray
+    weights: np.ndarray
+    constants: np.ndarray
 
 
 class Posterior(ABC):
@@ -44,6 +67,8 @@ class Posterior(ABC):
         What was added to it.
     alpha : ndarray of shape (n_samples,)
         K^{-1} y.
+    inputs : ndarray of shape (n_inputs, n_features)
+        The inputs that k^x is between.
     weights : ndarray of shape (n_tasks, n_inputs)
         Of k^x at each training input in the mean of each task.
     levels : ndarray of shape (n_tasks,)
@@ -67,6 +92,7 @@ class Posterior(ABC):
         self.prior, self.theta = prior, theta
         self.kernel, self.K_rho = prior.kernel_at(theta), prior.K_rho_at(theta)
         self.bound = prior.node.bind(values.kernel, likelihood.inputs)
+        self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = values.noise[likelihood.noise_of_row]
         largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
@@ -149,6 +175,11 @@ class Posterior(ABC):
         mean = _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
         return mean + self.levels[tasks]
 
+    def summands(self, tasks):
+        """What the means of these tasks are sums of, a list of Summand."""
+        parts = self.weights[tasks], self.levels[tasks]
+        return [Summand(self.kernel, self.inputs, *parts)]
+
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
@@ -196,7 +227,7 @@ class Posterior(ABC):
 
     def cross(self, X):
         """k^x between rows of X and the training inputs, (n_samples, n_inputs)."""
-        shape = len(X), self.weights.shape[1]
+        shape = len(X), len(self.inputs)
         K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)
 
@@ -210,13 +241,15 @@ class Posterior(ABC):
         of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
         self.levels = self.level * of_tasks
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too, the last ones.
 
         Parameters
         ----------
         n_unseen : int
             How many they are.
+        described : ndarray of shape (n_unseen, n_rows), default=None
+            What is known of each, see :class:`~skmtgp.model.described.Described`.
 
         Returns
         -------
@@ -224,8 +257,9 @@ class Posterior(ABC):
             This one stays as it is.
         """
         posterior = copy(self)
-        common, own = self.prior.unseen(self.theta)
-        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
+        loadings, own = loadings_of(self.prior, self.theta, n_unseen, described)
+        F = self.prior.latent(self.theta)[0]
+        posterior.K_rho = bordered(self.K_rho, F, loadings, own)
         posterior._set_means()
         return posterior
 
@@ -239,13 +273,31 @@ class Posterior(ABC):
         return total
 
 
-def bordered(K_rho, common, own, n_unseen):
-    """K^rho with tasks that share functions with all, and nothing else.
+def loadings_of(prior, theta, n_unseen, described):
+    """Of tasks without data, (n_unseen, n_common), and what they have beside these."""
+    loadings, own = prior.unseen(theta, described)
+    return np.broadcast_to(loadings, (n_unseen, loadings.shape[1])), own
 
-    `common` and `own` are those of :meth:`skmtgp.model.prior.Prior.unseen`.
+
+def bordered(K_rho, F, loadings, own):
+    """K^rho with tasks that share some of the latent functions, and nothing else.
+
+    Parameters
+    ----------
+    K_rho : ndarray of shape (n_tasks, n_tasks)
+        Of the tasks with data.
+    F : ndarray of shape (n_tasks, n_latent)
+        Their latent functions, see `LowRank.latent`.
+    loadings, own
+        See `loadings_of`.
+
+    Returns
+    -------
+    K_rho : ndarray of shape (n_tasks + n_unseen, n_tasks + n_unseen)
     """
     n_tasks = len(K_rho)
-    found = np.full((n_tasks + n_unseen,) * 2, common @ common)
+    F = np.vstack([F[:, : loadings.shape[1]], loadings])
+    found = F @ F.T
     found[:n_tasks, :n_tasks] = K_rho
     unseen = np.arange(n_tasks, len(found))
     found[unseen, unseen] += own

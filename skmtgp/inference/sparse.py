@@ -200,13 +200,18 @@ class SparseBound(Likelihood):
     def release(self):
         """Give back memory: none is kept between evaluations."""
 
-    def forward(self, theta):
-        """The features and the posterior of their weights, by the first pass."""
+    def forward(self, theta, summed=None):
+        """The features and the posterior of their weights, by the first pass.
+
+        `summed` has the sums over some of the rows, at this theta, and the others.
+        """
         if not np.isfinite(theta).all():
             raise NotPositiveDefiniteError("theta is not finite")
         prior, values = self.prior, self.prior.values(theta)
         features = Features(prior.kernel, prior.node, values.kernel, self.Z)
-        sums = self.over_rows(sum_features, features, prior.n_tasks)
+        sums, rows = summed or (None, None)
+        more = self.over_rows(sum_features, features, prior.n_tasks, rows=rows)
+        sums = more if sums is None else sums + more
         noise = np.broadcast_to(values.noise, prior.n_tasks)
         latent = prior.task_covariance.latent(values.rho)
         return features, Weights(sums, *latent, noise, values.level)
@@ -221,13 +226,15 @@ class SparseBound(Likelihood):
         back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
         return features, gradients, back
 
-    def over_rows(self, function, *arguments, **options):
-        """``function(*arguments, blocks, **options)`` of all rows, wherever they are.
+    def over_rows(self, function, *arguments, rows=None, **options):
+        """``function(*arguments, blocks, **options)`` of rows, wherever they are.
 
         The functions are those of :mod:`skmtgp.inference.sums`, whose results add up.
         """
         of_part = partial(sum_blocks, function, options, self.block_size)
-        return sum_parts(of_part, arguments, (self.X, self.tasks, self.y))
+        parts = self.X, self.tasks, self.y
+        parts = parts if rows is None else [part[rows] for part in parts]
+        return sum_parts(of_part, arguments, parts)
 
     def blocks(self):
         """X, tasks and y of some rows at a time."""

@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.inference.posterior import bordered
+from skmtgp.inference.posterior import Summand, bordered, loadings_of
 from skmtgp.inference.sums import sum_residuals
 from skmtgp.inference.variances import (
     diagonal,
@@ -28,9 +28,14 @@ class SparsePosterior:
         Where the data and the model's form come from.
     theta : ndarray of shape (n_theta,)
         Parameters.
+    before : (SparsePosterior, ndarray of shape (n_samples,)), default=None
+        One at the same parameters, of which this one shares rows, and where in it each
+        row is; -1 for new ones. Its sums over the rows are not made again.
 
     Attributes
     ----------
+    sums : FeatureSums
+        Over the rows, to which those of others can be added.
     kernel : Kernel
         k^x at these parameters.
     K_rho : ndarray of shape (n_tasks, n_tasks)
@@ -56,9 +61,11 @@ class SparsePosterior:
     covariance of each task's weights is kept.
     """
 
-    def __init__(self, bound, theta):
+    def __init__(self, bound, theta, before=None):
+        summed = None if before is None else _summed(bound, *before)
         with limit_threads(bound.side):
-            self.features, weights = bound.forward(theta)
+            self.features, weights = bound.forward(theta, summed)
+            self.sums = weights.sums
             means = weights.omega, weights.levels
             sums = bound.over_rows(sum_residuals, self.features, *means)
             self.log_likelihood = weights.log_density(sums.squares)
@@ -69,6 +76,7 @@ class SparsePosterior:
             self.weights = solve(self.omega.T, transposed=True).T
         self.features.warn_of_jitter()
         self.bound, self.theta, self.noise = bound, theta, weights.noise
+        self.prior = bound.prior
         self.kernel, self.block_size = self.features.kernel, bound.block_size
         self.K_rho, self.level = bound.prior.K_rho_at(theta), weights.level
         prior = largest_prior(self.K_rho, self.kernel, bound.Z) + self.level
@@ -109,6 +117,11 @@ class SparsePosterior:
         with limit_threads(self.bound.side):
             return in_blocks(of_rows, self.block_size, X) + self.levels[tasks]
 
+    def summands(self, tasks):
+        """What the means of these tasks are sums of, a list of Summand."""
+        parts = self.weights[tasks], self.levels[tasks]
+        return [Summand(self.kernel, self.features.Z, *parts)]
+
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
@@ -129,14 +142,15 @@ class SparsePosterior:
             spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
         return spread + covariances.of_level[tasks]
 
-    def with_unseen(self, n_unseen):
+    def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too, the last ones.
 
         See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
         """
-        posterior, (common, own) = copy(self), self.bound.prior.unseen(self.theta)
-        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
-        posterior.covariances = self.covariances.with_unseen(common, own, n_unseen)
+        posterior, prior = copy(self), self.bound.prior
+        loadings, own = loadings_of(prior, self.theta, n_unseen, described)
+        posterior.K_rho = bordered(self.K_rho, self.covariances.F, loadings, own)
+        posterior.covariances = self.covariances.with_unseen(loadings, own)
         omega = posterior.covariances.F[-n_unseen:] @ self.V
         posterior.omega = np.vstack([self.omega, omega])
         solve = self.features.cholesky.half_solve
@@ -229,6 +243,18 @@ class SparsePosterior:
         told = -np.einsum("ji,abjk,kl->aibl", phi, inverse, phi, optimize=True)
         np.einsum("aial->ail", told)[...] += phi.T @ phi
         return self.V @ phi, _root(told, rank, n)
+
+
+def _summed(bound, before, origin):
+    """The sums of another posterior, and the rows that they lack; None if they differ.
+
+    They do where a task has joined, inducing inputs have, or rows have gone.
+    """
+    same = len(before.noise) == bound.prior.n_tasks
+    same = same and np.array_equal(before.bound.Z, bound.Z)
+    if not same or np.count_nonzero(origin >= 0) < before.sums.n.sum():
+        return None
+    return before.sums, np.flatnonzero(origin < 0)
 
 
 def _root(A, rank, n):

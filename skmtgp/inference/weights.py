@@ -254,11 +254,11 @@ class Covariances:
         """Variances of c_m, whatever omega_m is."""
         return self.of_level + np.einsum("mi,mi->m", self.along, self.taken)
 
-    def with_unseen(self, common, own, n_unseen):
-        """The same with tasks without data, which share functions with all."""
-        known, m = len(self.F), self.Sigma.shape[1]
+    def with_unseen(self, loadings, own):
+        """The same with tasks without data, which share some of the functions."""
+        known, m, n_unseen = len(self.F), self.Sigma.shape[1], len(loadings)
         F = np.zeros((known + n_unseen, self.F.shape[1]))
-        F[:known], F[known:, : len(common)] = self.F, common
+        F[:known], F[known:, : loadings.shape[1]] = self.F, loadings
         other, unseen = copy(self), np.arange(known, len(F))
         other.F, other.kappa = F, np.append(self.kappa, np.full(n_unseen, own))
         other.keep = self.keep | dict.fromkeys(unseen, np.eye(m))

@@ -196,7 +196,8 @@ class KernelRelevanceDisplay(Display):
         names = feature_names
         if names is None:
             names = _feature_names(estimator, model)
-        parts, relevances = _relevances(kernels[output], model.n_features_in_ - 1)
+        n_inputs = model.n_features_in_ - 1 - len(_descriptors(model))
+        parts, relevances = _relevances(kernels[output], n_inputs)
         display = cls(relevances=relevances, parts=parts, feature_names=list(names))
         return display.plot(ax=ax)
 
@@ -248,14 +249,21 @@ def _walk(kernel: Kernel, columns: NDArray[np.intp]) -> Iterator[Part]:
 
 
 def _feature_names(estimator, model):
-    """Names of the model's features, without the task column."""
+    """Names of the kernel's inputs, without the task column and the descriptors."""
     names = getattr(model, "feature_names_in_", None)
     if names is None and isinstance(estimator, Pipeline):
         names = _names_of_steps(estimator)
     if names is None:
         names = [f"x{k}" for k in range(model.n_features_in_)]
     task = locate_task_column(model.task_feature, model.n_features_in_, names)
-    return np.delete(np.asarray(names, dtype=object), task)
+    names = np.delete(np.asarray(names, dtype=object), task)
+    return np.delete(names, _descriptors(model))
+
+
+def _descriptors(model):
+    """Where descriptors of the tasks are among the columns without the task's."""
+    descriptors = getattr(model, "_descriptors", None)
+    return np.array([], dtype=int) if descriptors is None else descriptors.columns
 
 
 def _names_of_steps(pipeline):

@@ -8,7 +8,6 @@ that.
 
 import numpy as np
 
-from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.climbing import annealed, climb, shake
 from skmtgp.learning.problem import best_of
 
@@ -61,7 +60,7 @@ def detour(problem, start, mode):
         Not worse.
     """
     form = problem.prior.task_covariance
-    if form.rank == form.n_tasks:  # there is no next one
+    if form.rank == form.factor_shape[0]:  # there is no next one
         return shake(problem, mode, problem.tuning.shakes - 1)
     higher = problem.with_form(form.with_rank(form.rank + 1))
     above = annealed(higher, start.theta(higher)).mode
@@ -173,8 +172,7 @@ def with_columns(lower, higher, mode):
     if not has_columns_more(lower, higher):  # as where 1 1^T is of rank 1
         return _with_more(lower, higher, mode, 0.0)
     D = lower.likelihood().task_gradient(mode.theta)
-    with limit_threads(len(D)):
-        vectors = np.linalg.eigh(D)[1]
+    vectors = lower.prior.task_covariance.directions(D)
     size = np.sqrt(np.trace(lower.prior.K_rho_at(mode.theta)))
     candidates = [
         _with_more(lower, higher, mode, size * 10.0**-k * vectors) for k in range(1, 9)
@@ -188,7 +186,7 @@ def _with_more(lower, higher, mode, vectors):
     if not has_columns_more(lower, higher):
         K_rho = lower.prior.K_rho_at(mode.theta)
         return higher.prior.with_rho(mode.theta, other.parameters(K_rho))
-    columns = np.broadcast_to(vectors, (form.n_tasks,) * 2)
-    columns = columns[:, form.n_tasks - (other.rank - form.rank) :]
+    columns = np.broadcast_to(vectors, (form.n_tasks, form.factor_shape[0]))
+    columns = columns[:, form.factor_shape[0] - (other.rank - form.rank) :]
     rho = form.grown(lower.prior.values(mode.theta).rho, columns)
     return higher.prior.with_rho(mode.theta, rho)

@@ -93,6 +93,33 @@ def learn_novel(
     return prior, Mode(theta, value, *best[2:], seconds, len(y))
 
 
+def join_described(likelihood, row, position, own_noise, posterior, theta, *, rng=None):
+    """Extend a model by a task whose descriptors tell all: nothing is learned.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the tasks so far.
+    row : ndarray of shape (n_rows,)
+        What is known of the task, see :class:`~skmtgp.model.described.Described`.
+    position, own_noise, theta
+        See :func:`learn_novel`.
+    posterior, rng
+        Not needed.
+
+    Returns
+    -------
+    prior : Prior
+        Of one more task.
+    mode : Mode
+        All parameters of that model. Its value is not known.
+    """
+    prior = likelihood.prior
+    own = np.sqrt(prior.unseen(theta, row[None])[1])  # of a diagonal, the mean
+    prior, theta = prior.bordered(theta, row, own, position, own_noise)
+    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
+
+
 def _check_extensible(form):
     """Raise a ValueError where a form of K^rho cannot get one more task."""
     inner = form

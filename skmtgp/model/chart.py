@@ -46,7 +46,7 @@ class Chart:
         self.of_factor, self.of_logs = prior.of_factor, hyperprior.precision > 0.0
         lower, upper = prior.bounds()[:, self.of_logs]
         self.lower, self.width = lower, upper - lower
-        self.shape = prior.n_tasks, self.of_factor.sum() // prior.n_tasks
+        self.shape = prior.factor_shape
         self._set_order(theta[self.of_factor].reshape(self.shape))
         self.n_factor = int(self.used.sum())
         self.size = self.n_factor + len(lower)

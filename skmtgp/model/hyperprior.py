@@ -92,7 +92,7 @@ class Hyperprior:
     @property
     def unit(self):
         """Frobenius norm of a factor whose tasks have the targets' deviation."""
-        return self.prior.scale * np.sqrt(self.prior.n_tasks)
+        return self.prior.scale * self.prior.factor_unit
 
     def draw(self, rng, share=1.0):
         """A draw of theta, within the bounds.

@@ -194,16 +194,20 @@ class Prior:
         form = self.task_covariance
         if not form.shared:
             return None
-        return form.unseen(self._split(theta)[1])[0][0]
+        return form.latent(self._split(theta)[1])[0][0, 0]
 
     def equal_variance(self, theta):
         """Variance of what each task has of its own, if all have the same; else 0."""
         equal = getattr(self.task_covariance, "equal", False)
         return float(np.exp(self._split(theta)[1][-1])) if equal else 0.0
 
-    def unseen(self, theta):
-        """A task without data at theta, see `WithShared.unseen`; None if unknown."""
-        return self.task_covariance.unseen(self._split(theta)[1])
+    def latent(self, theta):
+        """F and kappa at theta, of the latent functions of the tasks."""
+        return self.task_covariance.latent(self._split(theta)[1])
+
+    def unseen(self, theta, described=None):
+        """Tasks without data at theta, see `WithShared.unseen`; None if unknown."""
+        return self.task_covariance.unseen(self._split(theta)[1], described)
 
     def theta(
         self,
@@ -330,13 +334,21 @@ class Prior:
         """Which elements of theta are those of k^x; a mask."""
         return np.arange(self.n_theta) < self.kernel.n_dims
 
+    @property
+    def factor_shape(self):
+        """Shape of the factor of K^rho in theta."""
+        return getattr(self.task_covariance, "factor_shape", (self.n_tasks, 0))
+
+    @property
+    def factor_unit(self):
+        """Frobenius norm of a factor whose tasks have a variance of 1 on average."""
+        return getattr(self.task_covariance, "unit", np.sqrt(self.n_tasks))
+
     @cached_property
     def of_factor(self):
         """Which are elements of a factor of K^rho, row by row; a mask."""
-        begin = self.kernel.n_dims
-        rank = getattr(self.task_covariance, "rank", 0)
-        position = np.arange(self.n_theta) - begin
-        return (position >= 0) & (position < self.n_tasks * rank)
+        position = np.arange(self.n_theta) - self.kernel.n_dims
+        return (position >= 0) & (position < np.prod(self.factor_shape))
 
     @cached_property
     def of_noise(self):

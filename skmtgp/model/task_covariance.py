@@ -70,11 +70,11 @@ class FixedTaskCovariance:
         kept = values > 1e-12 * values[-1]
         return lower_trapezoid(vectors[:, kept] * np.sqrt(values[kept]))
 
-    def unseen(self, parameters):
+    def unseen(self, parameters, described=None):
         """A task without data, if all are one function: see WithShared.unseen."""
         if (self._matrix != self._matrix[0, 0]).any():
             return None
-        return self._matrix[0, :1], 0.0
+        return self.factor(parameters)[:1], 0.0
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from D = dL / dK^rho."""
@@ -136,6 +136,16 @@ class LowRank:
     def __str__(self):
         return f"rank {self.rank}"
 
+    @property
+    def factor_shape(self):
+        """Shape of the factor that is learned."""
+        return self.n_tasks, self.rank
+
+    @property
+    def unit(self):
+        """Frobenius norm of a factor whose tasks have a variance of 1 on average."""
+        return np.sqrt(self.n_tasks)
+
     def with_rank(self, rank):
         """The same form of another rank."""
         return LowRank(self.n_tasks, rank)
@@ -167,7 +177,7 @@ class LowRank:
         """F rotated to a lower trapezoid, of shape (n_tasks, rank)."""
         return lower_trapezoid(self.columns(parameters))
 
-    def unseen(self, parameters):
+    def unseen(self, parameters, described=None):
         """A task without data: None, for it may be any function."""
 
     def pull_back(self, parameters, D):
@@ -202,6 +212,11 @@ class LowRank:
         """
         leading = leading_columns if truncation == "cholesky" else leading_eigenvectors
         return leading(K, self.rank).ravel()
+
+    def directions(self, D):
+        """Columns to add to F, the best ones last, from D = dL / dK^rho."""
+        with limit_threads(len(D)):
+            return np.linalg.eigh(D)[1]
 
     def grown(self, parameters, columns):
         """Parameters of the model of a higher rank: F with these columns added."""
@@ -261,6 +276,16 @@ class Enlarged:
         """Whether one function of all tasks is part of it."""
         return self.form.shared
 
+    @property
+    def factor_shape(self):
+        """Shape of the other one's factor."""
+        return getattr(self.form, "factor_shape", (self.n_tasks, 0))
+
+    @property
+    def unit(self):
+        """Frobenius norm of the other one's factor, see LowRank."""
+        return self.form.unit
+
     def _split(self, parameters):
         parameters, logarithms = np.split(parameters, [self.form.n_parameters])
         return parameters, np.exp(logarithms)
@@ -276,6 +301,10 @@ class Enlarged:
     def factor(self, parameters):
         """The other one's factor, of shape (n_tasks, rank)."""
         return self.form.factor(self._split(parameters)[0])
+
+    def directions(self, D):
+        """Columns to add to F, the best ones last, from D = dL / dK^rho."""
+        return self.form.directions(D)
 
     def grown(self, parameters, columns):
         """Parameters of the model of a higher rank: F with these columns added."""
@@ -315,18 +344,30 @@ class WithShared(Enlarged):
         parameters, [a] = self._split(parameters)
         return self.form.matrix(parameters) + a
 
-    def unseen(self, parameters):
-        """A task without data, by what all share and what varies among them.
+    def unseen(self, parameters, described=None):
+        """Tasks without data, by what all share and what varies among them.
+
+        Parameters
+        ----------
+        parameters : ndarray of shape (n_parameters,)
+            Those of the tasks with data.
+        described : ndarray of shape (n_unseen, n_rows), default=None
+            What is known of each, see :class:`~skmtgp.model.described.Described`.
 
         Returns
         -------
-        loadings : ndarray of shape (n_common,)
-            Of the functions that all tasks share alike.
+        loadings : ndarray of shape (1, n_common) or (n_unseen, n_common)
+            Of the first of the latent functions, those that can be told.
         own : float
-            Variance of what it has beside these: the average over the tasks.
+            Variance of what they have beside these: where nothing is known of them,
+            the average over the tasks.
         """
-        parameters, a = self._split(parameters)
-        return np.sqrt(a), np.diagonal(self.form.matrix(parameters)).mean()
+        parameters, [a] = self._split(parameters)
+        known = self.form.unseen(parameters, described)
+        if known is None:
+            own = np.diagonal(self.form.matrix(parameters)).mean()
+            return np.sqrt([[a]]), own
+        return np.insert(known[0], 0, np.sqrt(a), axis=1), known[1]
 
     def latent(self, parameters):
         """F and kappa: a column of sqrt(a), then the other one's."""
@@ -415,10 +456,10 @@ class WithDiagonal(Enlarged):
         parameters, kappa = self._split(parameters)
         return self.form.matrix(parameters) + np.diag(self._of_tasks(kappa))
 
-    def unseen(self, parameters):
+    def unseen(self, parameters, described=None):
         """A task without data: the other one's, and the mean of kappa."""
         parameters, kappa = self._split(parameters)
-        known = self.form.unseen(parameters)
+        known = self.form.unseen(parameters, described)
         return known and (known[0], known[1] + kappa.mean())
 
     def pull_back(self, parameters, D):
@@ -489,7 +530,11 @@ def low_rank(n_tasks, rank, diagonal=False, shared=False):
 
     `diagonal` is whether it has a diagonal; "equal" is one of one number.
     """
-    form = LowRank(n_tasks, rank)
+    return enlarged(LowRank(n_tasks, rank), diagonal, shared)
+
+
+def enlarged(form, diagonal=False, shared=False):
+    """The form with a function that all share and a diagonal, if asked for."""
     form = WithShared(form) if shared else form
     return WithDiagonal(form, diagonal == "equal") if diagonal else form
 

@@ -138,3 +138,28 @@ def test_the_description_is_like_scikit_learns():
     assert description.startswith(".. _puma560_dataset:\n\n")
     for text in ("**Data Set Characteristics:**", "960,000", "not published", "N m"):
         assert text in description
+
+
+class TestDescriptors:
+    """Columns of the table of loads beside the states."""
+
+    def test_they_come_before_the_load(self):
+        puma = load_puma560(n_per_load=2, loads=[15, 3], descriptors=["mass", "mc_z"])
+        assert puma.feature_names[-4:] == ["qdd6", "mass", "mc_z", "load"]
+        expected = puma.loads.iloc[[14, 14, 2, 2]][["mass", "mc_z"]].to_numpy()
+        np.testing.assert_array_equal(puma.data[:, -3:-1], expected)
+        plain = load_puma560(n_per_load=2, loads=[15, 3])
+        np.testing.assert_array_equal(np.delete(puma.data, [18, 19], 1), plain.data)
+
+    def test_all_ten_in_a_frame(self):
+        options = {"n_per_load": 2, "descriptors": "inertial", "as_frame": True}
+        puma = load_puma560(loads=[2], **options)
+        assert puma.data.columns.tolist() == puma.feature_names
+        expected = puma.loads.loc["c2"].iloc[-10:]
+        found = puma.data.iloc[0][expected.index].astype(float)
+        np.testing.assert_array_equal(found, expected)
+
+    @pytest.mark.parametrize("wrong", ["mass", ["weight"], ["mass", "I_zx"]])
+    def test_unknown_ones(self, wrong):
+        with pytest.raises(ValueError, match="must be 'inertial'"):
+            load_puma560(descriptors=wrong)

@@ -59,7 +59,7 @@ ERRORS = {
     "known": (
         X_OLD[X_OLD[:, -1] == 2],
         Y_OLD[X_OLD[:, -1] == 2],
-        "Task 2 is known already; fit learns from more samples of it",
+        "Task 2 is known already; partial_fit takes more samples of it",
     ),
     "several": (
         X_NEW + np.outer(np.arange(4) % 2, [0, 0, 1]),

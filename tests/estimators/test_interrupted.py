@@ -5,7 +5,7 @@ import pytest
 from hard_data import ALL, GPS, SHARED, X, Y, with_params
 
 from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
-from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inference.dense import DenseLikelihood, DensePosterior
 
 pytestmark = pytest.mark.usefixtures("nothing_is_printed")
 
@@ -46,7 +46,7 @@ class TestInterrupted:
     def test_add_task(self, monkeypatch):
         model = MultiTaskGPRegressor(max_iter=0).fit(X, Y)
         kept = dict(vars(model))
-        monkeypatch.setattr(DenseLikelihood, "posterior", interrupt)
+        monkeypatch.setattr(DensePosterior, "__init__", interrupt)
         with pytest.raises(KeyboardInterrupt):
             model.add_task([[0.0, 0.0, 9.0]], [1.0])
         assert vars(model).keys() == kept.keys()

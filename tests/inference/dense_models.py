@@ -22,6 +22,7 @@ from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
+from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M, D = 4, 4
@@ -49,6 +50,7 @@ FORMS = {
     "rank 1": low_rank(M, 1),
     "rank 2, diagonal": low_rank(M, 2, diagonal=True),
     "full rank": low_rank(M, M),
+    "descriptors": task_covariance(M, 2, np.eye(M)[:, ::-1][:, :3] + 0.5, shared=True),
 }
 every_kernel = pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS.keys())
 every_noise = pytest.mark.parametrize("n_noise", [1, M], ids=["shared", "per task"])

@@ -21,6 +21,7 @@ from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
+from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 M, D = 4, 4
@@ -49,6 +50,7 @@ FORMS = {
     "rank 2, diagonal": low_rank(M, 2, diagonal=True),
     "ones, diagonal": ones(M, diagonal=True),
     "full rank": low_rank(M, M),
+    "descriptors": task_covariance(M, 2, np.eye(M)[:, ::-1][:, :3] + 0.5, shared=True),
 }
 EVERY = KERNELS | WHITE
 

@@ -26,6 +26,7 @@ from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
+from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 N, M, D = 11, 4, 4
@@ -46,6 +47,7 @@ FORMS = {
     "rank 1": low_rank(M, 1),
     "rank 2, diagonal": low_rank(M, 2, diagonal=True),
     "full rank": low_rank(M, M),
+    "descriptors": task_covariance(M, 2, np.eye(M)[:, ::-1][:, :3] + 0.5, shared=True),
 }
 CLOSE = {"rtol": 1e-10, "atol": 1e-11}
 every_model = in_pairs(

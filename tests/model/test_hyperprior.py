@@ -8,6 +8,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 from sklearn.gaussian_process.kernels import RBF
 
+from skmtgp.model.described import task_covariance
 from skmtgp.model.hyperprior import OF_KERNEL, OF_VARIANCE, Hyperprior
 from skmtgp.model.task_covariance import identity, low_rank
 
@@ -17,6 +18,9 @@ FORMS = {
     "diagonal": low_rank(3, 1, diagonal=True),
     "compound symmetry": low_rank(3, 0, "equal", shared=True),
     "independent": identity(3),
+    "descriptors": task_covariance(
+        3, 2, np.array([[1.0, -1.0, 0.3], [1.0, 0.2, -1.3], [1.0, 0.8, 1.0]])
+    ),
 }
 
 

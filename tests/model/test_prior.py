@@ -7,7 +7,7 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp.model.prior import Prior
-from skmtgp.model.task_covariance import low_rank
+from skmtgp.model.task_covariance import FixedTaskCovariance, low_rank
 
 
 class Counting(RBF):
@@ -65,3 +65,25 @@ def test_levels_that_vanish():
     larger = least.copy()
     larger[-4] = larger[-3:].min() + 0.1
     assert not with_levels.levels_vanish(larger)
+
+
+class OneNumber(FixedTaskCovariance):
+    """K^rho = a I, whose rank is that of K^rho; its parameter log a is no factor."""
+
+    n_parameters = n_free = 1
+
+    def __init__(self):
+        super().__init__(np.eye(3))
+        self.rank = 3
+
+    def bounds(self, scale):
+        return np.log([[1e-6, 1e6]])
+
+    def parameters(self, K, truncation="eigen"):
+        return np.zeros(1)
+
+
+def test_parameters_of_a_form_without_a_factor_are_none():
+    model = Prior(RBF(), OneNumber(), n_noise=3, levels=True)
+    assert not model.of_factor.any()
+    assert model.of_noise.sum() == 3

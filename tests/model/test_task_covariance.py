@@ -456,7 +456,7 @@ class TestEqualDiagonal:
 def test_a_task_without_data_has_the_shared_function_and_the_equal_variance():
     form = EQUAL["compound symmetry"]
     loadings, own = form.unseen(np.log([4.0, 0.5]))
-    np.testing.assert_allclose(loadings, [2.0])
+    np.testing.assert_allclose(loadings, [[2.0]])
     assert own == pytest.approx(0.5)
     assert EQUAL["independent"].unseen(np.log([0.5])) is None
 

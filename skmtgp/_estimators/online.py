@@ -1,0 +1,226 @@
+"""Rows that join a fitted Gaussian process, or leave it, at fixed hyperparameters."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from skmtgp._data.checks import check_more, check_stream
+from skmtgp._estimators.estimator import public
+from skmtgp._estimators.fitted import FittedGP
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.engine import Demand
+from skmtgp.inference.engines import Dense, choose
+from skmtgp.inference.memory import TileMemory
+from skmtgp.inference.pruning import least_informative
+from skmtgp.model.kernel_check import check_covariance, sample_rows
+
+AT_ONCE = 100  # rows for which memory is looked for: that takes as long as a few rows
+
+
+class OnlineGP(FittedGP):
+    """Gaussian process regressor that learns from a stream of rows."""
+
+    @public
+    def partial_fit(
+        self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+    ) -> Self:
+        """Let rows join: fit at first, then at fixed hyperparameters.
+
+        The first call is `fit`. Later ones give the model that a fit to all rows would
+        give at the hyperparameters, means and scales of the first one, without
+        decomposing the covariance again.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`. A
+            MultiTaskGPRegressor takes labels that it does not know, too: each is a task
+            that joins as by its method ``add_task``.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+        max_rows : int, default=None
+            How many rows are kept. Of more, those go that tell least of the functions
+            given the others, new ones among them; the last row of a task stays. None
+            keeps all. Only for dense inference.
+
+        Returns
+        -------
+        self : object
+            Fitted estimator.
+
+        Raises
+        ------
+        TypeError
+            If X or y is a Dask collection.
+        ValueError
+            If a task is not known and cannot join, if X or y cannot be used or are
+            not like those of `fit`, if `max_rows` is below the number of tasks, or if
+            the engine cannot take or drop these rows. The estimator is then as it was
+            before.
+
+        Notes
+        -----
+        A row takes O(n^2) by dense inference, whose Cholesky factor gets one row more,
+        as does a row that goes. By sparse inference the time is that of one pass over
+        the rows; the inducing inputs stay, but for those of a new task. Complete data
+        stay so only if every task gets the same inputs: where they do not,
+        ``inference="auto"`` decomposes the covariance of all rows once and goes on by
+        dense inference, and "kronecker" is an error.
+
+        In the attributes new rows come after those before, and rows of new tasks after
+        the others of the same call.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 6, 60), rng.choice([0, 1, 2], 60)
+        >>> X = np.column_stack([x, task])
+        >>> y = np.array([1.0, -2.0, 0.5])[task] * np.sin(x)
+        >>> model = MultiTaskGPRegressor(rank=1)
+        >>> for rows in (slice(0, 40), slice(40, 50), slice(50, 60)):
+        ...     model = model.partial_fit(X[rows], y[rows], max_rows=50)
+        >>> model.y_train_.shape
+        (50,)
+        """
+        check_stream(X, y, max_rows)
+        model = copy(self)
+        if hasattr(model, "tasks_"):
+            model._join_all(X, y)
+        else:
+            model.fit(X, y)
+        if max_rows is not None:
+            model._drop(max_rows)
+        self.__dict__ = vars(model)  # all at once, whatever fails before
+        return self
+
+    def _join_all(self, X, y):
+        """Let rows of known tasks join, then each new task."""
+        self._check_rows()
+        features, labels, codes, Y = check_more(self, X, y)
+        known = codes < len(self.tasks_)
+        if known.any():
+            self._join_rows(features[known], codes[known], Y[known])
+        for code in np.unique(codes[~known]):
+            rows = codes == code
+            label = labels.tasks[labels.codes[rows][0]].item()
+            self._join_task(features[rows], label, Y[rows])
+
+    def _join_rows(self, features, codes, Y):
+        """Let rows of known tasks join."""
+        before, n_new = self._training(), len(Y)
+        training = before.with_rows(features, codes, Y)
+        for posterior in self._posteriors:
+            check_covariance(posterior.kernel, sample_rows(features))
+        engine = self._engine
+        if engine.uses_design:  # of complete data, which may be so no more
+            prior = self._likelihoods[0].prior
+            engine = choose(self.inference, prior, training, **self._options())
+            engine.check(prior, training.data(engine)[0], training.tasks)
+        if len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE:
+            engine.check_memory(*self._demand(training))
+        origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
+        self._go_on(training, origin, engine)
+
+    def _drop(self, max_rows):
+        """Leave the rows out that tell least."""
+        training = self._training()
+        n_rows = len(training.Y) - max_rows
+        if n_rows <= 0:
+            return
+        if max_rows < len(self.tasks_):
+            raise ValueError(
+                f"max_rows={max_rows} is below the number of tasks, "
+                f"{len(self.tasks_)}: a row of each stays. Give more."
+            )
+        self._go_on_densely(training, max_rows)
+        with limit_threads(self._side):
+            rows = least_informative(self._posteriors, n_rows)
+        rows = np.arange(len(training.Y))[training.order(self._engine)][rows]
+        kept = np.delete(np.arange(len(training.Y)), rows)
+        self._go_on(training.part(kept), kept, self._engine)
+
+    def _go_on_densely(self, training, max_rows):
+        """Go on with an engine that can drop rows."""
+        if self._engine.drops:
+            return
+        if self.inference != "auto":
+            raise ValueError(
+                f"max_rows={max_rows} drops rows, which {self._engine.name} inference "
+                "cannot. Leave max_rows out, or set inference='dense' or 'auto'."
+            )
+        engine = Dense()
+        engine.check_memory(*self._demand(training))
+        self._go_on(training, np.arange(len(training.Y)), engine)
+
+    def _go_on(self, training, origin, engine):
+        """Store posteriors of other rows, at the same hyperparameters.
+
+        `origin` says which of the rows so far each row is; -1 for new ones.
+        """
+        before, thetas = self._likelihoods, self._thetas()
+        likelihoods = [
+            engine.likelihood(of.prior, data if engine.exact else replace(data, Z=of.Z))
+            for of, data in zip(before, training.data(engine), strict=True)
+        ]
+        update = self._updating(training, origin, engine)
+        with limit_threads(max(likelihood.side for likelihood in likelihoods)):
+            outputs = zip(self._posteriors, likelihoods, thetas, strict=True)
+            posteriors = [update(*output) for output in outputs]
+            draws = self._draws_of_outputs() if self._is_sampled() else ()
+            draws = self._updated_draws(update, likelihoods, draws)
+            self._store_posteriors(training, engine, likelihoods, posteriors)
+            self._store_levels()
+            self._store_updated_draws(draws)
+
+    def _updating(self, training, origin, engine):
+        """What makes a posterior of other rows from one of those so far."""
+        if engine is not self._engine:
+            return lambda posterior, likelihood, theta: likelihood.posterior(theta)
+        order = self._training().order(engine)
+        position = np.empty(len(self.tasks_train_), dtype=int)
+        position[np.arange(len(position))[order]] = np.arange(len(position))
+        origin = np.where(origin < 0, -1, position[origin])[training.order(engine)]
+
+        def update(posterior, likelihood, theta):
+            return engine.updated(posterior, likelihood, theta, origin)
+
+        return update
+
+    def _updated_draws(self, update, likelihoods, draws):
+        """Draws of theta and the mixtures of each output; nothing without draws."""
+        draws = list(draws)
+        if not draws:
+            return None
+        outputs = zip(self._predictive, likelihoods, draws, strict=True)
+        mixtures = [mixture.updated(update, *rest) for mixture, *rest in outputs]
+        return draws, mixtures, self._chains_told()
+
+    def _store_updated_draws(self, found):
+        """Predict by them, if there are any."""
+        if found:
+            draws, mixtures, told = found
+            self._store_draws(draws, mixtures)
+            vars(self).update(told)
+
+    def _draws_of_outputs(self):
+        """Draws of theta of each output, (n_draws, n_theta)."""
+        return np.split(self.theta_samples_, len(self._likelihoods), axis=1)
+
+    def _thetas(self):
+        """Theta of each output."""
+        return np.split(self.theta_, len(self._likelihoods))
+
+    def _demand(self, training, rank=None):
+        """What the model of these rows asks of memory."""
+        n_kept = len(self._likelihoods) * (1 + len(getattr(self, "theta_samples_", ())))
+        rank = getattr(self, "rank_", 1) if rank is None else rank
+        sizes = len(training.features), len(training.tasks)
+        demand = Demand(*sizes, rank=rank, n_kept=n_kept)
+        return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])

@@ -1,0 +1,484 @@
+"""Which task is it? Samples of a task whose label is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from numbers import Real
+from typing import Self
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from sklearn.base import BaseEstimator
+from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import check_is_fitted
+
+from skmtgp._data.checks import check_test
+from skmtgp._data.descriptors import locate_descriptors
+from skmtgp._data.numbers import as_frame, check_numbers
+from skmtgp._data.task_column import locate_task_column
+from skmtgp._estimators.estimator import Estimator
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.sklearn_compat import Interval
+from skmtgp.learning.identifying import Output, Unknown, follow, identify
+from skmtgp.learning.novel import Population
+from skmtgp.multitask import MultiTaskGPRegressor
+
+__all__ = ["TaskIdentifier"]
+
+RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks differ
+
+
+class TaskIdentifier(Estimator):
+    r"""Which task samples come from, and what describes it.
+
+    It asks a fitted model: one of several outputs, or one model for each of them, such
+    as for each joint of a robot. All outputs count together. A task may be one of those
+    that the model knows, or none of them; where tasks have descriptors, samples tell
+    those of another one, such as the mass of a load that has just been picked up.
+
+    Parameters
+    ----------
+    model : MultiTaskGPRegressor, RankSearchIC or Pipeline, or a list or dict of them
+        Fitted; a search is asked for its best model. Several models know the same
+        tasks; the columns of y are their outputs, in their order. A dict has names of
+        the outputs, by which they are found in frames.
+    noise : float or array-like of shape (n_outputs,), default=None
+        Standard deviation of noise that the samples have beside the model's, in units
+        of y.
+    widening : float, default=2.0
+        Deviation of the descriptors of another task from the mean of the known tasks',
+        in units of their deviation.
+    floor : float, default=3e-4
+        The model's own error: the deviation of a function of its own that each task
+        has beside what the model knows, relative to that of the tasks' functions.
+        However many samples there are, and however exact, it stays.
+    switching : float, default=0.02
+        Probability that the task switches between two samples of a stream.
+
+    Attributes
+    ----------
+    classes_ : ndarray of shape (n_tasks + 1,)
+        Labels of the known tasks, and None for none of them.
+    responsibilities_ : ndarray of shape (n_tasks + 1,)
+        Probability of each class after the last sample of `partial_fit`.
+    path_ : ndarray of shape (n_samples, n_tasks + 1)
+        The same after each sample of the last call.
+
+    See Also
+    --------
+    MultiTaskGPRegressor.add_task : A model with the task that samples come from.
+
+    Notes
+    -----
+    With the rows :math:`f_j` of the factors, which are linear in the descriptors d, the
+    samples of output j are normal with mean :math:`\sum_a f_{ja} \mu_a(x)` and a
+    covariance that depends on :math:`f_j`, too: latent functions are not known exactly.
+    Descriptors have a normal prior, that of the known tasks, widened. Their mode is
+    found by Fisher scoring with a line search, from the mean and the likeliest task,
+    after three linear steps with the covariance of the step before;
+    the covariance is the inverse of the Fisher information. "None of them" has the
+    density of the samples with the descriptors integrated out by Laplace's method.
+    Without descriptors the rows have a normal prior themselves.
+
+    Responsibilities of a stream are those of a hidden Markov model, whose samples are
+    independent given the tasks.
+
+    Examples
+    --------
+    Machines whose response grows with their age:
+
+    >>> import numpy as np
+    >>> from skmtgp import MultiTaskGPRegressor, TaskIdentifier
+    >>> rng = np.random.default_rng(0)
+    >>> age, machine = np.array([1.0, 3.0, 6.0, 9.0]), np.repeat([0, 1, 2, 3], 20)
+    >>> x = rng.uniform(0, 6, 80)
+    >>> y = age[machine] * np.sin(x) + 0.1 * rng.standard_normal(80)
+    >>> X = np.column_stack([x, age[machine], machine])
+    >>> model = MultiTaskGPRegressor(rank=1, task_descriptors=[1]).fit(X, y)
+    >>> identifier = TaskIdentifier(model)
+    >>> probabilities = identifier.predict_proba([[1.0], [2.0]], [5.1, 5.4])
+    >>> identifier.classes_[probabilities.argmax()]
+    2
+    >>> mean, covariance = identifier.estimate([[1.0], [2.0]], [3.8, 4.0])
+    >>> print(mean.round(1).to_dict())
+    {1: 4.3}
+    """
+
+    _parameter_constraints = {
+        "model": "no_validation",
+        "noise": [Interval(Real, 0.0, None, closed="left"), "array-like", None],
+        "widening": [Interval(Real, 0.0, None, closed="neither")],
+        "floor": [Interval(Real, 0.0, None, closed="left")],
+        "switching": [Interval(Real, 0.0, 1.0, closed="both")],
+    }
+
+    def __init__(
+        self,
+        model: BaseEstimator | list[BaseEstimator] | dict[str, BaseEstimator],
+        *,
+        noise: ArrayLike | None = None,
+        widening: float = 2.0,
+        floor: float = 3e-4,
+        switching: float = 0.02,
+    ) -> None:
+        self.model = model
+        self.noise = noise
+        self.widening = widening
+        self.floor = floor
+        self.switching = switching
+
+    def predict_proba(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+        """Probability that all samples come from each of the tasks, or from another.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as the model takes them. Columns of the task and of descriptors are
+            not looked at, and may be left out.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        probabilities : ndarray of shape (n_tasks + 1,)
+            In the order of `classes_`, the last one for none of the known tasks. Before
+            any sample all are equally probable.
+
+        Raises
+        ------
+        TypeError
+            If the model is none that has a factor.
+        ValueError
+            If X or y cannot be used, or the models do not know the same tasks.
+        """
+        outputs, starts = self._outputs(X, y)
+        with limit_threads(len(outputs[0].X)):
+            known = [
+                sum(of.known(task) for of in outputs)
+                for task in range(len(self.classes_) - 1)
+            ]
+            another = identify(Unknown(outputs), starts).log_evidence
+        log_density = np.append(known, another)
+        weights = np.exp(log_density - log_density.max())
+        return weights / weights.sum()
+
+    def estimate(self, X: ArrayLike, y: ArrayLike) -> tuple[pd.Series, pd.DataFrame]:
+        """Descriptors of the task that all samples come from.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as for `predict_proba`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        mean : Series of shape (n_descriptors,)
+            The most probable ones.
+        covariance : DataFrame of shape (n_descriptors, n_descriptors)
+            Their covariance.
+
+        Raises
+        ------
+        ValueError
+            If the model was fitted without `task_descriptors`; or as `predict_proba`.
+        """
+        descriptors = self._models()[0]._descriptors
+        if descriptors is None:
+            raise ValueError(
+                "estimate tells descriptors of a task, and the model has none. Fit it "
+                "with task_descriptors, the columns that describe the tasks."
+            )
+        outputs, starts = self._outputs(X, y)
+        with limit_threads(len(outputs[0].X)):
+            found = identify(Unknown(outputs), starts)
+        centre, scale = _population(descriptors, self.widening)
+        names = pd.Index(descriptors.names.tolist())
+        mean = pd.Series(centre + scale @ found.u, index=names)
+        covariance = scale @ found.covariance @ scale.T
+        return mean, pd.DataFrame(covariance, index=names, columns=names)
+
+    def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+        """Follow a stream of samples, whose task may switch at any of them.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as for `predict_proba`, in the order of time.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        self : TaskIdentifier
+            With `responsibilities_` after the last sample. The first call begins with
+            equal ones.
+
+        Raises
+        ------
+        ValueError
+            If the model knows other tasks than in the last call, which `reset` forgets;
+            or as `predict_proba`.
+        """
+        outputs, _ = self._outputs(X, y)
+        with limit_threads(len(outputs[0].X)):
+            log_densities = sum(of.each() for of in outputs)
+        n_classes = len(self.classes_)
+        usual = np.full(n_classes, 1.0 / n_classes)
+        before = getattr(self, "responsibilities_", usual)
+        if len(before) != n_classes:
+            raise ValueError(
+                f"The model knows {n_classes - 1} tasks, and {len(before) - 1} in the "
+                "last call. Call reset() before a stream that another model follows."
+            )
+        self.path_ = follow(before, log_densities, usual, self.switching)
+        self.responsibilities_ = self.path_[-1]
+        return self
+
+    def reset(self) -> Self:
+        """Forget the stream.
+
+        Returns
+        -------
+        self : TaskIdentifier
+            As before the first `partial_fit`.
+        """
+        for name in ("responsibilities_", "path_"):
+            vars(self).pop(name, None)
+        return self
+
+    @property
+    def classes_(self) -> NDArray[np.object_]:
+        """Labels of the known tasks, and None for none of them."""
+        return np.array([*self._models()[0].tasks_.tolist(), None], dtype=object)
+
+    # what the models are asked
+
+    def _models(self):
+        """The models at the ends of what was given, checked."""
+        models = list(map(_last, _each(self.model)))
+        _check_alike(models)
+        return models
+
+    def _outputs(self, X, y):
+        """The outputs at the samples, and where u of another task may begin."""
+        self._validate_params()
+        models = self._models()
+        population = _population(models[0]._descriptors, self.widening)
+        rows = _rows(models, population, self.widening)
+        noises, Y = self._noises(len(rows)), _targets(y, self.model, len(rows))
+        outputs = []
+        for estimator, model in zip(_each(self.model), models, strict=True):
+            inputs = _inputs(_best(estimator), model, X)
+            if len(inputs) != len(Y):
+                raise ValueError(f"X has {len(inputs)} rows, but y has {len(Y)}.")
+            k = len(outputs)
+            columns = slice(k, k + len(model._posteriors))
+            of_model = rows[columns], noises[columns], self.floor
+            outputs += _at_samples(model, inputs, Y[:, columns], *of_model)
+        return outputs, _starts(models[0], population, rows)
+
+    def _noises(self, n_outputs):
+        """Standard deviation of noise of each output, beside the model's."""
+        noise = np.atleast_1d(0.0 if self.noise is None else self.noise)
+        noise = check_numbers(noise, "noise")
+        if noise.size not in (1, n_outputs) or (noise < 0.0).any():
+            raise ValueError(
+                f"noise={self.noise!r} must be a standard deviation, or one for each "
+                f"of the {n_outputs} outputs."
+            )
+        return np.broadcast_to(noise.ravel(), n_outputs)
+
+
+def _each(model):
+    """The models, one or more outputs each."""
+    if isinstance(model, Mapping):
+        model = list(model.values())
+    found = list(model) if isinstance(model, (list, tuple)) else [model]
+    if not found:
+        raise ValueError("model is empty: give a fitted model, or one for each output.")
+    return found
+
+
+def _best(estimator):
+    """What a search has found."""
+    while hasattr(estimator, "best_estimator_"):
+        estimator = estimator.best_estimator_
+    return estimator
+
+
+def _last(estimator):
+    """The model at the end of a pipeline, checked."""
+    estimator = _best(estimator)
+    model = _best(estimator[-1] if isinstance(estimator, Pipeline) else estimator)
+    if not isinstance(model, MultiTaskGPRegressor):
+        raise TypeError(
+            "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that "
+            f"ends with one, or a list or dict of these, not a {type(model).__name__}."
+        )
+    check_is_fitted(model)
+    model._check_rows()
+    if model._units.per_task:
+        raise ValueError(
+            "The tasks have units of their own, which those of an unknown task do not "
+            "follow from. Fit the model with normalize_y='shared'."
+        )
+    return model
+
+
+def _check_alike(models):
+    """Raise a ValueError where models know other tasks, or other descriptors."""
+    first = models[0]
+    for model in models[1:]:
+        if model.tasks_.tolist() != first.tasks_.tolist():
+            raise ValueError(
+                f"The models know other tasks: {first.tasks_.tolist()} and "
+                f"{model.tasks_.tolist()}. Fit them to the same."
+            )
+        tables = [getattr(of, "task_descriptors_", None) for of in (first, model)]
+        same = [
+            None if table is None else table.to_numpy().tolist() for table in tables
+        ]
+        if same[0] != same[1]:
+            raise ValueError(
+                "The models have other descriptors of the tasks, or some have none. "
+                "Fit them with the same task_descriptors."
+            )
+
+
+def _at_samples(model, inputs, Y, rows, noises, floor):
+    """The outputs of a model at samples, in its own units."""
+    units = model._units
+    scaled = (model._target.forward(Y) - units.centre.T) / units.scale.T
+    return [
+        Output(
+            model._posteriors[j],
+            inputs,
+            y,
+            _noise_of(model, j, noises[j]),
+            _own(model, j, floor),
+            _factor(model, j),
+            rows[j],
+        )
+        for j, y in enumerate(scaled.T)
+    ]
+
+
+def _targets(y, model, n_outputs):
+    """The columns of y, (n_samples, n_outputs)."""
+    if isinstance(model, Mapping) and hasattr(y, "columns"):
+        y = as_frame(y)[list(model)]
+    Y = check_numbers(y, "y")
+    Y = Y.reshape(len(Y), -1) if n_outputs > 1 or Y.ndim > 1 else Y[:, None]
+    if Y.shape[1] != n_outputs:
+        raise ValueError(
+            f"y has {Y.shape[1]} columns, but the model has {n_outputs} outputs."
+        )
+    return Y
+
+
+def _inputs(estimator, model, X):
+    """Inputs of the kernel, whatever the task."""
+    steps = estimator[:-1] if isinstance(estimator, Pipeline) else []
+    table = _with_task(estimator[0] if len(steps) else model, model, X)
+    table = steps.transform(table) if len(steps) else table
+    features, _ = check_test(model, table)
+    return (
+        features if model._descriptors is None else model._descriptors.inputs(features)
+    )
+
+
+def _with_task(first, model, X):
+    """X with the columns of a known task, as the first step takes them."""
+    names, n = getattr(first, "feature_names_in_", None), first.n_features_in_
+    position = locate_task_column(first.task_feature, n, names)
+    columns, values = [position], [model.tasks_[0].item()]
+    if first.task_descriptors is not None:
+        given = first.task_descriptors, position, n, names
+        columns += np.delete(np.arange(n), position)[
+            locate_descriptors(*given)
+        ].tolist()
+        values += model._descriptors.table[0].tolist()
+    X = as_frame(X)
+    if isinstance(X, pd.DataFrame) and names is not None:
+        known = dict(zip(names[columns], values, strict=True))
+        missing = [name for name in names if name not in {*known, *X.columns}]
+        if missing:
+            raise ValueError(f"X lacks the columns {missing} that the model takes.")
+        return X.assign(**known)[list(names)]
+    table = np.asarray(X)
+    others = np.delete(np.arange(n), columns)
+    if table.ndim != 2 or table.shape[1] not in (n, len(others)):
+        raise ValueError(
+            f"X has shape {table.shape}, but must have {n} columns, as the model takes "
+            f"them, or {len(others)}, without the task and its descriptors."
+        )
+    full = np.empty((len(table), n), dtype=object)
+    full[:, columns] = values
+    full[:, others] = table if len(others) == table.shape[1] else table[:, others]
+    return full
+
+
+def _population(descriptors, widening):
+    """Mean of the descriptors of another task, and a factor of their covariance."""
+    if descriptors is None:
+        return None
+    table = descriptors.table
+    unit = np.where(table.std(axis=0) > 0.0, table.std(axis=0), 1.0)
+    covariance = np.atleast_2d(np.cov((table / unit).T, bias=True))
+    covariance.flat[:: len(covariance) + 1] += RIDGE
+    scale = widening * unit[:, None] * np.linalg.cholesky(covariance)
+    return table.mean(axis=0), scale
+
+
+def _factor(model, j):
+    """F of an output, without the function that all share."""
+    prior, theta = model._posteriors[j].prior, model._posteriors[j].theta
+    return prior.task_covariance.columns(prior.values(theta).rho)
+
+
+def _rows(models, population, widening):
+    """Of each output c and A, by which the row of another task is c + A u."""
+    pairs = [(model, j) for model in models for j in range(len(model._posteriors))]
+    if population is not None:
+        return [_described(*pair, *population) for pair in pairs]
+    populations = [Population(_factor(*pair), own=False) for pair in pairs]
+    ranks = [len(of.mean) for of in populations]
+    blocks = np.split(np.eye(sum(ranks)), np.cumsum(ranks)[:-1])
+    return [
+        (of.mean, widening * of.scale @ block)
+        for of, block in zip(populations, blocks, strict=True)
+    ]
+
+
+def _described(model, j, centre, scale):
+    """The same of tasks with descriptors, which the outputs share."""
+    prior, theta = model._posteriors[j].prior, model._posteriors[j].theta
+    tables = np.vstack([centre, centre + scale.T])
+    loadings, _ = prior.unseen(theta, model._descriptors.rows(tables))
+    c, *others = loadings[:, int(prior.task_covariance.shared) :]
+    return c, (np.array(others) - c).T
+
+
+def _starts(model, population, rows):
+    """Where u of another task may begin: at the known tasks, or at 0."""
+    if population is None:
+        return np.zeros((1, rows[0][1].shape[1]))
+    centre, scale = population
+    return np.linalg.solve(scale, (model._descriptors.table - centre).T).T
+
+
+def _noise_of(model, j, more):
+    """Noise variance of samples of each task, and of another, in the model's units."""
+    posterior = model._posteriors[j]
+    noise = posterior.prior.values(posterior.theta).noise
+    noise = np.broadcast_to(noise, len(model.tasks_))
+    usual = np.exp(np.log(noise).mean())
+    return np.append(noise, usual) + np.square(more / model._units.scale[j, 0])
+
+
+def _own(model, j, floor):
+    """Variance of the model's own error: of a function beside those of the tasks."""
+    return floor**2 * np.diagonal(model._posteriors[j].K_rho).mean()

@@ -1,0 +1,279 @@
+r"""Which task is it? What samples of a task tell of its row of F, over all outputs.
+
+The rows of the outputs are linear in u, :math:`f_j = c_j + A_j u`, and u is normal with
+mean 0 and covariance I: it stands for the task's descriptors, which the outputs share,
+or for the rows themselves. Given u the samples are normal, see `inference.border`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from skmtgp._numerics.linalg import Cholesky
+from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.inference.border import BorderLikelihood
+from skmtgp.inference.likelihood import log_density
+from skmtgp.inference.posterior import Posterior
+
+MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to gain
+N_REWEIGHTED = 3
+ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
+HALVINGS = 30
+
+
+class Output(NamedTuple):
+    """An output of a model at the samples, in the model's own units.
+
+    Attributes
+    ----------
+    posterior : Posterior
+        Of the model.
+    X : ndarray of shape (n_samples, n_inputs)
+        Inputs of the kernel.
+    y : ndarray of shape (n_samples,)
+        Targets.
+    noise : ndarray of shape (n_tasks + 1,)
+        Noise variance of the samples of each task, and of another one.
+    own : float
+        Variance of the model's own error, in units of k^x.
+    factor : ndarray of shape (n_tasks, rank)
+        F.
+    row : pair of ndarrays of shape (rank,) and (rank, n_u)
+        c and A, of which the row of another task is c + A u.
+    """
+
+    posterior: Posterior
+    X: np.ndarray
+    y: np.ndarray
+    noise: np.ndarray
+    own: float
+    factor: np.ndarray
+    row: tuple[np.ndarray, np.ndarray]
+
+    @property
+    def prior(self):
+        """The model."""
+        return self.posterior.prior
+
+    def border(self):
+        """The likelihood of the samples as those of another task."""
+        theta = self.posterior.theta
+        return BorderLikelihood(
+            self.posterior,
+            self.factor,
+            self.X,
+            self.y,
+            self.noise[-1],
+            own=False,
+            level=self.posterior.level,
+            shared=self.prior.shared_loading(theta),
+            equal=self.own + self.unshared(),
+        )
+
+    def unshared(self):
+        """Variance of what tasks have of their own, in units of k^x, on average."""
+        _, kappa = self.prior.latent(self.posterior.theta)
+        return float(kappa.mean())
+
+    def known(self, task):
+        """Log density of the samples as those of a known task."""
+        tasks = np.full(len(self.X), task)
+        covariance = self.posterior.covariance(self.X, tasks)
+        covariance += self.own * self.posterior.kernel(self.X)
+        covariance.flat[:: len(covariance) + 1] += self.noise[task]
+        return log_normal(self.y, self.posterior.mean(self.X, tasks), covariance)
+
+    def each(self):
+        """Log density of each sample by itself, (n_samples, n_tasks + 1)."""
+        n, n_tasks, diagonal = len(self.X), len(self.factor), self._diagonal()
+        means, variances = np.empty((2, n, n_tasks + 1))
+        for task in range(n_tasks):
+            tasks = np.full(n, task)
+            means[:, task] = self.posterior.mean(self.X, tasks)
+            variances[:, task] = self.posterior.variance(self.X, tasks)
+        variances[:, :-1] += self.own * diagonal[:, None]
+        means[:, -1], variances[:, -1] = self._another()
+        variances += self.noise
+        z = np.square(self.y[:, None] - means) / variances
+        return -0.5 * (z + np.log(2.0 * np.pi * variances))
+
+    def _diagonal(self):
+        return self.posterior.kernel.diag(self.X)
+
+    def _another(self):
+        """Mean and variance of f of another task, u integrated out."""
+        c, A = self.row
+        shared = self.prior.shared_loading(self.posterior.theta)
+        given = np.zeros(0) if shared is None else np.array([shared])
+        factor = np.hstack([np.tile(given, (len(self.factor), 1)), self.factor])
+        c = np.append(given, c)
+        spread = np.zeros((len(c),) * 2)
+        spread[len(given) :, len(given) :] = A @ A.T
+        means, halves = self.posterior.latent(self.X, factor)
+        second = np.outer(c, c) + spread
+        told = np.einsum("ab,aij,bij->j", second, halves, halves, optimize=True)
+        variance = (np.trace(second) + self.own + self.unshared()) * self._diagonal()
+        variance += np.einsum("ai,ab,bi->i", means, spread, means)
+        return c @ means, np.maximum(variance - told, 0.0) + self.posterior.level
+
+
+class Found(NamedTuple):
+    """The most probable u.
+
+    Attributes
+    ----------
+    u : ndarray of shape (n_u,)
+        Where the density of u given the samples is highest.
+    covariance : ndarray of shape (n_u, n_u)
+        Of u, by the Fisher information there.
+    log_evidence : float
+        Log density of the samples, u integrated out by Laplace's method.
+    """
+
+    u: np.ndarray
+    covariance: np.ndarray
+    log_evidence: float
+
+
+class Unknown:
+    """Samples of a task of which u is unknown.
+
+    Parameters
+    ----------
+    outputs : list of Output
+        At the samples.
+    """
+
+    def __init__(self, outputs):
+        self.borders = [output.border() for output in outputs]
+        self.maps = [output.row for output in outputs]
+
+    def value_and_grad(self, u):
+        """Log density of the samples and u but for a constant, and its gradient."""
+        value, gradient = -0.5 * u @ u, -u
+        for border, (c, A) in zip(self.borders, self.maps, strict=True):
+            of_output, slope = border.value_and_grad(c + A @ u)
+            value, gradient = value + of_output, gradient + A.T @ slope
+        return value, gradient
+
+    def information(self, u):
+        """Fisher information of u, with that of its prior."""
+        found = np.eye(len(u))
+        for border, (c, A) in zip(self.borders, self.maps, strict=True):
+            found += A.T @ border.fisher_information(c + A @ u) @ A
+        return found
+
+    def reweight(self, u):
+        """The mode if the covariance of the samples were always that at u.
+
+        A linear problem. Where the samples are far more exact than what is known of u,
+        scoring takes tens of steps to get near the mode, and this takes a few.
+        """
+        H, b = np.eye(len(u)), np.zeros(len(u))
+        for border, (c, A) in zip(self.borders, self.maps, strict=True):
+            by_means, by_targets = border.weighted(c + A @ u)
+            H += A.T @ by_means @ A
+            b += A.T @ (by_targets - by_means @ c)
+        return np.linalg.solve(H, b)
+
+    def climb(self, u):
+        """The mode that Fisher scoring with a line search leads to from u.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_u,)
+            Where it begins.
+
+        Returns
+        -------
+        found : Found
+        """
+        value, gradient = self.value_and_grad(u)
+        for _ in range(MOST_STEPS):
+            step = np.linalg.solve(self.information(u), gradient)
+            gain = gradient @ step
+            if not gain > TOL + ROUNDING * abs(value):
+                break
+            for k in range(HALVINGS):
+                further = u + 0.5**k * step
+                found = self.value_and_grad(further)
+                if found[0] >= value + 1e-4 * 0.5**k * gain:
+                    break
+            else:  # no step gains: rounding
+                break
+            u, (value, gradient) = further, found
+        information = self.information(u)
+        log_det = np.linalg.slogdet(information)[1]
+        return Found(u, np.linalg.inv(information), value - 0.5 * log_det)
+
+
+def identify(unknown, starts):
+    """The better mode of two starts.
+
+    Parameters
+    ----------
+    unknown : Unknown
+        The samples.
+    starts : ndarray of shape (n_starts, n_u)
+        Of which the likeliest is followed, and 0.
+
+    Returns
+    -------
+    found : Found
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the covariance of the samples is singular in floating point.
+    """
+    values = [unknown.value_and_grad(u)[0] for u in starts]
+    modes = []
+    for u in (np.zeros_like(starts[0]), starts[np.argmax(values)]):
+        for _ in range(N_REWEIGHTED):
+            u = unknown.reweight(u)
+        modes.append(unknown.climb(u))
+    best = max(modes, key=lambda mode: mode.log_evidence)
+    if not np.isfinite(best.log_evidence):
+        raise NotPositiveDefiniteError(
+            "The covariance of the samples is singular: some are too close to each "
+            "other for a model with so little noise. Give their noise, a larger floor, "
+            "or fewer samples."
+        )
+    return best
+
+
+def log_normal(y, mean, covariance):
+    """Log density of normal numbers; -inf where the covariance is singular."""
+    try:
+        cholesky = Cholesky(np.asfortranarray(covariance))
+    except NotPositiveDefiniteError:
+        return -np.inf
+    half = cholesky.half_solve(y - mean)
+    return log_density(half @ half, cholesky.log_det(), len(y))
+
+
+def follow(responsibilities, log_densities, usual, switching):
+    """Responsibilities of classes, row after row, of a stream that may switch.
+
+    Parameters
+    ----------
+    responsibilities : ndarray of shape (n_classes,)
+        Before the first row.
+    log_densities : ndarray of shape (n_rows, n_classes)
+        Of each row if it is of the class.
+    usual : ndarray of shape (n_classes,)
+        Probability of each after a switch.
+    switching : float
+        Probability of a switch between two rows.
+
+    Returns
+    -------
+    responsibilities : ndarray of shape (n_rows, n_classes)
+        Given the rows so far.
+    """
+    found = np.empty(log_densities.shape)
+    for k, log_density_of_row in enumerate(log_densities):
+        before = (1.0 - switching) * responsibilities + switching * usual
+        weights = np.exp(log_density_of_row - log_density_of_row.max()) * before
+        found[k] = responsibilities = weights / weights.sum()
+    return found

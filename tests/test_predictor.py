@@ -1,0 +1,490 @@
+"""Fitted models as functions of one state."""
+
+import pickle
+
+import numpy as np
+import pandas as pd
+import pytest
+from multitask_models import PAPER
+from samples import draw
+from sklearn.base import clone
+from sklearn.compose import ColumnTransformer
+from sklearn.exceptions import NotFittedError
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    DotProduct,
+    Matern,
+    RationalQuadratic,
+    WhiteKernel,
+)
+from sklearn.linear_model import LinearRegression
+from sklearn.pipeline import Pipeline, make_pipeline
+from sklearn.preprocessing import FunctionTransformer, PowerTransformer, StandardScaler
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    compile_predictor,
+    make_inverse_dynamics_regressor,
+)
+from skmtgp.datasets import load_puma560
+from skmtgp.kernels import ARDLinear, Columns
+from skmtgp.preprocessing import InverseDynamicsFeatures
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning"),
+]
+START = {"max_iter": 0}
+SPARSE = {"inference": "sparse", "n_inducing": 12, "n_exact": 20}
+SAMPLED = {"hyperparameters": "sampled", "n_draws": 4, "max_iter": 2}
+SHARED = {"shared": True, "normalize_y": "shared"}
+
+
+def cube(z):
+    return z**3
+
+
+ROOTS = np.cbrt, cube
+MODELS = {
+    "defaults": MultiTaskGPRegressor(**START),
+    "paper": MultiTaskGPRegressor(rank=2, **PAPER, **START),
+    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **START),
+    "shared": MultiTaskGPRegressor(rank=1, **SHARED, **START),
+    "units of each": MultiTaskGPRegressor(rank=2, normalize_y="per_task", **START),
+    "not normalised": MultiTaskGPRegressor(rank=2, normalize_y=False, **START),
+    "transformed": MultiTaskGPRegressor(rank=1, target_transform=ROOTS, **START),
+    "Yeo-Johnson": IndependentGP(target_transform=PowerTransformer(), **START),
+    "sampled": MultiTaskGPRegressor(rank=1, **SAMPLED),
+    "sampled, transformed": PooledGP(target_transform=ROOTS, **SAMPLED),
+    "sparse": MultiTaskGPRegressor(rank=2, **SPARSE, **START),
+    "sparse, diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **SPARSE, **START),
+    "iGP": IndependentGP(**START),
+    "iGP, sparse": IndependentGP(diagonal=True, **SPARSE, **START),
+    "pGP": PooledGP(**START),
+    "sGP": SingleTaskGP(**START),
+    "sGP, transformed": SingleTaskGP(target_transform=ROOTS, **START),
+    "search": RankSearchIC(MultiTaskGPRegressor(**START), ranks=(1,)),
+}
+KERNELS = {
+    "RBF": RBF([1.0, 2.0]),
+    "Matern 1/2": Matern(1.0, nu=0.5),
+    "Matern 3/2": Matern([1.0, 2.0], nu=1.5),
+    "Matern 5/2": Matern(1.0, nu=2.5),
+    "Matern 0.8": Matern(1.0, nu=0.8),
+    "rational quadratic": RationalQuadratic(1.0, 0.5),
+    "linear": ARDLinear([1.0, 2.0], 0.5),
+    "dot product": DotProduct(),
+    "white": RBF() + WhiteKernel(0.1),
+    "columns": ConstantKernel(2.0) * Columns(RBF(), [1]) + Columns(ARDLinear(), [0]),
+    "product": RBF() * ARDLinear() + ConstantKernel(),
+    "power": (ARDLinear([1.0, 2.0], 0.5) * RBF()) ** 2,
+}
+Z = draw(per_task=2, seed=1)[0]
+
+
+def close(found, expected, rtol=1e-12):
+    scale = np.abs(expected).max()
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=rtol * scale)
+
+
+def of_rows(predictor, Z, **options):
+    """Predictions of all rows, the task last, one after another."""
+    if predictor.task is not None:
+        return np.array([predictor(z[:-1].astype(float), **options) for z in Z])
+    return np.array([predictor(z[:-1].astype(float), z[-1], **options) for z in Z])
+
+
+def stds(predictor, Z, **options):
+    rows = [predictor.std(z[:-1].astype(float), z[-1], **options) for z in Z]
+    return np.array(rows)
+
+
+@pytest.fixture(scope="module", params=[None, 2], ids=["one output", "two outputs"])
+def n_outputs(request):
+    return request.param
+
+
+@pytest.fixture(scope="module", params=MODELS)
+def model(request, n_outputs):
+    X, y = draw(n_outputs=n_outputs)
+    return clone(MODELS[request.param]).fit(X, y)
+
+
+def test_it_is_what_predict_says(model):
+    predictor = pickle.loads(pickle.dumps(compile_predictor(model)))
+    expected = model.predict(Z).reshape(len(Z), -1)
+    close(of_rows(predictor, Z), expected)
+    assert predictor(Z[0, :2], 1).shape == expected.shape[1:]
+
+
+def test_of_one_task(model):
+    for task in (0, 2):
+        predictor = compile_predictor(model, task=task)
+        rows = np.column_stack([Z[:, :2], np.full(len(Z), task)])
+        close(of_rows(predictor, rows), model.predict(rows).reshape(len(Z), -1))
+        assert (predictor.task, predictor.n_features_in) == (task, 2)
+
+
+def test_standard_deviations(model):
+    predictor = pickle.loads(pickle.dumps(compile_predictor(model, std=True)))
+    for noise in (False, True):
+        _, expected = model.predict(Z, return_std=True, include_noise=noise)
+        found = stds(predictor, Z, include_noise=noise)
+        close(found, expected.reshape(len(Z), -1), rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("params", [{}, SPARSE], ids=["exact", "sparse"])
+def test_every_kernel(name, params):
+    if params and name == "white":
+        pytest.skip("inducing inputs cannot explain it")
+    model = MultiTaskGPRegressor(KERNELS[name], rank=2, **params, **START).fit(*draw())
+    close(of_rows(compile_predictor(model), Z)[:, 0], model.predict(Z))
+
+
+class TestRows:
+    def complete(self, inference):
+        x = draw()[0][:10, :2]
+        X = np.column_stack([np.tile(x, (3, 1)), np.repeat([0, 1, 2], 10)])
+        y = np.sin(X[:, 0]) + X[:, 2] * X[:, 1]
+        return MultiTaskGPRegressor(rank=2, inference=inference, **START).fit(X, y)
+
+    @pytest.mark.parametrize("inference", ["dense", "kronecker"])
+    def test_equal_inputs_count_once(self, inference):
+        model = self.complete(inference)
+        predictor = compile_predictor(model)
+        [(_, [(_, mean, _, _)])] = predictor._plans[0]
+        assert len(mean.parts[0].B) == 10
+        close(of_rows(predictor, Z)[:, 0], model.predict(Z))
+
+    def test_after_a_task_has_joined(self):
+        model = self.complete("auto").add_task([[0.1, 0.2, 7], [0.5, 0.1, 7]], [1, 2.0])
+        rows = np.vstack([Z, Z * [1.0, 1.0, 0.0] + [0.0, 0.0, 7.0]])
+        close(of_rows(compile_predictor(model), rows)[:, 0], model.predict(rows))
+
+    def test_rows_of_independent_tasks_do_not_matter(self):
+        model = IndependentGP(noise="shared", **START).fit(*draw())
+        small, whole = (
+            compile_predictor(model, task=task)._plans for task in (1, None)
+        )
+        [(_, [(_, mean, _, _)])] = small[1]
+        assert len(mean.parts[0].B) == 10
+        assert len(pickle.dumps(small)) < len(pickle.dumps(whole))
+
+    def test_it_keeps_little(self):
+        X, y = draw(per_task=100)
+        model = MultiTaskGPRegressor(rank=2, **PAPER, **START).fit(X, y)
+        size = len(pickle.dumps(compile_predictor(model, task=1)))
+        assert size < 8 * len(y) * 6 + 5000  # x, half its square, the weight, and room
+        assert len(pickle.dumps(compile_predictor(model, task=1, std=True))) > 90_000
+
+
+class TestTasks:
+    def test_labels_are_text(self):
+        X, y = draw()
+        frame = pd.DataFrame(X[:, :2], columns=["a", "b"])
+        frame.insert(1, "load", np.array(["no", "box", "cup"])[X[:, 2].astype(int)])
+        model = MultiTaskGPRegressor(rank=1, task_feature="load", **START)
+        model.fit(frame, y)
+        predictor = compile_predictor(model)
+        found = [
+            predictor([a, b], load) for a, load, b in frame.itertuples(index=False)
+        ]
+        close(np.ravel(found), model.predict(frame))
+        one = compile_predictor(model, task="cup")
+        assert one([0.1, 0.2]).item() == one([0.1, 0.2], "cup").item()
+        close(one([0.1, 0.2]), predictor([0.1, 0.2], "cup"))
+
+    @pytest.mark.parametrize("name", ["pGP", "shared"])
+    def test_one_that_was_never_seen(self, name):
+        model = clone(MODELS[name]).fit(*draw())
+        predictor, rows = compile_predictor(model, task=99, std=True), Z.copy()
+        rows[:, -1] = 99
+        close(of_rows(predictor, rows)[:, 0], model.predict(rows))
+        close(stds(predictor, rows)[:, 0], model.predict(rows, return_std=True)[1])
+
+    def test_one_that_is_not_known(self):
+        model = clone(MODELS["paper"]).fit(*draw())
+        with pytest.raises(ValueError, match="Unknown task 99: the model knows 0, 1"):
+            compile_predictor(model, task=99)
+        predictor = compile_predictor(model)
+        with pytest.raises(ValueError, match=r"task=99 is none .* compiled for: 0, 1"):
+            predictor([0.0, 0.0], 99)
+        with pytest.raises(ValueError, match=r"task=None is none"):
+            predictor([0.0, 0.0])
+        with pytest.raises(ValueError, match=r"task=1 is none"):
+            compile_predictor(model, task=0)([0.0, 0.0], 1)
+
+
+class TestStates:
+    @pytest.fixture
+    def predictor(self):
+        return compile_predictor(clone(MODELS["paper"]).fit(*draw()), task=1)
+
+    @pytest.mark.parametrize("x", [[0.0], [0.0, 0.0, 1.0], [[0.0, 0.0]]], ids=repr)
+    def test_wrong_lengths(self, predictor, x):
+        with pytest.raises(ValueError, match=r"x has shape .*, not \(2,\): it is one"):
+            predictor(x)
+
+    def test_it_is_not_changed(self, predictor):
+        x = np.array([0.5, 1.0])
+        first = predictor(x)
+        assert x.tolist() == [0.5, 1.0]
+        assert predictor(x) is not first
+
+    def test_deviations_have_to_be_asked_for(self, predictor):
+        with pytest.raises(ValueError, match=r"need compile_predictor\(std=True\)"):
+            predictor.std([0.0, 0.0])
+
+
+LOADS = [1, 2, 4]
+X_ROBOT, Y_ROBOT = load_puma560(n_per_load=6, loads=LOADS, return_X_y=True)
+NEW_ROBOT = load_puma560(n_per_load=2, loads=LOADS, return_X_y=True)[0] + 0.01
+NEW_ROBOT[:, -1] = np.repeat(LOADS, 2)
+
+
+@pytest.fixture(scope="module", params=["paper", "geometric", "trigonometric"])
+def joints(request):
+    """A pipeline for each of three joints."""
+    model = MultiTaskGPRegressor(rank=1, **PAPER, **START)
+    pipeline = make_inverse_dynamics_regressor(model, kernel=request.param)
+    return [clone(pipeline).fit(X_ROBOT, Y_ROBOT[:, j]) for j in range(3)]
+
+
+class TestPipelines:
+    def test_a_robot(self, joints):
+        expected = np.column_stack([joint.predict(NEW_ROBOT) for joint in joints])
+        found = of_rows(compile_predictor(joints), NEW_ROBOT)
+        for j in range(3):
+            close(found[:, j], expected[:, j], rtol=1e-10)
+        for task in LOADS:
+            rows = NEW_ROBOT[NEW_ROBOT[:, -1] == task]
+            again = of_rows(compile_predictor(joints, task=task), rows)
+            of_task = expected[NEW_ROBOT[:, -1] == task]
+            np.testing.assert_allclose(again, of_task, rtol=1e-9)
+
+    def test_features_are_computed_once(self, joints):
+        predictor = compile_predictor(joints, task=2)
+        assert len(predictor._plans[2]) == 1
+        other = clone(joints[2]).fit(X_ROBOT[1:], Y_ROBOT[1:, 2])
+        predictor = compile_predictor([*joints[:2], other], task=2)
+        assert len(predictor._plans[2]) == 2
+        expected = [of.predict(NEW_ROBOT[2:3])[0] for of in (*joints[:2], other)]
+        np.testing.assert_allclose(predictor(NEW_ROBOT[2, :-1]), expected, rtol=1e-9)
+
+    def test_named_outputs(self, joints):
+        names = {f"q{j}": joint for j, joint in enumerate(joints)}
+        all_of, x = compile_predictor(names, task=1, std=True), NEW_ROBOT[0, :-1]
+        assert all_of.outputs == ["q0", "q1", "q2"]
+        some = compile_predictor(names, task=1, outputs=["q2", "q0"], std=True)
+        assert some.outputs == ["q2", "q0"]
+        np.testing.assert_array_equal(some(x), all_of(x)[[2, 0]])
+        np.testing.assert_array_equal(some.std(x), all_of.std(x)[[2, 0]])
+        with pytest.raises(ValueError, match=r"has 'q9', but the outputs are \['q0'"):
+            compile_predictor(names, outputs=["q9"])
+
+    def test_positions_of_outputs(self, joints):
+        both = clone(joints[0]).fit(X_ROBOT, Y_ROBOT[:, :2])
+        predictor = compile_predictor([both, joints[2]], task=1)
+        assert predictor.outputs == [0, 1, 2]
+        some = compile_predictor([both, joints[2]], task=1, outputs=[2, 1])
+        x = NEW_ROBOT[0, :-1]
+        np.testing.assert_array_equal(some(x), predictor(x)[[2, 1]])
+        named = compile_predictor({"first": both, "last": joints[2]}, task=1)
+        assert named.outputs == [("first", 0), ("first", 1), "last"]
+
+    def test_standstill(self):
+        features = InverseDynamicsFeatures().fit(X_ROBOT)
+        x = X_ROBOT[0].copy()
+        x[6:9] = 0.0, 1e-12, -1e-12
+        found = features._compile(1)(x[:-1])
+        np.testing.assert_array_equal(found, features.transform(x[None])[0, :-1])
+
+    @pytest.mark.parametrize("types", ["RPRRPR", "RRRRRR", "PPPPPP"])
+    def test_cosines_and_sines(self, types):
+        features = InverseDynamicsFeatures(angles="trigonometric", joint_types=types)
+        features.fit(X_ROBOT)
+        found = [features._compile(1)(x) for x in X_ROBOT[:, :-1]]
+        expected = features.transform(X_ROBOT)[:, :-1]
+        np.testing.assert_allclose(found, expected, rtol=1e-15, atol=1e-15)
+
+    @pytest.mark.parametrize("text", [False, True])
+    @pytest.mark.parametrize("frames", [False, True])
+    def test_other_transformers_are_called(self, text, frames):
+        X, y = draw()
+        if text:
+            X = X.astype(object)
+            X[:, 2] = np.array(["a", "b", "c"])[X[:, 2].astype(int)]
+        scale = ColumnTransformer(
+            [("scale", StandardScaler(), [0, 1])], remainder="passthrough"
+        )
+        if frames:
+            X = pd.DataFrame(X, columns=["u", "v", "task"]).infer_objects()
+            scale.set_output(transform="pandas")
+        model = make_pipeline(scale, MultiTaskGPRegressor(rank=1, **START)).fit(X, y)
+        predictor = compile_predictor(model)
+        rows = np.asarray(X)[:4]
+        close(of_rows(predictor, rows)[:, 0], model.predict(X[:4]))
+
+    def test_a_task_that_moves(self):
+        X, y = draw()
+        first = FunctionTransformer(np.fliplr)
+        model = MultiTaskGPRegressor(rank=1, task_feature=0, **START)
+        model = make_pipeline(first, model).fit(X, y)
+        with pytest.raises(ValueError, match="cannot tell which column of X has the t"):
+            compile_predictor(model)
+
+    def test_steps_that_do_nothing(self):
+        model = Pipeline([("a", "passthrough"), ("b", clone(MODELS["paper"]))])
+        model.fit(*draw())
+        close(of_rows(compile_predictor(model), Z)[:, 0], model.predict(Z))
+
+
+class TestRefresh:
+    def test_in_place(self):
+        X, y = draw()
+        model = clone(MODELS["paper"]).fit(X, y)
+        predictor = compile_predictor(model, task=1, std=True)
+        x = Z[0, :2]
+        before = predictor(x), predictor.std(x)
+        model.partial_fit(Z, np.full(len(Z), 9.0))
+        np.testing.assert_array_equal(predictor(x), before[0])  # of both the old one
+        np.testing.assert_array_equal(predictor.std(x), before[1])
+        assert predictor.refresh(model) is predictor
+        row = [[*x, 1]]
+        found = model.predict(row, return_std=True)
+        close([predictor(x), predictor.std(x)], found, rtol=1e-10)
+        assert predictor.std(x) < before[1]
+
+    def test_of_a_new_task(self):
+        model = clone(MODELS["paper"]).fit(*draw())
+        predictor = compile_predictor(model)
+        model.partial_fit([[0.1, 0.2, 5]], [3.0])
+        with pytest.raises(ValueError, match="task=5 is none"):
+            predictor([0.1, 0.2], 5)
+        predictor.refresh(model)
+        close(predictor([0.1, 0.2], 5), model.predict([[0.1, 0.2, 5]]))
+
+    def test_a_failure_leaves_it(self):
+        model = clone(MODELS["paper"]).fit(*draw())
+        predictor = compile_predictor(model, outputs=[0], task=1)
+        before = predictor([0.1, 0.2])
+        with pytest.raises(NotFittedError):
+            predictor.refresh(MultiTaskGPRegressor())
+        np.testing.assert_array_equal(predictor([0.1, 0.2]), before)
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        "model", [LinearRegression(), make_pipeline(LinearRegression())], ids=repr
+    )
+    def test_other_models(self, model):
+        model.fit(*draw())
+        with pytest.raises(TypeError, match="model must be a MultiTaskGPRegressor"):
+            compile_predictor(model)
+
+    def test_models_that_are_not_fitted(self):
+        with pytest.raises(NotFittedError):
+            compile_predictor(MultiTaskGPRegressor())
+
+    def test_none(self):
+        with pytest.raises(ValueError, match="model is empty"):
+            compile_predictor([])
+
+    def test_states_of_different_lengths(self):
+        X, y = draw()
+        models = [clone(MODELS["paper"]).fit(of, y) for of in (X, X[:, 1:])]
+        with pytest.raises(ValueError, match=r"states of different lengths, \[1, 2\]"):
+            compile_predictor(models)
+
+    def test_no_task_in_common(self):
+        X, y = draw()
+        models = [clone(MODELS["paper"]).fit(X + [0, 0, a], y) for a in (0, 10)]
+        with pytest.raises(ValueError, match="no task in common"):
+            compile_predictor(models)
+
+
+class TestDescriptors:
+    """Tasks that are described by numbers."""
+
+    KINDS = {
+        "defaults": {},
+        "without levels": {"task_levels": False},
+        "shared": {"shared": True, "rank": 1},
+        "transformed": {"target_transform": ROOTS},
+        "sampled": {"hyperparameters": "sampled", "n_draws": 4},
+        "sparse": {**SPARSE, "n_inducing": 20},
+    }
+
+    @staticmethod
+    def data():
+        rng = np.random.default_rng(0)
+        task = np.repeat(np.arange(6), 10)
+        d, x = rng.uniform(1.0, 3.0, (6, 2)), rng.uniform(0.0, 6.0, (60, 2))
+        y = d[task, 0] * np.sin(x[:, 0]) + d[task, 1] * np.cos(x[:, 1]) + task
+        return d, x, task, y + 0.05 * rng.standard_normal(60)
+
+    @pytest.mark.parametrize("kind", KINDS)
+    def test_known_tasks_and_others(self, kind):
+        d, x, task, y = self.data()
+        X = np.column_stack([d[task, 0], x, d[task, 1], task])
+        model = MultiTaskGPRegressor(
+            **{"rank": 2, "max_iter": 3, **self.KINDS[kind]}, task_descriptors=[0, 3]
+        ).fit(X, y)
+        predictor = compile_predictor(model, std=True)
+        assert predictor.n_features_in == 2
+        state, other = np.array([1.0, 4.0]), np.array([1.3, 2.9])
+        row = [[d[2, 0], *state, d[2, 1], 2]]
+        mean, std = model.predict(row, return_std=True)
+        np.testing.assert_allclose(predictor(state, task=2), mean, rtol=1e-9)
+        np.testing.assert_allclose(predictor.std(state, task=2), std, rtol=1e-6)
+        expected = model.predict([[other[0], *state, other[1], 99]])
+        found = predictor(state, descriptors=other)
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.DescriptorWarning")
+    def test_after_features(self):
+        names = ["mass", "mc_x"]
+        X, y = load_puma560(
+            n_per_load=6, loads=[1, 2, 3, 4], descriptors=names, return_X_y=True
+        )
+        model = MultiTaskGPRegressor(rank=1, max_iter=2, task_levels=False)
+        model = make_inverse_dynamics_regressor(model, task_descriptors=[18, 19])
+        models = [clone(model).fit(X, y[:, j]) for j in (0, 1)]
+        predictor = pickle.loads(pickle.dumps(compile_predictor(models)))
+        row = X[:1].copy()
+        found = predictor(row[0, :18], task=int(row[0, -1]))
+        np.testing.assert_allclose(found, [m.predict(row)[0] for m in models])
+        row[0, 18:] = 0.7, -0.05, 50
+        found = predictor(row[0, :18], descriptors=row[0, 18:20])
+        np.testing.assert_allclose(found, [m.predict(row)[0] for m in models])
+
+    def test_what_is_refused(self):
+        d, x, task, y = self.data()
+        X = np.column_stack([d[task], x, task])
+        model = MultiTaskGPRegressor(rank=2, task_descriptors=[0, 1], **START)
+        scaled = make_pipeline(FunctionTransformer(), clone(model)).fit(X, y)
+        with pytest.raises(ValueError, match="with task_descriptors alone, or after"):
+            compile_predictor(scaled)
+        model.fit(X, y)
+        with pytest.raises(
+            ValueError, match=r"has shape \(1,\), not \(2,\): one number"
+        ):
+            compile_predictor(model)([1.0, 2.0], descriptors=[1.0])
+        plain = clone(MODELS["defaults"]).fit(X, y)
+        for wrong in (compile_predictor(model, task=2), compile_predictor(plain)):
+            with pytest.raises(
+                ValueError, match="same task_descriptors, compiled with"
+            ):
+                wrong(np.zeros(wrong.n_features_in), descriptors=[1.0, 2.0])
+
+
+def test_all_tasks_at_once(model):
+    predictor = compile_predictor(model)
+    expected = [predictor(Z[0, :2], task) for task in predictor.tasks]
+    close(predictor.predict_tasks(Z[0, :2]), expected)

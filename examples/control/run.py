@@ -108,11 +108,10 @@ def summary(errors, needed, worked, picked_up):
     """A row of the table."""
     square = np.square(errors).sum(axis=1)
     seconds = (np.arange(len(errors)) - picked_up) / CONTROL
-    row = {
-        f"{name}, mrad": 1e3
-        * np.sqrt(square[(low <= seconds) & (seconds < high)].mean())
-        for name, (low, high) in PHASES.items()
-    }
+    row = {}
+    for name, (low, high) in PHASES.items():
+        mean = square[(low <= seconds) & (seconds < high)].mean()
+        row[f"{name}, mrad"] = 1e3 * np.sqrt(mean)
     row["99 % of periods, ms"] = 1e3 * np.quantile(needed, 0.99)
     row["in time, %"] = 100.0 * np.mean(needed < 1.0 / CONTROL)
     row["longest job, ms"] = 1e3 * max(worked, default=np.nan)

@@ -74,7 +74,7 @@ def controllers(models, loads, deviations):
 
 
 def follow(reference, controller, loads, picked_up, **friction):
-    """Follow the path; errors of each period, and seconds that torques and jobs took."""
+    """Follow the path: errors of each period, seconds of periods and of jobs."""
     light, heavy = loads[FIRST], loads[SECOND]
     robot = Puma(reference.q[0], reference.qd[0], light, **friction)
     n, jobs = len(reference.q), []

@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from copy import copy
+from itertools import starmap
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from skmtgp.inference.variances import (
     rounding_of,
     without_negatives,
 )
+from skmtgp.model.several import terms_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
@@ -32,9 +34,9 @@ class Posterior(ABC):
 
     Attributes
     ----------
-    kernel : Kernel
+    kernel : Kernel or Kernels
         k^x at these parameters.
-    K_rho : ndarray of shape (n_tasks, n_tasks)
+    K_rho : ndarray of shape ([n_terms,] n_tasks, n_tasks)
         K^rho at these parameters.
     level : float
         Variance of the tasks' levels, which are part of f.
@@ -44,7 +46,7 @@ class Posterior(ABC):
         What was added to it.
     alpha : ndarray of shape (n_samples,)
         K^{-1} y.
-    weights : ndarray of shape (n_tasks, n_inputs)
+    weights : ndarray of shape ([n_terms,] n_tasks, n_inputs)
         Of k^x at each training input in the mean of each task.
     levels : ndarray of shape (n_tasks,)
         Mean of the level of each task.
@@ -69,8 +71,21 @@ class Posterior(ABC):
         self.bound = prior.node.bind(values.kernel, likelihood.inputs)
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = values.noise[likelihood.noise_of_row]
-        largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
-        self.largest = largest + self.level
+        self.largest = self.level + sum(
+            largest_prior(K_rho, kernel, likelihood.inputs)
+            for kernel, K_rho in self.terms
+        )
+
+    @property
+    def n_tasks(self):
+        """Number of tasks that it knows."""
+        return self.K_rho.shape[-1]
+
+    @property
+    def terms(self):
+        """A list of (k^x, K^rho) of each term."""
+        K_rhos = self.K_rho.reshape(-1, self.n_tasks, self.n_tasks)
+        return list(zip(terms_of(self.kernel), K_rhos, strict=True))
 
     @property
     def rounding(self):
@@ -115,20 +130,33 @@ class Posterior(ABC):
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
+        return self.means_of_terms(X, tasks).sum(axis=0)
+
+    def means_of_terms(self, X, tasks):
+        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples)."""
         order = np.argsort(tasks, kind="stable")  # few tasks meet in a tile
-        cross, tasks, mean = (
-            self.bound.against(X[order]),
-            tasks[order],
-            np.empty(len(X)),
-        )
+        X, tasks = X[order], tasks[order]
+        means = [self._mean_of_term(*of, X, tasks) for of in self._weighed()]
+        found = np.empty((len(means) + 1, len(X)))
+        found[:, order] = [*means, self.levels[tasks]]
+        return found
+
+    def _weighed(self):
+        """The bound kernel of each term, and its weights."""
+        if self.weights.ndim == 2:
+            return [(self.bound, self.weights)]
+        return list(zip(self.bound, self.weights, strict=True))
+
+    def _mean_of_term(self, bound, weights, X, tasks):
+        """The same of one term, for tasks that are sorted."""
+        cross = bound.against(X)
 
         def of_rows(rows):
             present, column = np.unique(tasks[rows], return_inverse=True)
-            of_tasks = self._weigh(cross, rows, self.weights[present])
-            return of_tasks[np.arange(len(column)), column] + self.levels[tasks[rows]]
+            of_tasks = self._weigh(cross, rows, weights[present])
+            return of_tasks[np.arange(len(column)), column]
 
-        mean[order] = _by_rows(of_rows, len(X))
-        return mean
+        return _by_rows(of_rows, len(X))
 
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
@@ -145,15 +173,19 @@ class Posterior(ABC):
         mean : ndarray of shape (n_samples, n_tasks)
             f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i and the level of m.
         """
-        cross, weights = self.bound.against(X), self.weights[tasks]
-        mean = _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
-        return mean + self.levels[tasks]
+
+        def of_term(bound, weights):
+            cross, weights = bound.against(X), weights[tasks]
+            return _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
+
+        return sum(starmap(of_term, self._weighed())) + self.levels[tasks]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
         def of_rows(X, tasks):
-            prior = self.K_rho[tasks, tasks] * self.kernel.diag(X) + self.level
+            prior = sum(of[tasks, tasks] * k.diag(X) for k, of in self.terms)
+            prior = prior + self.level
             return prior - self.explained(X, tasks), prior
 
         size = max(1, BLOCK_SIZE // len(self.tasks))
@@ -162,7 +194,8 @@ class Posterior(ABC):
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
-        prior = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X)
+        between = np.ix_(tasks, tasks)
+        prior = sum(of[between] * k(X) for k, of in self.terms)
         prior += self.level * np.equal.outer(tasks, tasks)
         covariance = prior - self.explained_covariance(X, tasks)
         without_negatives(diagonal(covariance), np.diagonal(prior), self.rounding)
@@ -194,10 +227,14 @@ class Posterior(ABC):
         variance = without_negatives(of_y - noise, of_y + noise, self.rounding)
         return self.alpha / precision, variance + noise * include_noise
 
-    def cross(self, X):
-        """k^x between rows of X and the training inputs, (n_samples, n_inputs)."""
-        shape = len(X), self.weights.shape[1]
-        K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
+    def cross(self, X, bound=None):
+        """k^x between rows of X and the training inputs, (n_samples, n_inputs).
+
+        Of several terms that of the one with this bound kernel.
+        """
+        shape = len(X), self.weights.shape[-1]
+        bound = (bound or self.bound).against(X)
+        K_x, _ = bound.block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)
 
     @abstractmethod
@@ -207,7 +244,7 @@ class Posterior(ABC):
     def _set_means(self):
         """What the means are made of, from `alpha` and `K_rho`."""
         self.weights = self._weigh_tasks()
-        of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
+        of_tasks = np.bincount(self.tasks, self.alpha, self.n_tasks)
         self.levels = self.level * of_tasks
 
     def with_unseen(self, n_unseen):
@@ -224,8 +261,13 @@ class Posterior(ABC):
             This one stays as it is.
         """
         posterior = copy(self)
-        common, own = self.prior.unseen(self.theta)
-        posterior.K_rho = bordered(self.K_rho, common, own, n_unseen)
+        known = self.prior.unseen(self.theta)
+        if isinstance(known, list):
+            pairs = zip(self.K_rho, known, strict=True)
+            K_rho = np.array([bordered(K, *of, n_unseen) for K, of in pairs])
+        else:
+            K_rho = bordered(self.K_rho, *known, n_unseen)
+        posterior.K_rho = K_rho
         posterior._set_means()
         return posterior
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -17,6 +18,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
+from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Demand, Engine
@@ -26,8 +28,11 @@ from skmtgp.learning.novel import learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.screening import criterion
+from skmtgp.learning.terms import learn_terms
+from skmtgp.model.several import Forms, terms_of
 from skmtgp.model.task_covariance import low_rank
 
+Diagonal = Literal["equal"] | bool
 ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
 FEW = 8  # rows of a task on average: fewer may tell no more than what all share
 
@@ -318,9 +323,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     _parameter_constraints = {
         **BaseMultiTaskGP._parameter_constraints,
-        "rank": [Interval(Integral, 0, None, closed="left"), None],
-        "shared": ["boolean"],
-        "diagonal": ["boolean", StrOptions({"equal"})],
+        "kernel": [Kernel, *LISTS, None],
+        "rank": [Interval(Integral, 0, None, closed="left"), *LISTS, None],
+        "shared": ["boolean", *LISTS],
+        "diagonal": ["boolean", StrOptions({"equal"}), *LISTS],
         "task_levels": ["boolean"],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
         "truncation": [StrOptions({"eigen", "cholesky"})],
@@ -330,11 +336,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def __init__(
         self,
-        kernel: Kernel | None = None,
+        kernel: Kernel | Sequence[Kernel | None] | None = None,
         *,
-        rank: int | None = None,
-        shared: bool = False,
-        diagonal: Literal["equal"] | bool = False,
+        rank: int | Sequence[int | None] | None = None,
+        shared: bool | Sequence[bool] = False,
+        diagonal: Diagonal | Sequence[Diagonal] = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
         noise: Literal["auto", "shared", "per_task"] = "auto",
@@ -384,17 +390,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.verbose = verbose
 
     def _learn(self, problems, progress):
-        M = problems[0].prior.n_tasks
-        if isinstance(self.rank, (bool, np.bool_)):
-            raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
-        if self.rank is not None and self.rank > M:
-            raise ValueError(f"rank={self.rank} is above the number of tasks, {M}.")
-        if self.rank == 0 and not (self.shared or self._equal()):
-            raise ValueError(
-                "rank=0 leaves tasks nothing in common: set shared=True, for one "
-                "function of all of them, diagonal='equal', for an independent one of "
-                "each, or rank=1 or more."
-            )
+        for term in self._terms():
+            _check_rank(term, problems[0].prior.n_tasks)
         forms = self._forms(problems[0])
         modes = self._learn_ranks(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
@@ -404,30 +401,39 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _forms(self, problem):
         """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
         n_tasks, n = problem.prior.n_tasks, problem.engine.n_told(len(problem.data))
-        form = self._form(n_tasks, self._rank(n_tasks, n))
-        if self.rank is not None or n >= FEW * n_tasks or self.max_iter == 0:
-            return [form]
-        forms = [self._form(n_tasks, 0), form]
-        if self.diagonal or not problem.engine.exact:  # to which diagonals take long
+        terms, ranks = self._terms(), self._ranks(n_tasks, n)
+        of_terms = [_form(*of, n_tasks) for of in zip(terms, ranks, strict=True)]
+        if len(terms) > 1:
+            return [Forms(of_terms)]
+        [term] = terms
+        if term.rank is not None or n >= FEW * n_tasks or self.max_iter == 0:
+            return of_terms
+        forms = [_form(term, 0, n_tasks), *of_terms]
+        if term.diagonal or not problem.engine.exact:  # to which diagonals take long
             return forms
         return [low_rank(n_tasks, 0, "equal", shared=True), *forms]
 
-    def _form(self, n_tasks, rank):
-        """The form of K^rho."""
-        alone = self.rank == 0 and self._equal()  # as the user asked for
-        shared = self.shared or (rank == 0 and not alone)
-        return low_rank(n_tasks, rank, self.diagonal, shared)
+    def _terms(self):
+        """What the user asks for in each term."""
+        return terms_asked_for(self)
 
-    def _equal(self):
-        """Whether what tasks have of their own has the same variance for all."""
-        return isinstance(self.diagonal, str)
+    def _kernels(self):
+        return [term.kernel for term in self._terms()]
+
+    def _form_for_screening(self, n_tasks):
+        form, n_terms = super()._form_for_screening(n_tasks), len(self._terms())
+        return Forms([form] * n_terms) if n_terms > 1 else form
+
+    def _ranks(self, n_tasks, n):
+        """The rank of each term; of those not given the highest that rows tell."""
+        terms = self._terms()
+        ranks = range(n_tasks, 1, -1)
+        free = {rank: len(terms) * low_rank(n_tasks, rank).n_free for rank in ranks}
+        highest = next((rank for rank in ranks if ROWS * free[rank] <= n), 1)
+        return [highest if term.rank is None else term.rank for term in terms]
 
     def _rank(self, n_tasks, n):
-        if self.rank is not None:
-            return self.rank
-        ranks = range(n_tasks, 1, -1)
-        told = (of for of in ranks if ROWS * low_rank(n_tasks, of).n_free <= n)
-        return next(told, 1)
+        return sum(self._ranks(n_tasks, n))
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
@@ -444,7 +450,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         rng = check_random_state(self.random_state)
         seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds).tolist()
         options |= {"n_jobs": self.n_jobs, "progress": progress}
-        return learn_forms(learn, problems, forms, seeds=seeds, **options)
+        learn = partial(learn_forms, learn, seeds=seeds, **options)
+        if problems[0].prior.n_terms == 1:
+            return learn(problems, forms)
+        if self.learning != "annealed":
+            raise ValueError(
+                f"learning={self.learning!r} is for one kernel, and there are "
+                f"{problems[0].prior.n_terms}. Set learning='annealed'."
+            )
+        return learn_terms(learn, problems, forms, n_jobs=self.n_jobs)
 
     def _budget(self):
         return replace(super()._budget(), truncation=self.truncation)
@@ -588,11 +602,38 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _is_full(self):
         """Whether the task covariance is as general as it can be."""
-        return self.rank is None and self.rank_ == len(self.tasks_)
+        return self._terms()[0].rank is None and self.rank_ == len(self.tasks_)
 
     def _store_learned(self, training, engine, likelihoods, modes):
         super()._store_learned(training, engine, likelihoods, modes)
         form = likelihoods[0].prior.task_covariance
-        self.rank_ = form.rank
-        has_own = bool(getattr(form, "n_own", 0))
-        self.diagonal_ = "equal" if getattr(form, "equal", False) else has_own
+        self.rank_, diagonals = form.rank, list(map(_diagonal_of, terms_of(form)))
+        self.diagonal_ = diagonals if isinstance(form, Forms) else diagonals[0]
+
+
+def _check_rank(term, n_tasks):
+    """Raise an error where the rank of a term cannot be."""
+    rank = term.rank
+    if isinstance(rank, (bool, np.bool_)):
+        raise TypeError(f"rank={rank!r} must be an int or None, not a bool.")
+    if rank is not None and rank > n_tasks:
+        raise ValueError(f"rank={rank} is above the number of tasks, {n_tasks}.")
+    if rank == 0 and not (term.shared or isinstance(term.diagonal, str)):
+        raise ValueError(
+            "rank=0 leaves tasks nothing in common: set shared=True, for one "
+            "function of all of them, diagonal='equal', for an independent one of "
+            "each, or rank=1 or more."
+        )
+
+
+def _form(term, rank, n_tasks):
+    """The form of K^rho of a term."""
+    # as the user asked for: what tasks have of their own, of the same variance for all
+    alone = term.rank == 0 and isinstance(term.diagonal, str)
+    shared = bool(term.shared) or (rank == 0 and not alone)
+    return low_rank(n_tasks, rank, term.diagonal, shared)
+
+
+def _diagonal_of(form):
+    """Which diagonal a form of K^rho has."""
+    return "equal" if getattr(form, "equal", False) else bool(getattr(form, "n_own", 0))

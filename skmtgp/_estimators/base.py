@@ -33,7 +33,7 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
-from skmtgp.inference.engine import Demand, Engine
+from skmtgp.inference.engine import Demand, Engine, check_terms
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
@@ -174,9 +174,12 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
             warn_of_constants(same & ~(sized & np.asarray(Y.max(axis=0) != 0.0)))
         return decide(self, training)
 
-    def _kernel(self, training):
+    def _kernels(self):
+        """k^x of each term, as the user gave it."""
+        return [self.kernel]
+
+    def _kernel(self, kernel, training):
         """k^x with its starting values."""
-        kernel = self.kernel
         if kernel is None:
             kernel = self._default_kernel(training.features)
         check_kernel(kernel, training.features)
@@ -190,6 +193,7 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """What is learned for each output, by models of so many ranks."""
         prior = self._prior(training)
         engine = choose(self.inference, prior, training, **self._options())
+        check_terms(engine, prior)
         self._check_memory(engine, training, prior, n_ranks, n_kept)
         of_outputs = training.data(engine)
         engine.check(prior, of_outputs[0], training.tasks)
@@ -218,13 +222,15 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _prior(self, training):
         """The model, with K^rho = I until its form is known."""
         n_tasks = len(training.tasks)
-        return Prior(
-            self._kernel(training),
+        kernels = [self._kernel(kernel, training) for kernel in self._kernels()]
+        prior = Prior(
+            kernels[0],
             identity(n_tasks),
             n_noise=n_tasks if training.noise == "per_task" else 1,
             levels=self._has_levels(),
             noise_is_fixed=isinstance(self.noise_variance_bounds, str),
         )
+        return prior.with_terms([(kernel, identity(n_tasks)) for kernel in kernels])
 
     def _has_levels(self):
         """Whether each task has a level of its own."""

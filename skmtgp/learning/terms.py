@@ -1,0 +1,238 @@
+r"""Several terms K^rho_q x k_q: grown one after another, each from what is left.
+
+The term that explains most alone is learned first, as a model of one term is. Then the
+others join, one by one. A term that joins begins small, along the derivative of the
+likelihood by its K^rho, with theta of its kernel where learning of it starts, and faster
+and slower than those that are there. Terms of the same kernel may also begin as one that
+is split in two, a faster and a slower one. From the likeliest of these starts all
+parameters are learned, first from a few hundred of the rows. A model with a term less is
+part of one with it: no mode is worse.
+"""
+
+from dataclasses import replace
+from functools import partial
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from sklearn.gaussian_process.kernels import Kernel
+
+from skmtgp._numerics.parallel import limit_threads, run
+from skmtgp.learning.climbing import climb, refine, shake
+from skmtgp.learning.problem import Mode, Problem, best_of
+from skmtgp.model.several import terms_of
+
+
+class Grown(NamedTuple):
+    """A model of some of the terms, in the order in which they joined.
+
+    Attributes
+    ----------
+    problem : Problem
+        Of these terms.
+    mode : Mode
+        What was learned of them.
+    order : tuple of int
+        Which of the terms they are.
+    """
+
+    problem: Problem
+    mode: Mode
+    order: tuple
+
+
+def learn_terms(learn, problems, forms, *, n_jobs=None):
+    """Learn models of several terms for several outputs.
+
+    Parameters
+    ----------
+    learn : callable
+        ``learn(problems, forms)`` learns models of one term: modes of each form and
+        output.
+    problems : list of Problem
+        For each output, with the kernels of all terms.
+    forms : list of Forms
+        Forms of K^rho of the terms.
+    n_jobs : int, default=None
+        Processes.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        For each of the forms and each output.
+    """
+    return [_learn(learn, [p.with_form(of) for p in problems], n_jobs) for of in forms]
+
+
+def _learn(learn, problems, n_jobs):
+    """The mode of each output, of one list of terms."""
+    alone = []
+    for q in _distinct(problems[0], range(problems[0].prior.n_terms)):
+        of_term = [_of_terms(problem, [q]) for problem in problems]
+        [modes] = learn(of_term, [of_term[0].prior.task_covariance])
+        alone.append(list(map(Grown, of_term, modes, [(q,)] * len(modes))))
+    firsts = [max(of, key=lambda of: of.mode.value) for of in zip(*alone, strict=True)]
+    return run(_grow_all, list(zip(problems, firsts, strict=True)), n_jobs=n_jobs)
+
+
+def _grow_all(problem, grown):
+    """The mode of all terms, from that of one of them."""
+    while len(grown.order) < problem.prior.n_terms:
+        grown = _with_one_more(problem, grown)
+    prior, mode = problem.prior, grown.mode
+    of_terms = grown.problem.prior.theta_of_terms(mode.theta)
+    places = np.argsort(grown.order)
+    theta = prior.with_theta_of_terms(mode.theta, [of_terms[k] for k in places])
+    return mode._replace(theta=theta, rivals=())
+
+
+def _with_one_more(problem, grown):
+    """A model of one term more, the best of those that are left."""
+    rest = [q for q in range(problem.prior.n_terms) if q not in grown.order]
+    tuning = problem.tuning
+    starts = []
+    for q in _distinct(problem, rest):
+        more = _of_terms(problem, [*grown.order, q])
+        coarse = more.coarse_to_fine()[0]
+        with limit_threads(len(coarse.data)):
+            found = joined(coarse, grown.problem, grown.mode.theta)
+        starts += [(value, more, coarse, theta, q) for value, theta in found]
+    starts.sort(key=lambda start: -start[0])
+    modes = []
+    for _, more, coarse, theta, q in starts[: tuning.joining]:
+        mode = climb(coarse, theta, known=[mode for mode, *_ in modes])
+        modes.append((mode, more, coarse, q))
+    mode, more, coarse, q = max(modes, key=lambda of: of[0].value)
+    mode = mode.counting([other for other, *_ in modes if other is not mode])
+    mode = shake(coarse, mode, 1) if coarse.data is more.data else refine(more, mode)
+    order = (*grown.order, q)
+    return Grown(more, best_of([grown.mode.led_to(mode), _embedded(more, grown)]), order)
+
+
+def joined(problem, fewer, theta):
+    """Where a model with one term more may begin.
+
+    Parameters
+    ----------
+    problem : Problem
+        With the new term last.
+    fewer : Problem
+        Without it.
+    theta : ndarray of shape (n_theta,)
+        What was learned without it.
+
+    Returns
+    -------
+    starts : list of (float, ndarray)
+        The value of each, and its parameters: for each theta of the new kernel the
+        best, and for each term of the same kernel those that split it.
+    """
+    of_terms = fewer.prior.theta_of_terms(theta)
+    begin = partial(_begin, problem, theta)
+    value, starts = problem.likelihood().value, []
+    for kernel in _kernels(problem, of_terms):
+        small = [(kernel, K_rho) for K_rho in _sizes(problem, theta, of_terms, kernel)]
+        noises = problem.tuning.noises_of_joining
+        thetas = [begin(of_terms, *of) for of in product(small, np.log(noises))]
+        starts.append(_best(value, thetas))
+    for terms in _splits(problem, of_terms):
+        starts.append(_best(value, [begin(terms[:-1], terms[-1])]))
+    return [start for start in starts if np.isfinite(start[0])] or starts[:1]
+
+
+def _best(value, thetas):
+    found = [(value(theta), k) for k, theta in enumerate(thetas)]
+    best, k = max(found)
+    return best, thetas[k]
+
+
+def _begin(problem, theta, of_terms, new, log_noise=0.0):
+    """Theta with a new term, of a theta of k^x and a matrix K^rho; other noise."""
+    prior, (kernel, K_rho) = problem.prior, new
+    form = terms_of(prior.task_covariance)[-1]
+    rho = form.parameters(K_rho, problem.budget.truncation)
+    theta = prior.with_theta_of_terms(theta, [*of_terms, (kernel, rho)])
+    theta[prior.of_noise] += log_noise
+    return np.clip(theta, *prior.bounds())
+
+
+def _kernels(problem, of_terms):
+    """Theta of the new kernel: as it is, faster and slower than it and the others."""
+    *others, kernel = terms_of(problem.prior.kernel)
+    alike = [
+        learned
+        for other, (learned, _) in zip(others, of_terms, strict=True)
+        if _same_kind(other, kernel)
+    ]
+    lower, upper = kernel.bounds.reshape(-1, 2).T
+    found = [np.clip(kernel.theta, lower, upper)]
+    for theta in [kernel.theta, *alike]:
+        found += [np.clip(theta + step, lower, upper) for step in problem.tuning.apart]
+    return found
+
+
+def _sizes(problem, theta, of_terms, kernel):
+    """Matrices K^rho of several sizes along the derivative of the likelihood."""
+    n_tasks, zero = problem.prior.n_tasks, np.zeros((problem.prior.n_tasks,) * 2)
+    start = _begin(problem, theta, of_terms, (kernel, zero))
+    D = problem.likelihood().task_gradient(start)[-1]
+    values, vectors = np.linalg.eigh(D)
+    if not (np.isfinite(values).all() and values[-1] > 0.0):
+        D, values, vectors = np.eye(n_tasks), np.ones(n_tasks), np.eye(n_tasks)
+    along = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    along *= n_tasks * problem.prior.scale**2 / np.trace(along)
+    return [share * along for share in problem.tuning.shares]
+
+
+def _splits(problem, of_terms):
+    """Terms with one of the new one's kind in two halves, the new one slower, faster."""
+    prior, tuning = problem.prior, problem.tuning
+    *others, (kernel, _) = prior.terms
+    for k, (other, form) in enumerate(others):
+        if not _same_kind(other, kernel):
+            continue
+        theta, rho = of_terms[k]
+        half = 0.5 * form.matrix(rho)
+        for step in tuning.halves:
+            terms = list(of_terms)
+            terms[k] = theta - step, form.parameters(half, problem.budget.truncation)
+            yield [*terms, (theta + step, half)]
+
+
+def _same_kind(kernel, other):
+    """Whether theta of one kernel means what it does of another."""
+    return _kinds(kernel) == _kinds(other)
+
+
+def _kinds(kernel):
+    """What a kernel is made of, and its hyperparameters."""
+    parts = [kernel, *kernel.get_params().values()]
+    types = [type(part) for part in parts if isinstance(part, Kernel)]
+    return types, [(of.name, of.n_elements, of.fixed) for of in kernel.hyperparameters]
+
+
+def _embedded(problem, grown):
+    """The mode without the new term as one with it, as small as can be."""
+    prior, mode = problem.prior, grown.mode
+    kernel = terms_of(prior.kernel)[-1].theta
+    zero = np.zeros((prior.n_tasks,) * 2)
+    of_terms = grown.problem.prior.theta_of_terms(mode.theta)
+    theta = _begin(problem, mode.theta, of_terms, (kernel, zero))
+    value = problem.likelihood().value(theta)
+    return mode._replace(theta=theta, value=value, rivals=())
+
+
+def _of_terms(problem, chosen):
+    """The problem of some of its terms."""
+    terms = problem.prior.terms
+    prior = problem.prior.with_terms([terms[q] for q in chosen])
+    return replace(problem, prior=prior)
+
+
+def _distinct(problem, chosen):
+    """Of terms that begin alike the first."""
+    terms, found = problem.prior.terms, {}
+    for q in chosen:
+        kernel, form = terms[q]
+        found.setdefault((str(kernel.get_params()), str(form)), q)
+    return list(found.values())

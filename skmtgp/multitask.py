@@ -10,12 +10,12 @@ from numbers import Integral
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_new_task
+from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.terms import LISTS, terms_asked_for
@@ -463,6 +463,57 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _budget(self):
         return replace(super()._budget(), truncation=self.truncation)
 
+    def predict_terms(self, X: ArrayLike) -> NDArray[np.float64]:
+        r"""Predict each term of f by itself, and the level: they sum to `predict`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+
+        Returns
+        -------
+        y_terms : ndarray of shape (n_samples, [n_outputs,] n_terms + 1)
+            Predictive means of the terms :math:`K^\\rho_q \\times k_q`, in the order of
+            `kernel_`, and last of the task's level, with `y_mean_`. In the units of y;
+            with `target_transform` in those of the transformed targets, in which they
+            sum.
+
+        Raises
+        ------
+        TypeError
+            If X is a Dask collection.
+        ValueError
+            If a task was not seen in fit and cannot be predicted, see `predict`.
+
+        Examples
+        --------
+        A slow function and a fast one:
+
+        >>> import numpy as np
+        >>> from sklearn.gaussian_process.kernels import RBF
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 9, 120), np.tile([0, 1, 2], 40)
+        >>> slow = np.array([1.0, -2.0, 0.5])[task] * np.sin(0.5 * x)
+        >>> fast = np.array([0.5, 0.4, -0.6])[task] * np.sin(6.0 * x)
+        >>> y = slow + fast + 0.05 * rng.standard_normal(120)
+        >>> X = np.column_stack([x, task])
+        >>> model = MultiTaskGPRegressor([RBF(2.0), RBF(0.2)], rank=1).fit(X, y)
+        >>> terms = model.predict_terms(X)
+        >>> bool(np.allclose(terms.sum(axis=-1), model.predict(X)))
+        True
+        >>> bool(np.corrcoef(terms[:, 1], fast)[0, 1] > 0.99)
+        True
+        """
+        check_is_fitted(self)
+        features, codes = check_test(self, X, unseen=self._knows_unseen())
+        return self._join_terms(self._means_of_terms(features, codes))
+
+    def _join_terms(self, terms):
+        """Without the axis of the outputs where y was one-dimensional."""
+        return terms[:, 0] if self._single_output else terms
+
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:
@@ -524,6 +575,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
+        if self._likelihoods[0].prior.n_terms > 1:
+            raise ValueError(
+                "add_task learns the border of one task covariance, but the model has "
+                f"{self._likelihoods[0].prior.n_terms} terms. Fit it to all tasks."
+            )
         training, position = self._training().with_task(*check_new_task(self, X, y))
         self._check_room(training)
         n_new, model = len(training.features) - len(self.X_train_), copy(self)

@@ -194,6 +194,12 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         prior = self._prior(training)
         engine = choose(self.inference, prior, training, **self._options())
         check_terms(engine, prior)
+        if self.hyperparameters == "sampled" and prior.n_terms > 1:
+            raise ValueError(
+                "hyperparameters='sampled' draws those of one term K^rho x k^x, but "
+                f"kernel is a list of {prior.n_terms} kernels. Set "
+                "hyperparameters='map' or 'mode', or give one kernel."
+            )
         self._check_memory(engine, training, prior, n_ranks, n_kept)
         of_outputs = training.data(engine)
         engine.check(prior, of_outputs[0], training.tasks)

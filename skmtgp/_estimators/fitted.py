@@ -218,6 +218,14 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         means = np.stack([p.mean(features, codes) for p in posteriors], axis=1)
         return self._units.unscaled(means, codes)
 
+    def _means_of_terms(self, features, codes):
+        """Of each term, the level last, (n_samples, n_outputs, n_terms + 1)."""
+        posteriors = self._posteriors_for(codes)
+        means = np.stack([p.means_of_terms(features, codes).T for p in posteriors], 1)
+        means *= self._scales(codes)[..., None]
+        means[..., -1] += self._units.of_rows(self._units.centre, codes)
+        return means
+
     def _variances(self, features, codes, include_noise):
         posteriors = self._posteriors_for(codes)
         variances = [p.variance(features, codes) for p in posteriors]

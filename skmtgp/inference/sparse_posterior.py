@@ -85,6 +85,11 @@ class SparsePosterior:
         with limit_threads(self.bound.side):
             return in_blocks(of_rows, self.block_size, X, tasks)
 
+    def means_of_terms(self, X, tasks):
+        """Mean of the one term of f, and of the level, (2, n_samples)."""
+        levels = self.levels[tasks]
+        return np.array([self.mean(X, tasks) - levels, levels])
+
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
 

@@ -2,11 +2,11 @@ r"""Several terms K^rho_q x k_q: grown one after another, each from what is left
 
 The term that explains most alone is learned first, as a model of one term is. Then the
 others join, one by one. A term that joins begins small, along the derivative of the
-likelihood by its K^rho, with theta of its kernel where learning of it starts, and faster
-and slower than those that are there. Terms of the same kernel may also begin as one that
-is split in two, a faster and a slower one. From the likeliest of these starts all
-parameters are learned, first from a few hundred of the rows. A model with a term less is
-part of one with it: no mode is worse.
+likelihood by its K^rho, with theta of its kernel where learning of it starts, faster
+and slower than that, and than those of the terms that are there. It may also begin as
+half of a term of the same kernel, which is split in a faster and a slower one. From the
+likeliest of these starts all parameters are learned, first from a few hundred of the
+rows. A model with a term less is part of one with it: no mode is worse.
 """
 
 from dataclasses import replace
@@ -81,9 +81,33 @@ def _grow_all(problem, grown):
         grown = _with_one_more(problem, grown)
     prior, mode = problem.prior, grown.mode
     of_terms = grown.problem.prior.theta_of_terms(mode.theta)
-    places = np.argsort(grown.order)
-    theta = prior.with_theta_of_terms(mode.theta, [of_terms[k] for k in places])
+    of_terms = _in_place(prior, [of_terms[k] for k in np.argsort(grown.order)])
+    theta = prior.with_theta_of_terms(mode.theta, of_terms)
     return mode._replace(theta=theta, rivals=())
+
+
+def _in_place(prior, of_terms):
+    """The same with terms that may take each other's places as their kernels began.
+
+    The one that began slowest is the slowest; of equal beginnings the first.
+    """
+    terms, found = prior.terms, list(of_terms)
+    alike = {}
+    for q, (kernel, form) in enumerate(terms):
+        alike.setdefault((str(_kinds(kernel)), str(form)), []).append(q)
+    for places in alike.values():
+        by_start = sorted(places, key=lambda q: -terms[q][0].theta.sum())
+        learned = sorted((of_terms[q] for q in places), key=lambda of: -of[0].sum())
+        pairs = list(zip(by_start, learned, strict=True))
+        if all(_is_within(terms[q][0], theta) for q, (theta, _) in pairs):
+            for q, of_term in pairs:
+                found[q] = of_term
+    return found
+
+
+def _is_within(kernel, theta):
+    lower, upper = kernel.bounds.reshape(-1, 2).T
+    return bool(((lower <= theta) & (theta <= upper)).all())
 
 
 def _with_one_more(problem, grown):
@@ -106,7 +130,9 @@ def _with_one_more(problem, grown):
     mode = mode.counting([other for other, *_ in modes if other is not mode])
     mode = shake(coarse, mode, 1) if coarse.data is more.data else refine(more, mode)
     order = (*grown.order, q)
-    return Grown(more, best_of([grown.mode.led_to(mode), _embedded(more, grown)]), order)
+    return Grown(
+        more, best_of([grown.mode.led_to(mode), _embedded(more, grown)]), order
+    )
 
 
 def joined(problem, fewer, theta):
@@ -185,7 +211,7 @@ def _sizes(problem, theta, of_terms, kernel):
 
 
 def _splits(problem, of_terms):
-    """Terms with one of the new one's kind in two halves, the new one slower, faster."""
+    """Terms with one of the new one's kind in two halves, a slower and a faster one."""
     prior, tuning = problem.prior, problem.tuning
     *others, (kernel, _) = prior.terms
     for k, (other, form) in enumerate(others):

@@ -1,8 +1,8 @@
 """Several terms K^rho_q x k_q: their kernels, and their forms of K^rho, taken together.
 
 A prior of one term has a kernel and a form of K^rho. That of several has `Kernels` and
-`Forms` in their places, whose parameters are those of the terms, one after another. What
-is one matrix K^rho of one term has a leading axis of the terms here.
+`Forms` in their places, whose parameters are those of the terms, one after another.
+What is one matrix K^rho of one term has a leading axis of the terms here.
 """
 
 from itertools import accumulate, pairwise

@@ -236,10 +236,8 @@ def test_prior_of_terms():
     assert prior.of_factors.sum(axis=1).tolist() == [M * M, M, M]
     # the one diagonal that is beside a factor, and the noise
     assert np.flatnonzero(prior.unexplained).size == 2
-    assert (
-        str(prior)
-        == "rank 3 + shared and rank 1 and equal diagonal + shared and rank 1, with levels"
-    )
+    names = "rank 3", "shared and rank 1 and equal diagonal", "shared and rank 1"
+    assert str(prior) == " + ".join(names) + ", with levels"
 
 
 def test_one_term_is_no_list():

@@ -71,8 +71,15 @@ def _learn(learn, problems, n_jobs):
         of_term = [_of_terms(problem, [q]) for problem in problems]
         [modes] = learn(of_term, [of_term[0].prior.task_covariance])
         alone.append(list(map(Grown, of_term, modes, [(q,)] * len(modes))))
-    firsts = [max(of, key=lambda of: of.mode.value) for of in zip(*alone, strict=True)]
+    firsts = list(map(_likeliest, zip(*alone, strict=True)))
     return run(_grow_all, list(zip(problems, firsts, strict=True)), n_jobs=n_jobs)
+
+
+def _likeliest(alone):
+    """Of several models of one term, with what was spent on the others."""
+    best = max(alone, key=lambda of: of.mode.value)
+    others = [of.mode for of in alone if of is not best]
+    return best._replace(mode=best.mode.counting(others))
 
 
 def _grow_all(problem, grown):
@@ -129,10 +136,9 @@ def _with_one_more(problem, grown):
     mode, more, coarse, q = max(modes, key=lambda of: of[0].value)
     mode = mode.counting([other for other, *_ in modes if other is not mode])
     mode = shake(coarse, mode, 1) if coarse.data is more.data else refine(more, mode)
-    order = (*grown.order, q)
-    return Grown(
-        more, best_of([grown.mode.led_to(mode), _embedded(more, grown)]), order
-    )
+    same = _enlarged(more, grown.problem, grown.mode)
+    best = best_of([grown.mode.led_to(mode), same]).counting([grown.mode])
+    return Grown(more, best, (*grown.order, q))
 
 
 def joined(problem, fewer, theta):
@@ -237,17 +243,6 @@ def _kinds(kernel):
     return types, [(of.name, of.n_elements, of.fixed) for of in kernel.hyperparameters]
 
 
-def _embedded(problem, grown):
-    """The mode without the new term as one with it, as small as can be."""
-    prior, mode = problem.prior, grown.mode
-    kernel = terms_of(prior.kernel)[-1].theta
-    zero = np.zeros((prior.n_tasks,) * 2)
-    of_terms = grown.problem.prior.theta_of_terms(mode.theta)
-    theta = _begin(problem, mode.theta, of_terms, (kernel, zero))
-    value = problem.likelihood().value(theta)
-    return mode._replace(theta=theta, value=value, rivals=())
-
-
 def _of_terms(problem, chosen):
     """The problem of some of its terms."""
     terms = problem.prior.terms
@@ -262,3 +257,57 @@ def _distinct(problem, chosen):
         kernel, form = terms[q]
         found.setdefault((str(kernel.get_params()), str(form)), q)
     return list(found.values())
+
+
+def nest_terms(problems, modes):
+    """Learn a model again from one that is part of it, where it ended below that.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        Of the same data, those that are part of others first.
+    modes : list of Mode
+        The mode of each.
+
+    Returns
+    -------
+    modes : list of Mode
+        None is below that of a model that is part of it.
+    """
+    modes = list(modes)
+    for k, problem in enumerate(problems):
+        parts = [j for j in range(k) if _is_part(problems[j], problem)]
+        best = max(parts, key=lambda j: modes[j].value, default=k)
+        if modes[best].value > modes[k].value:
+            same = _enlarged(problem, problems[best], modes[best])
+            found = modes[best].led_to(climb(problem, same.theta))
+            modes[k] = best_of([modes[k], found, same])
+    return modes
+
+
+def _is_part(lower, higher):
+    """Whether a model is another one with fewer terms, or with lower ranks."""
+    terms, others = lower.prior.terms, higher.prior.terms
+    return len(terms) <= len(others) and all(
+        str(kernel) == str(other)
+        and form.rank <= of_other.rank
+        and (form.shared, form.n_own) == (of_other.shared, of_other.n_own)
+        for (kernel, form), (other, of_other) in zip(terms, others, strict=False)
+    )
+
+
+def _enlarged(problem, lower, mode):
+    """The mode of a model that is part of another, as that one's."""
+    prior, terms = problem.prior, []
+    learned = lower.prior.theta_of_terms(mode.theta)
+    K_rhos = [K_rho for _, K_rho in lower.prior.terms_at(mode.theta)]
+    zero = np.zeros((prior.n_tasks,) * 2)
+    for q, (kernel, form) in enumerate(prior.terms):
+        is_known = q < len(learned)
+        theta = learned[q][0] if is_known else kernel.theta
+        K_rho = K_rhos[q] if is_known else zero
+        terms.append((theta, form.parameters(K_rho, problem.budget.truncation)))
+    theta = prior.with_theta_of_terms(mode.theta, terms)
+    theta = np.clip(theta, *prior.bounds())
+    value, spent = problem.likelihood().value(theta), {"n_evaluations": 0, "seconds": 0}
+    return mode._replace(theta=theta, value=value, rivals=(), **spent)

@@ -10,8 +10,8 @@ rows. A model with a term less is part of one with it: no mode is worse.
 """
 
 from dataclasses import replace
-from functools import partial
 from itertools import product
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -120,25 +120,27 @@ def _is_within(kernel, theta):
 def _with_one_more(problem, grown):
     """A model of one term more, the best of those that are left."""
     rest = [q for q in range(problem.prior.n_terms) if q not in grown.order]
-    tuning = problem.tuning
-    starts = []
-    for q in _distinct(problem, rest):
-        more = _of_terms(problem, [*grown.order, q])
-        coarse = more.coarse_to_fine()[0]
-        with limit_threads(len(coarse.data)):
-            found = joined(coarse, grown.problem, grown.mode.theta)
-        starts += [(value, more, coarse, theta, q) for value, theta in found]
-    starts.sort(key=lambda start: -start[0])
-    modes = []
-    for _, more, coarse, theta, q in starts[: tuning.joining]:
-        mode = climb(coarse, theta, known=[mode for mode, *_ in modes])
-        modes.append((mode, more, coarse, q))
-    mode, more, coarse, q = max(modes, key=lambda of: of[0].value)
-    mode = mode.counting([other for other, *_ in modes if other is not mode])
+    found = [_with_term(problem, grown, q) for q in _distinct(problem, rest)]
+    best = max(found, key=lambda of: of.mode.value)
+    others = [of.mode for of in found if of is not best]
+    more, mode = best.problem, best.mode.counting(others)
+    coarse = more.coarse_to_fine()[0]
     mode = shake(coarse, mode, 1) if coarse.data is more.data else refine(more, mode)
     same = _enlarged(more, grown.problem, grown.mode)
-    best = best_of([grown.mode.led_to(mode), same]).counting([grown.mode])
-    return Grown(more, best, (*grown.order, q))
+    mode = best_of([grown.mode.led_to(mode), same]).counting([grown.mode])
+    return best._replace(mode=mode)
+
+
+def _with_term(problem, grown, q):
+    """A model with one of the terms more, learned from a few hundred of the rows."""
+    more = _of_terms(problem, [*grown.order, q])
+    coarse, modes = more.coarse_to_fine()[0], []
+    with limit_threads(len(coarse.data)):
+        for starts in joined(coarse, grown.problem, grown.mode.theta):
+            starts = sorted(starts, key=lambda start: -start[0])
+            for _, theta in starts[: problem.tuning.joining]:
+                modes.append(climb(coarse, theta, known=modes))
+    return Grown(more, best_of(modes), (*grown.order, q))
 
 
 def joined(problem, fewer, theta):
@@ -155,27 +157,26 @@ def joined(problem, fewer, theta):
 
     Returns
     -------
-    starts : list of (float, ndarray)
-        The value of each, and its parameters: for each theta of the new kernel the
-        best, and for each term of the same kernel those that split it.
+    small, halves, anew : list of (float, ndarray)
+        Starts, the value of each and its parameters: with a small new term, the best
+        for each theta of its kernel; with a term of its kind in two halves, one slower
+        and one faster than it was; or than where learning of it began, for what is
+        fast may have led it astray.
     """
     of_terms = fewer.prior.theta_of_terms(theta)
-    begin = partial(_begin, problem, theta)
-    value, starts = problem.likelihood().value, []
+    value, noises = problem.likelihood().value, np.log(problem.tuning.noises_of_joining)
+    small = []
     for kernel in _kernels(problem, of_terms):
-        small = [(kernel, K_rho) for K_rho in _sizes(problem, theta, of_terms, kernel)]
-        noises = problem.tuning.noises_of_joining
-        thetas = [begin(of_terms, *of) for of in product(small, np.log(noises))]
-        starts.append(_best(value, thetas))
-    for terms in _splits(problem, of_terms):
-        starts.append(_best(value, [begin(terms[:-1], terms[-1])]))
-    return [start for start in starts if np.isfinite(start[0])] or starts[:1]
-
-
-def _best(value, thetas):
-    found = [(value(theta), k) for k, theta in enumerate(thetas)]
-    best, k = max(found)
-    return best, thetas[k]
+        new = [(kernel, K_rho) for K_rho in _sizes(problem, theta, of_terms, kernel)]
+        thetas = [_begin(problem, theta, of_terms, *of) for of in product(new, noises)]
+        small.append(max(((value(of), of) for of in thetas), key=itemgetter(0)))
+    halves, anew = [], []
+    for k, (kernel, _) in enumerate(fewer.prior.terms):
+        for centre, starts in ((of_terms[k][0], halves), (kernel.theta, anew)):
+            split = _split(problem, of_terms, k, centre)
+            thetas = [_begin(problem, theta, terms, new) for *terms, new in split]
+            starts += [(value(of), of) for of in thetas]
+    return small, halves, anew
 
 
 def _begin(problem, theta, of_terms, new, log_noise=0.0):
@@ -216,19 +217,21 @@ def _sizes(problem, theta, of_terms, kernel):
     return [share * along for share in problem.tuning.shares]
 
 
-def _splits(problem, of_terms):
-    """Terms with one of the new one's kind in two halves, a slower and a faster one."""
-    prior, tuning = problem.prior, problem.tuning
-    *others, (kernel, _) = prior.terms
-    for k, (other, form) in enumerate(others):
-        if not _same_kind(other, kernel):
-            continue
-        theta, rho = of_terms[k]
-        half = 0.5 * form.matrix(rho)
-        for step in tuning.halves:
-            terms = list(of_terms)
-            terms[k] = theta - step, form.parameters(half, problem.budget.truncation)
-            yield [*terms, (theta + step, half)]
+def _split(problem, of_terms, k, centre):
+    """Terms with one of them in two halves, a slower and a faster one than `centre`."""
+    *others, (kernel, of_new) = problem.prior.terms
+    other, form = others[k]
+    if not _same_kind(other, kernel):
+        return
+    steps = problem.tuning.halves  # the second is the first, with the halves exchanged
+    steps = steps[:1] if str(form) == str(of_new) else steps
+    half = 0.5 * form.matrix(of_terms[k][1])
+    rho = form.parameters(half, problem.budget.truncation)
+    for step, new_step in steps:
+        terms = list(of_terms)
+        terms[k] = np.clip(centre + step, *other.bounds.reshape(-1, 2).T), rho
+        new = np.clip(centre + new_step, *kernel.bounds.reshape(-1, 2).T), half
+        yield [*terms, new]
 
 
 def _same_kind(kernel, other):

@@ -97,10 +97,11 @@ class Tuning:
         Variance of a new term where it may begin, of the targets',
     noises_of_joining : tuple of float
         and the noise variance, of that without it: it may have been taken for noise.
-    halves : tuple of float
-        Steps from a term's log parameters to those of two that it is split in.
+    halves : tuple of pairs of float
+        Steps from a term's log parameters to those of two that it is split in, and
+        either way round where K^rho has different forms.
     joining : int
-        Starts of a new term that are followed, the likeliest first.
+        Starts of a new term that are followed, of each of three sorts.
     followed : int
         Starts of a novel task's row that are followed, of those that are tried.
     farthest : float
@@ -154,8 +155,8 @@ class Tuning:
     apart: tuple = (-1.5, -3.0, 2.0)
     shares: tuple = (0.3, 0.1, 0.03, 0.01, 0.001)
     noises_of_joining: tuple = (1.0, 0.3)
-    halves: tuple = (-1.0, 1.0)
-    joining: int = 3
+    halves: tuple = ((0.5, -1.5), (-1.5, 0.5))
+    joining: int = 2
     followed: int = 4
     farthest: float = 1e6
     ridge: float = 1e-7

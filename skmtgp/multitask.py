@@ -575,11 +575,6 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
-        if self._likelihoods[0].prior.n_terms > 1:
-            raise ValueError(
-                "add_task learns the border of one task covariance, but the model has "
-                f"{self._likelihoods[0].prior.n_terms} terms. Fit it to all tasks."
-            )
         training, position = self._training().with_task(*check_new_task(self, X, y))
         self._check_room(training)
         n_new, model = len(training.features) - len(self.X_train_), copy(self)
@@ -601,7 +596,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(training.features) - len(self.X_train_),
             len(training.tasks),
         )
-        rank = self.rank_ + self._is_full()
+        rank = int(np.sum(self.rank_)) + sum(self._full())
         n_kept = n_outputs * (1 + len(getattr(self, "theta_samples_", ())))
         demand = Demand(len(training.features), n_tasks, rank=rank, n_kept=n_kept)
         tiles = TileMemory(self._posteriors[0].kernel, training.features[:1])
@@ -646,19 +641,27 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             X=data.X[new],
             y=data.y[new],
             position=position,
-            own=self._has_own(),
+            own=self._has_own(likelihood.prior),
             own_noise=training.noise == "per_task",
             informed=informed,
             budget=self._budget(),
         )
 
-    def _has_own(self):
-        """Whether a joining task may have something of its own, of any variance."""
-        return self.diagonal_ is True or (not self.diagonal_ and self._is_full())
+    def _has_own(self, prior):
+        """For each term whether a joining task has its own part, of any variance."""
+        diagonals = [_diagonal_of(form) for _, form in prior.terms]
+        return [
+            diagonal is True or (not diagonal and full)
+            for diagonal, full in zip(diagonals, self._full(), strict=True)
+        ]
 
-    def _is_full(self):
-        """Whether the task covariance is as general as it can be."""
-        return self._terms()[0].rank is None and self.rank_ == len(self.tasks_)
+    def _full(self):
+        """For each term whether its task covariance is as general as it can be."""
+        ranks = self.rank_ if isinstance(self.rank_, list) else [self.rank_]
+        return [
+            term.rank is None and rank == len(self.tasks_)
+            for term, rank in zip(self._terms(), ranks, strict=True)
+        ]
 
     def _store_learned(self, training, engine, likelihoods, modes):
         super()._store_learned(training, engine, likelihoods, modes)

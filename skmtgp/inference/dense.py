@@ -186,13 +186,13 @@ class DensePosterior(Posterior):
         """Of k^x at each training input in the mean of each task."""
         return self.K_rho[..., self.tasks] * self.alpha
 
-    def latent(self, X, factor):
-        """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
+    def latent(self, X, factor, term=0):
+        """The latent functions z_a of a term at X: means and C^{-1} cov(y, z_a(X))."""
         of_rows = factor[self.tasks].T  # (rank, n_train)
-        cross = self.cross(X)  # (n_samples, n_train)
+        cross = self.cross(X, self._weighed()[term][0])  # (n_samples, n_train)
         means = of_rows * self.alpha @ cross.T
         halves = [self.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
-        return means, np.stack(halves)
+        return means, np.array(halves).reshape(len(factor.T), *cross.T.shape)
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""

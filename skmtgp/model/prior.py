@@ -201,18 +201,6 @@ class Prior:
         """Logarithms of the noise variances at theta, of shape (n_noise,)."""
         return self._split(theta)[3]
 
-    def shared_loading(self, theta):
-        """What each task has of a function that all share alike; None without one."""
-        form = self.task_covariance
-        if not form.shared:
-            return None
-        return form.unseen(self._split(theta)[1])[0][0]
-
-    def equal_variance(self, theta):
-        """Variance of what each task has of its own, if all have the same; else 0."""
-        equal = getattr(self.task_covariance, "equal", False)
-        return float(np.exp(self._split(theta)[1][-1])) if equal else 0.0
-
     def unseen(self, theta):
         """A task without data at theta, see `WithShared.unseen`; None if unknown."""
         return self.task_covariance.unseen(self._split(theta)[1])
@@ -446,8 +434,10 @@ class Prior:
         ----------
         theta : ndarray of shape (n_theta,)
             Of the tasks so far.
-        row, own, position
-            See :meth:`LowRank.bordered`.
+        row, own
+            See :meth:`LowRank.bordered`; lists of those of each term.
+        position : int
+            Where the task goes among the others.
         own_noise : bool
             Whether tasks have noise variances of their own, of which one task's does
             not tell. The new one gets the geometric mean of the others'.
@@ -459,12 +449,19 @@ class Prior:
         theta : ndarray of shape (prior.n_theta,)
             Its parameters.
         """
-        kernel, rho, level, log_noise = self._split(theta)
-        form, rho = self.task_covariance.bordered(rho, row, own, position)
+        *_, level, log_noise = self._split(theta)
+        terms, of_terms = [], []
+        for (k, form), (kernel, rho), *of in zip(
+            self.terms, self.theta_of_terms(theta), row, own, strict=True
+        ):
+            form, rho = form.bordered(rho, *of, position)
+            terms.append((k, form))
+            of_terms.append((kernel, rho))
         if own_noise:
             log_noise = np.insert(log_noise, position, log_noise.mean())
-        prior = replace(self, task_covariance=form, n_noise=len(log_noise))
-        return prior, np.concatenate([kernel, rho, level, log_noise])
+        prior = replace(self, n_noise=len(log_noise)).with_terms(terms)
+        tail = np.concatenate([level, log_noise])
+        return prior, prior.with_theta_of_terms(tail, of_terms)
 
     def with_own_noise(self, theta):
         """The prior with a noise variance for each task, and its theta: all the same.

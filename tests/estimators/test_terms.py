@@ -316,9 +316,24 @@ class TestRefusals:
         with pytest.raises(ValueError, match="nu"):
             MultiTaskGPRegressor([SLOW, bad]).fit(*data[:2])
 
-    def test_a_task_that_joins(self, fitted):
-        with pytest.raises(ValueError, match=r"the model has 2 terms.*all tasks"):
-            fitted.add_task([[1.0, 5]], [0.0])
+
+def test_a_task_that_joins(data, fitted):
+    Z, _, slow, fast = draw(seed=2)
+    of_first = Z[:, 1] == 0
+    slow, fast = -0.5 * slow[of_first], 1.5 * fast[of_first]  # of signs of its own
+    new = np.column_stack([Z[of_first, 0], np.full(of_first.sum(), 7)])
+    extended = fitted.add_task(new[:12], (slow + fast)[:12])
+    assert extended.tasks_.tolist() == [0, 1, 2, 7]
+    assert extended.task_covariance_.shape == (2, 4, 4)
+    error = extended.predict(new[12:]) - (slow + fast)[12:]
+    assert np.square(error).mean() < 0.05 * np.var(slow + fast)
+    terms = extended.predict_terms(new)
+    assert np.corrcoef(terms[:, 1], fast)[0, 1] > 0.95
+    # the others stay, and so does this model
+    np.testing.assert_allclose(
+        extended.task_covariance_[:, :3, :3], fitted.task_covariance_, rtol=1e-9
+    )
+    assert fitted.tasks_.tolist() == [0, 1, 2]
 
 
 class TestPictures:

@@ -55,13 +55,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     Parameters
     ----------
-    kernel : Kernel, default=None
+    kernel : Kernel, or list of Kernel or None, default=None
         :math:`k^x` over the columns of X without the task column: any kernel of
         :mod:`sklearn.gaussian_process.kernels` or :mod:`skmtgp.kernels`. Its values are
         where learning starts, its bounds are kept. None is a squared exponential with
         one length-scale for each feature, started and bounded relative to the feature's
-        standard deviation; the task covariance is its amplitude.
-    rank : int, default=None
+        standard deviation; the task covariance is its amplitude. A list has the kernel
+        of each of several terms, see Notes.
+    rank : int or list of int or None, default=None
         Rank of the task covariance, 0 to the number of tasks. None is full rank, or
         the highest that leaves four rows for each number of the task covariance, of the
         `n_exact` rows where inference is sparse. Where tasks have fewer than eight of
@@ -69,16 +70,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         share (rank 0) and, if inference is exact, compound symmetry, see `diagonal`;
         `rank_` and `diagonal_` tell. Rank 0 needs ``shared=True``, one function of all
         tasks and, with `task_levels`, a level of each, for many tasks of a handful of
-        rows; or ``diagonal="equal"``.
-    shared : bool, default=False
+        rows; or ``diagonal="equal"``. With a list of kernels a list has the rank of
+        each term; None is then never left to BIC.
+    shared : bool or list of bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
-        seen is then predicted by what all share.
-    diagonal : bool or "equal", default=False
+        seen is then predicted by what all share. Of several terms a list has one value
+        for each.
+    diagonal : bool or "equal", or list of them, default=False
         Whether to add a learned diagonal to the task covariance: variation that a task
         shares with no other, with a variance of its own or, "equal", one that is the
         same for all. ``rank=0, diagonal="equal"`` has independent tasks, and with
         ``shared=True`` too it is compound symmetry: any two tasks are equally alike.
+        Of several terms a list has one value for each.
     task_levels : bool, default=True
         Whether each task has a level: a constant that is added to its function, drawn
         from N(0, v). The variance v is learned. Levels are integrated out exactly.
@@ -173,16 +177,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     kernel_ : Kernel, or list of n_outputs of them
-        :math:`k^x` as learned.
-    task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
+        :math:`k^x` as learned; of several terms a list in its place.
+    task_covariance_ : ndarray of shape ([n_outputs,] [n_terms,] n_tasks, n_tasks)
         :math:`K^\rho` as learned, in squared units of y: those of either task where
         they have units of their own.
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
-        outputs ``task_correlation_.loc[j]`` is that of output j.
+        outputs ``task_correlation_.loc[j]`` is that of output j, with several terms
+        ``task_correlation_.loc[q]`` that of term q.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its lower trapezoidal factor: ``L @ L.T``, without the diagonal and without the
-        function that all share.
+        function that all share. Of several terms a list of theirs, of other ranks.
     level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
         Variance of the levels around `y_mean_`, in squared units of y; 0 without
         `task_levels`. One for each task where they have units of their own.
@@ -211,7 +216,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         task covariance and an amplitude of the kernel count both, as in the paper.
         Means and deviations that `normalize_y` takes do not count.
     theta_ : ndarray of shape (n_theta,)
-        All parameters as learned, for each output: the kernel's theta, the factor of
+        All parameters as learned, for each output: the kernel's theta, of several terms
+        one after another, then, term by term, the factor of
         the task covariance row by row, the logarithm of the variance a of the function
         that all share, logarithms of the diagonal, the logarithm of the levels'
         variance, logarithms of the noise variances, each if the model has it. All are
@@ -219,10 +225,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         root mean square, with `task_levels` by the deviation around the means of the
         tasks. The factor is a rotation of `task_factor_`: ``L @ Q``, with the same
         ``L @ L.T``.
-    rank_ : int
-        Rank of the task covariance, a function that all share not counted.
-    diagonal_ : bool or "equal"
-        Which diagonal the task covariance has.
+    rank_ : int, or list of int
+        Rank of the task covariance, a function that all share not counted; of several
+        terms that of each.
+    diagonal_ : bool or "equal", or list of them
+        Which diagonal the task covariance has; of several terms that of each.
     hyperparameters_ : {"mode", "map", "sampled"}
         What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
@@ -282,6 +289,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     ``noise_variance_`` for a sample with itself. Where one of these has a number for
     each task, it is that of t. Time grows with the cube of the number of samples,
     memory with its square.
+
+    With a list of kernels the covariance has a term for each,
+    :math:`\sum_q K^{\rho_q}_{mm'}\, k_q(x, x')`: the linear model of coregionalisation,
+    with ranks 1 the semiparametric latent factor model. `predict_terms` takes
+    predictions apart. Inference is then dense, and hyperparameters are those of the
+    mode. A list of one kernel is that kernel. See :doc:`/guide/terms`.
 
     What "auto" means for `normalize_y` and `noise`, the data say before learning. A
     small model is asked: tasks that have nothing in common but :math:`k^x`, with an

@@ -105,7 +105,8 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y, progress)
-            problems = self._foretell(self._problems(training))
+            problems = self._problems(training)
+            problems = self._foretell(problems, problems[0].prior.n_terms)
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))

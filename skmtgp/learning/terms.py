@@ -18,6 +18,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import limit_threads, run
+from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb, refine, shake
 from skmtgp.learning.problem import Mode, Problem, best_of
 from skmtgp.model.several import terms_of
@@ -128,6 +129,11 @@ def _with_one_more(problem, grown):
     mode = shake(coarse, mode, 1) if coarse.data is more.data else refine(more, mode)
     same = _enlarged(more, grown.problem, grown.mode)
     mode = best_of([grown.mode.led_to(mode), same]).counting([grown.mode])
+    if more.budget.verbose:
+        say(
+            f"{more.name}, {more.prior.task_covariance}: log marginal likelihood "
+            f"{mode.value:.2f} (scaled) of {len(more.data)} rows"
+        )
     return best._replace(mode=mode)
 
 

@@ -8,9 +8,14 @@ import pytest
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, Matern
 from sklearn.model_selection import GridSearchCV, KFold
+from textbook import log_marginal_likelihood
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp.inspection import KernelRelevanceDisplay, TaskCovarianceDisplay
+from skmtgp.inspection import (
+    KernelRelevanceDisplay,
+    TaskCovarianceDisplay,
+    TransferDisplay,
+)
 
 M = 3
 SLOW, FAST = RBF(2.0, (0.1, 100.0)), RBF(0.3, (0.01, 10.0))
@@ -334,6 +339,40 @@ def test_a_task_that_joins(data, fitted):
         extended.task_covariance_[:, :3, :3], fitted.task_covariance_, rtol=1e-9
     )
     assert fitted.tasks_.tolist() == [0, 1, 2]
+
+
+def test_what_is_printed(data, capsys):
+    X, y, *_ = data
+    model = MultiTaskGPRegressor([SLOW, FAST], rank=1, verbose=1, max_iter=3, **QUICK)
+    with pytest.warns(UserWarning, match="still growing"):
+        model.fit(X, y)
+    printed = capsys.readouterr().out
+    assert "the output, rank 1 + rank 1: log marginal likelihood" in printed
+    assert "of 90 rows" in printed
+
+
+def test_what_relations_are_worth(data, fitted):
+    pytest.importorskip("matplotlib")
+    transfer = TransferDisplay.from_estimator(fitted).transfer
+    # alone, a task knows nothing of the others: K without what is between it and them
+    X, y, *_ = data
+    x, task, first = X[:, :1], X[:, 1].astype(int), X[:, 1] == 0
+    K = fitted.level_variance_ * np.equal.outer(task, task)
+    for k, K_rho in zip(fitted.kernel_, fitted.task_covariance_, strict=True):
+        K = K + K_rho[np.ix_(task, task)] * k(x)
+    K += fitted.noise_variance_ * np.eye(len(y))
+    apart = np.where(np.equal.outer(first, first), K, 0.0)
+    z = y - fitted.y_mean_
+    expected = log_marginal_likelihood(K, z) - log_marginal_likelihood(apart, z)
+    np.testing.assert_allclose(transfer["evidence"][0], expected, rtol=1e-6)
+    assert transfer["related"].all()
+
+
+def test_all_cores(data, fitted):
+    X, y, *_ = data
+    model = clone(fitted).set_params(n_jobs=2, tol=0.1, max_iter=20)
+    found = model.fit(X, np.column_stack([y, -y]))
+    np.testing.assert_allclose(*found.predict(NEW).T * [[1.0], [-1.0]], rtol=1e-6)
 
 
 class TestPictures:

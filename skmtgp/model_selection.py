@@ -556,8 +556,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
 def _settings(model, ranks, *, simpler):
     """Parameters of the candidates, those that are part of no other one first."""
+    [term] = model._terms()
     of_ranks = [
-        {"rank": r, "shared": model.shared or r == 0, "diagonal": model.diagonal}
+        {"rank": r, "shared": term.shared or r == 0, "diagonal": term.diagonal}
         for r in ranks
     ]
     return [of for of in SIMPLER if simpler and of not in of_ranks] + of_ranks

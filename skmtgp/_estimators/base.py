@@ -40,6 +40,7 @@ from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import Budget, Problem
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
+from skmtgp.model.several import Kernels, terms_of
 from skmtgp.model.task_covariance import identity
 
 FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targets'
@@ -179,8 +180,12 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
         """k^x of each term, as the user gave it."""
         return [self.kernel]
 
-    def _kernel(self, kernel, training):
-        """k^x with its starting values."""
+    def _kernel(self, training):
+        """k^x with its starting values, of several terms those of each."""
+        kernels = [self._checked(kernel, training) for kernel in self._kernels()]
+        return Kernels(kernels) if len(kernels) > 1 else kernels[0]
+
+    def _checked(self, kernel, training):
         if kernel is None:
             kernel = self._default_kernel(training.features)
         check_kernel(kernel, training.features)
@@ -229,15 +234,15 @@ class BaseMultiTaskGP(FittedGP, metaclass=ABCMeta):
     def _prior(self, training):
         """The model, with K^rho = I until its form is known."""
         n_tasks = len(training.tasks)
-        kernels = [self._kernel(kernel, training) for kernel in self._kernels()]
+        kernel, of_tasks = self._kernel(training), identity(n_tasks)
         prior = Prior(
-            kernels[0],
-            identity(n_tasks),
+            kernel,
+            of_tasks,
             n_noise=n_tasks if training.noise == "per_task" else 1,
             levels=self._has_levels(),
             noise_is_fixed=isinstance(self.noise_variance_bounds, str),
         )
-        return prior.with_terms([(kernel, identity(n_tasks)) for kernel in kernels])
+        return prior.with_terms([(each, of_tasks) for each in terms_of(kernel)])
 
     def _has_levels(self):
         """Whether each task has a level of its own."""

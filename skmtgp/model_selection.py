@@ -23,6 +23,12 @@ from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.ranks_of_terms import (
+    learn_candidates,
+    ranks_to_compare,
+    settings_of_terms,
+    usual_ranks,
+)
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
@@ -67,10 +73,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     ----------
     estimator : MultiTaskGPRegressor, default=None
         The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
-    ranks : sequence of int, default=None
+    ranks : sequence of int, or of tuples of int, default=None
         Ranks to compare. Those above the number of tasks, or above that of descriptors
         by more than one, count as the highest. 0 is one
-        function of all tasks, ``rank=0, shared=True``. None is 0, 1, 2, ... up to 6 or
+        function of all tasks, ``rank=0, shared=True``. Where the estimator's kernel is
+        a list, a tuple has the rank of each term, a shorter one of the first terms
+        alone, ``[(2,), (1, 1), (2, 1)]``, and an int that of each term. None is then
+        equal ranks of one term, of two, and so on, whose sum is at most 6; of a
+        single kernel it is 0, 1, 2, ... up to 6 or
         the number of tasks, as long as four samples come on each free parameter of a
         task covariance, and, of sparse inference, until two in a row are worse than a
         lower one; the paper has (2, 4, 5, 6, 8, 10).
@@ -80,7 +90,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         all tasks and an independent deviation of each, ``rank=0, shared=True,
         diagonal="equal"``; "single tasks", a SingleTaskGP, if inference is exact and
         each task has twice as many samples as hyperparameters. "auto" is True where
-        `ranks` is None and inference is exact.
+        `ranks` is None and inference is exact; with several kernels it is False.
     criterion : {"bic", "aic", "hqc", "loo", "laplace"}, default="bic"
         Which criterion chooses. "loo" takes one more decomposition for each candidate
         and output, and needs the rows: it refuses Dask collections. "laplace" takes two
@@ -95,9 +105,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     Attributes
     ----------
-    best_rank_ : int
+    best_rank_ : int, or tuple of int
         The chosen rank, 0 for each of the simpler models: how many functions the tasks
-        share each in a way of its own.
+        share each in a way of its own. With several kernels that of each term.
     best_model_ : str
         The name of the chosen candidate: "rank 2", "shared" for rank 0, or that of a
         simpler model, see `simpler`.
@@ -210,6 +220,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self
 
     def _fit(self, model, X, y, progress):
+        if len(model._terms()) > 1:
+            self._fit_terms(model, model._read(X, y, progress), progress)
+            return
         training = model._read(X, y, progress)
         if self.criterion == "loo" and is_dask(training.features):
             raise ValueError(
@@ -240,6 +253,34 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             decided = decide_noise(model, training, of_forms, modes)
             self._keep(model, settings, alone, *decided)
 
+    def _fit_terms(self, model, training, progress):
+        """The same of several terms, whose candidates have each their own prior."""
+        n_terms, n_tasks = len(model._terms()), len(training.tasks)
+        if self.criterion == "laplace":
+            raise ValueError(
+                "criterion='laplace' integrates the hyperparameters of one term out, "
+                f"but kernel is a list of {n_terms}. Use criterion='bic' or 'loo'."
+            )
+        if self.simpler is True:
+            raise ValueError(
+                "simpler=True adds candidates of one kernel, but kernel is a list of "
+                f"{n_terms}. Leave it 'auto'; shorter tuples in ranks have fewer terms."
+            )
+        if self.ranks is None:
+            limits = {"most": MOST_RANK, "rows": ROWS}
+            ranks = usual_ranks(n_terms, n_tasks, len(training.Y), **limits)
+        else:
+            ranks = ranks_to_compare(self.ranks, n_terms, n_tasks)
+        settings = [settings_of_terms(model, of_terms) for of_terms in ranks]
+        n_kept = len(settings) if self.keep_estimators else 1
+        model.set_params(**settings[-1])
+        problems = model._problems(training, len(settings), n_kept)
+        model._foretell(problems, len(settings))
+        with limit_threads(side(problems)):
+            learned = learn_candidates(model, training, settings, progress)
+            decided = decide_noise(model, training, *learned)
+            self._keep(model, settings, None, *decided)
+
     def _asks_simpler(self):
         return self.ranks is None if isinstance(self.simpler, str) else self.simpler
 
@@ -262,7 +303,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         fitted = {k: makes[k]() for k in kept}
         self.best_estimator_ = fitted[best]
         if best < len(modes):
-            self.best_rank_ = settings[best]["rank"]
+            rank = settings[best]["rank"]
+            self.best_rank_ = tuple(rank) if isinstance(rank, list) else rank
             self.best_estimator_._warn_of_noise(modes[best])
             sampled = self.best_estimator_._is_sampled()
             warn_of_doubts(of_forms[best], modes[best], sampled=sampled)
@@ -353,6 +395,30 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """
         check_is_fitted(self)
         return self.best_estimator_.loo_predict(include_noise)
+
+    def predict_terms(self, X: ArrayLike) -> NDArray[np.float64]:
+        """Predict each term of the best model by itself, and the level.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in the estimator's column `task_feature`.
+
+        Returns
+        -------
+        y_terms : ndarray of shape (n_samples, [n_outputs,] n_terms + 1)
+            See :meth:`MultiTaskGPRegressor.predict_terms`.
+
+        Raises
+        ------
+        NotFittedError
+            If no rank was chosen yet.
+        TypeError
+            If single tasks were chosen, or X is a Dask collection.
+        ValueError
+            If a task was not seen in fit and cannot be predicted.
+        """
+        return self._joint("predict_terms").predict_terms(X)
 
     def summary(self) -> pd.DataFrame:
         """A table of the tasks: what the best model has learned of each.
@@ -538,8 +604,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
 def _settings(model, ranks, *, simpler):
     """Parameters of the candidates, those that are part of no other one first."""
+    [term] = model._terms()
     of_ranks = [
-        {"rank": r, "shared": model.shared or r == 0, "diagonal": model.diagonal}
+        {"rank": r, "shared": term.shared or r == 0, "diagonal": term.diagonal}
         for r in ranks
     ]
     return [of for of in SIMPLER if simpler and of not in of_ranks] + of_ranks

@@ -10,14 +10,15 @@ from numbers import Integral
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sklearn.gaussian_process.kernels import Kernel
 from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_new_task
+from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
+from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
@@ -26,9 +27,12 @@ from skmtgp.learning.novel import join_described, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.screening import criterion
+from skmtgp.learning.terms import learn_terms
 from skmtgp.model.described import describes, task_covariance
+from skmtgp.model.several import Forms, terms_of
 from skmtgp.model.task_covariance import low_rank
 
+Diagonal = Literal["equal"] | bool
 ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
 FEW = 8  # rows of a task on average: fewer may tell no more than what all share
 
@@ -51,13 +55,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     Parameters
     ----------
-    kernel : Kernel, default=None
+    kernel : Kernel, or list of Kernel or None, default=None
         :math:`k^x` over the columns of X without the task column: any kernel of
         :mod:`sklearn.gaussian_process.kernels` or :mod:`skmtgp.kernels`. Its values are
         where learning starts, its bounds are kept. None is a squared exponential with
         one length-scale for each feature, started and bounded relative to the feature's
-        standard deviation; the task covariance is its amplitude.
-    rank : int, default=None
+        standard deviation; the task covariance is its amplitude. A list has the kernel
+        of each of several terms, see Notes.
+    rank : int or list of int or None, default=None
         Rank of the task covariance, 0 to the number of tasks, with `task_descriptors`
         to one more than there are of them if that is less. None is full rank, or
         the highest that leaves four rows for each number of the task covariance, of the
@@ -66,16 +71,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         share (rank 0) and, if inference is exact, compound symmetry, see `diagonal`;
         `rank_` and `diagonal_` tell. Rank 0 needs ``shared=True``, one function of all
         tasks and, with `task_levels`, a level of each, for many tasks of a handful of
-        rows; or ``diagonal="equal"``.
-    shared : bool, default=False
+        rows; or ``diagonal="equal"``. With a list of kernels a list has the rank of
+        each term; None is then never left to BIC.
+    shared : bool or list of bool, default=False
         Whether all tasks share one function alike, and differ from it by functions of
         the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
-        seen is then predicted by what all share.
-    diagonal : bool or "equal", default=False
+        seen is then predicted by what all share. Of several terms a list has one value
+        for each.
+    diagonal : bool or "equal", or list of them, default=False
         Whether to add a learned diagonal to the task covariance: variation that a task
         shares with no other, with a variance of its own or, "equal", one that is the
         same for all. ``rank=0, diagonal="equal"`` has independent tasks, and with
         ``shared=True`` too it is compound symmetry: any two tasks are equally alike.
+        Of several terms a list has one value for each.
     task_levels : bool, default=True
         Whether each task has a level: a constant that is added to its function, drawn
         from N(0, v). The variance v is learned. Levels are integrated out exactly.
@@ -177,18 +185,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     kernel_ : Kernel, or list of n_outputs of them
-        :math:`k^x` as learned.
-    task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
+        :math:`k^x` as learned; of several terms a list in its place.
+    task_covariance_ : ndarray of shape ([n_outputs,] [n_terms,] n_tasks, n_tasks)
         :math:`K^\rho` as learned, in squared units of y: those of either task where
         they have units of their own.
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
-        outputs ``task_correlation_.loc[j]`` is that of output j.
+        outputs ``task_correlation_.loc[j]`` is that of output j, with several terms
+        ``task_correlation_.loc[q]`` that of term q.
     task_descriptors_ : DataFrame of n_tasks rows
         The descriptors of each task. Only with `task_descriptors`.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its lower trapezoidal factor: ``L @ L.T``, without the diagonal and without the
-        function that all share.
+        function that all share. Of several terms a list of theirs, of other ranks.
     level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
         Variance of the levels around `y_mean_`, in squared units of y; 0 without
         `task_levels`. One for each task where they have units of their own.
@@ -218,7 +227,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         of the kernel count both, as in the paper.
         Means and deviations that `normalize_y` takes do not count.
     theta_ : ndarray of shape (n_theta,)
-        All parameters as learned, for each output: the kernel's theta, the factor of
+        All parameters as learned, for each output: the kernel's theta, of several terms
+        one after another, then, term by term, the factor of
         the task covariance row by row, the logarithm of the variance a of the function
         that all share, logarithms of the diagonal, the logarithm of the levels'
         variance, logarithms of the noise variances, each if the model has it. All are
@@ -227,10 +237,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         tasks. The factor is a rotation of `task_factor_`: ``L @ Q``, with the same
         ``L @ L.T``. With `task_descriptors` it is that of their coefficients, in
         units in which they are independent.
-    rank_ : int
-        Rank of the task covariance, a function that all share not counted.
-    diagonal_ : bool or "equal"
-        Which diagonal the task covariance has.
+    rank_ : int, or list of int
+        Rank of the task covariance, a function that all share not counted; of several
+        terms that of each.
+    diagonal_ : bool or "equal", or list of them
+        Which diagonal the task covariance has; of several terms that of each.
     hyperparameters_ : {"mode", "map", "sampled"}
         What predictions take for the hyperparameters.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
@@ -291,6 +302,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     each task, it is that of t. Time grows with the cube of the number of samples,
     memory with its square.
 
+    With a list of kernels the covariance has a term for each,
+    :math:`\sum_q K^{\rho_q}_{mm'}\, k_q(x, x')`: the linear model of coregionalisation,
+    with ranks 1 the semiparametric latent factor model. `predict_terms` takes
+    predictions apart. Inference is then dense, and hyperparameters are those of the
+    mode. A list of one kernel is that kernel. See :doc:`/guide/terms`.
+
     What "auto" means for `normalize_y` and `noise`, the data say before learning. A
     small model is asked: tasks that have nothing in common but :math:`k^x`, with an
     amplitude and a level each, learned from a few hundred rows. Its likelihoods of y,
@@ -331,9 +348,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     _parameter_constraints = {
         **BaseMultiTaskGP._parameter_constraints,
-        "rank": [Interval(Integral, 0, None, closed="left"), None],
-        "shared": ["boolean"],
-        "diagonal": ["boolean", StrOptions({"equal"})],
+        "kernel": [Kernel, *LISTS, None],
+        "rank": [Interval(Integral, 0, None, closed="left"), *LISTS, None],
+        "shared": ["boolean", *LISTS],
+        "diagonal": ["boolean", StrOptions({"equal"}), *LISTS],
         "task_levels": ["boolean"],
         "task_descriptors": ["array-like", None],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
@@ -344,11 +362,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def __init__(
         self,
-        kernel: Kernel | None = None,
+        kernel: Kernel | Sequence[Kernel | None] | None = None,
         *,
-        rank: int | None = None,
-        shared: bool = False,
-        diagonal: Literal["equal"] | bool = False,
+        rank: int | Sequence[int | None] | None = None,
+        shared: bool | Sequence[bool] = False,
+        diagonal: Diagonal | Sequence[Diagonal] = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
         task_descriptors: Sequence[int | str] | None = None,
@@ -400,23 +418,24 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.verbose = verbose
 
     def _learn(self, problems, progress):
-        self._check_rank(problems[0].data)
+        for term in self._terms():
+            self._check_rank(term, problems[0].data)
         forms = self._forms(problems[0])
         modes = self._learn_ranks(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
         found = zip(of_forms, modes, strict=True)
         return max(found, key=lambda of: sum(map(criterion, *of)))
 
-    def _check_rank(self, data):
-        """Raise an error where there is no such rank."""
-        most, what = data.n_tasks, "the number of tasks"
+    def _check_rank(self, term, data):
+        """Raise an error where the rank of a term cannot be."""
+        rank, most, what = term.rank, data.n_tasks, "the number of tasks"
         if self._describes() and len(self.task_descriptors) < most:
             most, what = len(self.task_descriptors) + 1, "1 + the number of descriptors"
-        if isinstance(self.rank, (bool, np.bool_)):
-            raise TypeError(f"rank={self.rank!r} must be an int or None, not a bool.")
-        if self.rank is not None and self.rank > most:
-            raise ValueError(f"rank={self.rank} is above {what}, {most}.")
-        if self.rank == 0 and not (self.shared or self._equal()):
+        if isinstance(rank, (bool, np.bool_)):
+            raise TypeError(f"rank={rank!r} must be an int or None, not a bool.")
+        if rank is not None and rank > most:
+            raise ValueError(f"rank={rank} is above {what}, {most}.")
+        if rank == 0 and not (term.shared or isinstance(term.diagonal, str)):
             raise ValueError(
                 "rank=0 leaves tasks nothing in common: set shared=True, for one "
                 "function of all of them, diagonal='equal', for an independent one of "
@@ -426,34 +445,49 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _forms(self, problem):
         """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
         data, n = problem.data, problem.engine.n_told(len(problem.data))
-        form = self._form(data, min(self._rank(data.n_told, n), data.n_told))
-        if self.rank is not None or n >= FEW * data.n_told or self.max_iter == 0:
-            return [form]
-        forms = [self._form(data, 0), form]
-        if self.diagonal or not problem.engine.exact:  # to which diagonals take long
+        terms, ranks = self._terms(), self._ranks(data.n_told, n)
+        of_terms = [
+            _form(term, data, min(rank, data.n_told))
+            for term, rank in zip(terms, ranks, strict=True)
+        ]
+        if len(terms) > 1:
+            return [Forms(of_terms)]
+        [term] = terms
+        if term.rank is not None or n >= FEW * data.n_told or self.max_iter == 0:
+            return of_terms
+        forms = [_form(term, data, 0), *of_terms]
+        if term.diagonal or not problem.engine.exact:  # to which diagonals take long
             return forms
         simplest = {"diagonal": "equal", "shared": True}
         return [task_covariance(data.n_tasks, 0, data.Q, **simplest), *forms]
 
-    def _form(self, data, rank):
-        """The form of K^rho."""
-        alone = self.rank == 0 and self._equal()  # as the user asked for
-        options = {
-            "diagonal": self.diagonal,
-            "shared": self.shared or (rank == 0 and not alone),
-        }
-        return task_covariance(data.n_tasks, rank, data.Q, **options)
+    def _terms(self):
+        """What the user asks for in each term."""
+        terms = terms_asked_for(self)
+        if len(terms) > 1 and self._describes():
+            raise ValueError(
+                f"task_descriptors={self.task_descriptors!r} need one kernel, and there "
+                f"are {len(terms)}. Give their sum, or no descriptors."
+            )
+        return terms
 
-    def _equal(self):
-        """Whether what tasks have of their own has the same variance for all."""
-        return isinstance(self.diagonal, str)
+    def _kernels(self):
+        return [term.kernel for term in self._terms()]
+
+    def _form_for_screening(self, n_tasks):
+        form, n_terms = super()._form_for_screening(n_tasks), len(self._terms())
+        return Forms([form] * n_terms) if n_terms > 1 else form
+
+    def _ranks(self, n_tasks, n):
+        """The rank of each term; of those not given the highest that rows tell."""
+        terms = self._terms()
+        ranks = range(n_tasks, 1, -1)
+        free = {rank: len(terms) * low_rank(n_tasks, rank).n_free for rank in ranks}
+        highest = next((rank for rank in ranks if ROWS * free[rank] <= n), 1)
+        return [highest if term.rank is None else term.rank for term in terms]
 
     def _rank(self, n_tasks, n):
-        if self.rank is not None:
-            return self.rank
-        ranks = range(n_tasks, 1, -1)
-        told = (of for of in ranks if ROWS * low_rank(n_tasks, of).n_free <= n)
-        return next(told, 1)
+        return sum(self._ranks(n_tasks, n))
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
@@ -470,10 +504,69 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         rng = check_random_state(self.random_state)
         seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds).tolist()
         options |= {"n_jobs": self.n_jobs, "progress": progress}
-        return learn_forms(learn, problems, forms, seeds=seeds, **options)
+        learn = partial(learn_forms, learn, seeds=seeds, **options)
+        if problems[0].prior.n_terms == 1:
+            return learn(problems, forms)
+        if self.learning != "annealed":
+            raise ValueError(
+                f"learning={self.learning!r} is for one kernel, and there are "
+                f"{problems[0].prior.n_terms}. Set learning='annealed'."
+            )
+        return learn_terms(learn, problems, forms, n_jobs=self.n_jobs)
 
     def _budget(self):
         return replace(super()._budget(), truncation=self.truncation)
+
+    def predict_terms(self, X: ArrayLike) -> NDArray[np.float64]:
+        r"""Predict each term of f by itself, and the level: they sum to `predict`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+
+        Returns
+        -------
+        y_terms : ndarray of shape (n_samples, [n_outputs,] n_terms + 1)
+            Predictive means of the terms :math:`K^\\rho_q \\times k_q`, in the order of
+            `kernel_`, and last of the task's level, with `y_mean_`. In the units of y;
+            with `target_transform` in those of the transformed targets, in which they
+            sum.
+
+        Raises
+        ------
+        TypeError
+            If X is a Dask collection.
+        ValueError
+            If a task was not seen in fit and cannot be predicted, see `predict`.
+
+        Examples
+        --------
+        A slow function and a fast one:
+
+        >>> import numpy as np
+        >>> from sklearn.gaussian_process.kernels import RBF
+        >>> from skmtgp import MultiTaskGPRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> x, task = rng.uniform(0, 9, 120), np.tile([0, 1, 2], 40)
+        >>> slow = np.array([1.0, -2.0, 0.5])[task] * np.sin(0.5 * x)
+        >>> fast = np.array([0.5, 0.4, -0.6])[task] * np.sin(6.0 * x)
+        >>> y = slow + fast + 0.05 * rng.standard_normal(120)
+        >>> X = np.column_stack([x, task])
+        >>> model = MultiTaskGPRegressor([RBF(2.0), RBF(0.2)], rank=1).fit(X, y)
+        >>> terms = model.predict_terms(X)
+        >>> bool(np.allclose(terms.sum(axis=-1), model.predict(X)))
+        True
+        >>> bool(np.corrcoef(terms[:, 1], fast)[0, 1] > 0.99)
+        True
+        """
+        check_is_fitted(self)
+        features, codes = check_test(self, X, unseen=self._knows_unseen())
+        return self._join_terms(self._means_of_terms(features, codes))
+
+    def _join_terms(self, terms):
+        """Without the axis of the outputs where y was one-dimensional."""
+        return terms[:, 0] if self._single_output else terms
 
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
@@ -566,7 +659,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             len(self._likelihoods[0].inputs),
             len(training.features) - len(self.X_train_),
         )
-        demand, tiles = self._demand(training, rank=self.rank_ + self._is_full())
+        rank = int(np.sum(self.rank_)) + sum(self._full())
+        demand, tiles = self._demand(training, rank=rank)
         self._engine.check_joining(demand, tiles, n_before, n_new)
 
     def _extend(self, training, position, informed):
@@ -613,24 +707,44 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             X=data.X[new],
             y=data.y[new],
             position=position,
-            own=self._has_own(),
+            own=self._has_own(likelihood.prior),
             own_noise=own_noise,
             informed=informed,
             budget=self._budget(),
         )
 
-    def _has_own(self):
-        """Whether a joining task may have something of its own, of any variance."""
-        return self.diagonal_ is True or (not self.diagonal_ and self._is_full())
+    def _has_own(self, prior):
+        """For each term whether a joining task has its own part, of any variance."""
+        diagonals = [_diagonal_of(form) for _, form in prior.terms]
+        return [
+            diagonal is True or (not diagonal and full)
+            for diagonal, full in zip(diagonals, self._full(), strict=True)
+        ]
 
-    def _is_full(self):
-        """Whether the task covariance is as general as it can be."""
-        full = self.rank is None and self.rank_ == len(self.tasks_)
-        return full and not self._describes()
+    def _full(self):
+        """For each term whether its task covariance is as general as it can be."""
+        ranks = self.rank_ if isinstance(self.rank_, list) else [self.rank_]
+        return [
+            not self._describes() and term.rank is None and rank == len(self.tasks_)
+            for term, rank in zip(self._terms(), ranks, strict=True)
+        ]
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
         super()._store_learned(training, engine, likelihoods, modes, posteriors)
         form = likelihoods[0].prior.task_covariance
-        self.rank_ = form.rank
-        has_own = bool(getattr(form, "n_own", 0))
-        self.diagonal_ = "equal" if getattr(form, "equal", False) else has_own
+        self.rank_, diagonals = form.rank, list(map(_diagonal_of, terms_of(form)))
+        self.diagonal_ = diagonals if isinstance(form, Forms) else diagonals[0]
+
+
+def _form(term, data, rank):
+    """The form of K^rho of a term."""
+    # as the user asked for: what tasks have of their own, of the same variance for all
+    alone = term.rank == 0 and isinstance(term.diagonal, str)
+    shared = bool(term.shared) or (rank == 0 and not alone)
+    options = {"diagonal": term.diagonal, "shared": shared}
+    return task_covariance(data.n_tasks, rank, data.Q, **options)
+
+
+def _diagonal_of(form):
+    """Which diagonal a form of K^rho has."""
+    return "equal" if getattr(form, "equal", False) else bool(getattr(form, "n_own", 0))

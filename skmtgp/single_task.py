@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import reduce
+from operator import add
 from typing import Literal, Self
 
 import numpy as np
@@ -502,14 +504,17 @@ def alone_like(model, features):
     Returns
     -------
     alone : SingleTaskGP
-        Not fitted: with the model's parameters and kernel, which gets an amplitude
-        and, if the model has levels, a level around the mean of the task. The level has
-        the variance of the task's targets, which is the prior of unit information.
+        Not fitted: with the model's parameters and kernel, which gets an amplitude,
+        of several terms each of theirs, and, if the model has levels, a level around
+        the mean of the task. The level has the variance of the task's targets, which is
+        the prior of unit information.
     """
-    kernel = model.kernel
-    if kernel is None:
-        kernel = model._default_kernel(features)
-    kernel = ConstantKernel(1.0, (1e-3, 1e3)) * clone(kernel)
+    kernels = [
+        ConstantKernel(1.0, (1e-3, 1e3))
+        * (model._default_kernel(features) if kernel is None else clone(kernel))
+        for kernel in model._kernels()
+    ]
+    kernel = reduce(add, kernels)
     if model._has_levels():
         kernel += ConstantKernel(1.0, "fixed")
     given = SingleTaskGP().get_params().keys() & model.get_params(deep=False).keys()

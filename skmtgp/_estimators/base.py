@@ -35,13 +35,14 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
-from skmtgp.inference.engine import Demand, Engine
+from skmtgp.inference.engine import Demand, Engine, check_terms
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import Budget, Problem
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
+from skmtgp.model.several import Kernels, terms_of
 from skmtgp.model.task_covariance import identity
 
 FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targets'
@@ -107,7 +108,8 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = self._read(X, y, progress)
-            problems = self._foretell(self._problems(training))
+            problems = self._problems(training)
+            problems = self._foretell(problems, problems[0].prior.n_terms)
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
@@ -203,9 +205,16 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         descriptors = read_descriptors(columns, names, features, labels)
         return descriptors.inputs(features), {"descriptors": descriptors}
 
+    def _kernels(self):
+        """k^x of each term, as the user gave it."""
+        return [self.kernel]
+
     def _kernel(self, training):
-        """k^x with its starting values."""
-        kernel = self.kernel
+        """k^x with its starting values, of several terms those of each."""
+        kernels = [self._checked(kernel, training) for kernel in self._kernels()]
+        return Kernels(kernels) if len(kernels) > 1 else kernels[0]
+
+    def _checked(self, kernel, training):
         if kernel is None:
             kernel = self._default_kernel(training.features)
         check_kernel(kernel, training.features)
@@ -219,6 +228,13 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """What is learned for each output, by models of so many ranks."""
         prior = self._prior(training)
         engine = choose(self.inference, prior, training, **self._options())
+        check_terms(engine, prior)
+        if self.hyperparameters == "sampled" and prior.n_terms > 1:
+            raise ValueError(
+                "hyperparameters='sampled' draws those of one term K^rho x k^x, but "
+                f"kernel is a list of {prior.n_terms} kernels. Set "
+                "hyperparameters='map' or 'mode', or give one kernel."
+            )
         self._check_memory(engine, training, prior, n_ranks, n_kept)
         of_outputs = training.data(engine)
         engine.check(prior, of_outputs[0], training.tasks)
@@ -247,13 +263,15 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
     def _prior(self, training):
         """The model, with K^rho = I until its form is known."""
         n_tasks = len(training.tasks)
-        return Prior(
-            self._kernel(training),
-            identity(n_tasks),
+        kernel, of_tasks = self._kernel(training), identity(n_tasks)
+        prior = Prior(
+            kernel,
+            of_tasks,
             n_noise=n_tasks if training.noise == "per_task" else 1,
             levels=self._has_levels(),
             noise_is_fixed=isinstance(self.noise_variance_bounds, str),
         )
+        return prior.with_terms([(each, of_tasks) for each in terms_of(kernel)])
 
     def _has_levels(self):
         """Whether each task has a level of its own."""

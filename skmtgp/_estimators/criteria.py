@@ -7,6 +7,7 @@ from scipy.stats import norm
 from sklearn.base import clone
 
 from skmtgp._estimators.fitted import evidence_of, likelihood_at
+from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.evidence import evidence_around
@@ -95,7 +96,7 @@ def tabulate(training, of_forms, modes, alone, criterion):
     log_likelihood, count = values.sum(axis=1), np.array(count)
     deviance = -2.0 * log_likelihood
     table = {
-        "rank": ranks,
+        "rank": rank_column(ranks),
         "model": names,
         "log_marginal_likelihood": log_likelihood,
         "n_hyperparameters": count,

@@ -26,6 +26,7 @@ from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
 from skmtgp.model.kernel_check import check_covariance, sample_rows
+from skmtgp.model.several import Kernels
 
 
 class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
@@ -207,7 +208,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""
-        return getattr(self, "shared", False)
+        return bool(np.any(getattr(self, "shared", False)))
 
     def _predicting(self, features, codes):
         """What predicts, with tasks that were never seen if there are any.
@@ -242,6 +243,14 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         posteriors, X = self._predicting(features, codes)
         means = np.stack([p.mean(X, codes) for p in posteriors], axis=1)
         return self._units.unscaled(means, codes)
+
+    def _means_of_terms(self, features, codes):
+        """Of each term, the level last, (n_samples, n_outputs, n_terms + 1)."""
+        posteriors = self._posteriors_for(codes)
+        means = np.stack([p.means_of_terms(features, codes).T for p in posteriors], 1)
+        means *= self._scales(codes)[..., None]
+        means[..., -1] += self._units.of_rows(self._units.centre, codes)
+        return means
 
     def _variances(self, features, codes, include_noise):
         posteriors, X = self._predicting(features, codes)
@@ -345,10 +354,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             likelihood.prior.in_units(theta, scale)
             for likelihood, theta, scale in outputs
         ]
-        kernels, *arrays = zip(*found, strict=True)
-        rho, factor, level, noise = map(np.array, arrays)
-        self.kernel_ = kernels[0] if self._single_output else list(kernels)
-        self.task_covariance_, self.task_factor_ = self._of_outputs(rho, factor)
+        kernels, rho, factor, *variances = zip(*found, strict=True)
+        level, noise = map(np.array, variances)
+        kernels = [list(of) if isinstance(of, Kernels) else of for of in kernels]
+        self.kernel_ = kernels[0] if self._single_output else kernels
+        factor = list(factor) if isinstance(factor[0], list) else np.array(factor)
+        self.task_factor_ = factor[0] if self._single_output else factor
+        self.task_covariance_ = rho[0] if self._single_output else np.array(rho)
         self._noise_variances = noise[None]
         level = _of_all_tasks(level)
         noise = noise if self.noise_ == "per_task" else _of_all_tasks(noise)

@@ -59,11 +59,14 @@ def evidence_of_relations(model, output):
         engine = choose("auto", prior, training)
     data = training.data(engine)[output]
     data = data if engine.exact else replace(data, Z=likelihood.inputs)
-    form, parameters = prior.task_covariance, prior.values(theta).rho
+    of_terms = prior.terms, prior.theta_of_terms(theta)
+    terms = [(k, form, rho) for (k, form), (_, rho) in zip(*of_terms, strict=True)]
     found = []
     with limit_threads(model._side):
         for task in range(len(model.tasks_)):
-            apart = prior.with_form(Apart(form, parameters, task))
+            apart = prior.with_terms(
+                [(kernel, Apart(form, rho, task)) for kernel, form, rho in terms]
+            )
             other = engine.likelihood(apart, data)
             found.append(other.value(apart.with_rho(theta, np.empty(0))))
     return model._posteriors[output].log_likelihood - np.array(found)

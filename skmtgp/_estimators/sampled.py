@@ -155,6 +155,7 @@ class SampledMixin:
         """Whether the hyperparameters are to be drawn, once they are learned."""
         most = min(MOST_ROWS, FEW_ROWS_EACH * prior.n_hyperparameters)
         few = len(training.Y) <= most and not is_dask(training.features)
+        few = few and prior.n_terms == 1
         asked = {"sampled": True, "auto": few}.get(self.hyperparameters, False)
         return bool(asked and self.max_iter)
 

@@ -18,10 +18,23 @@ class SummaryMixin:
         """Correlations of the tasks' functions, without their levels.
 
         Of `task_covariance_`, with the labels of the tasks as index and columns. With
-        several outputs those of output j are ``task_correlation_.loc[j]``.
+        several outputs those of output j are ``task_correlation_.loc[j]``, with several
+        terms those of term q ``task_correlation_.loc[q]``, of an output
+        ``task_correlation_.loc[(j, q)]``.
         """
         check_is_fitted(self)
-        return self._by_output([self._frame(R, self._tasks()) for R in self._related()])
+        n_outputs, n_tasks = len(self._posteriors), len(self.tasks_)
+        of_outputs = np.reshape(
+            self.task_covariance_, (n_outputs, -1, n_tasks, n_tasks)
+        )
+        return self._by_output([self._of_terms(of) for of in of_outputs])
+
+    def _of_terms(self, K_rhos):
+        """Correlations of each term, one below the other if there are several."""
+        frames = [self._frame(correlation(K), self._tasks()) for K in K_rhos]
+        if len(frames) == 1:
+            return frames[0]
+        return pd.concat(dict(enumerate(frames)), names=["term"])
 
     @property
     def task_descriptors_(self) -> pd.DataFrame:
@@ -104,11 +117,15 @@ class SummaryMixin:
         return self._by_output(frames)
 
     def _related(self):
-        """Correlations of the tasks for each output."""
-        n_tasks = len(self.tasks_)
-        return map(
-            correlation, np.reshape(self.task_covariance_, (-1, n_tasks, n_tasks))
-        )
+        """Correlations of the tasks' functions for each output, of all terms."""
+        return [correlation(self._covariance_of_tasks(p)) for p in self._posteriors]
+
+    def _covariance_of_tasks(self, posterior):
+        """K^rho; of several terms their sum, each by its usual variance over x."""
+        if posterior.K_rho.ndim == 2:
+            return posterior.K_rho
+        of_terms = posterior.terms
+        return sum(K * k.diag(self.X_train_).mean() for k, K in of_terms)
 
     def _tasks(self):
         return pd.Index(self.tasks_, name="task")

@@ -12,6 +12,7 @@ import numpy as np
 from skmtgp._numerics.linalg import Cholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.likelihood import log_density
+from skmtgp.model.several import terms_of
 
 
 class BorderLikelihood:
@@ -22,7 +23,8 @@ class BorderLikelihood:
     posterior : Posterior
         Of the tasks so far.
     factor : ndarray of shape (n_tasks, rank)
-        F, with F F^T the task covariance but for its diagonal.
+        F, with F F^T the task covariance but for its diagonal. Of several terms a list
+        of theirs; `own`, `shared` and `equal` are then lists, too.
     X : ndarray of shape (n_samples, n_features)
         Inputs of the novel task.
     y : ndarray of shape (n_samples,)
@@ -41,6 +43,10 @@ class BorderLikelihood:
 
     Attributes
     ----------
+    rank, own : int
+        Numbers of l, those of all terms, and of w, which come last in a row.
+    of_term : ndarray of shape (rank + own,)
+        The term of each element of a row.
     means : ndarray of shape (rank, n_samples)
         Posterior means of the latent functions at X.
     y : ndarray of shape (n_samples,)
@@ -50,19 +56,38 @@ class BorderLikelihood:
     def __init__(
         self, posterior, factor, X, y, noise, own, level=0.0, shared=None, equal=0.0
     ):
-        self.rank, self.own, self.y = factor.shape[1], own, y
-        self.noise, self.level, self.equal = noise, level, equal
-        self.K_x = posterior.kernel(X)
-        if shared is None and not self.rank:
+        terms = [(factor, own, shared, equal)]
+        if isinstance(factor, list):
+            terms = list(zip(factor, own, shared, equal, strict=True))
+        self.noise, self.level, self.y = noise, level, y
+        self.K_x = np.array([kernel(X) for kernel in terms_of(posterior.kernel)])
+        self.fixed, self.half_of_fixed = np.empty(len(terms)), 0.0
+        means, halves = zip(
+            *(self._of_term(posterior, X, q, *of) for q, of in enumerate(terms)),
+            strict=True,
+        )
+        self.means, self.halves = np.concatenate(means), np.concatenate(halves)
+        of_l = [q for q, of in enumerate(means) for _ in of]
+        of_w = [q for q, of in enumerate(terms) if of[1]]
+        self.rank, self.own = len(of_l), len(of_w)
+        self.of_term = np.array(of_l + of_w, dtype=int)
+
+    def _of_term(self, posterior, X, q, F, own, shared, equal):
+        """Means and halves of a term; what is known of it is taken off the targets.
+
+        Halves are C^{-1} cov(y_old, z_a(X)), where K_old = C C^T.
+        """
+        if shared is None and not F.shape[1]:
             shared = 0.0  # independent tasks: a function of which they have nothing
-        self.fixed = np.array([] if shared is None else [shared])
-        factor = np.hstack([np.tile(self.fixed, (len(factor), 1)), factor])
-        # halves: C^{-1} cov(y_old, z_a(X)), where K_old = C C^T
-        means, halves = posterior.latent(X, factor)
-        of_fixed, self.means = np.split(means, [len(self.fixed)])
-        self.y = y - self.fixed @ of_fixed
-        self.half_of_fixed = np.tensordot(self.fixed, halves[: len(self.fixed)], axes=1)
-        self.halves = halves[len(self.fixed) :]
+        fixed = np.array([] if shared is None else [shared])
+        F, n = np.hstack([np.tile(fixed, (len(F), 1)), F]), len(fixed)
+        term = {"term": q} if len(self.K_x) > 1 else {}
+        means, halves = posterior.latent(X, F, **term)
+        self.y = self.y - fixed @ means[:n]
+        of_fixed = np.tensordot(fixed, halves[:n], axes=1)
+        self.half_of_fixed = self.half_of_fixed + of_fixed
+        self.fixed[q] = fixed @ fixed + equal
+        return means[n:], halves[n:]
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
@@ -92,7 +117,8 @@ class BorderLikelihood:
         alpha = cholesky.solve(rest)
         value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
         G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
-        gradient = np.vdot(G, self.K_x) * row
+        slopes = np.array([np.vdot(G, K_x) for K_x in self.K_x])
+        gradient = slopes[self.of_term] * row
         gradient[: self.rank] += self.means @ alpha
         gradient[: self.rank] -= np.tensordot(self.halves, half @ G, axes=2)
         return value, gradient
@@ -103,7 +129,7 @@ class BorderLikelihood:
         Of a Gaussian: dmean_p^T S^{-1} dmean_q + 1/2 tr(S^{-1} dS_p S^{-1} dS_q).
         """
         S, half = self._covariance(row)
-        dS = 2.0 * row[:, None, None] * self.K_x
+        dS = 2.0 * row[:, None, None] * self.K_x[self.of_term]
         between = half.T @ self.halves  # of each latent function
         dS[: self.rank] -= between + between.swapaxes(1, 2)
         inverse = np.linalg.pinv(S, hermitian=True)
@@ -129,7 +155,8 @@ class BorderLikelihood:
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
         half = self.half_of_fixed
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
-        amplitude = row @ row + self.fixed @ self.fixed + self.equal
-        S = amplitude * self.K_x - half.T @ half + self.level
+        squares = np.bincount(self.of_term, np.square(row), len(self.K_x))
+        S = np.tensordot(squares + self.fixed, self.K_x, axes=1)
+        S += self.level - half.T @ half
         S.flat[:: len(S) + 1] += self.noise
         return S, half

@@ -10,6 +10,7 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood
+from skmtgp.model.several import BoundSeveral
 
 
 class DenseLikelihood(TiledLikelihood):
@@ -75,11 +76,21 @@ class DenseLikelihood(TiledLikelihood):
         """Log density of y, given the factor C of K and half = C^{-1} y."""
         return log_density(half @ half, cholesky.log_det(), len(self.y))
 
+    def _bind(self, theta):
+        """k^x and K^rho of each term, the variances of levels and noise."""
+        bound, K_rho, *variances = super()._bind(theta)
+        bounds = bound if isinstance(bound, BoundSeveral) else BoundSeveral([bound])
+        return bounds, K_rho.reshape(-1, *K_rho.shape[-2:]), *variances
+
     def _fill(self, bound, K_rho, level, noise, K, memory=None):
         """K (lower triangle, Fortran order) in K, and for each tile (K_x, tape)."""
 
         def put(K_x, rows, cols):
-            np.multiply(K_x, self._between(K_rho, rows, cols), out=K[rows, cols])
+            tile = K[rows, cols]
+            np.multiply(K_x[0], self._between(K_rho[0], rows, cols), out=tile)
+            for of_term, of_tasks in zip(K_x[1:], K_rho[1:], strict=True):
+                between = self._between(of_tasks, rows, cols)
+                tile += np.multiply(between, of_term, out=between)
             if level:
                 for block in self._blocks_of_tasks(K[rows, cols], rows, cols):
                     block += level
@@ -117,9 +128,11 @@ class DenseLikelihood(TiledLikelihood):
             of_tile = G[rows, cols].copy()  # row after row: faster, more than once
             self._halve(of_tile, rows, cols)  # the lower half is anything
             d_level = self._sum_within_tasks(of_tile, rows, cols)
-            H = self._sum_by_task(of_tile * K_x, rows, cols)
-            of_tile *= self._between(K_rho, rows, cols)
-            return bound.contract(of_tile, tape, rows, cols), H, d_level
+            H = [self._sum_by_task(of_tile * of_term, rows, cols) for of_term in K_x]
+            W = [self._between(of_tasks, rows, cols) for of_tasks in K_rho]
+            for weights in W:
+                weights *= of_tile
+            return bound.contract(W, tape, rows, cols), np.array(H), d_level
 
         d_kernel, d_level = np.zeros(self.prior.node.n_dims), 0.0
         D = np.zeros(K_rho.shape)
@@ -129,10 +142,10 @@ class DenseLikelihood(TiledLikelihood):
             d_kernel -= d_tile
             d_level -= d_level_of_tile
             present = self.present[rows.start][0], self.present[cols.start][0]
-            D[present[0][:, None], present[1]] -= H
-        D = D + D.T
+            D[:, present[0][:, None], present[1]] -= H
+        D = D + D.swapaxes(1, 2)
         D *= 0.5
-        return d_kernel, D, d_level
+        return d_kernel, D if len(D) > 1 else D[0], d_level
 
     def _sum_within_tasks(self, G, rows, cols):
         """Sum over pairs of samples of the same task, if there are levels."""
@@ -201,15 +214,15 @@ class DensePosterior(Posterior):
 
     def _weigh_tasks(self):
         """Of k^x at each training input in the mean of each task."""
-        return self.K_rho[:, self.tasks] * self.alpha
+        return self.K_rho[..., self.tasks] * self.alpha
 
-    def latent(self, X, factor):
-        """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
+    def latent(self, X, factor, term=0):
+        """The latent functions z_a of a term at X: means and C^{-1} cov(y, z_a(X))."""
         of_rows = factor[self.tasks].T  # (rank, n_train)
-        cross = self.cross(X)  # (n_samples, n_train)
+        cross = self.cross(X, self._weighed()[term][0])  # (n_samples, n_train)
         means = of_rows * self.alpha @ cross.T
         halves = [self.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
-        return means, np.stack(halves)
+        return means, np.array(halves).reshape(len(factor.T), *cross.T.shape)
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""
@@ -222,10 +235,9 @@ class DensePosterior(Posterior):
 
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""
-        n_tasks = len(self.K_rho)
         if not self.level:
-            return np.zeros(n_tasks)
-        half = self.cholesky.half_solve(np.eye(n_tasks)[self.tasks])
+            return np.zeros(self.n_tasks)
+        half = self.cholesky.half_solve(np.eye(self.n_tasks)[self.tasks])
         told = np.square(self.level * half).sum(axis=0)
         return np.maximum(self.level - told, 0.0)
 
@@ -239,7 +251,11 @@ class DensePosterior(Posterior):
 
     def _cross_covariance(self, X, tasks):
         """K(X_train, X), of f."""
-        cross = self.K_rho[np.ix_(self.tasks, tasks)] * self.cross(X).T
+        several = isinstance(self.bound, BoundSeveral)
+        bounds = list(self.bound) if several else [self.bound]
+        between = np.ix_(self.tasks, tasks)
+        of_terms = zip(bounds, self.terms, strict=True)
+        cross = sum(K_rho[between] * self.cross(X, b).T for b, (_, K_rho) in of_terms)
         if self.level:
             cross += self.level * np.equal.outer(self.tasks, tasks)
         return cross

@@ -12,6 +12,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import WhiteKernel
 
 from skmtgp._support.guide import INFERENCE
+from skmtgp.model.several import terms_of
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,8 @@ class Engine(ABC):
         Of an approximation: rows that are learned from exactly before.
     drops : bool, default=False
         Whether its posteriors tell which rows tell least, so that these can go.
+    takes_terms : bool, default=False
+        Whether it takes priors of several terms.
 
     Examples
     --------
@@ -86,6 +89,7 @@ class Engine(ABC):
     uses_design = False
     n_exact = None
     drops = False
+    takes_terms = False
 
     @property
     def exact(self):
@@ -220,11 +224,26 @@ def refuse_own_noise(name, prior, data):
         )
 
 
+def check_terms(engine, prior):
+    """Raise a ValueError where an engine cannot take several terms K^rho x k^x."""
+    if prior.n_terms > 1 and not engine.takes_terms:
+        raise ValueError(
+            f"inference={engine.name!r} takes one term K^rho x k^x, but kernel is a "
+            f"list of {prior.n_terms} kernels. Set inference='dense' or 'auto', which "
+            "are exact, and fit fewer rows where these are too many; or give one "
+            f"kernel, such as their sum. {INFERENCE}"
+        )
+
+
 def depends_on_inputs_only(kernel, features):
     """Whether k^x is a function of the inputs.
 
     A WhiteKernel is not: it tells samples of different tasks at one input apart.
     """
+    return all(_depends_on_inputs_only(of, features) for of in terms_of(kernel))
+
+
+def _depends_on_inputs_only(kernel, features):
     parts = [kernel, *kernel.get_params().values()]
     if any(isinstance(part, WhiteKernel) for part in parts):
         return False

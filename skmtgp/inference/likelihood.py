@@ -137,11 +137,12 @@ class Likelihood(ABC):
             1/2 tr(K^{-1} dK_p K^{-1} dK_q), scaled to all rows.
         """
         self.release()  # the derivatives need as much memory
-        form, rho = self.prior.task_covariance, self.prior.values(theta).rho
-        of_rho = list(form.derivatives(rho))
-        n_matrices = self.prior.node.n_dims + len(of_rho) + self.prior.levels + 1
+        prior = self.prior
+        of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
+        of_rho = [list(form.derivatives(rho)) for (_, form), (_, rho) in of_terms]
+        n_matrices = prior.kernel.n_dims + sum(map(len, of_rho)) + prior.levels + 1
         n = len(self.X)
-        most = rows_of_information(n, form.n_tasks)
+        most = rows_of_information(n, prior.n_tasks)
         most = min(most, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):
@@ -152,18 +153,18 @@ class Likelihood(ABC):
         """K of some rows, their tasks, and its derivatives by the parts of theta."""
         prior, values = self.prior, self.prior.values(theta)
         X, tasks, noise_of_row = self._some(rows)
-        K_x, dK_x = prior.kernel_at(theta)(X, eval_gradient=True)
-        K_rho = prior.K_rho_at(theta)[np.ix_(tasks, tasks)]
         level = values.level * np.equal.outer(tasks, tasks)
         noise = np.diag(values.noise[noise_of_row])
         of_tasks = OfTasks(np.arange(prior.n_noise), 0.5 * noise)
-        derivatives = [
-            [d * K_rho for d in np.moveaxis(dK_x, 2, 0)],
-            [_between_samples(d, tasks, K_x) for d in of_rho],
-            [level] * prior.levels,
-            [of_tasks if prior.n_noise > 1 else noise],
-        ]
-        return K_x * K_rho + level + noise, tasks, derivatives
+        by_kernels, by_rho, of_f = [], [], 0.0
+        for (kernel, K_rho), of_term in zip(prior.terms_at(theta), of_rho, strict=True):
+            K_x, dK_x = kernel(X, eval_gradient=True)
+            K_rho = K_rho[np.ix_(tasks, tasks)]
+            by_kernels.append([d * K_rho for d in np.moveaxis(dK_x, 2, 0)])
+            by_rho.append([_between_samples(d, tasks, K_x) for d in of_term])
+            of_f = of_f + K_x * K_rho
+        of_rest = [[level] * prior.levels, [of_tasks if prior.n_noise > 1 else noise]]
+        return of_f + level + noise, tasks, [*by_kernels, *by_rho, *of_rest]
 
     def _some(self, rows):
         """X, tasks and the noise variance of some rows, sorted by task."""

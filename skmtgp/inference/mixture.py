@@ -78,6 +78,10 @@ class Mixture:
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
         return _variance(self.means(X, tasks), self.variances(X, tasks))
 
+    def means_of_terms(self, X, tasks):
+        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples)."""
+        return self._of_parts(lambda part: part.means_of_terms(X, tasks)).mean(axis=0)
+
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         means = self.means(X, tasks)

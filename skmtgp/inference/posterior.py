@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from copy import copy
+from itertools import starmap
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from skmtgp.inference.variances import (
     rounding_of,
     without_negatives,
 )
+from skmtgp.model.several import terms_of, unseen_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 
@@ -55,9 +57,9 @@ class Posterior(ABC):
 
     Attributes
     ----------
-    kernel : Kernel
+    kernel : Kernel or Kernels
         k^x at these parameters.
-    K_rho : ndarray of shape (n_tasks, n_tasks)
+    K_rho : ndarray of shape ([n_terms,] n_tasks, n_tasks)
         K^rho at these parameters.
     level : float
         Variance of the tasks' levels, which are part of f.
@@ -69,7 +71,7 @@ class Posterior(ABC):
         K^{-1} y.
     inputs : ndarray of shape (n_inputs, n_features)
         The inputs that k^x is between.
-    weights : ndarray of shape (n_tasks, n_inputs)
+    weights : ndarray of shape ([n_terms,] n_tasks, n_inputs)
         Of k^x at each training input in the mean of each task.
     levels : ndarray of shape (n_tasks,)
         Mean of the level of each task.
@@ -95,8 +97,21 @@ class Posterior(ABC):
         self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = values.noise[likelihood.noise_of_row]
-        largest = largest_prior(self.K_rho, self.kernel, likelihood.inputs)
-        self.largest = largest + self.level
+        self.largest = self.level + sum(
+            largest_prior(K_rho, kernel, likelihood.inputs)
+            for kernel, K_rho in self.terms
+        )
+
+    @property
+    def n_tasks(self):
+        """Number of tasks that it knows."""
+        return self.K_rho.shape[-1]
+
+    @property
+    def terms(self):
+        """A list of (k^x, K^rho) of each term."""
+        K_rhos = self.K_rho.reshape(-1, self.n_tasks, self.n_tasks)
+        return list(zip(terms_of(self.kernel), K_rhos, strict=True))
 
     @property
     def rounding(self):
@@ -141,20 +156,33 @@ class Posterior(ABC):
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
+        return self.means_of_terms(X, tasks).sum(axis=0)
+
+    def means_of_terms(self, X, tasks):
+        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples)."""
         order = np.argsort(tasks, kind="stable")  # few tasks meet in a tile
-        cross, tasks, mean = (
-            self.bound.against(X[order]),
-            tasks[order],
-            np.empty(len(X)),
-        )
+        X, tasks = X[order], tasks[order]
+        means = [self._mean_of_term(*of, X, tasks) for of in self._weighed()]
+        found = np.empty((len(means) + 1, len(X)))
+        found[:, order] = [*means, self.levels[tasks]]
+        return found
+
+    def _weighed(self):
+        """The bound kernel of each term, and its weights."""
+        if self.weights.ndim == 2:
+            return [(self.bound, self.weights)]
+        return list(zip(self.bound, self.weights, strict=True))
+
+    def _mean_of_term(self, bound, weights, X, tasks):
+        """The same of one term, for tasks that are sorted."""
+        cross = bound.against(X)
 
         def of_rows(rows):
             present, column = np.unique(tasks[rows], return_inverse=True)
-            of_tasks = self._weigh(cross, rows, self.weights[present])
-            return of_tasks[np.arange(len(column)), column] + self.levels[tasks[rows]]
+            of_tasks = self._weigh(cross, rows, weights[present])
+            return of_tasks[np.arange(len(column)), column]
 
-        mean[order] = _by_rows(of_rows, len(X))
-        return mean
+        return _by_rows(of_rows, len(X))
 
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
@@ -171,20 +199,31 @@ class Posterior(ABC):
         mean : ndarray of shape (n_samples, n_tasks)
             f^m(x) = sum_i K^rho[m, m_i] k^x(x, x_i) alpha_i and the level of m.
         """
-        cross, weights = self.bound.against(X), self.weights[tasks]
-        mean = _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
-        return mean + self.levels[tasks]
+
+        def of_term(bound, weights):
+            cross, weights = bound.against(X), weights[tasks]
+            return _by_rows(lambda rows: self._weigh(cross, rows, weights), len(X))
+
+        return sum(starmap(of_term, self._weighed())) + self.levels[tasks]
 
     def summands(self, tasks):
         """What the means of these tasks are sums of, a list of Summand."""
-        parts = self.weights[tasks], self.levels[tasks]
-        return [Summand(self.kernel, self.inputs, *parts)]
+        of_terms = self.weights.reshape(-1, self.n_tasks, len(self.inputs))
+        constants = np.zeros((len(of_terms), len(tasks)))
+        constants[0] = self.levels[tasks]
+        return [
+            Summand(kernel, self.inputs, weights[tasks], of_term)
+            for (kernel, _), weights, of_term in zip(
+                self.terms, of_terms, constants, strict=True
+            )
+        ]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
         def of_rows(X, tasks):
-            prior = self.K_rho[tasks, tasks] * self.kernel.diag(X) + self.level
+            prior = sum(of[tasks, tasks] * k.diag(X) for k, of in self.terms)
+            prior = prior + self.level
             return prior - self.explained(X, tasks), prior
 
         size = max(1, BLOCK_SIZE // len(self.tasks))
@@ -193,7 +232,8 @@ class Posterior(ABC):
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
-        prior = self.K_rho[np.ix_(tasks, tasks)] * self.kernel(X)
+        between = np.ix_(tasks, tasks)
+        prior = sum(of[between] * k(X) for k, of in self.terms)
         prior += self.level * np.equal.outer(tasks, tasks)
         covariance = prior - self.explained_covariance(X, tasks)
         without_negatives(diagonal(covariance), np.diagonal(prior), self.rounding)
@@ -225,10 +265,14 @@ class Posterior(ABC):
         variance = without_negatives(of_y - noise, of_y + noise, self.rounding)
         return self.alpha / precision, variance + noise * include_noise
 
-    def cross(self, X):
-        """k^x between rows of X and the training inputs, (n_samples, n_inputs)."""
+    def cross(self, X, bound=None):
+        """k^x between rows of X and the training inputs, (n_samples, n_inputs).
+
+        Of several terms that of the one with this bound kernel.
+        """
         shape = len(X), len(self.inputs)
-        K_x, _ = self.bound.against(X).block(*(slice(0, size) for size in shape))
+        bound = (bound or self.bound).against(X)
+        K_x, _ = bound.block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)
 
     @abstractmethod
@@ -238,7 +282,7 @@ class Posterior(ABC):
     def _set_means(self):
         """What the means are made of, from `alpha` and `K_rho`."""
         self.weights = self._weigh_tasks()
-        of_tasks = np.bincount(self.tasks, self.alpha, len(self.K_rho))
+        of_tasks = np.bincount(self.tasks, self.alpha, self.n_tasks)
         self.levels = self.level * of_tasks
 
     def with_unseen(self, n_unseen, described=None):
@@ -257,9 +301,17 @@ class Posterior(ABC):
             This one stays as it is.
         """
         posterior = copy(self)
-        loadings, own = loadings_of(self.prior, self.theta, n_unseen, described)
-        F = self.prior.latent(self.theta)[0]
-        posterior.K_rho = bordered(self.K_rho, F, loadings, own)
+        K_rhos = [
+            bordered(K_rho, form.latent(rho)[0], *unseen)
+            for (_, K_rho), (_, form), (_, rho), unseen in zip(
+                self.terms,
+                self.prior.terms,
+                self.prior.theta_of_terms(self.theta),
+                loadings_of(self.prior, self.theta, n_unseen, described),
+                strict=True,
+            )
+        ]
+        posterior.K_rho = np.array(K_rhos) if len(K_rhos) > 1 else K_rhos[0]
         posterior._set_means()
         return posterior
 
@@ -274,9 +326,13 @@ class Posterior(ABC):
 
 
 def loadings_of(prior, theta, n_unseen, described):
-    """Of tasks without data, (n_unseen, n_common), and what they have beside these."""
-    loadings, own = prior.unseen(theta, described)
-    return np.broadcast_to(loadings, (n_unseen, loadings.shape[1])), own
+    """Of tasks without data, (n_unseen, n_common), and what they have beside these.
+
+    A list of those of each term.
+    """
+    of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
+    known = [unseen_of(form, rho, described) for (_, form), (_, rho) in of_terms]
+    return [(np.broadcast_to(of, (n_unseen, of.shape[1])), own) for of, own in known]
 
 
 def bordered(K_rho, F, loadings, own):

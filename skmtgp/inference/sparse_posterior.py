@@ -93,6 +93,11 @@ class SparsePosterior:
         with limit_threads(self.bound.side):
             return in_blocks(of_rows, self.block_size, X, tasks)
 
+    def means_of_terms(self, X, tasks):
+        """Mean of the one term of f, and of the level, (2, n_samples)."""
+        levels = self.levels[tasks]
+        return np.array([self.mean(X, tasks) - levels, levels])
+
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
 
@@ -148,7 +153,7 @@ class SparsePosterior:
         See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
         """
         posterior, prior = copy(self), self.bound.prior
-        loadings, own = loadings_of(prior, self.theta, n_unseen, described)
+        [(loadings, own)] = loadings_of(prior, self.theta, n_unseen, described)
         posterior.K_rho = bordered(self.K_rho, self.covariances.F, loadings, own)
         posterior.covariances = self.covariances.with_unseen(loadings, own)
         omega = posterior.covariances.F[-n_unseen:] @ self.V

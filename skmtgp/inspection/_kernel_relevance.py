@@ -191,8 +191,9 @@ class KernelRelevanceDisplay(Display):
         """
         instead = "pass a Gaussian process; of a SingleTaskGP one of its estimators_."
         model = model_with("kernel_", estimator, instead)
-        kernels = model.kernel_ if isinstance(model.kernel_, list) else [model.kernel_]
-        check_output(output, len(kernels))
+        n_outputs = len(model.log_marginal_likelihoods_)
+        kernels = [model.kernel_] if model._single_output else model.kernel_
+        check_output(output, n_outputs)
         names = feature_names
         if names is None:
             names = _feature_names(estimator, model)
@@ -220,7 +221,7 @@ class Part(NamedTuple):
 
 def _relevances(kernel, n_features):
     """Names of the parts, and an array of a row for each."""
-    parts = list(_walk(kernel, np.arange(n_features)))
+    parts = list(_of_terms(kernel, np.arange(n_features)))
     if not parts:
         raise ValueError(
             f"{kernel} has no part with relevances: RBF, Matern or ARDLinear."
@@ -229,6 +230,16 @@ def _relevances(kernel, n_features):
     for row, part in zip(found, parts, strict=True):
         row[part.columns] = part.relevances
     return [part.name for part in parts], found
+
+
+def _of_terms(kernel, columns: NDArray[np.intp]) -> Iterator[Part]:
+    """The parts of a kernel, or of the kernels of several terms."""
+    if not isinstance(kernel, list):
+        yield from _walk(kernel, columns)
+        return
+    for q, of_term in enumerate(kernel):
+        for part in _walk(of_term, columns):
+            yield part._replace(name=f"term {q}, {part.name}")
 
 
 def _walk(kernel: Kernel, columns: NDArray[np.intp]) -> Iterator[Part]:

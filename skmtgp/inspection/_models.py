@@ -76,13 +76,13 @@ def select_output(values, output, axis=-1):
     return np.take(values, output, axis=axis)
 
 
-def check_output(output, n_outputs):
-    """Raise a ValueError unless there is such an output."""
+def check_output(output, n_outputs, name="output"):
+    """Raise a ValueError unless there is such an output, or such a term."""
     is_int = isinstance(output, Integral) and not isinstance(output, bool)
     if not is_int or not 0 <= output < n_outputs:
         raise ValueError(
-            f"output={output!r} must be an integer from 0 to {n_outputs - 1}, as there "
-            f"are {n_outputs} outputs."
+            f"{name}={output!r} must be an integer from 0 to {n_outputs - 1}, as there "
+            f"are {n_outputs} {name}s."
         )
 
 

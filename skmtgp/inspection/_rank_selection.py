@@ -132,7 +132,7 @@ class RankSelectionDisplay(Display):
     def _has_names(self):
         """Whether ranks do not tell the candidates apart."""
         ranks = np.asarray(self.results["rank"])
-        return len(np.unique(ranks)) < len(ranks)
+        return ranks.dtype == object or len(np.unique(ranks)) < len(ranks)
 
     def _positions(self):
         ranks = np.asarray(self.results["rank"])

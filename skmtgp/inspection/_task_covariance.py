@@ -22,7 +22,7 @@ from skmtgp.inspection._drawing import (
     longest,
     points,
 )
-from skmtgp.inspection._models import model_with, select_output
+from skmtgp.inspection._models import check_output, model_with, select_output
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,6 +185,7 @@ class TaskCovarianceDisplay(Display):
         estimator: BaseEstimator,
         *,
         output: int = 0,
+        term: int = 0,
         ax: Axes | None = None,
         kind: Literal["covariance", "correlation"] = "covariance",
         order: Literal["given", "similarity"] = "given",
@@ -202,6 +203,8 @@ class TaskCovarianceDisplay(Display):
             Pipeline that ends with one.
         output : int, default=0
             Which of several outputs.
+        term : int, default=0
+            Which of several terms, in the order of the model's kernels.
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
         kind : {"covariance", "correlation"}, default="covariance"
@@ -229,14 +232,15 @@ class TaskCovarianceDisplay(Display):
         TypeError
             If the model has no task covariance.
         ValueError
-            If there is no such output, or an option cannot be used.
+            If there is no such output or term, or an option cannot be used.
         """
         instead = "its tasks are learned alone, so that there is nothing to show."
         model = model_with("task_covariance_", estimator, instead)
-        K = model.task_covariance_.reshape(-1, len(model.tasks_), len(model.tasks_))
-        display = cls(
-            task_covariance=select_output(K, output, axis=0), tasks=model.tasks_
-        )
+        n_outputs, n_tasks = len(model.log_marginal_likelihoods_), len(model.tasks_)
+        K = model.task_covariance_.reshape(n_outputs, -1, n_tasks, n_tasks)
+        of_terms = select_output(K, output, axis=0)
+        check_output(term, len(of_terms), "term")
+        display = cls(task_covariance=of_terms[term], tasks=model.tasks_)
         return display.plot(
             ax=ax,
             kind=kind,

@@ -21,6 +21,7 @@ from skmtgp.inspection._models import (
     check_vector,
     model_with,
 )
+from skmtgp.model.several import terms_of
 from skmtgp.single_task import alone_like
 
 if TYPE_CHECKING:
@@ -323,7 +324,7 @@ def _related(table):
 def _cost(model, n):
     """Nats that a relation must be worth, of tasks of so many rows."""
     form = model._likelihoods[0].prior.task_covariance  # BIC may have chosen to share
-    rank = getattr(model, "rank_", 0) + form.shared
+    rank = np.sum(getattr(model, "rank_", 0)) + sum(of.shared for of in terms_of(form))
     return CLEAR + 0.5 * min(rank, MOST_NUMBERS) * np.log(n)
 
 

@@ -5,8 +5,8 @@
 ``climbing`` follows one start to a mode, ``stages`` is the paper's section 3, ``ranks``
 learns several ranks, which help each other by ``nesting``, and ``summarised`` goes on
 from there with inducing inputs, to ranks that need all rows by ``growing``. ``paper``
-is section 3 without our additions, ``novel`` adds a task to a model. What goes beyond
-the paper:
+is section 3 without our additions, ``novel`` adds a task to a model, and ``terms``
+grows several terms one after another. What goes beyond the paper:
 
 - *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
 - *Annealed*: the noise variance is held up, at first.

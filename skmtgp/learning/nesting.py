@@ -121,6 +121,8 @@ def _is_part(lower, higher):
 
     Ranks ascend; but what tasks have of their own, one has and another has not.
     """
+    if max(lower.prior.n_terms, higher.prior.n_terms) > 1:
+        return False  # see `learning.terms`
     pair = lower.prior.task_covariance, higher.prior.task_covariance
     return pair[0].n_own <= pair[1].n_own
 

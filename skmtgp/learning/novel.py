@@ -50,7 +50,7 @@ def learn_novel(
         Its targets.
     position : int
         Where it goes among the tasks.
-    own : bool
+    own : bool, or a list of one for each term
         Whether it may have something that it shares with no other task.
     own_noise : bool
         Whether tasks have noise variances of their own.
@@ -75,20 +75,21 @@ def learn_novel(
         If the form of K^rho has no factor that a task can be added to.
     """
     begin, prior = perf_counter(), likelihood.prior
-    _check_extensible(prior.task_covariance)
-    values = prior.values(theta)
-    factor = prior.task_covariance.columns(values.rho)
-    shared = prior.shared_loading(theta)
     noise = np.exp(prior.log_noise_at(theta).mean())  # if the tasks have one each
-    known = {"level": values.level, "shared": shared}
-    known |= {"equal": prior.equal_variance(theta)}
+    factors, shared, equal = map(list, zip(*_shares(prior, theta), strict=True))
+    owns = own if isinstance(own, list) else [own]
+    of_terms = {"own": owns, "shared": shared, "equal": equal}
+    level = prior.values(theta).level
     with limit_threads(len(y)):
-        border = BorderLikelihood(posterior, factor, X, y, noise, own, **known)
-        best = learn_border(border, factor, budget, informed=informed, rng=rng)
+        border = BorderLikelihood(
+            posterior, factors, X, y, noise, level=level, **of_terms
+        )
+        best = learn_border(
+            border, np.hstack(factors), budget, informed=informed, rng=rng
+        )
         value = border.value(best.x)
-    row, rest = best.x[: border.rank], best.x[border.rank :]
-    own = rest[0] if own else None
-    prior, theta = prior.bordered(theta, row, own, position, own_noise)
+    rows, of_own = _by_terms(border, best.x, len(factors))
+    prior, theta = prior.bordered(theta, rows, of_own, position, own_noise)
     seconds = perf_counter() - begin
     return prior, Mode(theta, value, *best[2:], seconds, len(y))
 
@@ -116,8 +117,31 @@ def join_described(likelihood, row, position, own_noise, posterior, theta, *, rn
     """
     prior = likelihood.prior
     own = np.sqrt(prior.unseen(theta, row[None])[1])  # of a diagonal, the mean
-    prior, theta = prior.bordered(theta, row, own, position, own_noise)
+    prior, theta = prior.bordered(theta, [row], [own], position, own_noise)
     return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
+
+
+def _shares(prior, theta):
+    """What tasks have of each term.
+
+    F; what each has of a function that all share alike, None without one; the variance
+    of what each has of its own, if all have the same.
+    """
+    of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
+    for (_, form), (_, rho) in of_terms:
+        _check_extensible(form)
+        shared = form.unseen(rho)[0][0, 0] if form.shared else None
+        equal = float(np.exp(rho[-1])) if getattr(form, "equal", False) else 0.0
+        yield form.columns(rho), shared, equal
+
+
+def _by_terms(border, x, n_terms):
+    """The rows l of each term, and w of each; None where there is none."""
+    rows = [
+        x[: border.rank][border.of_term[: border.rank] == q] for q in range(n_terms)
+    ]
+    own = dict(zip(border.of_term[border.rank :], x[border.rank :], strict=True))
+    return rows, [own.get(q) for q in range(n_terms)]
 
 
 def _check_extensible(form):
@@ -144,8 +168,8 @@ class Population:
     ----------
     factor : ndarray of shape (n_tasks, rank)
         F.
-    own : bool
-        Whether a w comes last, a standard deviation. It has no prior.
+    own : bool or int
+        Whether a w comes last, a standard deviation, or how many. They have no prior.
     """
 
     def __init__(self, factor, own):
@@ -158,9 +182,9 @@ class Population:
         self.mean[: self.rank] = factor.mean(axis=0)
         self.scale[: self.rank, : self.rank] = np.linalg.cholesky(covariance)
         self.lower = np.full(self.rank + own, -TUNING.farthest)
-        if own:
-            self.scale[-1, -1] = np.sqrt(moment)
-            self.lower[-1] = TUNING.smallest
+        of_own = np.arange(self.rank, self.rank + own)
+        self.scale[of_own, of_own] = np.sqrt(moment)
+        self.lower[of_own] = TUNING.smallest
 
     def row(self, u):
         """The row of these coordinates."""
@@ -215,7 +239,7 @@ def learn_border(border, factor, budget, *, informed, rng=None):
         return rows.scale.T @ information @ rows.scale + np.eye(len(u))
 
     upper = np.full_like(rows.lower, TUNING.farthest)
-    own = TUNING.first * rows.scale[-1, -1] if border.own else None
+    own = TUNING.first * rows.scale[-1, -1] if border.own else 0.0
     starts = [
         np.clip(rows.coordinates(row), rows.lower, upper)
         for row in _starts(border, factor, own)
@@ -251,4 +275,4 @@ def _starts(border, factor, own):
     """The rows of the tasks so far, their average, and the least-squares fit."""
     fitted = np.linalg.lstsq(border.means.T, border.y, rcond=None)[0]
     rows = np.vstack([factor, factor.mean(axis=0), fitted])
-    return np.column_stack([rows, np.full(len(rows), own)]) if border.own else rows
+    return np.column_stack([rows, np.full((len(rows), border.own), own)])

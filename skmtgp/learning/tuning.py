@@ -90,6 +90,18 @@ class Tuning:
     raised : float
         Times the noise variance before the second: without noise it gets stuck for lack
         of digits.
+    apart : tuple of float
+        Steps of the log parameters of k^x from those of the terms that are there to
+        where a new one may begin: faster by a factor of 4 or 20, slower by one of 7.
+    shares : tuple of float
+        Variance of a new term where it may begin, of the targets',
+    noises_of_joining : tuple of float
+        and the noise variance, of that without it: it may have been taken for noise.
+    halves : tuple of pairs of float
+        Steps from a term's log parameters to those of two that it is split in, and
+        either way round where K^rho has different forms.
+    joining : int
+        Starts of a new term that are followed, of each of three sorts.
     followed : int
         Starts of a novel task's row that are followed, of those that are tried.
     farthest : float
@@ -140,6 +152,11 @@ class Tuning:
     most_moves: int = 100
     noises: int = 6
     raised: float = 100.0
+    apart: tuple = (-1.5, -3.0, 2.0)
+    shares: tuple = (0.3, 0.1, 0.03, 0.01, 0.001)
+    noises_of_joining: tuple = (1.0, 0.3)
+    halves: tuple = ((0.5, -1.5), (-1.5, 0.5))
+    joining: int = 2
     followed: int = 4
     farthest: float = 1e6
     ridge: float = 1e-7

@@ -18,6 +18,7 @@ from skmtgp._numerics.linalg import INDEFINITE
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.kernels import Columns
 from skmtgp.model._nodes import UnknownNode, compile_kernel
+from skmtgp.model.several import terms_of
 
 SAMPLED = 200  # rows whose covariance is looked at
 DIFFERENTIATED = 40  # of them, whose gradient is
@@ -40,11 +41,15 @@ def check_kernel(kernel, features):
     features : ndarray or dask.array.Array of shape (n_samples, n_features)
         Training inputs. Some of the rows are looked at.
     """
-    X = sample_rows(features)
+    for of_term in terms_of(kernel):
+        _check_kernel(of_term, sample_rows(features))
+
+
+def _check_kernel(kernel, X):
     with _naming(kernel, X):
         parts = list(_parts(kernel, X[:: -(-len(X) // DIFFERENTIATED)]))
     _check_hyperparameters(kernel)
-    check_covariance(kernel, X)
+    _check_covariance(kernel, X)
     for part, of_part in parts:
         if type(compile_kernel(part)) is UnknownNode:
             _check_gradient(part, of_part)
@@ -60,7 +65,11 @@ def check_covariance(kernel, features):
     features : ndarray or dask.array.Array of shape (n_samples, n_features)
         Inputs. Some of the rows are looked at.
     """
-    X = sample_rows(features)
+    for of_term in terms_of(kernel):
+        _check_covariance(of_term, sample_rows(features))
+
+
+def _check_covariance(kernel, X):
     K = _values(kernel, X)
     scale = np.abs(K).max()
     _check_diagonal(kernel, X, np.diagonal(K))

@@ -5,9 +5,9 @@ r"""The prior of the targets of one output, and its parameters theta.
     + \sum_q K^{\rho_q}_{m_i m_j} k_q(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
 
 is eq. 6 of the paper with a level of variance v for each task m, if asked for, and with
-a sum of terms, of which there is one so far. Theta is one vector: theta of k^x, the
-parameters of K^rho, log v, the logarithms of the noise variances. What is where in it
-is known here alone.
+a sum of terms, one as a rule. Theta is one vector: theta of k^x, the parameters of
+K^rho, each term by term, log v, the logarithms of the noise variances. What is where in
+it is known here alone.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -19,6 +19,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp.model._nodes import compile_kernel
+from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 
 MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
@@ -49,19 +50,19 @@ class InUnits(NamedTuple):
 
     Attributes
     ----------
-    kernel : Kernel
+    kernel : Kernel or Kernels
         k^x.
-    task_covariance : ndarray of shape (n_tasks, n_tasks)
+    task_covariance : ndarray of shape ([n_terms,] n_tasks, n_tasks)
         K^rho.
-    task_factor : ndarray of shape (n_tasks, rank)
+    task_factor : ndarray of shape (n_tasks, rank), or a list of them
         Its factor, without the diagonal.
     level_variance, noise_variance : ndarray of shape (1,) or (n_tasks,)
         Of all tasks, or of each where their units differ.
     """
 
-    kernel: Kernel
+    kernel: Kernel | Kernels
     task_covariance: np.ndarray
-    task_factor: np.ndarray
+    task_factor: np.ndarray | list
     level_variance: np.ndarray
     noise_variance: np.ndarray
 
@@ -72,10 +73,10 @@ class Prior:
 
     Parameters
     ----------
-    kernel : Kernel
-        k^x with its starting values and bounds.
-    task_covariance : FixedTaskCovariance, LowRank or another
-        Form of K^rho.
+    kernel : Kernel or Kernels
+        k^x with its starting values and bounds; those of several terms.
+    task_covariance : FixedTaskCovariance, LowRank or another, or Forms
+        Form of K^rho; those of several terms.
     n_noise : int, default=1
         1 for a noise variance shared by the tasks, n_tasks for one each.
     levels : bool, default=False
@@ -94,7 +95,7 @@ class Prior:
         Its lower bound, relative to the targets' variance.
     """
 
-    kernel: Kernel
+    kernel: Kernel | Kernels
     task_covariance: object
     n_noise: int = 1
     levels: bool = False
@@ -115,6 +116,11 @@ class Prior:
     def node(self):
         """The fast form of k^x."""
         return compile_kernel(self.kernel)
+
+    @property
+    def n_terms(self):
+        """Number of terms K^rho x k^x."""
+        return len(terms_of(self.kernel))
 
     @property
     def n_tasks(self):
@@ -172,14 +178,20 @@ class Prior:
         return self.kernel.clone_with_theta(self._split(theta)[0])
 
     def K_rho_at(self, theta):
-        """K^rho at theta, of shape (n_tasks, n_tasks)."""
+        """K^rho at theta, of shape ([n_terms,] n_tasks, n_tasks)."""
         return self.task_covariance.matrix(self._split(theta)[1])
+
+    def terms_at(self, theta):
+        """A list of (k^x, K^rho) of each term at theta."""
+        kernels = terms_of(self.kernel_at(theta))
+        K_rhos = self.K_rho_at(theta).reshape(-1, self.n_tasks, self.n_tasks)
+        return list(zip(kernels, K_rhos, strict=True))
 
     def covariance(self, theta, X, tasks):
         """Of f at X, (n_samples, n_samples), with the task of each row."""
         level = self.values(theta).level * np.equal.outer(tasks, tasks)
-        K_rho = self.K_rho_at(theta)[np.ix_(tasks, tasks)]
-        return K_rho * self.kernel_at(theta)(X) + level
+        between = np.ix_(tasks, tasks)
+        return sum(K_rho[between] * k(X) for k, K_rho in self.terms_at(theta)) + level
 
     def log_level_at(self, theta):
         """Logarithm of the levels' variance at theta, None without levels."""
@@ -224,8 +236,9 @@ class Prior:
         ----------
         kernel : ndarray of shape (n_dims,), default=None
             Theta of k^x.
-        K_rho : ndarray of shape (n_tasks, n_tasks), default=None
-            A matrix near which K^rho starts. None is the identity.
+        K_rho : ndarray of shape ([n_terms,] n_tasks, n_tasks), default=None
+            A matrix near which K^rho starts, of several terms their sum or one each.
+            None is the identity.
         log_level : float, default=None
             Logarithm of the levels' variance, if there are levels.
         log_noise : float or ndarray of shape (n_noise,), default=None
@@ -278,7 +291,7 @@ class Prior:
             Parameters.
         d_kernel : ndarray of shape (n_dims,)
             By theta of k^x.
-        d_rho : ndarray of shape (n_tasks, n_tasks) or (n_parameters,)
+        d_rho : ndarray of shape ([n_terms,] n_tasks, n_tasks) or (n_parameters,)
             By the symmetric matrix K^rho, or by its parameters.
         d_level : float
             By the levels' variance.
@@ -290,7 +303,7 @@ class Prior:
         gradient : ndarray of shape (n_theta,)
         """
         values = self.values(theta)
-        if np.ndim(d_rho) == 2:
+        if np.ndim(d_rho) > 1:
             d_rho = self.task_covariance.pull_back(values.rho, d_rho)
         d_level = [values.level * d_level] * self.levels
         return np.concatenate([d_kernel, d_rho, d_level, values.noise * d_noise])
@@ -337,7 +350,7 @@ class Prior:
     @property
     def factor_shape(self):
         """Shape of the factor of K^rho in theta."""
-        return getattr(self.task_covariance, "factor_shape", (self.n_tasks, 0))
+        return factor_shape_of(self.task_covariance)
 
     @property
     def factor_unit(self):
@@ -347,8 +360,18 @@ class Prior:
     @cached_property
     def of_factor(self):
         """Which are elements of a factor of K^rho, row by row; a mask."""
-        position = np.arange(self.n_theta) - self.kernel.n_dims
-        return (position >= 0) & (position < np.prod(self.factor_shape))
+        return np.any(self.of_factors, axis=0)
+
+    @cached_property
+    def of_factors(self):
+        """The same of each term, (n_terms, n_theta)."""
+        masks, begin = [], self.kernel.n_dims
+        position = np.arange(self.n_theta)
+        for form in terms_of(self.task_covariance):
+            end = begin + int(np.prod(factor_shape_of(form)))
+            masks.append((position >= begin) & (position < end))
+            begin += form.n_parameters
+        return np.array(masks)
 
     @cached_property
     def of_noise(self):
@@ -358,9 +381,10 @@ class Prior:
     @cached_property
     def unexplained(self):
         """Which are variances of what is unexplained, kappa and the noise; a mask."""
-        n_kernel, n_rho, *_ = self._sizes
-        mask, end = self.of_noise.copy(), n_kernel + n_rho
-        mask[end - self.task_covariance.n_kappa : end] = True
+        mask, end = self.of_noise.copy(), self.kernel.n_dims
+        for form in terms_of(self.task_covariance):
+            end += form.n_parameters
+            mask[end - form.n_kappa : end] = True
         return mask
 
     # other models
@@ -369,6 +393,66 @@ class Prior:
         """The same but for the form of K^rho."""
         return replace(self, task_covariance=task_covariance)
 
+    def with_terms(self, terms):
+        """The same with other terms.
+
+        Parameters
+        ----------
+        terms : sequence of (Kernel, form)
+            k^x and the form of K^rho of each.
+
+        Returns
+        -------
+        prior : Prior
+            One of a single term is what it was without any list.
+        """
+        kernels, forms = zip(*terms, strict=True)
+        if len(terms) > 1:
+            return replace(self, kernel=Kernels(kernels), task_covariance=Forms(forms))
+        return replace(self, kernel=kernels[0], task_covariance=forms[0])
+
+    @property
+    def terms(self):
+        """The kernel and the form of K^rho of each term."""
+        pair = self.kernel, self.task_covariance
+        return list(zip(*map(terms_of, pair), strict=True))
+
+    def theta_of_terms(self, theta):
+        """Theta of k^x and the parameters of K^rho of each term, from all parameters.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+
+        Returns
+        -------
+        of_terms : list of (ndarray, ndarray)
+        """
+        kernel, rho = self._split(theta)[:2]
+        if self.n_terms == 1:
+            return [(kernel, rho)]
+        of_terms = self.kernel.split(kernel), self.task_covariance.split(rho)
+        return list(zip(*of_terms, strict=True))
+
+    def with_theta_of_terms(self, theta, of_terms):
+        """Theta of this prior from one that has the same levels and noise.
+
+        Parameters
+        ----------
+        theta : ndarray
+            Of a prior of perhaps other terms.
+        of_terms : list of (ndarray, ndarray)
+            Theta of k^x and the parameters of K^rho of each term of this one.
+
+        Returns
+        -------
+        theta : ndarray of shape (n_theta,)
+        """
+        tail = theta[len(theta) - int(self.levels) - self.n_noise :]
+        kernels, rhos = zip(*of_terms, strict=True)
+        return np.concatenate([*kernels, *rhos, tail])
+
     def bordered(self, theta, row, own, position, own_noise):
         """The prior of one more task and its theta, section 3.3.
 
@@ -376,8 +460,10 @@ class Prior:
         ----------
         theta : ndarray of shape (n_theta,)
             Of the tasks so far.
-        row, own, position
-            See :meth:`LowRank.bordered`.
+        row, own
+            See :meth:`LowRank.bordered`; lists of those of each term.
+        position : int
+            Where the task goes among the others.
         own_noise : bool
             Whether tasks have noise variances of their own, of which one task's does
             not tell. The new one gets the geometric mean of the others'.
@@ -389,12 +475,19 @@ class Prior:
         theta : ndarray of shape (prior.n_theta,)
             Its parameters.
         """
-        kernel, rho, level, log_noise = self._split(theta)
-        form, rho = self.task_covariance.bordered(rho, row, own, position)
+        *_, level, log_noise = self._split(theta)
+        terms, of_terms = [], []
+        for (k, form), (kernel, rho), *of in zip(
+            self.terms, self.theta_of_terms(theta), row, own, strict=True
+        ):
+            form, rho = form.bordered(rho, *of, position)
+            terms.append((k, form))
+            of_terms.append((kernel, rho))
         if own_noise:
             log_noise = np.insert(log_noise, position, log_noise.mean())
-        prior = replace(self, task_covariance=form, n_noise=len(log_noise))
-        return prior, np.concatenate([kernel, rho, level, log_noise])
+        prior = replace(self, n_noise=len(log_noise)).with_terms(terms)
+        tail = np.concatenate([level, log_noise])
+        return prior, prior.with_theta_of_terms(tail, of_terms)
 
     def with_own_noise(self, theta):
         """The prior with a noise variance for each task, and its theta: all the same.
@@ -433,10 +526,12 @@ class Prior:
         """
         _, rho, level, noise = self.values(theta)
         form, square = self.task_covariance, np.square(scale)
+        factor, column = form.factor(rho), scale[:, None]
+        several = isinstance(factor, list)
         return InUnits(
             self.kernel_at(theta),
             form.matrix(rho) * np.multiply.outer(scale, scale),
-            form.factor(rho) * scale[:, None],
+            [of * column for of in factor] if several else factor * column,
             level * square,
             noise * square,
         )

@@ -112,6 +112,19 @@ def test_exact_inference(engine, build, n, kernel, n_arrays, monkeypatch):
     assert found <= counted <= (1.7 if "OwnRBF" in repr(kernel) else 1.3) * found
 
 
+@pytest.mark.parametrize("kernels", [[RBF(), RBF(ARD)], [RBF(), Matern(nu=0.5)] * 4])
+def test_several_terms(kernels, monkeypatch):
+    terms = [(kernel, low_rank(M, 1)) for kernel in kernels]
+    one, _ = problem(building.dense, *terms[0][:1], 1200)
+    prior = one.prior.with_terms(terms)
+    likelihood = type(one)(prior, one.X, one.tasks, one.y)
+    each = [count_arrays(kernel, np.zeros((1, 3))) for kernel in kernels]
+    assert count_arrays(prior.kernel, np.zeros((1, 3))) == sum(each)
+    counted = count(monkeypatch, Dense(), likelihood)
+    found = peak(likelihood, prior.theta())
+    assert found <= counted <= 1.3 * found
+
+
 @pytest.mark.parametrize("kernel", [RBF(), RBF(ARD), Matern(ARD, nu=0.5)])
 def test_wide_inputs(kernel):
     likelihood, theta = problem(building.dense, kernel, 700, wide=1e6)

@@ -466,8 +466,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         terms = terms_asked_for(self)
         if len(terms) > 1 and self._describes():
             raise ValueError(
-                f"task_descriptors={self.task_descriptors!r} need one kernel, and there "
-                f"are {len(terms)}. Give their sum, or no descriptors."
+                f"task_descriptors={self.task_descriptors!r} need one kernel, and "
+                f"there are {len(terms)}. Give their sum, or no descriptors."
             )
         return terms
 

@@ -246,8 +246,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _means_of_terms(self, features, codes):
         """Of each term, the level last, (n_samples, n_outputs, n_terms + 1)."""
-        posteriors = self._posteriors_for(codes)
-        means = np.stack([p.means_of_terms(features, codes).T for p in posteriors], 1)
+        posteriors, X = self._predicting(features, codes)
+        means = np.stack([p.means_of_terms(X, codes).T for p in posteriors], 1)
         means *= self._scales(codes)[..., None]
         means[..., -1] += self._units.of_rows(self._units.centre, codes)
         return means

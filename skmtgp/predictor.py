@@ -365,10 +365,18 @@ def _plans(sources, chosen, labels):
         groups = {}
         for place, (i, j) in enumerate(chosen):
             features = sources[i].features(label)
-            group = groups.setdefault(pickle.dumps(features), (features, []))
+            group = groups.setdefault(_key(features), (features, []))
             group[1].append((place, *heads[i][label][j]))
         plans[label] = list(groups.values())
     return plans
+
+
+def _key(features):
+    """Equal for equal features; of what cannot be pickled equal to itself alone."""
+    try:
+        return pickle.dumps(features)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return id(features)
 
 
 def _deviations(sources, chosen, labels):

@@ -123,7 +123,8 @@ class OnlineGP(FittedGP):
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
-        if len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE:
+        grown = len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE
+        if grown or engine is not self._engine:
             engine.check_memory(*self._demand(training))
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
@@ -166,7 +167,9 @@ class OnlineGP(FittedGP):
         """
         before, thetas = self._likelihoods, self._thetas()
         likelihoods = [
-            engine.likelihood(of.prior, data if engine.exact else replace(data, Z=of.Z))
+            engine.likelihood(
+                of.prior, data if engine.exact else replace(data, Z=of.inputs)
+            )
             for of, data in zip(before, training.data(engine), strict=True)
         ]
         update = self._updating(training, origin, engine)

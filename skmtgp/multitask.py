@@ -639,6 +639,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         """Become the model with one more task."""
         training, position = self._training().with_task(features, label, Y)
         self._check_room(training)
+        self._check_kernels(training.features)
         informed, engine = prior is not None, self._engine
         origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))
         update = self._updating(training, origin, engine)

@@ -454,7 +454,15 @@ def _plans(sources, chosen, labels):
 
 def _share(known, features):
     """One that does the same, if it is known already."""
-    return known.setdefault(pickle.dumps(features), features)
+    return known.setdefault(_key(features), features)
+
+
+def _key(features):
+    """Equal for equal features; of what cannot be pickled equal to itself alone."""
+    try:
+        return pickle.dumps(features)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return id(features)
 
 
 def _described(sources, chosen, label):

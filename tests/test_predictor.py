@@ -339,6 +339,12 @@ class TestPipelines:
         with pytest.raises(ValueError, match="cannot tell which column of X has the t"):
             compile_predictor(model)
 
+    def test_transformers_that_cannot_be_pickled(self):
+        X, y = draw()
+        first = FunctionTransformer(lambda X: X * [2.0, 1.0, 1.0])
+        model = make_pipeline(first, clone(MODELS["paper"])).fit(X, y)
+        close(of_rows(compile_predictor(model), Z)[:, 0], model.predict(Z))
+
     def test_steps_that_do_nothing(self):
         model = Pipeline([("a", "passthrough"), ("b", clone(MODELS["paper"]))])
         model.fit(*draw())

@@ -303,16 +303,21 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
         """The same of likelihoods, and perhaps posteriors, that are there already."""
-        thetas, X = [mode.theta for mode in modes], sample_rows(training.features)
-        for likelihood, theta in zip(likelihoods, thetas, strict=True):
-            check_covariance(likelihood.prior.kernel_at(theta), X)
-        pairs = zip(likelihoods, thetas, strict=True)
+        thetas = [mode.theta for mode in modes]
         if posteriors is None:
-            posteriors = [likelihood.posterior(theta) for likelihood, theta in pairs]
+            posteriors = self._posteriors_at(training, likelihoods, thetas)
         self._store_posteriors(training, engine, likelihoods, posteriors)
         self.theta_ = np.concatenate(thetas)
         self._store_parameters(thetas)
         self._store_modes(modes)
+
+    def _posteriors_at(self, training, likelihoods, thetas):
+        """Posteriors, if the kernels as learned are covariances of the rows."""
+        X = sample_rows(training.features)
+        for likelihood, theta in zip(likelihoods, thetas, strict=True):
+            check_covariance(likelihood.prior.kernel_at(theta), X)
+        pairs = zip(likelihoods, thetas, strict=True)
+        return [likelihood.posterior(theta) for likelihood, theta in pairs]
 
     def _store_posteriors(self, training, engine, likelihoods, posteriors):
         """Set what follows from the rows and the posterior of each output."""

@@ -20,6 +20,7 @@ from skmtgp.inference.pruning import least_informative
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 
 AT_ONCE = 100  # rows for which memory is looked for: that takes as long as a few rows
+KNOWN = 20  # rows that the kernel's values with new ones are looked at
 
 
 class OnlineGP(FittedGP):
@@ -116,17 +117,23 @@ class OnlineGP(FittedGP):
         """Let rows of known tasks join."""
         before, n_new = self._training(), len(Y)
         training = before.with_rows(features, codes, Y)
-        for posterior in self._posteriors:
-            check_covariance(posterior.kernel, sample_rows(features))
+        known = sample_rows(before.features)[:KNOWN]
+        self._check_kernels(np.vstack([known, sample_rows(features)]))
         engine = self._engine
         if engine.uses_design:  # of complete data, which may be so no more
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
-        if len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE:
+        grown = len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE
+        if grown or engine is not self._engine:
             engine.check_memory(*self._demand(training))
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
+
+    def _check_kernels(self, features):
+        """Raise a ValueError where a kernel is no covariance of these rows."""
+        for posterior in self._posteriors:
+            check_covariance(posterior.kernel, features)
 
     def _drop(self, max_rows):
         """Leave the rows out that tell least."""
@@ -166,7 +173,9 @@ class OnlineGP(FittedGP):
         """
         before, thetas = self._likelihoods, self._thetas()
         likelihoods = [
-            engine.likelihood(of.prior, data if engine.exact else replace(data, Z=of.Z))
+            engine.likelihood(
+                of.prior, data if engine.exact else replace(data, Z=of.inputs)
+            )
             for of, data in zip(before, training.data(engine), strict=True)
         ]
         update = self._updating(training, origin, engine)

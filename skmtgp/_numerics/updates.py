@@ -8,9 +8,10 @@ made anew after as many rows as it has.
 """
 
 import numpy as np
+from scipy.linalg.blas import dtrsm, dtrsv
 from scipy.linalg.lapack import dtpqrt
 
-from skmtgp._numerics.linalg import Cholesky
+from skmtgp._numerics.linalg import Cholesky, invert_triangle
 
 PANEL = 32  # columns at a time, which is fastest
 
@@ -21,9 +22,9 @@ class UpdatedCholesky(Cholesky):
     Parameters
     ----------
     factor : ndarray of shape (n, n), Fortran-ordered
-        C, a lower triangle; above it is anything.
+        R, an upper triangle, whose diagonal may be negative; below it is anything.
     order : ndarray of shape (n,)
-        The row of K that each row of the factor is: C C^T = K[order][:, order].
+        The row of K that each column of R is: R^T R = K[order][:, order].
     n_dropped : int, default=0
         How many rows have gone since all were factorised.
     diagonal : ndarray of shape (n,), default=None
@@ -31,7 +32,7 @@ class UpdatedCholesky(Cholesky):
 
     Notes
     -----
-    Its methods are those of a Cholesky, with F in the place of C, which is C with its
+    Its methods are those of a Cholesky, with F in the place of C, which is R^T with its
     rows in the order of K's. It cannot be inverted in place.
     """
 
@@ -44,16 +45,28 @@ class UpdatedCholesky(Cholesky):
         """A factor in the order of K's rows, so that it can be updated."""
         if isinstance(cholesky, cls):
             return cholesky
-        return cls(cholesky.factor, np.arange(len(cholesky.factor)))
+        R = np.asfortranarray(cholesky.factor.T)
+        return cls(R, np.arange(len(R)))
+
+    def log_det(self):
+        """Log-determinant of K."""
+        return 2.0 * np.log(np.abs(np.diagonal(self.factor))).sum()
 
     def half_solve(self, b, *, transposed=False):
         """F^{-1} b, or F^{-T} b."""
         if not transposed:
-            return super().half_solve(b[self.order])
-        solved = super().half_solve(b, transposed=True)
+            return self._solve_triangle(b[self.order], transposed=False)
+        solved = self._solve_triangle(b, transposed=True)
         found = np.empty_like(solved)
         found[self.order] = solved
         return found
+
+    def _solve_triangle(self, b, *, transposed):
+        """R^{-T} b, or R^{-1} b, see `Cholesky.half_solve`."""
+        if b.ndim == 1:
+            return dtrsv(self.factor, b, lower=0, trans=not transposed)
+        options = {"side": 1, "lower": 0, "trans_a": transposed}
+        return dtrsm(1.0, self.factor, b.T, **options).T
 
     def invert(self):
         """Not possible: the rows are in another order."""
@@ -61,8 +74,10 @@ class UpdatedCholesky(Cholesky):
 
     def inverse_diagonal(self):
         """Diagonal of K^{-1}, computed from the factor, which stays."""
+        half = invert_triangle(np.array(self.factor.T, order="F"))
         found = np.empty(len(self.order))
-        found[self.order] = super().inverse_diagonal()
+        for j, row in enumerate(self.order):  # above the diagonal is anything
+            found[row] = half[j:, j] @ half[j:, j]
         return found
 
     def kept_diagonal(self):
@@ -99,7 +114,7 @@ class UpdatedCholesky(Cholesky):
         half = self.half_solve(cross)
         own = Cholesky(np.asfortranarray(corner - half.T @ half))
         factor = np.empty((total, total), order="F")
-        factor[:n, :n], factor[n:, :n], factor[n:, n:] = self.factor, half.T, own.factor
+        factor[:n, :n], factor[:n, n:], factor[n:, n:] = self.factor, half, own.factor.T
         others = np.delete(np.arange(total), places)
         diagonal = None
         if self.diagonal is not None:
@@ -125,11 +140,11 @@ class UpdatedCholesky(Cholesky):
         """
         goes = np.isin(self.order, rows)
         kept, dropped = np.flatnonzero(~goes), np.flatnonzero(goes)
-        # K of the others is L L^T + B^T B: a triangle, and columns to spare
-        B = np.where(kept > dropped[:, None], self.factor[np.ix_(kept, dropped)].T, 0.0)
-        R = self.factor[np.ix_(kept, kept)].T
-        R = dtpqrt(0, min(PANEL, len(kept)), R, B, overwrite_b=1)[0]
-        factor = np.multiply(R.T, np.sign(np.diagonal(R)), order="F")
+        # K of the others is R^T R + B^T B: a triangle, and rows to spare
+        B = np.where(kept > dropped[:, None], self.factor[np.ix_(dropped, kept)], 0.0)
+        R = self.factor.T[np.ix_(kept, kept)].T
+        options = {"overwrite_a": 1, "overwrite_b": 1}
+        factor = dtpqrt(0, min(PANEL, len(kept)), R, B, **options)[0]
         order = self.order[kept]
         order = order - np.searchsorted(np.sort(rows), order)
         n_dropped, diagonal = self.n_dropped + len(rows), None

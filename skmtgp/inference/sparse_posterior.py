@@ -34,8 +34,9 @@ class SparsePosterior:
 
     Attributes
     ----------
-    sums : FeatureSums
-        Over the rows, to which those of others can be added.
+    sums : FeatureSums or None
+        Over the rows, to which those of others can be added. They take as much memory
+        as the rest, and are kept once others have been.
     kernel : Kernel
         k^x at these parameters.
     K_rho : ndarray of shape (n_tasks, n_tasks)
@@ -65,7 +66,7 @@ class SparsePosterior:
         summed = None if before is None else _summed(bound, *before)
         with limit_threads(bound.side):
             self.features, weights = bound.forward(theta, summed)
-            self.sums = weights.sums
+            self.sums = None if before is None else weights.sums
             means = weights.omega, weights.levels
             sums = bound.over_rows(sum_residuals, self.features, *means)
             self.log_likelihood = weights.log_density(sums.squares)
@@ -251,11 +252,12 @@ class SparsePosterior:
 
 
 def _summed(bound, before, origin):
-    """The sums of another posterior, and the rows that they lack; None if they differ.
+    """The sums of another posterior, and the rows that they lack.
 
-    They do where a task has joined, inducing inputs have, or rows have gone.
+    None if there are none, or others: a task has joined, inducing inputs have, or rows
+    have gone.
     """
-    same = len(before.noise) == bound.prior.n_tasks
+    same = before.sums and len(before.noise) == bound.prior.n_tasks
     same = same and np.array_equal(before.bound.Z, bound.Z)
     if not same or np.count_nonzero(origin >= 0) < before.sums.n.sum():
         return None

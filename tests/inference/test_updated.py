@@ -68,7 +68,9 @@ def test_sparse(form, rows):
     before, old = likelihood(engine, prior, np.arange(30))
     after, new = likelihood(engine, prior, rows)
     origin = np.array([np.append(np.flatnonzero(old == row), -1)[0] for row in new])
-    found = engine.updated(before.posterior(theta), after, theta, origin)
+    stays = np.arange(len(old))
+    posterior = engine.updated(before.posterior(theta), before, theta, stays)
+    found = engine.updated(posterior, after, theta, origin)
     compare(found, after.posterior(theta))
 
 

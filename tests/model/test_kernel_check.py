@@ -397,3 +397,5 @@ def test_rows_of_a_novel_task_are_looked_at():
     model = MultiTaskGPRegressor(OnTheAxis(), **options).fit(X, y)
     with pytest.raises(ValueError, match="is not positive semi-definite"):
         model.add_task([[0.1, 0.0, 3.0]], [1.0])
+    with pytest.raises(ValueError, match="is not positive semi-definite"):
+        model.partial_fit([[0.1, 0.0, X[0, -1]]], [1.0])

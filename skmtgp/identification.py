@@ -320,6 +320,11 @@ def _last(estimator):
         )
     check_is_fitted(model)
     model._check_rows()
+    if isinstance(model.rank_, list):
+        raise ValueError(
+            f"TaskIdentifier takes models of one kernel, and this one has "
+            f"{len(model.rank_)} terms. Fit it with one of them, or with their sum."
+        )
     if model._units.per_task:
         raise ValueError(
             "The tasks have units of their own, which those of an unknown task do not "

@@ -285,6 +285,12 @@ class TestRefusals:
         with pytest.raises(ValueError, match="model is empty"):
             TaskIdentifier([]).predict_proba(NEW[:, None], Y_NEW)
 
+    def test_several_kernels(self):
+        of = MultiTaskGPRegressor([RBF(), RBF(0.2)], rank=1, max_iter=0)
+        of.fit(X[:, [0, 3]], Y)
+        with pytest.raises(ValueError, match="this one has 2 terms"):
+            TaskIdentifier(of).predict_proba(NEW[:, None], Y_NEW)
+
     def test_units_of_each_task(self):
         options = OPTIONS | {"normalize_y": "per_task", "max_iter": 0}
         of = MultiTaskGPRegressor(**options).fit(X[:, [0, 3]], Y)

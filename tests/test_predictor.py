@@ -69,6 +69,8 @@ MODELS = {
     "sGP": SingleTaskGP(**START),
     "sGP, transformed": SingleTaskGP(target_transform=ROOTS, **START),
     "search": RankSearchIC(MultiTaskGPRegressor(**START), ranks=(1,)),
+    "two kernels": MultiTaskGPRegressor([RBF(), RBF(0.3)], rank=[2, 1], **START),
+    "two kernels, shared": MultiTaskGPRegressor([RBF(), RBF(0.3)], rank=1, **SHARED),
 }
 KERNELS = {
     "RBF": RBF([1.0, 2.0]),

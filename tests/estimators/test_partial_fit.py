@@ -37,6 +37,7 @@ def learner(**params):
 
 
 MODELS = {
+    "two kernels": MultiTaskGPRegressor([RBF(), RBF(0.3)], rank=[2, 1], max_iter=3),
     "defaults": learner(),
     "paper": learner(rank=2, **PAPER),
     "diagonal": learner(rank=1, diagonal=True, noise="shared"),

@@ -246,10 +246,15 @@ def _same_kind(kernel, other):
 
 
 def _kinds(kernel):
-    """What a kernel is made of, and its hyperparameters."""
-    parts = [kernel, *kernel.get_params().values()]
-    types = [type(part) for part in parts if isinstance(part, Kernel)]
-    return types, [(of.name, of.n_elements, of.fixed) for of in kernel.hyperparameters]
+    """What a kernel is but for theta: types, fixed values, other arguments."""
+    alike = kernel.clone_with_theta(np.zeros_like(kernel.theta))
+    arguments = {
+        name: type(value) if isinstance(value, Kernel) else repr(value)
+        for name, value in alike.get_params().items()
+        if not name.endswith("_bounds")
+    }
+    free = [(of.name, of.n_elements, of.fixed) for of in kernel.hyperparameters]
+    return type(kernel), arguments, free
 
 
 def _of_terms(problem, chosen):

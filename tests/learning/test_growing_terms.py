@@ -6,8 +6,9 @@ from itertools import chain
 import building
 import numpy as np
 import pytest
-from sklearn.gaussian_process.kernels import RBF, Matern
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 
+from skmtgp.kernels import Columns
 from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.terms import joined, learn_terms, nest_terms
@@ -101,6 +102,23 @@ def test_terms_take_the_places_where_they_began():
     mode, (lower, upper) = learn(problem), problem.prior.bounds()
     assert (lower <= mode.theta).all()
     assert (mode.theta <= upper).all()
+
+
+@pytest.mark.parametrize(
+    "kernels",
+    [
+        (Matern(0.2, WIDE, nu=2.5), Matern(4.0, WIDE, nu=0.5)),
+        (ConstantKernel(0.5, "fixed") * RBF(0.2, WIDE), ConstantKernel() * RBF(4.0)),
+        (RBF(4.0, "fixed"), RBF(0.2, WIDE)),
+        (Columns(RBF(1.0, WIDE), [0]), RBF(4.0, WIDE)),
+    ],
+    ids=["nu", "fixed amplitude", "fixed", "columns"],
+)
+def test_other_kernels_keep_their_places(kernels):
+    problem, _ = make(0, [(kernel, ONE) for kernel in kernels])
+    mode = learn(problem)
+    expected = problem.likelihood().value(mode.theta)
+    assert mode.value == pytest.approx(expected, abs=1e-8)
 
 
 def test_starts_of_a_term_that_joins():

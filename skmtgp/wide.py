@@ -256,7 +256,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     >>> Y = np.sin(X) * [1.0, 2.0, -1.0] + 0.05 * rng.standard_normal((30, 3))
     >>> Y[5:, 2] = np.nan
     >>> model = WideRegressor().fit(X, Y)
-    >>> model.predict([[1.5], [4.5]]).round(1)
+    >>> model.predict([[1.5], [4.5]]).round()
     array([[ 1.,  2., -1.],
            [-1., -2.,  1.]])
     """

@@ -133,6 +133,8 @@ class Identifying(Controller):
         Of models whose descriptors are the load's ten inertial parameters.
     models : list
         These models.
+    loads : ndarray of shape (n_tasks, 10)
+        Those that the models know.
     load : ndarray of shape (10,)
         What it carries at first.
     deviations : ndarray of shape (6,)
@@ -148,8 +150,10 @@ class Identifying(Controller):
     MOST = 10  # samples; earlier ones were further from the path
     ENOUGH = 40
 
-    def __init__(self, predictor, models, load, deviations, *, noise=0.003, doubt=0.05):
-        self.predictor, self.load = predictor, load
+    def __init__(
+        self, predictor, models, loads, load, deviations, *, noise=0.003, doubt=0.05
+    ):
+        self.predictor, self.known, self.load = predictor, loads, load
         self.identifier = TaskIdentifier(models, noise=noise * deviations)
         self.deviations, self.doubt = deviations, doubt
         self.samples, self.waits, self.gap, self.n_seen = [], 0, 1.0, 0
@@ -182,8 +186,15 @@ class Identifying(Controller):
         return (np.abs(off) > self.doubt * self.deviations).any()
 
     def install(self, result):
-        """Take over another estimate of the load."""
-        self.load = result
+        """Take over another estimate of the load, if it says better what happens."""
+        X, y = map(np.array, zip(*self.samples[-3:], strict=True))
+        best = [self.load, result]
+        errors = [self._errors(X, y, load) for load in best]
+        self.load = best[int(np.argmin(errors))]
+
+    def _errors(self, X, y, load):
+        found = np.array([self.predictor(x, descriptors=load) for x in X])
+        return np.square((found - y) / self.deviations).sum()
 
 
 def _reverses(state):

@@ -67,7 +67,7 @@ def controllers(models, loads, deviations):
         "mGP, MMST": lambda: Switching(predictor, deviations, first),
         "mGP, MOSAIC": lambda: Weighted(predictor, deviations, first),
         "mGP, identified load": lambda: Identifying(
-            predictor, joints, light, deviations
+            predictor, joints, known, light, deviations
         ),
         "exact, told the load": lambda: Exact(light),
     }

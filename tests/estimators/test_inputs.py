@@ -270,7 +270,11 @@ BAD_DATA = {
     ),
     "no feature": (frame()[["load"]], y, r"1 feature\(s\).*task's column and at least"),
     "no feature in an array": (X[:, -1:], y, r"1 feature\(s\).*minimum of 2"),
-    "tasks that are columns of y": (X[:, :1], np.eye(len(X)), r"let WideRegressor stack them"),
+    "tasks that are columns of y": (
+        X[:, :1],
+        np.eye(len(X)),
+        r"let WideRegressor stack them",
+    ),
     "no rows": (frame()[:0], y[:0], r"0 sample\(s\)"),
     "one dimension": (X[:, 0], y, "Expected 2D array"),
     "no target": (frame(), None, "requires y to be passed, but the target y is None"),

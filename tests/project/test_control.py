@@ -1,0 +1,85 @@
+"""The robot of the control example moves as the equations of the data say."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "control"))
+plant = pytest.importorskip("plant")
+controllers = pytest.importorskip("controllers")
+sys.path.pop(0)
+
+from skmtgp.datasets import load_puma560  # noqa: E402
+from skmtgp.datasets._robot import inverse_dynamics  # noqa: E402
+
+LOAD = load_puma560(n_per_load=1).loads.iloc[14, -10:].to_numpy(float)
+REFERENCE = plant.Reference(4, 4)
+
+
+def torque_of(states):
+    parts = np.split(np.atleast_2d(states), 3, axis=1)
+    return inverse_dynamics(*map(np.ascontiguousarray, parts), LOAD)
+
+
+def follow(n, controller):
+    """Errors of some periods, and what was measured."""
+    robot = plant.Puma(REFERENCE.q[0], REFERENCE.qd[0], LOAD)
+    errors, measured = [], []
+    for k in range(n):
+        spring = controller.spring(REFERENCE.q[k], REFERENCE.qd[k], robot)
+        torque = controller.torque(REFERENCE.ahead[k]) + spring
+        q, qd = robot.q, robot.qd
+        robot.step(torque)
+        rate = plant.CONTROL * (robot.qd - qd)
+        middle = 0.5 * (q + robot.q), 0.5 * (qd + robot.qd), rate
+        measured.append((np.concatenate(middle), torque))
+        errors.append(REFERENCE.q[k + 1] - robot.q)
+    return np.array(errors), measured
+
+
+def test_the_exact_torques_keep_it_on_its_path():
+    exact, _ = follow(300, controllers.Exact(LOAD))
+    assert np.abs(exact).max() < 3e-4
+    alone, _ = follow(300, controllers.Controller())
+    assert np.abs(alone).max() > 100 * np.abs(exact).max()
+
+
+def test_what_is_measured_obeys_the_equations():
+    _, measured = follow(200, controllers.Exact(LOAD))
+    errors = [torque_of(state)[0] - torque for state, torque in measured]
+    size = np.abs([torque for _, torque in measured]).max(axis=0)
+    assert (np.median(np.abs(errors), axis=0) < 1e-3 * size).all()
+
+
+def test_friction_holds_it():
+    """At rest, by the torque of gravity and a little more, no joint moves."""
+    rest = np.concatenate([REFERENCE.q[0], np.zeros(12)])
+    robot = plant.Puma(rest[:6], np.zeros(6), LOAD)
+    for _ in range(50):
+        robot.step(torque_of(rest)[0] + 0.3 * plant.LARGEST)
+    np.testing.assert_allclose(robot.q, rest[:6], atol=1e-12)
+    for _ in range(50):
+        robot.step(torque_of(rest)[0] + 2.0 * plant.LARGEST)
+    assert (robot.q[:3] > rest[:3] + 1e-4).all()
+
+
+def test_a_load_changes_what_a_torque_does():
+    robot = plant.Puma(REFERENCE.q[0], np.zeros(6), None)
+    held = torque_of(np.concatenate([REFERENCE.q[0], np.zeros(12)]))[0]
+    robot.carry(LOAD)
+    robot.step(held)
+    assert np.abs(robot.qd).max() < 1e-10
+    robot.carry(None)
+    for _ in range(20):
+        robot.step(held)
+    assert np.abs(robot.qd).max() > 1e-2
+
+
+def test_samples_in_which_a_joint_turns_back_are_left_out():
+    state = np.concatenate([np.zeros(6), np.full(6, 0.5), np.zeros(6)])
+    assert not controllers._reverses(state)
+    state[6], state[12] = 1e-3, -10.0  # before the period it moved the other way
+    assert controllers._reverses(state)

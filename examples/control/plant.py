@@ -17,7 +17,7 @@ from skmtgp.datasets._trajectories import PATHS
 
 RATE = 4000  # steps of the simulation a second
 CONTROL = 1000  # torques a second
-SWEEPS = 20  # of Gauss-Seidel; the last one changes a velocity by 1e-12 rad/s or so
+SWEEPS = 20  # of Gauss-Seidel, at most
 
 ROTORS = drive.GEAR_RATIO**2 * drive.MOTOR_INERTIA
 VISCOUS = drive.GEAR_RATIO**2 * drive.VISCOUS

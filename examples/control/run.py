@@ -35,6 +35,7 @@ from plant import CONTROL, Puma, Reference
 from skmtgp import MultiTaskGPRegressor, compile_predictor
 from skmtgp import make_inverse_dynamics_regressor as make_model
 from skmtgp.datasets import load_puma560
+from skmtgp.inspection._drawing import COLORS
 
 OUTPUT = Path(__file__).parents[1] / "output"
 PHASES = {"before": (-9e9, 0.0), "0.2 s": (0.0, 0.2), "to 1 s": (0.2, 1.0)}
@@ -126,9 +127,10 @@ def draw(curves, picked_up, path):
     import matplotlib.pyplot as plt
 
     figure, ax = plt.subplots(figsize=(8, 4.2), layout="constrained")
-    for name, errors in curves.items():
+    for (name, errors), color in zip(curves.items(), COLORS, strict=False):
         size = 1e3 * np.sqrt(np.square(errors).sum(axis=1))
-        ax.semilogy(np.arange(len(size)) / CONTROL, size, lw=1.0, label=name)
+        style = {"lw": 1.2, "color": color, "label": name}
+        ax.semilogy(np.arange(len(size)) / CONTROL, size, **style)
     ax.axvline(picked_up / CONTROL, color="0.5", ls="--", lw=0.8)
     ax.set(xlabel="seconds", ylabel="error of the joints' positions, mrad")
     figure.legend(loc="outside upper center", ncols=2, frameon=False)

@@ -15,7 +15,12 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.descriptors import locate_descriptors
-from skmtgp._data.joints import check_angles, check_joints, columns_of_positions
+from skmtgp._data.joints import (
+    STANDSTILL,
+    check_angles,
+    check_joints,
+    columns_of_positions,
+)
 from skmtgp._data.labels import FIRST_INEXACT
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._estimators.estimator import Estimator
@@ -28,7 +33,6 @@ from skmtgp._support.sklearn_compat import (
 
 __all__ = ["InverseDynamicsFeatures"]
 
-STANDSTILL = 1e-9  # rad/s; slower than this a velocity is rounding noise of either sign
 BY_PARTITIONS = (
     "Fit the features to rows in memory, X.get_partition(0).compute() say, and map "
     "them over the partitions, X.map_partitions(features.transform, meta=...): a "

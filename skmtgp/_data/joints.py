@@ -2,6 +2,7 @@
 
 from itertools import accumulate
 
+STANDSTILL = 1e-9  # rad/s; slower than this a velocity is rounding noise of either sign
 KINDS = {"revolute": True, "R": True, "prismatic": False, "P": False}
 
 

@@ -4,7 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-STANDSTILL = 1e-9  # rad/s; a slower velocity is rounding noise of either sign
+from skmtgp._data.joints import STANDSTILL
+
 # What is left of a column of unit norm when earlier ones are taken off it is 1e-13 or
 # less where it depends on them, and above 0.6 where it does not, on seven robots. A
 # URDF may round a right angle, by 4e-6 say: data do not tell what shows by that alone.
@@ -47,19 +48,37 @@ def check_friction(friction):
     TypeError, ValueError
         If they are none of these.
     """
-    words = [] if friction is None else friction
+    return check_words("friction", friction, FRICTION)
+
+
+def check_words(name, given, known):
+    """Words of a parameter, each of which must be known.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    given : str, sequence of str or None
+        Its value.
+    known : iterable of str
+        All words.
+
+    Returns
+    -------
+    words : list of str
+        Without repetitions.
+    """
+    words = [] if given is None else given
     words = [words] if isinstance(words, str) else words
     if not isinstance(words, Iterable):
         raise TypeError(
-            f"friction={friction!r} must be None, a word or a sequence of words."
+            f"{name}={given!r} must be None, a word or a sequence of words."
         )
     words = list(dict.fromkeys(words))
     for word in words:
-        if not isinstance(word, str) or word not in FRICTION:
-            known = ", ".join(map(repr, FRICTION))
-            raise ValueError(
-                f"friction={friction!r} has {word!r}; it must be of {known}."
-            )
+        if not isinstance(word, str) or word not in known:
+            allowed = ", ".join(map(repr, known))
+            raise ValueError(f"{name}={given!r} has {word!r}; it must be of {allowed}.")
     return words
 
 

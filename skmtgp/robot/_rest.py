@@ -1,6 +1,5 @@
 """What rigid bodies leave of a joint's torque: a Gaussian process of a few features."""
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +9,7 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.robot._columns import FRICTION
+from skmtgp.robot._columns import FRICTION, check_words
 
 # Length-scales in units of a feature's size: shorter ones than a tenth fit noise.
 LENGTH_SCALE, BOUNDS = 3.0, (0.1, 10.0)
@@ -52,16 +51,7 @@ def check_rest(rest):
     TypeError, ValueError
         If they are none of these.
     """
-    words = [] if rest is None else rest
-    words = [words] if isinstance(words, str) else words
-    if not isinstance(words, Iterable):
-        raise TypeError(f"rest={rest!r} must be None, a word or a sequence of words.")
-    words = list(dict.fromkeys(words))
-    for word in words:
-        if not isinstance(word, str) or word not in KINDS:
-            known = ", ".join(map(repr, KINDS))
-            raise ValueError(f"rest={rest!r} has {word!r}; it must be of {known}.")
-    return words
+    return check_words("rest", rest, KINDS)
 
 
 class Features:

@@ -431,3 +431,17 @@ class Singular(Unknown):
 def test_samples_whose_covariance_is_singular():
     with pytest.raises(NotPositiveDefiniteError, match="Give their noise, a larger"):
         identify(Singular(), np.zeros((3, 2)))
+
+
+def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):
+    outputs, starts = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
+    unknown, u = Unknown(outputs), starts[0]
+    H, b = np.eye(len(u)), np.zeros(len(u))  # by the book, the covariances held
+    for border, (c, A) in zip(unknown.borders, unknown.maps, strict=True):
+        S, design = border._covariance(c + A @ u)[0], border.means.T @ A
+        H += design.T @ np.linalg.solve(S, design)
+        b += design.T @ np.linalg.solve(S, border.y - border.means.T @ c)
+    np.testing.assert_allclose(unknown.reweight(u), np.linalg.solve(H, b), rtol=1e-8)
+    by_scoring, found = unknown.climb(u), identify(unknown, starts)
+    np.testing.assert_allclose(found.u, by_scoring.u, atol=1e-3)
+    assert found.log_evidence == pytest.approx(by_scoring.log_evidence, abs=1e-6)

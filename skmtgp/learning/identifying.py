@@ -16,6 +16,8 @@ from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 
 MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to gain
+# Linear steps before it. At the start samples without noise are millions of nats below
+# the mode: after three of them scoring took one step or two, not forty.
 N_REWEIGHTED = 3
 ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
 HALVINGS = 30

@@ -1,7 +1,8 @@
-"""Whitened features of the inducing inputs.
+"""Whitened features of the inducing inputs, of each term of the prior.
 
-With K_ZZ = L L^T for the m inducing inputs Z, the features of x are
-phi(x) = L^{-1} k^x(Z, x): k^x(x, x') is phi(x) . phi(x') and what they leave.
+With K_ZZ = L L^T for the m inducing inputs Z and the kernel k of a term, the features
+of x are phi(x) = L^{-1} k(Z, x): k(x, x') is phi(x) . phi(x') and what they leave.
+Those of several terms, of the same Z, are stacked: n_features is n_terms times m.
 """
 
 import numpy as np
@@ -18,17 +19,151 @@ MOST_JITTERS = 12  # each ten times the last
 
 
 class Features:
-    """The features phi(x) = L^{-1} k^x(Z, x) at given parameters.
+    """The features of all terms, at given parameters.
+
+    Parameters
+    ----------
+    terms : list of (Kernel, Node, ndarray of shape (n_theta,))
+        Of each term k, of which only the form matters, its fast form, its parameters.
+    Z : ndarray of shape (n_inducing, n_inputs)
+        Inducing inputs.
+
+    Attributes
+    ----------
+    terms : list of TermFeatures
+        Those of each term.
+    n_theta : int
+        Number of parameters of all kernels.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If no jitter helps.
+    """
+
+    def __init__(self, terms, Z):
+        self.terms, self.Z = [TermFeatures(*of, Z) for of in terms], Z
+        self.n_theta = sum(len(of.theta) for of in self.terms)
+
+    def __len__(self):
+        return sum(map(len, self.terms))
+
+    def split(self, stacked):
+        """What falls to each term of an array with a row for each feature."""
+        m = len(self.Z)
+        return [stacked[q * m : (q + 1) * m] for q in range(len(self.terms))]
+
+    def warn_of_jitter(self):
+        """Say what was added to K_ZZ of all terms, if that was more than always.
+
+        Inducing inputs that are too close for a slow term may be there for a fast one.
+        """
+        min(self.terms, key=lambda of: of.jitter).warn_of_jitter()
+
+    def tile(self, X):
+        """The features of some rows, with what their gradient needs."""
+        return Tile(self, X)
+
+    def pull_back(self, phi_bar):
+        """Adjoints of k(Z, X), L^{-T} phi_bar, from those of the features."""
+        pairs = zip(self.terms, self.split(phi_bar), strict=True)
+        return stacked([of.pull_back(part) for of, part in pairs])
+
+    def contract(self, Omegas):
+        """Gradient by theta through K_ZZ, and its adjoints.
+
+        Parameters
+        ----------
+        Omegas : list of ndarray of shape (n_inducing, n_inducing)
+            For each term, see `TermFeatures.contract`.
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_theta,)
+            Its gradient.
+        adjoints : list of ndarray of shape (n_inducing, n_inducing)
+            Of K_ZZ of each term.
+        """
+        pairs = zip(self.terms, Omegas, strict=True)
+        parts = [of.contract(Omega) for of, Omega in pairs]
+        gradients, adjoints = zip(*parts, strict=True)
+        return np.concatenate(gradients), adjoints
+
+    def contract_inputs(self, adjoints):
+        """Gradient by Z through K_ZZ of all terms."""
+        pairs = zip(self.terms, adjoints, strict=True)
+        return sum(of.contract_inputs(adjoint) for of, adjoint in pairs)
+
+
+class Tile:
+    """The features of a block of rows.
+
+    Parameters
+    ----------
+    features : Features
+        Theirs.
+    X : ndarray of shape (n_samples, n_inputs)
+        Inputs.
+
+    Attributes
+    ----------
+    phi : ndarray of shape (n_features, n_samples)
+        The features.
+    rest : ndarray of shape (n_samples, n_terms)
+        k(x, x) - |phi(x)|^2 of each term, the variance that they leave unexplained.
+    """
+
+    def __init__(self, features, X):
+        self.features, self.terms, phi, rest = features, [], [], []
+        for term in features.terms:
+            tile = TermTile(term, X)
+            self.terms.append(tile)
+            phi.append(tile.phi)
+            rest.append(tile.rest)
+            del tile.phi  # it has its place among the others
+        self.phi, self.rest = stacked(phi), np.column_stack(rest)
+
+    def contract(self, K_bar, diagonal):
+        """Gradient by theta.
+
+        Parameters
+        ----------
+        K_bar : ndarray of shape (n_features, n_samples)
+            Adjoints of k(Z, X) of the terms.
+        diagonal : ndarray of shape (n_samples, n_terms)
+            Adjoints of k(x, x).
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_theta,)
+            Its gradient, but for K_ZZ's part.
+        """
+        of_terms = zip(self.terms, self.features.split(K_bar), diagonal.T, strict=True)
+        return np.concatenate([tile.contract(*of) for tile, *of in of_terms])
+
+    def contract_inputs(self, K_bar):
+        """Gradient by Z through k(Z, X) of the terms."""
+        pairs = zip(self.terms, self.features.split(K_bar), strict=True)
+        return sum(tile.contract_inputs(adjoint) for tile, adjoint in pairs)
+
+
+def stacked(parts):
+    """Arrays of the terms, one below the other; that of one term is not copied."""
+    return np.concatenate(parts) if len(parts) > 1 else parts[0]
+
+
+class TermFeatures:
+    """The features phi(x) = L^{-1} k(Z, x) of one term.
 
     Parameters
     ----------
     kernel : Kernel
-        k^x; only its form matters.
+        k; only its form matters.
     node : Node
         Its fast form.
     theta : ndarray of shape (n_theta,)
         Its parameters.
-    Z : ndarray of shape (n_inducing, n_features)
+    Z : ndarray of shape (n_inducing, n_inputs)
         Inducing inputs.
 
     Attributes
@@ -46,7 +181,7 @@ class Features:
     Notes
     -----
     Where K_ZZ is all but singular, its rounding alone would make |phi(x)|^2 larger than
-    k^x(x, x), by thousands of eps. The bound would be above the likelihood, the more
+    k(x, x), by thousands of eps. The bound would be above the likelihood, the more
     so the smaller the noise, and learning would look for such parameters. A jitter of
     the size of that rounding, a fraction of m eps, prevents it.
     """
@@ -73,17 +208,14 @@ class Features:
                 JitterWarning,
             )
 
-    def tile(self, X):
-        """The features of some rows, with what their gradient needs."""
-        return Tile(self, X)
-
     def pull_back(self, phi_bar):
-        """Adjoints of k^x(Z, X), L^{-T} phi_bar, from those of the features."""
+        """Adjoints of k(Z, X), L^{-T} phi_bar, from those of the features."""
         return self.cholesky.half_solve(phi_bar, transposed=True)
 
-    def against(self, X):
-        """k^x between rows of X and the inducing inputs."""
-        return self._inducing[0].against(X)
+    def means(self, X, weights):
+        """k(X, Z) times the weights, which are in columns."""
+        cross = self._inducing[0].against(X)
+        return cross.times(slice(0, len(X)), slice(0, len(self)), weights)
 
     def contract(self, Omega):
         """Gradient by theta through K_ZZ, and its adjoint.
@@ -111,9 +243,9 @@ class Features:
     def contract_inputs(self, adjoint):
         """Gradient by Z through K_ZZ."""
         bound, tape, everywhere = self._inducing
-        n_features = self.Z.shape[1]
+        n_inputs = self.Z.shape[1]
         return 2.0 * contract_inputs(
-            bound, adjoint, tape, everywhere, everywhere, n_features
+            bound, adjoint, tape, everywhere, everywhere, n_inputs
         )
 
 
@@ -132,14 +264,14 @@ def _factorise(K):
     )
 
 
-class Tile:
-    """The features of a block of rows.
+class TermTile:
+    """The features of a block of rows, of one term.
 
     Parameters
     ----------
-    features : Features
+    features : TermFeatures
         Theirs.
-    X : ndarray of shape (n_samples, n_features)
+    X : ndarray of shape (n_samples, n_inputs)
         Inputs.
 
     Attributes
@@ -147,12 +279,12 @@ class Tile:
     phi : ndarray of shape (n_inducing, n_samples)
         The features.
     rest : ndarray of shape (n_samples,)
-        k^x(x, x) - |phi(x)|^2, the variance that they leave unexplained.
+        k(x, x) - |phi(x)|^2, the variance that they leave unexplained.
     """
 
     def __init__(self, features, X):
         self.features, m = features, len(features)
-        # k^x(Z, X) is a tile of the kernel between the rows of [Z; X]
+        # k(Z, X) is a tile of the kernel between the rows of [Z; X]
         bound = features.node.bind(features.theta, np.vstack([features.Z, X]))
         self.bound, self.rows, self.cols = bound, slice(0, m), slice(m, m + len(X))
         K, self.tape = bound.block(self.rows, self.cols)
@@ -165,9 +297,9 @@ class Tile:
         Parameters
         ----------
         K_bar : ndarray of shape (n_inducing, n_samples)
-            Adjoints of k^x(Z, X).
+            Adjoints of k(Z, X).
         diagonal : ndarray of shape (n_samples,)
-            Adjoints of k^x(x, x).
+            Adjoints of k(x, x).
 
         Returns
         -------
@@ -186,9 +318,9 @@ class Tile:
             gradient = gradient + self.bound.contract(W, tape, rows, rows)
         return gradient
 
-    def contract_inputs(self, adjoint):
-        """Gradient by Z through k^x(Z, X)."""
-        n_features = self.features.Z.shape[1]
+    def contract_inputs(self, K_bar):
+        """Gradient by Z through k(Z, X)."""
+        n_inputs = self.features.Z.shape[1]
         return contract_inputs(
-            self.bound, adjoint, self.tape, self.rows, self.cols, n_features
+            self.bound, K_bar, self.tape, self.rows, self.cols, n_inputs
         )

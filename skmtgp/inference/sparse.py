@@ -1,17 +1,18 @@
 r"""Sparse inference: a lower bound on the marginal likelihood from inducing variables.
 
 The inducing variables are values u_alpha = z_alpha(Z) of the latent functions of
-eq. 3 of the paper, the same inputs Z for all of them. Titsias, *Variational learning
-of inducing variables in sparse Gaussian processes* (AISTATS 2009), eq. 9, is then
+eq. 3 of the paper, the same inputs Z for all of them, and for those of all terms.
+Titsias, *Variational learning of inducing variables in sparse Gaussian processes*
+(AISTATS 2009), eq. 9, is then
 
 .. math::
-    \log N(y; 0, Q + \Lambda) - \sum_m \frac{K^\rho_{mm}}{2 \sigma_m^2}
-    \sum_{i \in m} \bigl(k^x(x_i, x_i) - |\phi_i|^2\bigr),
-    \quad Q_{ij} = K^\rho_{m_i m_j} \phi_i^T \phi_j, \quad
-    \phi_i = L^{-1} k^x(Z, x_i)
+    \log N(y; 0, Q + \Lambda) - \sum_q \sum_m \frac{K^{\rho_q}_{mm}}{2 \sigma_m^2}
+    \sum_{i \in m} \bigl(k_q(x_i, x_i) - |\phi_{qi}|^2\bigr),
+    \quad Q_{ij} = \sum_q K^{\rho_q}_{m_i m_j} \phi_{qi}^T \phi_{qj}, \quad
+    \phi_{qi} = L_q^{-1} k_q(Z, x_i)
 
-with the Cholesky factor L of K_ZZ. It never lies above the log marginal likelihood, and
-equals it where Z holds all inputs.
+with the Cholesky factors L_q of k_q(Z, Z). It never lies above the log marginal
+likelihood, and equals it where Z holds all inputs.
 """
 
 from functools import partial
@@ -24,6 +25,7 @@ from skmtgp._support.guide import INFERENCE
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.features import Features
 from skmtgp.inference.likelihood import Likelihood
+from skmtgp.inference.loadings import Loadings
 from skmtgp.inference.sparse_posterior import SparsePosterior
 from skmtgp.inference.sums import (
     blocks,
@@ -33,6 +35,7 @@ from skmtgp.inference.sums import (
     sum_residuals,
 )
 from skmtgp.inference.weights import Gradients, Weights
+from skmtgp.model.several import terms_of
 
 BLOCK = 1024  # rows
 LATENT = "latent", "pull_back_latent"
@@ -70,7 +73,8 @@ class SparseBound(Likelihood):
     theta is that of :class:`~skmtgp.inference.dense.DenseLikelihood`. For m inducing
     inputs and rank r an evaluation takes O(n m^2 + M r^2 m^2 + (r m)^3), and O(M m^3)
     more where K^rho has a diagonal; its memory is a few arrays of block_size x m,
-    M x m x m and r m x r m, not of n rows.
+    M x m x m and r m x r m, not of n rows. With Q terms there are Q m features, and r
+    is the sum of their ranks: O(n Q^2 m^2 + M r^2 m^2 + (r m)^3), and M x Q m x Q m.
 
     The rows are passed over twice. The first pass sums the Gram matrices of whitened
     features, and not those of k^x(Z, x), which would square the condition number of
@@ -146,10 +150,9 @@ class SparseBound(Likelihood):
     def _pull_back(self, theta, *, inputs):
         """The bound and its gradients, that by Z only if it is asked for."""
         features, gradients, back = self._backward(theta, inputs=inputs)
-        d_kernel, K_bar = features.contract(gradients.omega_bar())
-        d_F, d_kappa, d_level, d_noise = gradients.by_parameters(back)
-        form, rho = self.prior.task_covariance, self.prior.values(theta).rho
-        d_rho = form.pull_back_latent(rho, d_F, d_kappa)
+        d_kernel, K_bar = features.contract(gradients.omega_bars())
+        latents, d_level, d_noise = gradients.by_parameters(back)
+        d_rho = self.prior.pull_back_latents(theta, latents)
         d_noise = d_noise if self.prior.n_noise > 1 else d_noise.sum(keepdims=True)
         gradient = self.prior.gradient(
             theta, back.theta + d_kernel, d_rho, d_level, d_noise
@@ -169,12 +172,13 @@ class SparseBound(Likelihood):
 
         Returns
         -------
-        D : ndarray of shape (n_tasks, n_tasks)
+        D : ndarray of shape ([n_terms,] n_tasks, n_tasks)
             Symmetric.
         """
         with limit_threads(self.side):
             _, gradients, back = self._backward(theta)
-            return gradients.task_gradient(back)
+            D = gradients.task_gradients(back)
+        return D if len(D) > 1 else D[0]
 
     def posterior(self, theta):
         """The posterior of f given the inducing variables.
@@ -208,13 +212,13 @@ class SparseBound(Likelihood):
         if not np.isfinite(theta).all():
             raise NotPositiveDefiniteError("theta is not finite")
         prior, values = self.prior, self.prior.values(theta)
-        features = Features(prior.kernel, prior.node, values.kernel, self.Z)
+        features = Features(prior.kernels_with(values.kernel), self.Z)
         sums, rows = summed or (None, None)
         more = self.over_rows(sum_features, features, prior.n_tasks, rows=rows)
         sums = more if sums is None else sums + more
         noise = np.broadcast_to(values.noise, prior.n_tasks)
-        latent = prior.task_covariance.latent(values.rho)
-        return features, Weights(sums, *latent, noise, values.level)
+        loadings = Loadings(prior.latents(theta), len(self.Z))
+        return features, Weights(sums, loadings, noise, values.level)
 
     def _backward(self, theta, *, inputs=False):
         """The features, what the gradient is made of, and the second pass."""
@@ -250,10 +254,14 @@ def check_latent(form):
 
     Parameters
     ----------
-    form : FixedTaskCovariance, LowRank or another
-        Form of K^rho, perhaps inside of others.
+    form : FixedTaskCovariance, LowRank or another, or Forms
+        Form of K^rho, perhaps inside of others; those of several terms.
     """
-    inner = form
+    for of_term in terms_of(form):
+        _check_latent(of_term)
+
+
+def _check_latent(inner):
     while hasattr(inner, "form"):
         inner = inner.form
     missing = [name for name in LATENT if not hasattr(inner, name)]

@@ -15,6 +15,7 @@ from skmtgp.inference.variances import (
     without_negatives,
 )
 from skmtgp.inference.weights import Covariances
+from skmtgp.model.several import terms_of
 
 SINGULAR = 1e-8  # of k^x(x, x): what rounding of an all but singular K_ZZ may add
 
@@ -37,14 +38,14 @@ class SparsePosterior:
     sums : FeatureSums or None
         Over the rows, to which those of others can be added. They take as much memory
         as the rest, and are kept once others have been.
-    kernel : Kernel
+    kernel : Kernel or Kernels
         k^x at these parameters.
-    K_rho : ndarray of shape (n_tasks, n_tasks)
+    K_rho : ndarray of shape ([n_terms,] n_tasks, n_tasks)
         K^rho at these parameters.
     features : Features
         Whitened features at these parameters.
-    V : ndarray of shape (rank, n_inducing)
-        Mean weights of the latent functions.
+    V : ndarray of shape (n_latent, n_inducing)
+        Mean weights of the latent functions of all terms.
     levels : ndarray of shape (n_tasks,)
         Mean of the level of each task.
     level : float
@@ -72,32 +73,45 @@ class SparsePosterior:
             self.log_likelihood = weights.log_density(sums.squares)
             self.V, self.omega, self.levels = weights.refined(sums)
             self.covariances = Covariances(weights)  # spends the factor of `weights`
-            # f^m(x) = omega_m . L^{-1} k^x(Z, x)
-            solve = self.features.cholesky.half_solve
-            self.weights = solve(self.omega.T, transposed=True).T
+            # f^m(x) = omega_m . L^{-1} k^x(Z, x), summed over the terms
+            self.weights = self.features.pull_back(self.omega.T).T
         self.features.warn_of_jitter()
         self.bound, self.theta, self.noise = bound, theta, weights.noise
-        self.prior = bound.prior
-        self.kernel, self.block_size = self.features.kernel, bound.block_size
-        self.K_rho, self.level = bound.prior.K_rho_at(theta), weights.level
-        prior = largest_prior(self.K_rho, self.kernel, bound.Z) + self.level
+        self.prior, self.block_size = bound.prior, bound.block_size
+        self.kernel, self.K_rho = (
+            self.prior.kernel_at(theta),
+            self.prior.K_rho_at(theta),
+        )
+        self.level = weights.level
+        prior = self.level + sum(
+            largest_prior(K_rho, kernel, bound.Z) for kernel, K_rho in self.terms
+        )
         rounding = rounding_of(len(bound.tasks), prior, self.noise.min())
         self.rounding = SINGULAR + rounding
 
+    @property
+    def terms(self):
+        """A list of (k^x, K^rho) of each term."""
+        K_rhos = self.K_rho.reshape(-1, *self.K_rho.shape[-2:])
+        return list(zip(terms_of(self.kernel), K_rhos, strict=True))
+
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
+        return self.means_of_terms(X, tasks).sum(axis=0)
+
+    def means_of_terms(self, X, tasks):
+        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples)."""
 
         def of_rows(X, tasks):
             present, column = np.unique(tasks, return_inverse=True)
-            return self.mean_of_tasks(X, present)[np.arange(len(X)), column]
+            rows = np.arange(len(X))
+            return np.array(
+                [means[rows, column] for means in self._means_of_tasks(X, present)]
+            )
 
         with limit_threads(self.bound.side):
-            return in_blocks(of_rows, self.block_size, X, tasks)
-
-    def means_of_terms(self, X, tasks):
-        """Mean of the one term of f, and of the level, (2, n_samples)."""
-        levels = self.levels[tasks]
-        return np.array([self.mean(X, tasks) - levels, levels])
+            means = in_blocks(of_rows, self.block_size, X, tasks, axis=1)
+        return np.vstack([means, self.levels[tasks]])
 
     def mean_of_tasks(self, X, tasks):
         """Mean of f for each row of X and each of the tasks.
@@ -114,30 +128,49 @@ class SparsePosterior:
         mean : ndarray of shape (n_samples, n_tasks)
             f^m(x) = omega_m . phi(x), and the level of m.
         """
-        weights, m = self.weights[tasks].T, len(self.features)
 
         def of_rows(X):
-            cross = self.features.against(X)
-            return cross.times(slice(0, len(X)), slice(0, m), weights)
+            return sum(self._means_of_tasks(X, tasks))
 
         with limit_threads(self.bound.side):
             return in_blocks(of_rows, self.block_size, X) + self.levels[tasks]
 
+    def _means_of_tasks(self, X, tasks):
+        """Of each term its mean for each row of X and each of the tasks."""
+        features = self.features
+        parts = zip(features.terms, features.split(self.weights[tasks].T), strict=True)
+        return [term.means(X, weights) for term, weights in parts]
+
     def summands(self, tasks):
         """What the means of these tasks are sums of, a list of Summand."""
-        parts = self.weights[tasks], self.levels[tasks]
-        return [Summand(self.kernel, self.features.Z, *parts)]
+        of_terms = self.features.split(self.weights[tasks].T)
+        constants = np.zeros((len(of_terms), len(tasks)))
+        constants[0] = self.levels[tasks]
+        return [
+            Summand(kernel, self.features.Z, weights.T, of_term)
+            for (kernel, _), weights, of_term in zip(
+                self.terms, of_terms, constants, strict=True
+            )
+        ]
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 
         def of_rows(X, tasks):
-            tile, own = self.features.tile(X), self.K_rho[tasks, tasks]
-            variance = own * tile.rest + self._spread(tile.phi, tasks)
-            return variance, own * self.kernel.diag(X) + self.level
+            tile = self.features.tile(X)
+            unexplained, prior = self._prior_variances(tile, X, tasks)
+            return unexplained + self._spread(tile.phi, tasks), prior
 
         found = in_blocks(of_rows, self.block_size, X, tasks, axis=1)
         return without_negatives(*found, self.rounding)
+
+    def _prior_variances(self, tile, X, tasks):
+        """What the features of rows leave of the variance of f, and that itself."""
+        own = [K_rho[tasks, tasks] for _, K_rho in self.terms]
+        unexplained = sum(of * rest for of, rest in zip(own, tile.rest.T, strict=True))
+        kernels = [kernel for kernel, _ in self.terms]
+        prior = sum(of * k.diag(X) for of, k in zip(own, kernels, strict=True))
+        return unexplained, prior + self.level
 
     def _spread(self, phi, tasks):
         """Variances of omega_m . phi + c_m for given features and tasks."""
@@ -153,14 +186,19 @@ class SparsePosterior:
 
         See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
         """
-        posterior, prior = copy(self), self.bound.prior
-        [(loadings, own)] = loadings_of(prior, self.theta, n_unseen, described)
-        posterior.K_rho = bordered(self.K_rho, self.covariances.F, loadings, own)
-        posterior.covariances = self.covariances.with_unseen(loadings, own)
-        omega = posterior.covariances.F[-n_unseen:] @ self.V
+        posterior, loadings = copy(self), self.covariances.loadings
+        unseen = loadings_of(self.prior, self.theta, n_unseen, described)
+        F = [loadings.F[:, columns] for columns in loadings.columns]
+        K_rhos = [K_rho for _, K_rho in self.terms]
+        found = [
+            bordered(*of)
+            for of in zip(K_rhos, F, *zip(*unseen, strict=True), strict=True)
+        ]
+        posterior.K_rho = np.array(found) if len(found) > 1 else found[0]
+        posterior.covariances = self.covariances.with_unseen(unseen)
+        omega = posterior.covariances.loadings.mix(self.V)[-n_unseen:]
         posterior.omega = np.vstack([self.omega, omega])
-        solve = self.features.cholesky.half_solve
-        weights = solve(omega.T, transposed=True).T
+        weights = self.features.pull_back(omega.T).T
         posterior.weights = np.vstack([self.weights, weights])
         posterior.levels = np.append(self.levels, np.zeros(n_unseen))
         return posterior
@@ -171,11 +209,14 @@ class SparsePosterior:
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
-        phi = self.features.tile(X).phi
-        K_rho, K_x = self.K_rho[np.ix_(tasks, tasks)], self.kernel(X)
-        covariance = K_rho * (K_x - phi.T @ phi)
-        covariance += self.covariances.between(phi, tasks)
-        prior = np.diagonal(K_rho) * np.diagonal(K_x) + self.level
+        phi, between = self.features.tile(X).phi, np.ix_(tasks, tasks)
+        covariance, prior = self.covariances.between(phi, tasks), self.level
+        for (kernel, K_rho), part in zip(
+            self.terms, self.features.split(phi), strict=True
+        ):
+            K_x = kernel(X)
+            covariance += K_rho[between] * (K_x - part.T @ part)
+            prior = prior + np.diagonal(K_rho[between]) * np.diagonal(K_x)
         without_negatives(diagonal(covariance), prior, self.rounding)
         return covariance
 
@@ -209,8 +250,7 @@ class SparsePosterior:
 
     def _left_out(self, X, tasks, y):
         tile, noise = self.features.tile(X), self.noise[tasks]
-        prior = self.K_rho[tasks, tasks] * self.kernel.diag(X) + self.level
-        rest = self.K_rho[tasks, tasks] * tile.rest
+        rest, prior = self._prior_variances(tile, X, tasks)
         share = self._spread(tile.phi, tasks) / noise
         # 1 - h_i is that of a row without others at least. Below 0 it has no digit, and
         # the variance is told as minus the prior's
@@ -222,8 +262,8 @@ class SparsePosterior:
             [error / np.abs(left), noise * share / left, rest, prior, noise]
         )
 
-    def latent(self, X, factor):
-        """The latent functions z_a at X.
+    def latent(self, X, factor, term=0):
+        """The latent functions z_a of a term at X.
 
         Parameters
         ----------
@@ -231,24 +271,33 @@ class SparsePosterior:
             Inputs.
         factor : ndarray of shape (n_tasks, rank)
             F, which the posterior knows.
+        term : int, default=0
+            Which term.
 
         Returns
         -------
         means : ndarray of shape (rank, n_samples)
             Their posterior means at X.
         halves : ndarray of shape (rank, n_halves, n_samples)
-            C_a with cov(z_a, z_b) = delta_ab k^x(X, X) - C_a^T C_b, where n_halves is
-            rank times the lesser of n_samples and n_inducing.
+            C_a with cov(z_a, z_b) = delta_ab k^x(X, X) - C_a^T C_b, for functions of
+            two terms too, whose prior covariance is zero. n_halves is n_latent times
+            the lesser of n_samples and n_inducing.
         """
-        phi, (rank, n) = self.features.tile(X).phi, (factor.shape[1], len(X))
+        loadings, phi = self.covariances.loadings, self.features.tile(X).phi
+        columns, part = loadings.columns[term], phi[loadings.rows[term]]
+        means, (m, n) = self.V[columns] @ part, part.shape
         inverse = self.covariances.inverse
-        if n > len(phi):  # of the weights: I - A^{-1}
-            told, n = -inverse.swapaxes(1, 2), len(phi)
+        rank = len(inverse)
+        if n > m:  # of the weights: I - A^{-1}
+            told = -inverse.swapaxes(1, 2)
             np.einsum("aiai->ai", told)[...] += 1.0
-            return self.V @ phi, _root(told, rank, n) @ phi
-        told = -np.einsum("ji,abjk,kl->aibl", phi, inverse, phi, optimize=True)
-        np.einsum("aial->ail", told)[...] += phi.T @ phi
-        return self.V @ phi, _root(told, rank, n)
+            return means, _root(told, rank, m)[columns] @ part
+        of_latent = loadings.of_latent(phi)
+        told = -np.einsum(
+            "aji,abjk,bkl->aibl", of_latent, inverse, of_latent, optimize=True
+        )
+        np.einsum("aial->ail", told)[...] += of_latent.swapaxes(1, 2) @ of_latent
+        return means, _root(told, rank, n)[columns]
 
 
 def _summed(bound, before, origin):

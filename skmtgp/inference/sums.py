@@ -30,15 +30,15 @@ class FeatureSums(Sums):
 
     Attributes
     ----------
-    S : ndarray of shape (n_tasks, n_inducing, n_inducing)
+    S : ndarray of shape (n_tasks, n_features, n_features)
         sum_i phi_i phi_i^T.
-    s : ndarray of shape (n_tasks, n_inducing)
+    s : ndarray of shape (n_tasks, n_features)
         sum_i phi_i y_i.
-    rest : ndarray of shape (n_tasks,)
-        sum_i k^x(x_i, x_i) - |phi_i|^2.
+    rest : ndarray of shape (n_tasks, n_terms)
+        sum_i k^x(x_i, x_i) - |phi_i|^2 of each term.
     n : ndarray of shape (n_tasks,)
         Numbers of rows.
-    phi : ndarray of shape (n_tasks, n_inducing)
+    phi : ndarray of shape (n_tasks, n_features)
         sum_i phi_i.
     y : ndarray of shape (n_tasks,)
         sum_i y_i.
@@ -60,7 +60,7 @@ class ResidualSums(Sums):
     ----------
     squares : ndarray of shape (n_tasks,)
         sum_i e_i^2.
-    errors : ndarray of shape (n_tasks, n_inducing)
+    errors : ndarray of shape (n_tasks, n_features)
         sum_i phi_i e_i.
     error : ndarray of shape (n_tasks,)
         sum_i e_i.
@@ -78,8 +78,8 @@ class GradientSums(ResidualSums):
     Attributes
     ----------
     theta : ndarray of shape (n_theta,)
-        Gradient by the kernel's theta, but for K_ZZ's part.
-    Z : ndarray of shape (n_inducing, n_features)
+        Gradient by the kernels' theta, but for K_ZZ's part.
+    Z : ndarray of shape (n_inducing, n_inputs)
         The same by the inducing inputs, if it was asked for.
     """
 
@@ -130,9 +130,9 @@ def sum_features(features, n_tasks, blocks):
     sums : FeatureSums
         Those of several sets of rows add up to those of all.
     """
-    m = len(features)
-    S, (s, phi) = np.zeros((n_tasks, m, m)), np.zeros((2, n_tasks, m))
-    rest, n, y = np.zeros((3, n_tasks))
+    p = len(features)
+    S, (s, phi) = np.zeros((n_tasks, p, p)), np.zeros((2, n_tasks, p))
+    rest, (n, y) = np.zeros((n_tasks, len(features.terms))), np.zeros((2, n_tasks))
     sums = FeatureSums(S, s, rest, n, phi, y)
     for block in blocks:
         _add_features(sums, features, *block)
@@ -148,7 +148,8 @@ def _add_features(sums, features, X, tasks, y):
         sums.S[task] += phi @ phi.T
         sums.s[task] += phi @ y[rows]
         sums.phi[task] += phi.sum(axis=1)
-    sums.rest += np.bincount(tasks, tile.rest, len(sums.n))
+    for of_term, rest in zip(sums.rest.T, tile.rest.T, strict=True):
+        of_term += np.bincount(tasks, rest, len(sums.n))
     sums.n += np.bincount(tasks, minlength=len(sums.n))
     sums.y += np.bincount(tasks, y, len(sums.n))
 
@@ -160,7 +161,7 @@ def sum_residuals(features, omega, levels, blocks):
     ----------
     features : Features
         At the parameters.
-    omega : ndarray of shape (n_tasks, n_inducing)
+    omega : ndarray of shape (n_tasks, n_features)
         Weights of the features.
     levels : ndarray of shape (n_tasks,)
         c_m.
@@ -215,7 +216,7 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
         squares=np.zeros(len(omega)),
         errors=np.zeros_like(omega),
         error=np.zeros(len(omega)),
-        theta=np.zeros(len(features.theta)),
+        theta=np.zeros(features.n_theta),
         Z=np.zeros_like(features.Z),
     )
     for block in blocks:

@@ -117,6 +117,13 @@ class Prior:
         """The fast form of k^x."""
         return compile_kernel(self.kernel)
 
+    def kernels_with(self, theta):
+        """Of each term k^x, its fast form, and its part of theta of k^x."""
+        if self.n_terms == 1:
+            return [(self.kernel, self.node, theta)]
+        parts = self.kernel, self.node.parts, self.kernel.split(theta)
+        return list(zip(*parts, strict=True))
+
     @property
     def n_terms(self):
         """Number of terms K^rho x k^x."""
@@ -216,6 +223,31 @@ class Prior:
     def latent(self, theta):
         """F and kappa at theta, of the latent functions of the tasks."""
         return self.task_covariance.latent(self._split(theta)[1])
+
+    def latents(self, theta):
+        """The same of each term, a list."""
+        of_terms = zip(self.terms, self.theta_of_terms(theta), strict=True)
+        return [form.latent(rho) for (_, form), (_, rho) in of_terms]
+
+    def pull_back_latents(self, theta, gradients):
+        """Gradient of the parameters of K^rho, from those of F and kappa.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+        gradients : list of (ndarray, ndarray)
+            Of each term by F and kappa.
+
+        Returns
+        -------
+        d_rho : ndarray of shape (n_parameters,)
+            Of all terms.
+        """
+        of_terms = zip(self.terms, self.theta_of_terms(theta), gradients, strict=True)
+        return np.concatenate(
+            [form.pull_back_latent(rho, *of) for (_, form), (_, rho), of in of_terms]
+        )
 
     def unseen(self, theta, described=None):
         """Tasks without data at theta, see `WithShared.unseen`; None if unknown."""

@@ -28,7 +28,7 @@ class TestSums:
         theta = building.parts(
             bound, parameters(bound.prior.kernel, bound.prior.task_covariance, M)
         )[0]
-        features = Features(bound.prior.kernel, bound.prior.node, theta, bound.Z)
+        features = Features(bound.prior.kernels_with(theta), bound.Z)
         blocks = list(bound.blocks())
         whole = sum_features(features, M, blocks)
         halves = (

@@ -179,17 +179,29 @@ def _integrate_term(T, t, rows, kappa):
     own = np.eye(len(of_term)) + kappa * of_term
     cholesky = Cholesky(np.asfortranarray(own))
     t[rows] = cholesky.solve(t[rows])
-    log_det, keep = cholesky.log_det(), invert(cholesky)
-    whole = np.eye(len(T))
     others = np.delete(np.arange(len(T)), rows)
-    cross = T[others, rows]
-    taken = cross @ keep
-    whole[others, rows], whole[rows, rows] = -kappa * taken, keep
-    t[others] -= kappa * cross @ t[rows]
-    T[np.ix_(others, others)] -= kappa * taken @ cross.T
-    T[others, rows], T[rows, others] = taken, taken.T
+    taken = _take_off(T, t, rows, others, kappa, cholesky) if len(others) else None
+    log_det, keep = cholesky.log_det(), invert(cholesky)
     T[rows, rows] = _without_own(of_term, kappa, keep)
+    if taken is None:
+        return keep, log_det
+    whole = np.eye(len(T))
+    whole[others, rows], whole[rows, rows] = -kappa * taken, keep
     return whole, log_det
+
+
+def _take_off(T, t, rows, others, kappa, cholesky):
+    """What a task's own function of a term takes off the features of other terms.
+
+    Solved, not multiplied with an inverse: without noise that would leave no digits.
+    """
+    cross = T[rows, others]
+    half = cholesky.half_solve(cross)
+    taken = cholesky.half_solve(half, transposed=True)
+    t[others] -= kappa * t[rows] @ cross
+    T[np.ix_(others, others)] -= kappa * half.T @ half
+    T[rows, others], T[others, rows] = taken, taken.T
+    return taken.T
 
 
 def _without_own(T, kappa, keep):

@@ -512,7 +512,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
                 f"learning={self.learning!r} is for one kernel, and there are "
                 f"{problems[0].prior.n_terms}. Set learning='annealed'."
             )
-        return learn_terms(learn, problems, forms, n_jobs=self.n_jobs)
+        running = {"n_jobs": self.n_jobs, "progress": progress}
+        return learn_terms(learn, problems, forms, **running)
 
     def _budget(self):
         return replace(super()._budget(), truncation=self.truncation)

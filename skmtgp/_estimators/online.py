@@ -229,7 +229,7 @@ class OnlineGP(FittedGP):
     def _demand(self, training, rank=None):
         """What the model of these rows asks of memory."""
         n_kept = len(self._likelihoods) * (1 + len(getattr(self, "theta_samples_", ())))
-        rank = getattr(self, "rank_", 1) if rank is None else rank
+        rank = np.sum(getattr(self, "rank_", 1)) if rank is None else rank
         sizes = len(training.features), len(training.tasks)
         demand = Demand(*sizes, rank=rank, n_kept=n_kept)
         return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])

@@ -6,6 +6,7 @@ from numbers import Integral
 import numpy as np
 
 from skmtgp._estimators.terms import OF_TERMS
+from skmtgp.learning.summarised import exact_part, learn_bounds
 from skmtgp.learning.terms import nest_terms
 from skmtgp.model.task_covariance import low_rank
 
@@ -121,17 +122,27 @@ def learn_candidates(model, training, settings, progress):
     modes : list of list of Mode
         The same.
     """
-    problems, modes = [], []
-    for of_candidate in settings:
-        candidate = copy(model).set_params(**of_candidate)
-        found = candidate._problems(training)
-        [form] = candidate._forms(found[0])
-        [learned] = candidate._learn_ranks(found, [form], progress)
-        problems.append([problem.with_form(form) for problem in found])
-        modes.append(list(learned))
-    of_outputs = zip(zip(*problems, strict=True), zip(*modes, strict=True), strict=True)
-    nested = [nest_terms(list(of), list(found)) for of, found in of_outputs]
-    return problems, [list(of) for of in zip(*nested, strict=True)]
+    found = [
+        _learned(copy(model).set_params(**of_candidate), training, progress)
+        for of_candidate in settings
+    ]
+    problems, parts, modes = (
+        list(map(list, zip(*of, strict=True))) for of in zip(*found, strict=True)
+    )
+    modes = list(map(nest_terms, parts, modes))
+    running = {"nest": nest_terms, "n_jobs": model.n_jobs, "progress": progress}
+    modes = learn_bounds(problems, modes, **running)
+    return [list(zip(*of, strict=True)) for of in (problems, modes)]
+
+
+def _learned(candidate, training, progress):
+    """Of each output the problem, its exact part, and what that tells."""
+    problems = candidate._problems(training)
+    [form] = candidate._forms(problems[0])
+    problems = [problem.with_form(form) for problem in problems]
+    parts = exact_part(problems, [form])
+    [modes] = candidate._learn_ranks(parts, [form], progress)
+    return problems, parts, list(modes)
 
 
 def rank_column(ranks):

@@ -121,8 +121,8 @@ class Engine(ABC):
 
         Parameters
         ----------
-        form : FixedTaskCovariance, LowRank or another
-            Form of K^rho.
+        form : FixedTaskCovariance, LowRank or another, or Forms
+            Form of K^rho; those of several terms.
         """
 
     def check_memory(self, demand, tiles):  # noqa: B027
@@ -177,7 +177,7 @@ class Engine(ABC):
             All observations.
         position : int
             Where the task is among the tasks.
-        kernel : Kernel
+        kernel : Kernel or Kernels
             k^x as learned.
 
         Returns
@@ -230,8 +230,8 @@ def check_terms(engine, prior):
         raise ValueError(
             f"inference={engine.name!r} takes one term K^rho x k^x, but kernel is a "
             f"list of {prior.n_terms} kernels. Set inference='dense' or 'auto', which "
-            "are exact, and fit fewer rows where these are too many; or give one "
-            f"kernel, such as their sum. {INFERENCE}"
+            "are exact, or 'sparse' where rows are too many; or give one kernel, such "
+            f"as their sum. {INFERENCE}"
         )
 
 

@@ -10,28 +10,32 @@ from threadpoolctl import threadpool_limits
 from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.parallel import ONE_THREAD
 from skmtgp.model._nodes import compile_kernel, contract_inputs
+from skmtgp.model.several import terms_of
 
 CANDIDATES = 20_000  # rows
 RESOLVED = 1e-14  # of the largest variance: less is rounding
 
 
 def greedy_variance(
-    kernel, X, n_inducing, *, n_candidates=CANDIDATES, random_state=None
+    kernel, X, n_inducing, *, sizes=None, n_candidates=CANDIDATES, random_state=None
 ):
     """Rows of X, each the one with the largest variance given those before.
 
     The pivoted Cholesky decomposition of k^x(X, X), broken off after `n_inducing`
     columns: it shrinks the trace term of the bound greedily. It takes
-    O(n_candidates n_inducing^2) and n_inducing x n_candidates numbers.
+    O(n_candidates n_inducing^2) and n_inducing x n_candidates numbers, for each term.
 
     Parameters
     ----------
-    kernel : Kernel
-        k^x with the hyperparameters at which the variances are.
+    kernel : Kernel or Kernels
+        k^x with the hyperparameters at which the variances are. Those of several terms
+        are summed.
     X : array-like of shape (n_samples, n_features)
         Inputs, which may be memory-mapped or a Dask array.
     n_inducing : int
         How many are wanted.
+    sizes : ndarray of shape (n_terms,), default=None
+        What the variances of each term count. None is the same for all.
     n_candidates : int, default=20000
         If X has more rows, as many of them are drawn, and the others are not looked
         at.
@@ -51,20 +55,55 @@ def greedy_variance(
     sparse variational inference in Gaussian processes regression* (JMLR 2020).
     """
     X = np.asarray(X[_candidates(len(X), n_candidates, random_state)], dtype=float)
-    left = np.array(kernel.diag(X), dtype=float)
-    least, chosen = RESOLVED * left.max(), []
-    factor = np.empty((min(n_inducing, len(X)), len(X)))
-    for j, row in enumerate(factor):
+    kernels, chosen = terms_of(kernel), []
+    most = min(n_inducing, len(X))
+    sizes = np.ones(len(kernels)) if sizes is None else sizes
+    pivoted = [Pivoted(of, X, most) for of in kernels]
+    while len(chosen) < most:
+        left = sum(size * of.told() for size, of in zip(sizes, pivoted, strict=True))
         pivot = np.argmax(left)
-        if left[pivot] <= least:
+        if not left[pivot] > 0.0:
             break
-        row[:] = kernel(X[pivot : pivot + 1], X)[0]
-        row -= factor[:j, pivot] @ factor[:j]
-        row /= np.sqrt(left[pivot])
-        left -= np.square(row)
-        left[pivot] = 0.0
+        for of in pivoted:
+            of.add(pivot)
         chosen.append(pivot)
     return X[chosen]
+
+
+class Pivoted:
+    """The pivoted Cholesky decomposition of a kernel's covariance, row by row.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        With its hyperparameters.
+    X : ndarray of shape (n_samples, n_features)
+        Inputs.
+    most : int
+        Most rows that are added.
+    """
+
+    def __init__(self, kernel, X, most):
+        self.kernel, self.X = kernel, X
+        self.left = np.array(kernel.diag(X), dtype=float)
+        self.least = RESOLVED * self.left.max()
+        self.factor, self.n_rows = np.empty((most, len(X))), 0
+
+    def told(self):
+        """The variances that are left, and 0 where they are rounding."""
+        return np.where(self.left > self.least, self.left, 0.0)
+
+    def add(self, pivot):
+        """Take the variances given one more input, if it has any left."""
+        if self.left[pivot] <= self.least:
+            return
+        before, row = self.factor[: self.n_rows], self.factor[self.n_rows]
+        row[:] = self.kernel(self.X[pivot : pivot + 1], self.X)[0]
+        row -= before[:, pivot] @ before
+        row /= np.sqrt(self.left[pivot])
+        self.left -= np.square(row)
+        self.left[pivot] = 0.0
+        self.n_rows += 1
 
 
 def _candidates(n, n_candidates, random_state):
@@ -154,11 +193,13 @@ def check_differentiable(kernel, x):
 
     Parameters
     ----------
-    kernel : Kernel
+    kernel : Kernel or Kernels
         k^x.
     x : ndarray of shape (1, n_features)
         An input.
     """
-    bound, one = compile_kernel(kernel).bind(kernel.theta, x), slice(0, 1)
-    _, tape = bound.block(one, one)
-    contract_inputs(bound, np.zeros((1, 1)), tape, one, one, x.shape[1])
+    one = slice(0, 1)
+    for of_term in terms_of(kernel):
+        bound = compile_kernel(of_term).bind(of_term.theta, x)
+        _, tape = bound.block(one, one)
+        contract_inputs(bound, np.zeros((1, 1)), tape, one, one, x.shape[1])

@@ -7,6 +7,7 @@ from skmtgp.inference.likelihood import FISHER_ROWS, rows_of_information
 from skmtgp.inference.sparse import BLOCK
 from skmtgp.inference.tiles import TILE
 from skmtgp.model._nodes import count_arrays, count_elements
+from skmtgp.model.several import terms_of
 
 WORK = 8  # arrays of a tile that come and go, at most
 # Matrices between tasks, with levels: of each climb, with where it starts, and of each
@@ -22,7 +23,7 @@ class TileMemory:
 
     Parameters
     ----------
-    kernel : Kernel
+    kernel : Kernel or Kernels
         k^x.
     x : ndarray of shape (1, n_features)
         An input.
@@ -58,6 +59,11 @@ class TileMemory:
         n_threads = 1 if n_rows < SMALL else min(count_threads(), n_tiles)
         return 8.0 * (n_climbs * kept + max(n_climbs, n_threads) * work)
 
+    @property
+    def n_terms(self):
+        """Number of terms whose kernels they are of."""
+        return len(terms_of(self.kernel))
+
     def of_blocks(self, n_inducing, n_rows, n_climbs):
         """Bytes of sparse inference: a tile of the inducing inputs and some rows.
 
@@ -76,7 +82,7 @@ class TileMemory:
             Of all of them.
         """
         size = min(n_rows, BLOCK)
-        arrays = (self.n_arrays + WORK) * n_inducing * size
+        arrays = (self.n_arrays + WORK * self.n_terms) * n_inducing * size
         return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size))
 
 
@@ -124,9 +130,9 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     Parameters
     ----------
     demand : Demand
-        What is asked for. Of M tasks that share r latent functions it takes M + r^2
-        matrices of m x m for each posterior that is kept; learning takes up to six
-        times that.
+        What is asked for. Of M tasks that share r latent functions of Q terms it takes
+        M Q^2 + r^2 matrices of m x m for each posterior that is kept; learning takes up
+        to six times that.
     tiles : TileMemory
         What the kernel takes.
     n_inducing : int
@@ -137,7 +143,8 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     n, n_tasks, rank = demand.n_samples, demand.n_tasks, demand.rank
     n_inducing, n_exact = min(n, n_inducing), min(n, n_exact)
     n_climbs, n_exact_climbs = demand.n_climbs, demand.n_exact_climbs
-    matrices = (6 * n_climbs + demand.n_kept) * (n_tasks + rank**2)
+    of_each = n_tasks * tiles.n_terms**2 + rank**2
+    matrices = (6 * n_climbs + demand.n_kept) * of_each
     of_bound = _matrices(n_inducing, matrices)
     of_bound += tiles.of_blocks(n_inducing, n, n_climbs)
     of_exact = _matrices(n_exact, n_exact_climbs)

@@ -54,7 +54,7 @@ def _exact(problem):
     return replace(problem, data=drawn, engine=Dense())
 
 
-def learn_rest(problems, forms, modes, *, n_jobs=None, progress=silent):
+def learn_rest(problems, forms, modes, **options):
     """Learn on from all rows where the modes are those of a part.
 
     Parameters
@@ -65,6 +65,30 @@ def learn_rest(problems, forms, modes, *, n_jobs=None, progress=silent):
         Forms of K^rho, of ascending rank.
     modes : list of list of Mode
         For each output and form, what `exact_part` of the problems told.
+    **options
+        See `learn_bounds`.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        For each output and form. As they were where inference is exact.
+    """
+    models = [[problem.with_form(form) for form in forms] for problem in problems]
+    return learn_bounds(models, modes, **options)
+
+
+def learn_bounds(models, modes, *, nest=nest, n_jobs=None, progress=silent):
+    """The same for any models of the outputs.
+
+    Parameters
+    ----------
+    models : list of list of Problem
+        For each output, those that are part of others first; the last one says where
+        the inducing inputs of all are.
+    modes : list of list of Mode
+        For each output and model, what its `exact_part` told.
+    nest : callable, default=nest
+        What learns models again from those that are part of them.
     n_jobs : int, default=None
         Processes. Rows that lie in Dask's partitions are shared out already: one.
     progress : callable, default=silent
@@ -73,43 +97,44 @@ def learn_rest(problems, forms, modes, *, n_jobs=None, progress=silent):
     Returns
     -------
     modes : list of list of Mode
-        For each output and form. As they were where inference is exact.
+        For each output and model. As they were where inference is exact.
     """
-    if problems[0].engine.n_exact is None:
+    [first, *_] = models[0]
+    if first.engine.exact:
         return modes
-    jobs = [
-        ([problem.with_form(form) for form in forms], of)
-        for problem, of in zip(problems, modes, strict=True)
-    ]
+    jobs = [(*of, nest) for of in zip(models, modes, strict=True)]
 
     def describe(j, modes):
         values = ", ".join(f"{mode.value:.2f}" for mode in modes)
         return (
-            f"{problems[j].name}: bound on the log marginal likelihood {values} "
+            f"{models[j][0].name}: bound on the log marginal likelihood {values} "
             f"(scaled) of {modes[0].n_samples} rows"
         )
 
     report = progress("learning from all rows by inducing inputs", len(jobs), describe)
-    if not is_dask(problems[0].data.X):
+    if not is_dask(first.data.X):
         return run(climb_bounds, jobs, n_jobs=n_jobs, report=report)
     with parallel_config(backend="sequential"):
         return run(climb_bounds, jobs, report=report)
 
 
-def climb_bounds(problems, modes):
+def climb_bounds(problems, modes, nest=nest):
     """Climb the bound from modes of some of the rows.
 
     Parameters
     ----------
     problems : list of Problem
-        Of all rows, of which there may be millions, with forms of ascending rank.
+        Of all rows, of which there may be millions; those that are part of others
+        first.
     modes : list of Mode
         The mode of each.
+    nest : callable, default=nest
+        See `learn_bounds`.
 
     Returns
     -------
     modes : list of Mode
-        Their values do not fall as the rank grows.
+        None is below that of a model that is part of it.
     """
     given, best, rounds = problems, None, problems[0].tuning.rounds
     for k in range(rounds):
@@ -232,4 +257,12 @@ def _chosen(problem, mode):
     if problem.engine.inducing_inputs == "k-means":
         X = k_means(X, n_inducing, random_state=rng)
     kernel = problem.prior.kernel_at(mode.theta)
-    return greedy_variance(kernel, X, n_inducing, random_state=rng)
+    sizes = _sizes(problem.prior, mode.theta)
+    return greedy_variance(kernel, X, n_inducing, sizes=sizes, random_state=rng)
+
+
+def _sizes(prior, theta):
+    """How large each term is, beside the largest: by K^rho, of all tasks."""
+    variances = [np.diagonal(K_rho).mean() for _, K_rho in prior.terms_at(theta)]
+    sizes = np.maximum(variances, np.finfo(float).tiny)
+    return sizes / sizes.max()

@@ -6,7 +6,8 @@ likelihood by its K^rho, with theta of its kernel where learning of it starts, f
 and slower than that, and than those of the terms that are there. It may also begin as
 half of a term of the same kernel, which is split in a faster and a slower one. From the
 likeliest of these starts all parameters are learned, first from a few hundred of the
-rows. A model with a term less is part of one with it: no mode is worse.
+rows. A model with a term less is part of one with it: no mode is worse. By sparse
+inference terms are grown from the rows that it is exact of; the bound is of all terms.
 """
 
 from dataclasses import replace
@@ -18,9 +19,10 @@ import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import limit_threads, run
-from skmtgp._support.progress import say
+from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import climb, refine, shake
 from skmtgp.learning.problem import Mode, Problem, best_of
+from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.model.several import terms_of
 
 
@@ -42,7 +44,7 @@ class Grown(NamedTuple):
     order: tuple
 
 
-def learn_terms(learn, problems, forms, *, n_jobs=None):
+def learn_terms(learn, problems, forms, *, n_jobs=None, progress=silent):
     """Learn models of several terms for several outputs.
 
     Parameters
@@ -56,17 +58,26 @@ def learn_terms(learn, problems, forms, *, n_jobs=None):
         Forms of K^rho of the terms.
     n_jobs : int, default=None
         Processes.
+    progress : callable, default=silent
+        Told of bounds over all rows, see :func:`skmtgp._support.progress.fitting`.
 
     Returns
     -------
     modes : list of list of Mode
         For each of the forms and each output.
     """
-    return [_learn(learn, [p.with_form(of) for p in problems], n_jobs) for of in forms]
+    running, found = {"n_jobs": n_jobs, "progress": progress}, []
+    for form in forms:
+        of_form = [problem.with_form(form) for problem in problems]
+        exact = _learn(learn, exact_part(of_form, [form]), n_jobs)
+        modes = learn_rest(of_form, [form], [[mode] for mode in exact], **running)
+        of_outputs = zip(of_form, modes, strict=True)
+        found.append([_ordered(problem, mode) for problem, [mode] in of_outputs])
+    return found
 
 
 def _learn(learn, problems, n_jobs):
-    """The mode of each output, of one list of terms."""
+    """The mode of each output, of one list of terms, by exact inference."""
     alone = []
     for q in _distinct(problems[0], range(problems[0].prior.n_terms)):
         of_term = [_of_terms(problem, [q]) for problem in problems]
@@ -87,15 +98,22 @@ def _grow_all(problem, grown):
     """The mode of all terms, from that of one of them."""
     while len(grown.order) < problem.prior.n_terms:
         grown = _with_one_more(problem, grown)
-    prior, mode = problem.prior, grown.mode
+    mode = grown.mode
     of_terms = grown.problem.prior.theta_of_terms(mode.theta)
-    of_terms = _in_place(prior, [of_terms[k] for k in np.argsort(grown.order)])
-    theta = prior.with_theta_of_terms(mode.theta, of_terms)
+    of_terms = [of_terms[k] for k in np.argsort(grown.order)]
+    theta = problem.prior.with_theta_of_terms(mode.theta, of_terms)
     return mode._replace(theta=theta, rivals=())
 
 
+def _ordered(problem, mode):
+    """The mode with terms that may take each other's places as their kernels began."""
+    prior = problem.prior
+    of_terms = _in_place(prior, prior.theta_of_terms(mode.theta))
+    return mode._replace(theta=prior.with_theta_of_terms(mode.theta, of_terms))
+
+
 def _in_place(prior, of_terms):
-    """The same with terms that may take each other's places as their kernels began.
+    """Theta of terms that may take each other's places as their kernels began.
 
     The one that began slowest is the slowest; of equal beginnings the first.
     """

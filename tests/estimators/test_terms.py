@@ -300,11 +300,7 @@ class TestRefusals:
             ),
             (
                 {"kernel": [SLOW] * 2, "inference": "kronecker"},
-                "inference='kronecker' takes one term.*inference='dense' or 'auto'",
-            ),
-            (
-                {"kernel": [SLOW] * 2, "inference": "sparse"},
-                "inference='sparse' takes one term.*fewer rows",
+                "inference='kronecker' takes one term.*'dense' or 'auto'.*'sparse'",
             ),
             (
                 {"kernel": [SLOW] * 2, "hyperparameters": "sampled"},

@@ -2,6 +2,7 @@
 
 import numpy as np
 from multitask_models import PAPER
+from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
 
@@ -29,6 +30,12 @@ GPS = {
     "levels": MultiTaskGPRegressor(**STAGED | {"task_levels": True}),
     "diagonal": MultiTaskGPRegressor(**STAGED | {"rank": 1, "diagonal": True}),
     "per task": MultiTaskGPRegressor(**STAGED | {"noise": "per_task"}),
+    "several kernels": MultiTaskGPRegressor(
+        [RBF(2.0), RBF(0.5)],
+        rank=[1, 2],
+        diagonal=[True, False],
+        **PAPER | SPARSE | {"task_levels": True, "max_iter": 5},
+    ),
     "k-means": MultiTaskGPRegressor(inducing_inputs="k-means", **STAGED),
     "optimised": MultiTaskGPRegressor(inducing_inputs="optimised", **STAGED),
     "IndependentGP": IndependentGP(**PAPER, **SPARSE),

@@ -55,14 +55,15 @@ def greedy_variance(
     sparse variational inference in Gaussian processes regression* (JMLR 2020).
     """
     X = np.asarray(X[_candidates(len(X), n_candidates, random_state)], dtype=float)
-    kernels, chosen = terms_of(kernel), []
+    kernels, chosen, least = terms_of(kernel), [], 0.0
     most = min(n_inducing, len(X))
     sizes = np.ones(len(kernels)) if sizes is None else sizes
     pivoted = [Pivoted(of, X, most) for of in kernels]
     while len(chosen) < most:
         left = sum(size * of.told() for size, of in zip(sizes, pivoted, strict=True))
         pivot = np.argmax(left)
-        if not left[pivot] > 0.0:
+        least = least or RESOLVED * left[pivot]
+        if not left[pivot] > least:
             break
         for of in pivoted:
             of.add(pivot)

@@ -25,6 +25,7 @@ from skmtgp import (
 )
 from skmtgp.inference import sums
 from skmtgp.learning import summarised
+from skmtgp.model.several import Forms, Kernels
 from skmtgp.model.task_covariance import low_rank
 
 dask = pytest.importorskip("dask")
@@ -54,20 +55,21 @@ def client():
         yield client
 
 
-def bounds(chunks, n_noise=1):
+ONE = RBF([0.8, 1.3]), low_rank(M, 2)
+TWO = (
+    Kernels([RBF([0.8, 1.3]), RBF(0.3)]),
+    Forms([low_rank(M, 1, diagonal=True), low_rank(M, 2)]),
+)
+
+
+def bounds(chunks, n_noise=1, model=ONE):
     """The same bound over arrays and over Dask's, and parameters."""
     X, y = draw(N)
-    kernel, form = RBF([0.8, 1.3]), low_rank(M, 2)
     rows = X[:, :2], X[:, 2].astype(int), y
     far = [da.from_array(a, chunks=(chunks, *a.shape[1:])).persist() for a in rows]
-    theta = [*kernel.theta, *FACTOR.ravel(), *np.full(n_noise, np.log(0.05))]
-    return (
-        *(
-            building.sparse(kernel, form, *of, X[:20, :2], n_noise)
-            for of in (rows, far)
-        ),
-        np.array(theta),
-    )
+    Z, K_rho = X[:20, :2], FACTOR @ FACTOR.T
+    here, far = (building.sparse(*model, *of, Z, n_noise) for of in (rows, far))
+    return here, far, here.prior.theta(K_rho=K_rho, log_noise=np.log(0.05))
 
 
 def assert_same_bound(here, far, theta):
@@ -96,6 +98,10 @@ class TestBound:
     @pytest.mark.parametrize("chunks", [ROWS, (N,), (1,) * 7 + (N - 7,)])
     def test_same_as_in_memory(self, chunks, n_noise):
         assert_same_bound(*bounds(chunks, n_noise))
+
+    @pytest.mark.parametrize("chunks", [ROWS, (1,) * 7 + (N - 7,)])
+    def test_several_terms(self, chunks):
+        assert_same_bound(*bounds(chunks, M, TWO))
 
     @pytest.mark.long
     def test_on_a_cluster(self, client):

@@ -16,6 +16,7 @@ from skmtgp.inference.inducing import (
     optimised,
 )
 from skmtgp.kernels import inverse_dynamics_kernel
+from skmtgp.model.several import Kernels
 from skmtgp.model.task_covariance import low_rank
 
 KERNELS = {
@@ -47,6 +48,36 @@ def test_greedy_variance(name):
     Z = greedy_variance(KERNELS[name], X, 12)
     np.testing.assert_array_equal(Z, naive(KERNELS[name], X, 12))
     np.testing.assert_array_equal(greedy_variance(KERNELS[name], X, 5), Z[:5])
+
+
+@pytest.mark.parametrize("sizes", [None, np.array([1.0, 0.2])])
+def test_greedy_variance_of_several_terms(sizes):
+    """Of each the conditional variances, which are summed."""
+    X, kernels = draw(), [RBF(1.3), ConstantKernel(0.5) * RBF(0.7)]
+    counts = np.ones(2) if sizes is None else sizes
+    Z = greedy_variance(Kernels(kernels), X, 12, sizes=sizes)
+    chosen = []
+    for _ in range(12):
+        total = np.zeros(len(X))
+        for kernel, size in zip(kernels, counts, strict=True):
+            K = kernel(X)
+            told = np.linalg.solve(K[np.ix_(chosen, chosen)], K[chosen])
+            total += size * (np.diagonal(K) - np.sum(K[chosen] * told, axis=0))
+        total[chosen] = -np.inf
+        chosen.append(int(np.argmax(total)))
+    np.testing.assert_array_equal(Z, X[chosen])
+
+
+def test_a_slow_term_ends_no_choice():
+    X = np.linspace(0.0, 1.0, 200)[:, None]
+    slow, fast = RBF(3.0), RBF(0.02)
+    assert len(greedy_variance(slow, X, 60)) < 15
+    Z = greedy_variance(Kernels([slow, fast]), X, 60)
+    assert len(Z) == 60
+    np.linalg.cholesky(fast(Z))
+    sizes = np.array([1.0, np.finfo(float).tiny])  # a term that is next to nothing
+    few = greedy_variance(Kernels([slow, fast]), X, 8, sizes=sizes)
+    np.testing.assert_array_equal(few, greedy_variance(slow, X, 8))
 
 
 def test_no_row_is_chosen_twice():

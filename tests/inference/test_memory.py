@@ -24,7 +24,8 @@ from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory, sparse
 from skmtgp.inference.engine import Demand
 from skmtgp.inference.engines import Dense, Kronecker
-from skmtgp.inference.memory import TileMemory
+from skmtgp.inference.memory import TileMemory, check_sparse_memory
+from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.model._nodes import compile_kernel, count_arrays
 from skmtgp.model.task_covariance import low_rank
@@ -123,6 +124,22 @@ def test_several_terms(kernels, monkeypatch):
     counted = count(monkeypatch, Dense(), likelihood)
     found = peak(likelihood, prior.theta())
     assert found <= counted <= 1.3 * found
+
+
+@pytest.mark.parametrize("diagonal", [False, True])
+@pytest.mark.parametrize("n_terms", [1, 2, 4])
+def test_sparse_inference_of_several_terms(n_terms, diagonal, monkeypatch):
+    n, m, counted = 1500, 90, []
+    terms = [(RBF(ARD), low_rank(M, 1, diagonal))] * n_terms
+    one, _ = problem(building.dense, RBF(ARD), n)
+    prior = one.prior.with_terms(terms)
+    bound = SparseBound(prior, one.X, one.tasks, one.y, one.X[:: n // m][:m])
+    monkeypatch.setattr(memory, "_of_tasks", lambda *_: 0.0)
+    monkeypatch.setattr(memory, "check_available", lambda of, *_: counted.append(of))
+    demand = Demand(n, M, rank=n_terms)
+    check_sparse_memory(demand, TileMemory(prior.kernel, one.X[:1]), m, n_exact=0)
+    found = peak(bound, prior.theta())
+    assert found <= counted[0] <= 3.0 * found
 
 
 @pytest.mark.parametrize("kernel", [RBF(), RBF(ARD), Matern(ARD, nu=0.5)])

@@ -305,8 +305,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     With a list of kernels the covariance has a term for each,
     :math:`\sum_q K^{\rho_q}_{mm'}\, k_q(x, x')`: the linear model of coregionalisation,
     with ranks 1 the semiparametric latent factor model. `predict_terms` takes
-    predictions apart. Inference is then dense, and hyperparameters are those of the
-    mode. A list of one kernel is that kernel. See :doc:`/guide/terms`.
+    predictions apart. Inference is then "dense" or, where asked for, "sparse", and
+    hyperparameters are those of the mode. A list of one kernel is that kernel. See
+    :doc:`/guide/terms`.
 
     What "auto" means for `normalize_y` and `noise`, the data say before learning. A
     small model is asked: tasks that have nothing in common but :math:`k^x`, with an

@@ -50,6 +50,8 @@ DENSE = {
 BY_INDUCING_INPUTS = {
     "skmtgp.inference.engines.Sparse",
     "skmtgp.inference.features.Features",
+    "skmtgp.inference.features.TermFeatures",
+    "skmtgp.inference.loadings.Loadings",
     "skmtgp.inference.sparse.SparseBound",
     "skmtgp.inference.sparse_posterior.SparsePosterior",
     "skmtgp.inference.weights.Covariances",

@@ -10,7 +10,7 @@ one part below the other, as the features are. Matrices between features have a 
 for each pair of terms.
 """
 
-from itertools import product
+from itertools import accumulate, pairwise, product, starmap
 
 import numpy as np
 
@@ -42,10 +42,8 @@ class Loadings:
         self.F, self.kappa = np.hstack(of_F), np.column_stack(of_kappa)
         self.n_inducing = n_inducing
         self.own = self.of_features(self.kappa)
-        ends = np.cumsum([0, *(F.shape[1] for F in of_F)])
-        self.columns = list(map(slice, ends[:-1], ends[1:]))
-        steps = n_inducing * np.arange(len(latents) + 1)
-        self.rows = list(map(slice, steps[:-1], steps[1:]))
+        self.columns = _slices(F.shape[1] for F in of_F)
+        self.rows = _slices([n_inducing] * len(latents))
 
     @property
     def n_terms(self):
@@ -185,6 +183,11 @@ class Loadings:
             kappa = np.append(self.kappa[:, q], np.full(len(loadings), own))
             latents.append((np.vstack([F, more]), kappa))
         return Loadings(latents, self.n_inducing)
+
+
+def _slices(sizes):
+    """Where parts of these sizes are, one after another."""
+    return list(starmap(slice, pairwise([0, *accumulate(sizes)])))
 
 
 def _products(F, G):

@@ -227,3 +227,14 @@ def test_memory_that_cannot_suffice(monkeypatch):
     match = "Sparse inference with n_inducing=90, 3 tasks and rank 3 needs about"
     with pytest.raises(InsufficientMemoryError, match=match):
         model.fit(X, y)
+
+
+def test_skops(fitted):
+    skops = pytest.importorskip("skops.io")
+    data = skops.dumps(fitted)
+    types = skops.get_untrusted_types(data=data)
+    ours = {name for name in types if name.startswith("skmtgp.")}
+    assert {f"skmtgp.model.several.{name}" for name in ("Kernels", "Forms")} <= ours
+    assert all(name.startswith(("skmtgp.", "sklearn.")) for name in types)
+    again = skops.loads(data, trusted=types)
+    np.testing.assert_array_equal(again.predict(NEW), fitted.predict(NEW))

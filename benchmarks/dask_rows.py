@@ -30,9 +30,9 @@ from settings import PAPER
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
+from skmtgp.inference.gradients import Gradients
 from skmtgp.inference.sparse import SparseBound
 from skmtgp.inference.sums import sum_features, sum_gradients
-from skmtgp.inference.weights import Gradients
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 

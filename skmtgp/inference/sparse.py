@@ -24,6 +24,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.guide import INFERENCE
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.features import Features
+from skmtgp.inference.gradients import Gradients
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.inference.loadings import Loadings
 from skmtgp.inference.sparse_posterior import SparsePosterior
@@ -34,7 +35,7 @@ from skmtgp.inference.sums import (
     sum_gradients,
     sum_residuals,
 )
-from skmtgp.inference.weights import Gradients, Weights
+from skmtgp.inference.weights import Weights
 from skmtgp.model.several import terms_of
 
 BLOCK = 1024  # rows

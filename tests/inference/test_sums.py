@@ -7,13 +7,13 @@ from sklearn.gaussian_process.kernels import RBF
 from sparse_bounds import ARD, EVERY, KERNELS, D, M, Sample, draw, make, parameters
 
 from skmtgp.inference.features import Features
+from skmtgp.inference.gradients import Adjoint, Gradients
 from skmtgp.inference.sums import (
     WINDOW,
     blocks_by_task,
     sum_features,
     sum_gradients,
 )
-from skmtgp.inference.weights import Adjoint, Gradients
 from skmtgp.model.task_covariance import low_rank
 
 

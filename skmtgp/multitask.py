@@ -18,6 +18,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
+from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
@@ -355,6 +356,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "diagonal": ["boolean", StrOptions({"equal"}), *LISTS],
         "task_levels": ["boolean"],
         "task_descriptors": ["array-like", None],
+        "trend_per_task": ["boolean"],
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
         "truncation": [StrOptions({"eigen", "cholesky"})],
         "n_restarts_optimizer": [Interval(Integral, 0, None, closed="left")],
@@ -371,6 +373,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         task_levels: bool = True,
         task_feature: int | str = -1,
         task_descriptors: Sequence[int | str] | None = None,
+        trend: TrendOf = None,
+        trend_per_task: bool = False,
         noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
@@ -398,6 +402,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         self.task_levels = task_levels
         self.task_feature = task_feature
         self.task_descriptors = task_descriptors
+        self.trend = trend
+        self.trend_per_task = trend_per_task
         self.noise = noise
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds

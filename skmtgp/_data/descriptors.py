@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from skmtgp._data.labels import rows_by_code
-from skmtgp._data.task_column import locate_column
+from skmtgp._data.task_column import locate_columns
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import DescriptorWarning
@@ -40,28 +40,20 @@ def locate_descriptors(task_descriptors, position, n_features, names=None):
         If there is no such column, if one is the task column or given twice, or if no
         column is left.
     """
-    columns = [
-        locate_column(of, n_features, names, "an element of task_descriptors", "column")
-        for of in task_descriptors
-    ]
-    given = list(task_descriptors)
-    if not given:
-        raise ValueError("task_descriptors is empty: name a column, or set it to None.")
-    if position in columns:
-        raise ValueError(
-            f"task_descriptors={given!r} has the task column, "
-            f"{given[columns.index(position)]!r}: a label describes nothing."
-        )
-    twice = [of for of, k in zip(given, columns, strict=True) if columns.count(k) > 1]
-    if twice:
-        raise ValueError(f"task_descriptors={given!r} names a column twice: {twice}.")
+    columns = locate_columns(
+        task_descriptors,
+        "task_descriptors",
+        position,
+        n_features,
+        names,
+        "a label describes nothing.",
+    )
     if len(columns) == n_features - 1:
         raise ValueError(
-            f"task_descriptors={given!r} leaves no column of X for the inputs of the "
-            "kernel; give at least 1."
+            f"task_descriptors={list(task_descriptors)!r} leaves no column of X for the "
+            "inputs of the kernel; give at least 1."
         )
-    columns = np.array(columns)
-    return columns - (columns > position)
+    return columns
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,52 @@ def locate_column(
     return int(column) % n_features
 
 
+def locate_columns(given, parameter, position, n_features, names, why):
+    """Positions of columns among those without that of the task.
+
+    Parameters
+    ----------
+    given : sequence of int or str
+        Positions or names of columns of X.
+    parameter : str
+        That of the estimator, for errors.
+    position : int
+        That of the task column.
+    n_features : int
+        Number of columns, the task column counted.
+    names : sequence of str or None
+        Names of the columns, if they have any.
+    why : str
+        Why the task column cannot be one of them.
+
+    Returns
+    -------
+    columns : ndarray of shape (n_given,)
+
+    Raises
+    ------
+    TypeError
+        If one is neither an int nor a str.
+    ValueError
+        If there is none or no such column, if one is the task column or given twice.
+    """
+    of = f"an element of {parameter}"
+    columns = [locate_column(one, n_features, names, of, "column") for one in given]
+    given = list(given)
+    if not given:
+        raise ValueError(f"{parameter} is empty: name a column, or set it to None.")
+    if position in columns:
+        raise ValueError(
+            f"{parameter}={given!r} has the task column, "
+            f"{given[columns.index(position)]!r}: {why}"
+        )
+    twice = [one for one, k in zip(given, columns, strict=True) if columns.count(k) > 1]
+    if twice:
+        raise ValueError(f"{parameter}={given!r} names a column twice: {twice}.")
+    columns = np.array(columns)
+    return columns - (columns > position)
+
+
 def _locate_name(name, names, parameter):
     """Position of a name among those of the columns."""
     if names is None:

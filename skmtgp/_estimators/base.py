@@ -18,11 +18,13 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.descriptors import locate_descriptors, read_descriptors
 from skmtgp._data.labels import Labels
 from skmtgp._data.partitions import check_partitions
+from skmtgp._data.trend import NAMED, read_trend
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.online import OnlineGP
 from skmtgp._estimators.sampled import n_posteriors
+from skmtgp._estimators.slopes import Slopes
 from skmtgp._estimators.targets import fit_target
 from skmtgp._estimators.training import Training, default_kernel
 from skmtgp._estimators.units import variance_of_means
@@ -35,7 +37,7 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
-from skmtgp.inference.engine import Demand, Engine, check_terms
+from skmtgp.inference.engine import Demand, Engine, check_terms, check_trend
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
@@ -62,6 +64,12 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean", StrOptions({"auto", "per_task", "shared"})],
+        "trend": [
+            StrOptions(set(NAMED)),
+            "array-like",
+            HasMethods(["fit", "transform"]),
+            None,
+        ],
         "target_transform": [HasMethods(list(TRANSFORMER)), tuple, None],
         "inference": [StrOptions({"auto", *ENGINES}), Engine],
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
@@ -162,6 +170,11 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
                 "task_descriptors needs the rows in memory, and X is a Dask "
                 "collection. Give arrays, or leave the descriptors out."
             )
+        if stay and getattr(self, "trend", None) is not None:
+            raise ValueError(
+                "trend needs the rows in memory, and X is a Dask collection. Give "
+                "arrays, or leave the trend out."
+            )
         check = check_partitions if stay else check_training
         training = self._scale(*check(self, X, y))
         report = "auto" in (self.normalize_y, self.noise) and progress(
@@ -176,8 +189,16 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         target = fit_target(self.target_transform, Y)
         Y = target.forward(Y)
         features, described = self._describe(features, codes, tasks)
+        slopes = self._slopes(features, codes, tasks, **described)
         training = Training(
-            features, codes, tasks, Y, single_output, target=target, **described
+            features,
+            codes,
+            tasks,
+            Y,
+            single_output,
+            target=target,
+            slopes=slopes,
+            **described,
         )
         if len(Y) > FEW_ROWS:
             same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
@@ -205,6 +226,26 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         descriptors = read_descriptors(columns, names, features, labels)
         return descriptors.inputs(features), {"descriptors": descriptors}
 
+    def _slopes(self, inputs, codes, tasks, descriptors=None):
+        """The trend at the training rows, None without one."""
+        trend = getattr(self, "trend", None)
+        per_task = getattr(self, "trend_per_task", False)
+        if trend is None:
+            if per_task:
+                raise ValueError(
+                    "trend_per_task=True needs a trend: name its columns in trend, or "
+                    "set trend='linear'."
+                )
+            return None
+        position, names = locate(self)
+        given = getattr(self, "feature_names_in_", None)
+        described = None if descriptors is None else descriptors.columns
+        columns = read_trend(trend, inputs, position, names, given, described)
+        centred = bool(self.normalize_y)
+        slopes = Slopes(columns, inputs, codes, tasks, bool(per_task), centred)
+        slopes.check()
+        return slopes
+
     def _kernels(self):
         """k^x of each term, as the user gave it."""
         return [self.kernel]
@@ -229,6 +270,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         prior = self._prior(training)
         engine = choose(self.inference, prior, training, **self._options())
         check_terms(engine, prior)
+        check_trend(engine, prior)
         if self.hyperparameters == "sampled" and prior.n_terms > 1:
             raise ValueError(
                 "hyperparameters='sampled' draws those of one term K^rho x k^x, but "
@@ -239,16 +281,17 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         of_outputs = training.data(engine)
         engine.check(prior, of_outputs[0], training.tasks)
         n = len(of_outputs)
+        trends = training.trends or [None] * n
         return [
             Problem(
-                prior=self._scaled(prior, data, training.units),
+                prior=self._scaled(replace(prior, trend=trend), data, training.units),
                 data=data,
                 engine=engine,
                 budget=self._budget(),
                 name=f"output {j} of {n}" if n > 1 else "the output",
                 weak_priors=self.hyperparameters == "map",
             )
-            for j, data in enumerate(of_outputs, start=1)
+            for j, (data, trend) in enumerate(zip(of_outputs, trends, strict=True), 1)
         ]
 
     def _options(self):
@@ -268,8 +311,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             kernel,
             of_tasks,
             n_noise=n_tasks if training.noise == "per_task" else 1,
-            levels=self._has_levels(),
+            levels=self._has_levels() and not training.has_constants,
             noise_is_fixed=isinstance(self.noise_variance_bounds, str),
+            trend=training.trends and training.trends[0],
         )
         return prior.with_terms([(each, of_tasks) for each in terms_of(kernel)])
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp._estimators.units import Units, shared_units, units_of_tasks
+from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.screening import (
@@ -38,7 +38,8 @@ def decide(model, training):
     noises = _noises(model, training)
     with limit_threads(len(training.Y)):
         units = _units(model, training)
-    candidates = [replace(training, units=of, noise=noises[0]) for of in units]
+    training = replace(training, noise=noises[0])
+    candidates = [training.with_units(of) for of in units]
     if len(candidates) == len(noises) == 1:
         return candidates[0]
     with limit_threads(len(training.Y)):
@@ -49,9 +50,10 @@ def decide(model, training):
 
 def _units(model, training):
     """Units that may be taken; the first ones where there is nothing to decide."""
-    Y, codes, n_tasks = training.Y, training.codes, len(training.tasks)
+    codes, n_tasks = training.codes, len(training.tasks)
     if model.normalize_y == "per_task" and n_tasks > 1:
-        return [units_of_tasks(Y, codes, n_tasks)]
+        return [units_of_tasks(training.unexplained(True), codes, n_tasks)]
+    Y = training.unexplained(False)
     centred = bool(model.normalize_y)
     # without an amplitude in the model a scale changes it; otherwise, the path
     scaled = centred or model._learns_amplitude()
@@ -61,7 +63,9 @@ def _units(model, training):
     asks = model.normalize_y == "auto" and n_tasks > 1 and model.max_iter > 0
     if not asks or training.descriptors is not None:  # of which units do not follow
         return [shared]
-    of_tasks = units_of_tasks(Y, codes, n_tasks)
+    if training.slopes and training.slopes.place(True) is None:
+        return [shared]  # means of tasks would leave nothing of some columns
+    of_tasks = units_of_tasks(training.unexplained(True), codes, n_tasks)
     asks = differ_in_size(of_tasks.scale, training.counts)
     return [shared, of_tasks] if asks else [shared]
 
@@ -78,7 +82,8 @@ def _noises(model, training):
 
 def _screened(model, training, noises):
     """The score of the training data, they, and the noise that has it."""
-    small = _without_levels(training) if model._has_levels() else training
+    # how far apart levels are says nothing of units: they have the same prior in all
+    small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]
     best = _score(small, found), training, noises[0]
     if len(noises) > 1 and any(differ_in_noise(*of) for of in found):
@@ -86,17 +91,6 @@ def _screened(model, training, noises):
         other = _score(small, found), training, noises[1]
         best = max(best, other, key=lambda of: of[0])
     return best
-
-
-def _without_levels(training):
-    """The training data, each task taken off its own mean.
-
-    Levels have then the same prior in all units: how far apart they are says nothing of
-    the units.
-    """
-    of_tasks = units_of_tasks(training.Y, training.codes, len(training.tasks))
-    scale = np.broadcast_to(training.units.scale, of_tasks.scale.shape)
-    return replace(training, units=Units(of_tasks.centre, scale))
 
 
 def _small(model, training):

@@ -28,6 +28,8 @@ from skmtgp.learning.forecast import is_large
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 from skmtgp.model.several import Kernels
 
+COEFFICIENTS = "coef_", "coef_std_", "trend_names_"
+
 
 class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
@@ -191,7 +193,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self.noise_,
             self._target,
             self._descriptors,
+            trends=self._trends(),
         )
+
+    def _trends(self):
+        """The trend of each output, in its units; None without one."""
+        trends = [likelihood.prior.trend for likelihood in self._likelihoods]
+        return None if trends[0] is None else trends
 
     def _check_rows(self):
         if not hasattr(self, "X_train_"):
@@ -204,7 +212,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     def _knows_unseen(self):
         """Whether what all tasks share, or descriptors, tell of another one."""
         told = self._shares() or self._descriptors is not None
-        return told and not self._units.per_task
+        alike = self._likelihoods[0].prior.tells_unseen
+        return told and alike and not self._units.per_task
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""
@@ -330,11 +339,12 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         units = "per_task" if training.units.per_task else "shared"
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise
-        self._log_jacobian = training.units.log_jacobian(training.counts)
+        self._log_jacobian = training.log_jacobian()
         self.tasks_, self._n_rows = training.tasks, training.counts
         self._descriptors = training.descriptors
         self._store_rows(training)
-        vars(self).pop("inducing_inputs_", None)
+        for name in ("inducing_inputs_", *COEFFICIENTS):
+            vars(self).pop(name, None)
         if not engine.exact:
             Z = [likelihood.inputs for likelihood in likelihoods]
             self.inducing_inputs_ = Z[0] if training.single_output else Z
@@ -381,8 +391,20 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         levels = np.array([posterior.levels for posterior in self._predictive])
         variances = np.array([p.level_variances() for p in self._predictive])
         levels = levels * units.scale + units.centre
+        if self._trends() is not None:
+            self._store_coefficients()
         deviations = np.sqrt(variances) * units.scale
         self.task_level_, self.task_level_std_ = self._of_outputs(levels, deviations)
+
+    def _store_coefficients(self):
+        """The trend's coefficients, in units of y, and their deviations."""
+        found = [of.coefficients_in_units() for of in self._predictive]
+        found = map(np.array, zip(*found, strict=True))
+        if not self._likelihoods[0].prior.trend.per_task:
+            found = [of[:, 0] for of in found]
+        self.coef_, self.coef_std_ = self._of_outputs(*found)
+        names = self._likelihoods[0].prior.trend.columns.names
+        self.trend_names_ = np.array(names, dtype=object)
 
     def _of_outputs(self, *arrays):
         """Arrays with an axis of the outputs first, without it if y had none."""

@@ -13,8 +13,10 @@ from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.labels import sorted_tasks
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
-from skmtgp._estimators.units import Units, count_tasks
+from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes
+from skmtgp._estimators.units import Units, count_tasks, units_of_tasks
 from skmtgp._numerics.linalg import RESOLVED
+from skmtgp.model.trend import Trend
 
 AS_THEY_ARE = slice(None)
 
@@ -64,6 +66,10 @@ class Training:
         How Y was transformed.
     descriptors : Descriptors, default=None
         What is known of the tasks.
+    slopes : Slopes, default=None
+        A trend, as least squares see it.
+    trends : list of n_outputs Trend, default=None
+        The same in the units of each output.
     """
 
     features: np.ndarray
@@ -75,6 +81,8 @@ class Training:
     noise: str = "shared"
     target: AsGiven = AS_GIVEN
     descriptors: Descriptors | None = None
+    slopes: Slopes | None = None
+    trends: list[Trend] | None = None
 
     @cached_property
     def design(self):
@@ -92,11 +100,57 @@ class Training:
         return count_tasks(self.codes, len(self.tasks))
 
     @property
+    def has_constants(self):
+        """Whether a trend has a constant of each task, which is then no level."""
+        return self.slopes is not None and self.slopes.has_constants
+
+    @property
     def chosen(self):
         """Units and noise, in words."""
         units = "units of their own" if self.units.per_task else "the same units"
         noises = {"shared": "one noise variance", "per_task": "a noise variance each"}
         return f"{units}, {noises[self.noise]}"
+
+    def unexplained(self, per_task):
+        """Targets without what least squares explain by a trend.
+
+        `per_task` is whether each task is taken off its own mean.
+        """
+        if self.slopes is None:
+            return self.Y
+        place = self.slopes.place(per_task)
+        if place is None:
+            self.slopes.refuse_means(per_task)
+        return self.slopes.unexplained(self.Y, place)
+
+    def with_units(self, units):
+        """The data in other units, those of `unexplained` targets."""
+        if self.slopes is None:
+            return replace(self, units=units)
+        place = self.slopes.place(units.per_task)
+        if self.slopes.centred and place == NOWHERE:  # constants are the trend's
+            units = units._replace(centre=np.zeros_like(units.centre))
+        trends = self.slopes.trends(self.Y, units, place)
+        return replace(self, units=units, trends=trends)
+
+    def without_levels(self):
+        """The data, each task taken off its own mean, for small models of them."""
+        Y, n_tasks = self.Y, len(self.tasks)
+        if self.slopes is not None:
+            Y = self.slopes.unexplained(Y, OF_TASKS)
+        of_tasks = units_of_tasks(Y, self.codes, n_tasks)
+        scale = np.broadcast_to(self.units.scale, of_tasks.scale.shape)
+        units = Units(of_tasks.centre, scale)
+        trends = self.slopes and self.slopes.trends(self.Y, units, OF_TASKS)
+        return replace(self, units=units, trends=trends)
+
+    def log_jacobian(self):
+        """Log density of the targets in units of y less that in these, by output."""
+        found = self.units.log_jacobian(self.counts)
+        if self.trends is None:
+            return found
+        rows = self.features, self.codes
+        return found + [trend.log_jacobian(*rows) for trend in self.trends]
 
     def order(self, engine):
         """The rows as the engine takes them: sorted by task, or all as they are."""
@@ -112,7 +166,11 @@ class Training:
             design = np.argsort(order)[self.design]
         n_tasks = len(self.tasks)
         Q = self.descriptors and self.descriptors.Q
-        return [Data(X, tasks, held(y), n_tasks, design, Q=Q) for y in Y.T]
+        of_outputs = [held(y) for y in Y.T]
+        if self.trends is not None:
+            pairs = zip(of_outputs, self.trends, strict=True)
+            of_outputs = [y - trend.fitted(X, tasks) for y, trend in pairs]
+        return [Data(X, tasks, y, n_tasks, design, Q=Q) for y in of_outputs]
 
     def with_rows(self, features, codes, Y):
         """The data with more rows of its tasks, which come last.

@@ -1,12 +1,13 @@
 """Exact inference with the dense n x n covariance matrix."""
 
 import numpy as np
-from scipy.linalg.blas import dsyr
+from scipy.linalg.blas import dsyr, dsyrk
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._numerics.updates import UpdatedCholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.inference.flat import Coefficients, Flat
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood
@@ -24,6 +25,7 @@ class DenseLikelihood(TiledLikelihood):
 
     def __init__(self, prior, X, tasks, y):
         super().__init__(prior, X, tasks, y, inputs=X)
+        self.basis = prior.trend and prior.trend.basis(X, tasks)
         self.present = {
             tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
         }
@@ -53,7 +55,7 @@ class DenseLikelihood(TiledLikelihood):
         """The value; NotPositiveDefiniteError where K cannot be factorised."""
         with limit_threads(self.side), self._workspace() as workspace:
             cholesky = Cholesky(self._fill(*self._bind(theta), workspace.K)[0])
-            return self.log_density(cholesky, cholesky.half_solve(self.y))
+            return self.solve(cholesky)[0]
 
     def _differentiate(self, theta):
         """The value and its gradients, see TiledLikelihood."""
@@ -64,17 +66,27 @@ class DenseLikelihood(TiledLikelihood):
         memory = workspace.K, workspace.tiles
         K, tapes = self._fill(bound, K_rho, level, noise, *memory)
         cholesky = Cholesky(K)
-        half = cholesky.half_solve(self.y)
-        value = self.log_density(cholesky, half)
-        alpha = cholesky.half_solve(half, transposed=True)
+        value, alpha, flat = self.solve(cholesky)
         G = dsyr(-1.0, alpha, a=cholesky.invert(), lower=1, overwrite_a=1)
+        if flat is not None:  # P = K^{-1} - V V^T in place of K^{-1}
+            G = dsyrk(-1.0, flat.V, beta=1.0, c=G, lower=1, overwrite_c=1)
         d_row = -0.5 * np.diagonal(G)
         d_noise = np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
         return value, *self._contract(bound, K_rho, tapes, G.T), d_noise
 
-    def log_density(self, cholesky, half):
-        """Log density of y, given the factor C of K and half = C^{-1} y."""
-        return log_density(half @ half, cholesky.log_det(), len(self.y))
+    def solve(self, cholesky):
+        """The log density of y, K^{-1} y, and Flat if there is a trend.
+
+        With a trend the second is P y. `cholesky` is the factor C of K.
+        """
+        half, flat, n = cholesky.half_solve(self.y), None, len(self.y)
+        log_det = cholesky.log_det()
+        if self.basis is not None:
+            flat = Flat(cholesky, self.basis)
+            half, n = flat.rest(half), n - self.basis.rank
+            log_det += flat.log_det
+        value = log_density(half @ half, log_det, n)
+        return value, cholesky.half_solve(half, transposed=True), flat
 
     def _bind(self, theta):
         """k^x and K^rho of each term, the variances of levels and noise."""
@@ -184,9 +196,9 @@ class DensePosterior(Posterior):
         if self.cholesky is None:
             self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
         self.jitter = self.cholesky.jitter
-        half = self.cholesky.half_solve(likelihood.y)
-        self.log_likelihood = likelihood.log_density(self.cholesky, half)
-        self.alpha = self.cholesky.half_solve(half, transposed=True)
+        self.log_likelihood, self.alpha, flat = likelihood.solve(self.cholesky)
+        if flat is not None:
+            self.coefficients = Coefficients(likelihood, flat, self.cholesky)
         self._set_means()
 
     def _update(self, likelihood, before, origin):
@@ -226,24 +238,36 @@ class DensePosterior(Posterior):
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""
-        return np.square(self._half(X, tasks)).sum(axis=0)
+        half = self._half(X, tasks)
+        told = np.square(half).sum(axis=0)
+        if self.coefficients is None:
+            return told
+        return told - np.square(self.coefficients.spread(X, tasks, half)).sum(axis=0)
 
     def explained_covariance(self, X, tasks):
         """What they take off its covariance, (n_samples, n_samples)."""
         half = self._half(X, tasks)
-        return half.T @ half
+        if self.coefficients is None:
+            return half.T @ half
+        spread = self.coefficients.spread(X, tasks, half)
+        return half.T @ half - spread.T @ spread
 
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""
         if not self.level:
             return np.zeros(self.n_tasks)
         half = self.cholesky.half_solve(np.eye(self.n_tasks)[self.tasks])
+        if self.coefficients is not None:
+            half = self.coefficients.flat.rest(half)
         told = np.square(self.level * half).sum(axis=0)
         return np.maximum(self.level - told, 0.0)
 
     def precision(self):
-        """The diagonal of K^{-1}, of shape (n_train,)."""
-        return self.cholesky.inverse_diagonal()
+        """The diagonal of K^{-1}, or of P with a trend, of shape (n_train,)."""
+        diagonal = self.cholesky.inverse_diagonal()
+        if self.coefficients is None:
+            return diagonal
+        return diagonal - np.square(self.coefficients.flat.V).sum(axis=1)
 
     def _half(self, X, tasks):
         """C^{-1} K(X_train, X), where K_train = C C^T."""

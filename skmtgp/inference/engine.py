@@ -64,6 +64,8 @@ class Engine(ABC):
         Whether its posteriors tell which rows tell least, so that these can go.
     takes_terms : bool, default=False
         Whether it takes priors of several terms.
+    takes_trend : bool, default=False
+        Whether it takes priors with a trend.
 
     Examples
     --------
@@ -90,6 +92,7 @@ class Engine(ABC):
     n_exact = None
     drops = False
     takes_terms = False
+    takes_trend = False
 
     @property
     def exact(self):
@@ -232,6 +235,20 @@ def check_terms(engine, prior):
             f"list of {prior.n_terms} kernels. Set inference='dense' or 'auto', which "
             "are exact, or 'sparse' where rows are too many; or give one kernel, such "
             f"as their sum. {INFERENCE}"
+        )
+
+
+def check_trend(engine, prior):
+    """Raise a ValueError where an engine cannot take a trend."""
+    if prior.trend is not None and not engine.takes_trend:
+        why = {
+            "kronecker": "K without what the trend explains is no Kronecker product",
+            "sparse": "its sums over the rows have no part for a trend",
+        }.get(engine.name, "this engine knows nothing of trends")
+        raise ValueError(
+            f"inference={engine.name!r} takes no trend, and trend has "
+            f"{prior.trend.n_coefficients} coefficients: {why}. Set inference='dense' "
+            f"or 'auto', or leave the trend out. {INFERENCE}"
         )
 
 

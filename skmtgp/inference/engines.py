@@ -38,7 +38,7 @@ class Dense(Engine):
 
     name = "dense"
     drops = True
-    takes_terms = True
+    takes_terms = takes_trend = True
 
     def __init__(self, why=""):
         self.why = why
@@ -204,14 +204,14 @@ def choose(inference, prior, data, **options):
         "auto" is "kronecker" for complete data of two tasks or more, whose
         eigen-decompositions are then faster than a Cholesky decomposition of all
         samples, and "dense" otherwise. So it is with several terms: a sum of Kronecker
-        products and noise has no decompositions of its factors.
+        products and noise has no decompositions of its factors. So it is with a trend.
     """
     if isinstance(inference, Engine):
         return inference
     if inference != "auto":
         engine = ENGINES[inference]
         return engine(**options) if engine is Sparse else engine()
-    one = len(data.tasks) == 1 or prior.n_terms > 1
+    one = len(data.tasks) == 1 or prior.n_terms > 1 or prior.trend is not None
     if one or not depends_on_inputs_only(prior.kernel, data.features):
         return Dense()
     if data.design is not None:

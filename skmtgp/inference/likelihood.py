@@ -15,6 +15,7 @@ FISHER_ROWS = 200
 # Tasks without rows tell nothing: of many tasks there are more rows, up to so many
 FISHER_ROWS_PER_TASK, FISHER_MOST = 4, 600
 FISHER_SIZE = 2**24  # elements of the derivatives
+WIDE = 1e3  # variance of a trend, relative to the trace of K
 
 
 class Likelihood(ABC):
@@ -164,7 +165,10 @@ class Likelihood(ABC):
             by_rho.append([_between_samples(d, tasks, K_x) for d in of_term])
             of_f = of_f + K_x * K_rho
         of_rest = [[level] * prior.levels, [of_tasks if prior.n_noise > 1 else noise]]
-        return of_f + level + noise, tasks, [*by_kernels, *by_rho, *of_rest]
+        K = of_f + level + noise
+        if prior.trend is not None:
+            K += wide(prior.trend.basis(X, tasks), np.trace(K))
+        return K, tasks, [*by_kernels, *by_rho, *of_rest]
 
     def _some(self, rows):
         """X, tasks and the noise variance of some rows, sorted by task."""
@@ -186,6 +190,14 @@ def _between_samples(d_rho, tasks, K_x):
     if isinstance(d_rho, OfTasks):
         return d_rho._replace(half=d_rho.half[between] * K_x)
     return d_rho[between] * K_x
+
+
+def wide(basis, size):
+    """A covariance of the trend so wide that the inverse of K is without it.
+
+    Of the Fisher information alone, for which three digits are enough.
+    """
+    return WIDE * size * basis.Q @ basis.Q.T
 
 
 def log_density(fit, log_det, n):

@@ -107,6 +107,12 @@ class Mixture:
         means = self._of_parts(lambda part: part.levels)
         return _variance(means, self._of_parts(lambda part: part.level_variances()))
 
+    def coefficients_in_units(self):
+        """Means and deviations of the trend's coefficients, (n_sets, n_trend) each."""
+        found = self._of_parts(lambda part: part.coefficients_in_units())
+        means, deviations = np.moveaxis(found, 1, 0)
+        return means.mean(axis=0), np.sqrt(_variance(means, np.square(deviations)))
+
     def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too; this one stays as it is."""
         mixture = copy(self)

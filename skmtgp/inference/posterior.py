@@ -79,6 +79,8 @@ class Posterior(ABC):
         Log marginal likelihood of the targets.
     largest : float
         The largest prior variance of f, of the training inputs and all tasks.
+    coefficients : Coefficients or None
+        Of a trend, which is part of f; `alpha` is then P y.
 
     Notes
     -----
@@ -88,6 +90,7 @@ class Posterior(ABC):
     """
 
     jitter = 0.0
+    coefficients = None
 
     def __init__(self, likelihood, theta):
         prior, values = likelihood.prior, likelihood.prior.values(theta)
@@ -159,13 +162,26 @@ class Posterior(ABC):
         return self.means_of_terms(X, tasks).sum(axis=0)
 
     def means_of_terms(self, X, tasks):
-        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples)."""
+        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples).
+
+        That of a trend, if there is one, comes before the level.
+        """
         order = np.argsort(tasks, kind="stable")  # few tasks meet in a tile
         X, tasks = X[order], tasks[order]
         means = [self._mean_of_term(*of, X, tasks) for of in self._weighed()]
+        if self.coefficients is not None:
+            means.append(self.coefficients.means(X, tasks))
         found = np.empty((len(means) + 1, len(X)))
         found[:, order] = [*means, self.levels[tasks]]
         return found
+
+    def without_trend(self, y, X, tasks):
+        """Targets of training rows without what the trend adds to their means."""
+        return y if self.coefficients is None else y - self.coefficients.left(X, tasks)
+
+    def coefficients_in_units(self):
+        """Means and deviations of the trend's coefficients, (n_sets, n_trend) each."""
+        return self.coefficients.in_units()
 
     def _weighed(self):
         """The bound kernel of each term, and its weights."""
@@ -185,7 +201,7 @@ class Posterior(ABC):
         return _by_rows(of_rows, len(X))
 
     def mean_of_tasks(self, X, tasks):
-        """Mean of f for each row of X and each of the tasks.
+        """Mean of f for each row of X and each of the tasks, without a trend.
 
         Parameters
         ----------

@@ -83,7 +83,7 @@ def _scores(problem, mode):
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
     with limit_threads(len(rows)):
         K = prior.covariance(mode.theta, X, tasks) + np.diag(noise)
-        W = np.linalg.inv(K)
+        W = prior.precision(K, X, tasks)
         alpha, of_each = W @ y, np.equal.outer(tasks, tasks)
         for kernel in _kernels(problem):
             K_x = prior.kernel.clone_with_theta(kernel)(X)

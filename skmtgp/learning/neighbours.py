@@ -55,7 +55,7 @@ def correlated_share(problem, mode):
     if not A.any():  # no task has more than two rows
         return 0.0
     with limit_threads(len(rows)):
-        W = np.linalg.inv(K)
+        W = prior.precision(K, X.astype(float), tasks)
         alpha, WA = W @ y, W @ A
         slope = 0.5 * (alpha @ A @ alpha - np.trace(WA))
         variance, third = 0.5 * np.vdot(WA, WA.T), np.vdot(WA @ WA, WA.T)

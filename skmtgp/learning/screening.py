@@ -186,9 +186,11 @@ def score(problem, mode, scale):
     -------
     score : float
     """
-    data = problem.data
+    data, trend = problem.data, problem.prior.trend
     scale = np.broadcast_to(scale, data.n_tasks)
     found = criterion(problem, mode) - _of_tasks(data, np.log(scale)[data.tasks]).sum()
+    if trend is not None:
+        found += trend.log_jacobian(data.X, data.tasks)
     if (scale == scale[0]).all():
         return found
     # a scale for each task, and a mean where it is not that of a prior

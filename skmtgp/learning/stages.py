@@ -112,7 +112,8 @@ def augmented_task_covariance(data, posterior):
     X, row = np.unique(data.X, axis=0, return_inverse=True)
     row = row.reshape(-1)
     T_aug = posterior.mean_of_tasks(X, np.arange(data.n_tasks)) - posterior.levels
-    kernel, y = posterior.kernel, data.y - posterior.levels[data.tasks]
+    y = posterior.without_trend(data.y, data.X, data.tasks)
+    kernel, y = posterior.kernel, y - posterior.levels[data.tasks]
     del posterior  # its factor takes as much memory as K_x
     cells, cell = np.unique(row * data.n_tasks + data.tasks, return_inverse=True)
     T_aug.flat[cells] = np.bincount(cell, y) / np.bincount(cell)  # t^m(x_i)

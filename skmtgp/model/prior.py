@@ -5,7 +5,7 @@ r"""The prior of the targets of one output, and its parameters theta.
     + \sum_q K^{\rho_q}_{m_i m_j} k_q(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
 
 is eq. 6 of the paper with a level of variance v for each task m, if asked for, and with
-a sum of terms, one as a rule. Theta is one vector: theta of k^x, the parameters of
+a sum of terms, one as a rule. A trend is added whose coefficients are integrated out. Theta is one vector: theta of k^x, the parameters of
 K^rho, each term by term, log v, the logarithms of the noise variances. What is where in
 it is known here alone.
 """
@@ -20,6 +20,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp.model._nodes import compile_kernel
 from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
+from skmtgp.model.trend import Trend
 
 MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
@@ -93,6 +94,9 @@ class Prior:
         Where learning of the levels' variance starts.
     least_level : float, default=1e-12
         Its lower bound, relative to the targets' variance.
+    trend : Trend, default=None
+        What the targets are without: its coefficients have a flat prior, and no part in
+        theta.
     """
 
     kernel: Kernel | Kernels
@@ -105,6 +109,7 @@ class Prior:
     noise_is_fixed: bool = False
     log_level: float = float(np.log(0.1))
     least_level: float = 1e-12
+    trend: Trend | None = None
 
     def __str__(self):
         return str(self.task_covariance) + (", with levels" if self.levels else "")
@@ -199,6 +204,34 @@ class Prior:
         level = self.values(theta).level * np.equal.outer(tasks, tasks)
         between = np.ix_(tasks, tasks)
         return sum(K_rho[between] * k(X) for k, K_rho in self.terms_at(theta)) + level
+
+    def precision(self, K, X, tasks):
+        """K^{-1} of some rows, or of what is left of them without their trend.
+
+        Parameters
+        ----------
+        K : ndarray of shape (n_samples, n_samples)
+            Covariance of the targets.
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        tasks : ndarray of shape (n_samples,)
+            Tasks.
+
+        Returns
+        -------
+        precision : ndarray of shape (n_samples, n_samples)
+        """
+        inverse = np.linalg.inv(K)
+        if self.trend is None:
+            return inverse
+        Q = self.trend.basis(X, tasks).Q
+        told = inverse @ Q
+        return inverse - told @ np.linalg.solve(Q.T @ told, told.T)
+
+    @property
+    def tells_unseen(self):
+        """Whether the trend, if there is one, is known of tasks without data."""
+        return self.trend is None or not self.trend.per_task
 
     def log_level_at(self, theta):
         """Logarithm of the levels' variance at theta, None without levels."""

@@ -1,0 +1,192 @@
+"""A trend at the training rows: whether they tell it, and its part in the units."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from sklearn.base import TransformerMixin
+
+from skmtgp._data.trend import TrendColumns
+from skmtgp.model.trend import Basis, Trend
+
+TrendOf = Literal["constant", "linear"] | Sequence[int | str] | TransformerMixin | None
+# Where in `Slopes.means` are those that columns are taken off
+OF_TASKS, OF_ALL, NOWHERE = range(3)
+
+
+@dataclass(frozen=True)
+class Slopes:
+    """Columns of a trend at the training rows, and least squares.
+
+    Coefficients by least squares are taken off the targets before these get their
+    units, and before anything is learned: no likelihood changes by that, but starts and
+    units are those of what the trend leaves.
+
+    Attributes
+    ----------
+    columns : TrendColumns
+        What the columns are made of.
+    features : ndarray of shape (n_samples, n_inputs)
+        Inputs.
+    codes : ndarray of shape (n_samples,)
+        Task of each row.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    per_task : bool
+        Whether each task has coefficients of its own.
+    centred : bool
+        Whether the targets are taken off means: then the columns are, too.
+    """
+
+    columns: TrendColumns
+    features: np.ndarray
+    codes: np.ndarray
+    tasks: np.ndarray
+    per_task: bool
+    centred: bool
+
+    def check(self):
+        """Raise a ValueError where the rows do not tell the coefficients."""
+        H, names = self.columns(self.features), self.columns.names
+        for task in range(len(self.tasks)) if self.per_task else [None]:
+            rows = H if task is None else H[self.codes == task]
+            _check_columns(rows, names, _named(self.tasks, task))
+        if len(H) <= (n := self._plain.n_coefficients):
+            raise ValueError(
+                f"trend has {n} coefficients, and {len(H)} rows leave nothing to learn "
+                "functions and noise from. Give more rows or fewer columns."
+            )
+
+    @cached_property
+    def _plain(self):
+        """The trend as it is, in units of y."""
+        n_trend, n_tasks = len(self.columns), len(self.tasks)
+        slopes = np.zeros((n_tasks if self.per_task else 1, n_trend))
+        none = np.zeros((1, n_trend))
+        parts = self.columns, n_tasks, self.per_task, none, np.ones(1), slopes
+        return Trend(*parts)
+
+    def _around(self, centre):
+        return replace(self._plain, centre=centre)
+
+    def _basis(self, trend):
+        return trend.basis(self.features, self.codes)
+
+    @cached_property
+    def means(self):
+        """Of the columns: those of each task, of all rows, and none."""
+        H = self.columns(self.features)
+        counts = np.bincount(self.codes, minlength=len(self.tasks))
+        sums = [np.bincount(self.codes, h, len(self.tasks)) for h in H.T]
+        of_tasks = np.transpose(sums) / np.maximum(counts, 1)[:, None]
+        return of_tasks, H.mean(axis=0, keepdims=True), self._plain.centre
+
+    @cached_property
+    def ranks(self):
+        """How many coefficients the columns tell, off each of these means."""
+        return [self._basis(self._around(of)).rank for of in self.means]
+
+    @property
+    def has_constants(self):
+        """Whether a constant of each task is part of the trend."""
+        lost = self.ranks[NOWHERE] - self.ranks[OF_TASKS]
+        return self.per_task and lost == len(self.tasks)
+
+    def place(self, per_task):
+        """Which of the means the columns are taken off, where the targets are.
+
+        Parameters
+        ----------
+        per_task : bool
+            Whether that is off their means in each task.
+
+        Returns
+        -------
+        place : int or None
+            In `means`. The last one where constants are part of the trend; None where
+            some are, but not those of each task.
+        """
+        if not self.centred:
+            return NOWHERE
+        place = OF_TASKS if per_task else OF_ALL
+        n_constants = len(self.tasks) if per_task or self.per_task else 1
+        lost = self.ranks[NOWHERE] - self.ranks[place]
+        return {0: place, n_constants: NOWHERE}.get(lost)
+
+    def coefficients(self, Y):
+        """By least squares, beside means of tasks where these can be told.
+
+        Returns
+        -------
+        coefficients : list of n_outputs ndarrays of shape (n_sets, n_trend)
+        """
+        place = int(np.argmax(np.equal(self.ranks, self.ranks[NOWHERE])))
+        basis = self._basis(self._around(self.means[place]))
+        found = basis.coefficients(basis.Q.T @ Y)
+        return [of.reshape(self._plain.slopes.shape) for of in found.T]
+
+    def unexplained(self, Y, place):
+        """Targets without what least squares explain of them."""
+        trend = self._around(self.means[place])
+        fitted = [
+            replace(trend, slopes=of).fitted(self.features, self.codes)
+            for of in self.coefficients(Y)
+        ]
+        return Y - np.transpose(fitted)
+
+    def trends(self, Y, units, place):
+        """The trend in the units of each output."""
+        trend = self._around(self.means[place])
+        return [
+            replace(trend, scale=scale, slopes=of)
+            for scale, of in zip(units.scale, self.coefficients(Y), strict=True)
+        ]
+
+    def refuse_means(self, per_task):
+        """Raise a ValueError that says which columns means leave nothing of."""
+        place = OF_TASKS if per_task else OF_ALL
+        n, basis = len(self.columns), self._basis(self._around(self.means[place]))
+        names = sorted({self.columns.names[j % n] for j in basis.dependent})
+        units, other = ("per_task", "shared") if per_task else ("shared", "False")
+        raise ValueError(
+            f"normalize_y={units!r} takes the targets, and the columns of the trend, "
+            f"off their means{' in each task' * per_task}, which leaves nothing of "
+            f"{_listed(names)}. Set normalize_y={other!r}, or leave such columns out, "
+            "as by include_bias=False of a PolynomialFeatures; constants of each task "
+            "are a trend='linear' with trend_per_task=True."
+        )
+
+
+def _check_columns(H, names, of):
+    """Raise a ValueError where columns of some rows are not independent."""
+    if len(H) < len(names):
+        raise ValueError(
+            f"The {len(H)} rows{of} do not tell the {len(names)} coefficients of the "
+            f"trend ({_listed(names)}). Give more rows or fewer columns"
+            f"{', or set trend_per_task=False' * bool(of)}."
+        )
+    dependent = Basis(H).dependent
+    if not dependent.size:
+        return
+    zero = [names[j] for j in dependent if not H[:, j].any()]
+    why = (
+        "zero everywhere"
+        if len(zero) == len(dependent)
+        else f"a linear combination of the others ({_listed(names)})"
+    )
+    raise ValueError(
+        f"In the rows{of} the trend's {_listed([names[j] for j in dependent])} is {why}: "
+        "its coefficient cannot be told. Leave such columns out of trend"
+        f"{', or set trend_per_task=False' * bool(of)}."
+    )
+
+
+def _named(tasks, task):
+    return "" if task is None else f" of task {tasks[task].item()!r}"
+
+
+def _listed(names, most=5):
+    listed = ", ".join(map(repr, names[:most]))
+    return listed + (f", ... ({len(names)} in all)" if len(names) > most else "")

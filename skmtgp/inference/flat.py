@@ -1,0 +1,104 @@
+r"""Coefficients of a trend that have a flat prior, in exact inference.
+
+With an orthonormal basis Q of the trend's columns and K = C C^T,
+
+.. math::
+    \log p(y) = -\tfrac12\bigl[y^T P y + \log|K| + \log|Q^T K^{-1} Q|
+    + (n - p) \log 2\pi\bigr],\quad
+    P = K^{-1} - K^{-1} Q (Q^T K^{-1} Q)^{-1} Q^T K^{-1}
+
+is the density of y without what the p columns explain, in any orthonormal basis of the
+rest: restricted maximum likelihood, as Harville (1974) writes it. Columns of other units,
+or others that span the same, do not change it.
+"""
+
+import numpy as np
+
+from skmtgp._numerics.linalg import Cholesky
+
+
+class Flat:
+    """What the trend's basis is, given the factor C of K.
+
+    Parameters
+    ----------
+    cholesky : Cholesky
+        C.
+    basis : Basis
+        Q.
+
+    Attributes
+    ----------
+    B : ndarray of shape (n_samples, rank)
+        C^{-1} Q with orthonormal columns, B^T B = I.
+    V : ndarray of shape (n_samples, rank)
+        C^{-T} B: P = K^{-1} - V V^T.
+    log_det : float
+        log|Q^T K^{-1} Q|.
+    """
+
+    def __init__(self, cholesky, basis):
+        half = cholesky.half_solve(basis.Q)
+        self.of_basis = Cholesky(np.asfortranarray(half.T @ half))
+        self.log_det = self.of_basis.log_det()
+        self.B = np.ascontiguousarray(self.of_basis.half_solve(half.T).T)
+        self.V = cholesky.half_solve(self.B, transposed=True)
+
+    def rest(self, half):
+        """C^{-1} b without what the trend explains of it, for b in columns."""
+        rest = half - self.B @ (self.B.T @ half)
+        return rest - self.B @ (self.B.T @ rest)  # once more, for steep trends
+
+
+class Coefficients:
+    """The posterior of the trend's coefficients, and what it does to predictions.
+
+    Parameters
+    ----------
+    likelihood : DenseLikelihood
+        Of the rows.
+    flat : Flat
+        At the parameters.
+    cholesky : Cholesky
+        C.
+
+    Attributes
+    ----------
+    mean : ndarray of shape (n_coefficients,)
+        Of the coefficients, in units of y.
+    root : ndarray of shape (n_coefficients, rank)
+        Their covariance is root root^T.
+    """
+
+    def __init__(self, likelihood, flat, cholesky):
+        self.trend, self.flat, basis = likelihood.prior.trend, flat, likelihood.basis
+        solve, half = flat.of_basis.half_solve, cholesky.half_solve(likelihood.y)
+        of_basis = solve(flat.B.T @ half, transposed=True)
+        self.mean = self.trend.slopes.ravel() + basis.coefficients(of_basis)
+        self.root = basis.coefficients(solve(np.eye(basis.rank), transposed=True))
+
+    def means(self, X, tasks):
+        """What the trend adds to the mean of f, (n_samples,)."""
+        return self.trend.rows(X, tasks) @ self.mean
+
+    def left(self, X, tasks):
+        """The same beside what least squares have taken off the targets."""
+        return self.means(X, tasks) - self.trend.fitted(X, tasks)
+
+    def spread(self, X, tasks, half):
+        """What adds its square to the variance of f, of shape (rank, n_samples).
+
+        Parameters
+        ----------
+        X, tasks
+            Rows.
+        half : ndarray of shape (n_train, n_samples)
+            C^{-1} cov(y, f(X)).
+        """
+        return self.root.T @ self.trend.rows(X, tasks).T - self.flat.B.T @ half
+
+    def in_units(self):
+        """Means and deviations of shape (n_sets, n_trend)."""
+        deviation = np.linalg.norm(self.root, axis=1)
+        shape = self.trend.slopes.shape
+        return self.mean.reshape(shape), deviation.reshape(shape)

@@ -8,6 +8,7 @@ from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_fit
 from skmtgp.predictor import compile_predictor
+from skmtgp.repeats import average_repeats
 from skmtgp.single_task import SingleTaskGP
 from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
@@ -23,6 +24,7 @@ __all__ = [
     "TaskIdentifier",
     "WideRegressor",
     "add_task",
+    "average_repeats",
     "compile_predictor",
     "make_inverse_dynamics_regressor",
     "partial_fit",

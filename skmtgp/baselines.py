@@ -79,7 +79,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         Where learning starts, relative to the variance of the target, of each task if
         they have units of their own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same.
+        Bounds of the noise variance, relative to the same. "fixed" with
+        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
     normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
         Units in which the targets are learned. "shared", or True, takes an output off
         the mean of all its targets and divides it by their standard deviation, with
@@ -323,7 +324,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Where learning starts, relative to the variance of the target, of each task if
         they have units of their own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same.
+        Bounds of the noise variance, relative to the same. "fixed" with
+        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
     normalize_y : {"shared"} or bool, default="shared"
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning. "shared" is True. With False the model's mean is

@@ -194,7 +194,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+    ) -> Self:
         """Learn all candidates and keep the best one.
 
         Parameters
@@ -203,6 +210,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             Inputs, with the task labels in the estimator's column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets. Outputs are learned separately and share the rank.
+        alpha, sample_weight, repeat_variance : array-like, default=None
+            What is known of the noise of each row, see `fit` of the estimator. BIC
+            counts all measurements that rows are means of.
 
         Returns
         -------
@@ -216,14 +226,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """
         model = self._learner()
         with fitting(self, X, y, verbose=model.verbose) as progress:
-            self._fit(model, X, y, progress)
+            self._fit(model, X, y, progress, (alpha, sample_weight, repeat_variance))
         return self
 
-    def _fit(self, model, X, y, progress):
+    def _fit(self, model, X, y, progress, given):
+        training = model._read(X, y, progress, given)
         if len(model._terms()) > 1:
-            self._fit_terms(model, model._read(X, y, progress), progress)
+            self._fit_terms(model, training, progress)
             return
-        training = model._read(X, y, progress)
         if self.criterion == "loo" and is_dask(training.features):
             raise ValueError(
                 "criterion='loo' leaves out one row after another, which Dask "
@@ -242,7 +252,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms))
         asks = simpler and exact and not described
-        alone = _alone(model, training, X, y) if asks else None
+        alone = _alone(model, training, X, y, given) if asks else None
         with limit_threads(side(problems)):
             until_worse = self.ranks is None
             modes = model._learn_ranks(
@@ -619,10 +629,12 @@ def _fitted(model, training, settings, problems, modes):
     return model
 
 
-def _alone(model, training, X, y):
+def _alone(model, training, X, y, given):
     """The tasks learned alone, or None where their rows cannot tell as much."""
     alone = alone_like(model, training.features)
     learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
     if training.counts.min() < TOLD * (alone.kernel.n_dims + learned):
         return None
-    return Alone(alone.set_params(verbose=0), X, y)
+    names = "alpha", "sample_weight", "repeat_variance"
+    known = dict(zip(names, given, strict=True))
+    return Alone(alone.set_params(verbose=0), X, y, **known)

@@ -104,7 +104,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Where learning starts, relative to the variance of the target, of each task if
         they have units of their own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same.
+        Bounds of the noise variance, relative to the same. "fixed" with
+        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
     normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
         Units in which the targets are learned. "shared", or True, takes an output off
         the mean of all its targets and divides it by their standard deviation, with

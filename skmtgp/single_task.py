@@ -15,6 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_theta, check_training, name_tasks
 from skmtgp._data.data import Data
+from skmtgp._data.known import read_known
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
@@ -56,7 +57,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Where learning starts, relative to the variance of the task's target. Each task
         has a noise variance of its own.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same.
+        Bounds of the noise variance, relative to the same. "fixed" with
+        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
     normalize_y : {"auto", "per_task", "shared"} or bool, default=True
         Whether to take each output off its mean and to divide it by its standard
         deviation before learning, for each task separately: each has its own level and
@@ -211,7 +213,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+    ) -> Self:
         """Learn the hyperparameters of each task.
 
         Parameters
@@ -220,6 +229,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             Inputs, with the task labels in column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets. Outputs are learned separately.
+        alpha, sample_weight, repeat_variance : array-like, default=None
+            What is known of the noise of each row, see `fit` of
+            :class:`~skmtgp.MultiTaskGPRegressor`.
 
         Returns
         -------
@@ -228,10 +240,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             features, codes, tasks, Y = check_training(self, X, y)
-            self._fit(features, codes, tasks, Y, progress)
+            given = alpha, sample_weight, repeat_variance
+            known = read_known(*given, Y.reshape(len(Y), -1).shape)
+            if known is not None:
+                known.refuse_transform(self.target_transform)
+            self._fit(features, codes, tasks, Y, known, progress)
         return self
 
-    def _fit(self, features, codes, tasks, Y, progress):
+    def _fit(self, features, codes, tasks, Y, known, progress):
         target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
         Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
         self.tasks_, self.tasks_train_ = tasks, codes
@@ -252,11 +268,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             engine.check(prior, task, self.tasks_[[m]])
         tiles = TileMemory(kernel, features[:1])
         self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
-        self._foretell(model, rows, features, Y)
+        self._foretell(model, rows, features, Y, known)
         names = [f"task {m} of {len(rows)}" for m in range(1, len(rows) + 1)]
         results = run(
             _fit_alone,
-            [(model, X[r], Y[r], name) for r, name in zip(rows, names, strict=True)],
+            [
+                (model, X[r], Y[r], known and known.part(r), name)
+                for r, name in zip(rows, names, strict=True)
+            ],
             n_jobs=self.n_jobs,
             report=progress("learning", len(rows), self._describe),
         )
@@ -264,7 +283,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self._store([estimator for estimator, _ in results])
         self._store_target(target)
 
-    def _foretell(self, model, rows, X, Y):
+    def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""
         n = max(map(len, rows))
         if n < FEW or not self.max_iter:
@@ -272,7 +291,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         longest = next(r for r in rows if len(r) == n)
         with collect_warnings():  # the fit gives them
             alone = np.zeros_like(longest), np.zeros(1), Y[longest]
-            problems = model._problems(model._scale(X[longest], *alone))
+            given = () if known is None else (known.part(longest).arguments(),)
+            problems = model._problems(model._scale(X[longest], *alone, *given))
         if problems[0].engine.exact:
             of_longest = foresee(problems).seconds
             seconds = of_longest * sum((len(r) / n) ** 3 for r in rows)
@@ -525,8 +545,9 @@ def alone_like(model, features):
     return SingleTaskGP(**params)
 
 
-def _fit_alone(estimator, X, y, name):
+def _fit_alone(estimator, X, y, known, name):
     """A fitted clone, and what it warned of: the caller names the task."""
     with collect_warnings() as collected, part(name):
-        fitted = clone(estimator).fit(X, y)
+        given = () if known is None else known.arguments()
+        fitted = clone(estimator).fit(X, y, *given)
     return fitted, collected

@@ -27,6 +27,7 @@ LAYERS = [
         "preprocessing",
         "pipeline",
         "wide",
+        "repeats",
         "identification",
         "robot",
     },

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from skmtgp._data.known import Known
 from skmtgp._data.subsets import draw_rows
 
 
@@ -29,6 +30,8 @@ class Data:
         Inducing inputs, for a bound on the likelihood.
     Q : ndarray of shape (n_tasks, n_rows), default=None
         What is known of the tasks, see :class:`~skmtgp._data.descriptors.Descriptors`.
+    known : Known, default=None
+        What is known of the noise of each row.
     """
 
     X: np.ndarray
@@ -38,6 +41,7 @@ class Data:
     design: np.ndarray | None = None
     Z: np.ndarray | None = None
     Q: np.ndarray | None = None
+    known: Known | None = None
 
     def __len__(self):
         return len(self.y)
@@ -72,12 +76,40 @@ class Data:
         """
         return self._part(draw_rows(self.tasks, self.n_tasks, size))
 
+    @property
+    def counts(self):
+        """How many measurements each row stands for."""
+        return np.ones(len(self.y)) if self.known is None else self.known.counts
+
+    @property
+    def deviation(self):
+        """Of the targets of all measurements about their mean."""
+        if self.known is None:
+            return float(self.y.std())
+        mean = np.average(self.y, weights=self.counts)
+        squares = np.square(self.y - mean) + self.known.spread
+        return float(np.sqrt(np.average(squares, weights=self.counts)))
+
+    @property
+    def size(self):
+        """Root mean square of the targets of all measurements."""
+        if self.known is None:
+            return float(np.sqrt(np.square(self.y).mean()))
+        squares = np.square(self.y) + self.known.spread
+        return float(np.sqrt(np.average(squares, weights=self.counts)))
+
+    def some(self, rows):
+        """X, tasks, y and what is known of some rows, in this order, in memory."""
+        X, tasks, y = (np.asarray(of[rows]) for of in (self.X, self.tasks, self.y))
+        return X, tasks, y, self.known and self.known.part(rows)
+
     def _part(self, rows):
         rows = np.sort(rows)
         tasks = np.asarray(self.tasks[rows])
         order = np.argsort(tasks, kind="stable")
         X, y = (np.asarray(of[rows], dtype=np.float64) for of in (self.X, self.y))
-        return replace(self, X=X[order], tasks=tasks[order], y=y[order], design=None)
+        parts = {"X": X[order], "tasks": tasks[order], "y": y[order], "design": None}
+        return replace(self, **parts, known=self.known and self.known.part(rows[order]))
 
     def _rows(self, n_samples):
         n = len(self.tasks)

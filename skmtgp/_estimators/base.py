@@ -16,6 +16,7 @@ from sklearn.gaussian_process.kernels import Kernel
 from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
 from skmtgp._data.dask import is_dask
 from skmtgp._data.descriptors import locate_descriptors, read_descriptors
+from skmtgp._data.known import read_known
 from skmtgp._data.labels import Labels
 from skmtgp._data.partitions import check_partitions
 from skmtgp._data.trend import NAMED, read_trend
@@ -37,7 +38,7 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
-from skmtgp.inference.engine import Demand, Engine, check_terms, check_trend
+from skmtgp.inference.engine import Demand, Engine, check_known, check_terms, check_trend
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
@@ -52,6 +53,8 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 # would be zero, as if the means were known. This is the prior of unit information.
 CENTRED = 1.0
 TRANSFORMER = "fit", "transform", "inverse_transform"
+NOTHING = None, None, None  # is known of the noise of the rows
+NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
 class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
@@ -61,7 +64,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         "kernel": [Kernel, None],
         "task_feature": [Integral, str],
         "noise": [StrOptions({"auto", "shared", "per_task"})],
-        "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
+        "noise_variance": [Interval(Real, 0.0, None, closed="left")],
         "noise_variance_bounds": ["array-like", StrOptions({"fixed"})],
         "normalize_y": ["boolean", StrOptions({"auto", "per_task", "shared"})],
         "trend": [
@@ -90,7 +93,14 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
     @public
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+    ) -> Self:
         """Learn the hyperparameters by maximising the marginal likelihood.
 
         Parameters
@@ -101,6 +111,17 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets. Outputs are learned separately. In the partitions of X if that is
             a Dask collection.
+        alpha : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Known noise variance of each sample, in squared units of y: it is added to
+            the one that is learned. One number holds for all. None is 0.
+        sample_weight : array-like of shape (n_samples,), default=None
+            How many measurements each row is the mean of, 1 or more; of each of them
+            the noise variances are. The likelihood and the posterior are those of all
+            measurements. None is 1.
+        repeat_variance : array-like of the shape of y, default=None
+            Variance of these measurements about their mean, divided by their number
+            and not by one less. None is 0. See
+            :func:`~skmtgp.average_repeats`.
 
         Returns
         -------
@@ -115,7 +136,8 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
-            training = self._read(X, y, progress)
+            given = alpha, sample_weight, repeat_variance
+            training = self._read(X, y, progress, given)
             problems = self._problems(training)
             problems = self._foretell(problems, problems[0].prior.n_terms)
             with limit_threads(side(problems)):
@@ -157,7 +179,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """How many latent functions the tasks share."""
         return 1
 
-    def _read(self, X, y, progress):
+    def _read(self, X, y, progress, given=NOTHING):
         """The training data, checked, encoded and scaled."""
         stay = is_dask(X, y) and leaves_rows(self.inference)
         if stay and self.hyperparameters == "sampled":
@@ -175,8 +197,13 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
                 "trend needs the rows in memory, and X is a Dask collection. Give "
                 "arrays, or leave the trend out."
             )
+        if stay and any(part is not None for part in given):
+            raise ValueError(
+                "alpha and sample_weight need the rows in memory, and X is a Dask "
+                "collection. Give arrays, or leave them out."
+            )
         check = check_partitions if stay else check_training
-        training = self._scale(*check(self, X, y))
+        training = self._scale(*check(self, X, y), given)
         report = "auto" in (self.normalize_y, self.noise) and progress(
             "units", 1, lambda _, chosen: f"units and noise of the tasks: {chosen}"
         )
@@ -184,8 +211,11 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             report(0, training.chosen)
         return training
 
-    def _scale(self, features, codes, tasks, Y):
+    def _scale(self, features, codes, tasks, Y, given=NOTHING):
         single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
+        known = read_known(*given, Y.shape)
+        if known is not None:
+            known.refuse_transform(self.target_transform)
         target = fit_target(self.target_transform, Y)
         Y = target.forward(Y)
         features, described = self._describe(features, codes, tasks)
@@ -198,6 +228,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             single_output,
             target=target,
             slopes=slopes,
+            known=known,
             **described,
         )
         if len(Y) > FEW_ROWS:
@@ -271,6 +302,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         engine = choose(self.inference, prior, training, **self._options())
         check_terms(engine, prior)
         check_trend(engine, prior)
+        check_known(engine, training)
         if self.hyperparameters == "sampled" and prior.n_terms > 1:
             raise ValueError(
                 "hyperparameters='sampled' draws those of one term K^rho x k^x, but "
@@ -323,9 +355,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
 
     def _scaled(self, prior, data, units):
         """The prior with starting values and bounds relative to the targets."""
-        deviation = float(data.y.std()) or 1.0
-        scale = float(np.sqrt(np.square(data.y).mean())) or 1.0
-        start, bounds = self.noise_variance, self._check_noise_bounds()
+        deviation, scale = data.deviation or 1.0, data.size or 1.0
+        start, bounds = self.noise_variance, self._check_noise_bounds(data.known)
+        start = max(start, NO_NOISE)
         bounds = (start,) * 2 if isinstance(bounds, str) else bounds
         least = CENTRED if units.per_task else prior.least_level
         level = max(least, FIRST_LEVEL) * scale**2
@@ -357,8 +389,15 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))
 
-    def _check_noise_bounds(self):
+    def _check_noise_bounds(self, known):
         bounds = self.noise_variance_bounds
+        told = known is not None and known.variance.min() > 0.0
+        if self.noise_variance == 0.0 and not (told and isinstance(bounds, str)):
+            raise ValueError(
+                "noise_variance=0 leaves the noise to alpha: it needs "
+                "noise_variance_bounds='fixed', and an alpha above 0 for each row. "
+                "Otherwise give a small positive number."
+            )
         if isinstance(bounds, str):
             return bounds
         bounds = np.asarray(bounds, dtype=object)

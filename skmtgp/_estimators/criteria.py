@@ -25,22 +25,25 @@ class Alone:
         Is fitted. If it draws hyperparameters, it does so once it is chosen.
     X, y : array-like
         Training data.
+    **known
+        What `fit` takes of the noise of rows.
     """
 
-    def __init__(self, estimator, X, y):
+    def __init__(self, estimator, X, y, **known):
         self.data, self.asked = (X, y), estimator.hyperparameters
+        self.known = known
         if self.asked in DRAWN:
             estimator.set_params(hyperparameters="mode")
         begin = perf_counter()
         with collect_warnings() as self.collected:
-            self.estimator = estimator.fit(X, y)
+            self.estimator = estimator.fit(X, y, **known)
         self.seconds = perf_counter() - begin
 
     def told(self):
         """The fitted estimator; what its fit warned of is said now."""
         if self.asked in DRAWN:
             model = clone(self.estimator).set_params(hyperparameters=self.asked)
-            return model.fit(*self.data)
+            return model.fit(*self.data, **self.known)
         for category, message in self.collected:
             if category is not LongFitWarning:  # it has been
                 warn(message, category)
@@ -80,8 +83,8 @@ def tabulate(training, of_forms, modes, alone, criterion):
     -------
     table : dict of str to ndarray of shape (n_candidates,)
     """
-    log_n = np.log(training.Y.size)
-    jacobian = training.units.log_jacobian(training.counts)
+    log_n = np.log(training.measured.sum() * len(modes[0]))
+    jacobian = training.units.log_jacobian(training.measured)
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values += jacobian
     forms = [of_form[0].prior.task_covariance for of_form in of_forms]

@@ -50,23 +50,23 @@ def decide(model, training):
 
 def _units(model, training):
     """Units that may be taken; the first ones where there is nothing to decide."""
-    codes, n_tasks = training.codes, len(training.tasks)
+    codes, n_tasks, known = training.codes, len(training.tasks), training.known
     if model.normalize_y == "per_task" and n_tasks > 1:
-        return [units_of_tasks(training.unexplained(True), codes, n_tasks)]
+        return [units_of_tasks(training.unexplained(True), codes, n_tasks, known)]
     Y = training.unexplained(False)
     centred = bool(model.normalize_y)
     # without an amplitude in the model a scale changes it; otherwise, the path
     scaled = centred or model._learns_amplitude()
-    shared = shared_units(Y, centred=centred, scaled=scaled)
+    shared = shared_units(Y, centred=centred, scaled=scaled, known=known)
     if model._has_levels() and scaled:
-        shared = shared.without_levels(Y, codes, n_tasks)
+        shared = shared.without_levels(Y, codes, n_tasks, known)
     asks = model.normalize_y == "auto" and n_tasks > 1 and model.max_iter > 0
     if not asks or training.descriptors is not None:  # of which units do not follow
         return [shared]
     if training.slopes and training.slopes.place(True) is None:
         return [shared]  # means of tasks would leave nothing of some columns
-    of_tasks = units_of_tasks(training.unexplained(True), codes, n_tasks)
-    asks = differ_in_size(of_tasks.scale, training.counts)
+    of_tasks = units_of_tasks(training.unexplained(True), codes, n_tasks, known)
+    asks = differ_in_size(of_tasks.scale, training.measured)
     return [shared, of_tasks] if asks else [shared]
 
 

@@ -30,11 +30,13 @@ from skmtgp.model.several import Kernels
 
 COEFFICIENTS = "coef_", "coef_std_", "trend_names_"
 
+NO_NOISE = 1e-150  # below, a noise variance stands for none
+
 
 class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     """Gaussian process regressor with a task column, as it is once it was fitted."""
 
-    _descriptors = None
+    _descriptors = _known = None
 
     @public
     def loo_predict(
@@ -194,6 +196,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._target,
             self._descriptors,
             trends=self._trends(),
+            known=self._known,
         )
 
     def _trends(self):
@@ -341,7 +344,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.noise_ = training.noise
         self._log_jacobian = training.log_jacobian()
         self.tasks_, self._n_rows = training.tasks, training.counts
-        self._descriptors = training.descriptors
+        self._descriptors, self._known = training.descriptors, training.known
         self._store_rows(training)
         for name in ("inducing_inputs_", *COEFFICIENTS):
             vars(self).pop(name, None)
@@ -371,6 +374,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         ]
         kernels, rho, factor, *variances = zip(*found, strict=True)
         level, noise = map(np.array, variances)
+        noise = np.where(noise > NO_NOISE, noise, 0.0)
         kernels = [list(of) if isinstance(of, Kernels) else of for of in kernels]
         self.kernel_ = kernels[0] if self._single_output else kernels
         factor = list(factor) if isinstance(factor[0], list) else np.array(factor)

@@ -11,6 +11,7 @@ from skmtgp._data.complete import complete_design
 from skmtgp._data.dask import held
 from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
+from skmtgp._data.known import Known
 from skmtgp._data.labels import sorted_tasks
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
 from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes
@@ -70,6 +71,8 @@ class Training:
         A trend, as least squares see it.
     trends : list of n_outputs Trend, default=None
         The same in the units of each output.
+    known : Known, default=None
+        What is known of the noise of each row, in squared units of Y.
     """
 
     features: np.ndarray
@@ -83,6 +86,7 @@ class Training:
     descriptors: Descriptors | None = None
     slopes: Slopes | None = None
     trends: list[Trend] | None = None
+    known: Known | None = None
 
     @cached_property
     def design(self):
@@ -98,6 +102,13 @@ class Training:
     def counts(self):
         """Number of rows of each task."""
         return count_tasks(self.codes, len(self.tasks))
+
+    @property
+    def measured(self):
+        """Number of measurements of each task: a row may stand for several."""
+        if self.known is None:
+            return self.counts
+        return count_tasks(self.codes, len(self.tasks), self.known)
 
     @property
     def has_constants(self):
@@ -138,7 +149,7 @@ class Training:
         Y, n_tasks = self.Y, len(self.tasks)
         if self.slopes is not None:
             Y = self.slopes.unexplained(Y, OF_TASKS)
-        of_tasks = units_of_tasks(Y, self.codes, n_tasks)
+        of_tasks = units_of_tasks(Y, self.codes, n_tasks, self.known)
         scale = np.broadcast_to(self.units.scale, of_tasks.scale.shape)
         units = Units(of_tasks.centre, scale)
         trends = self.slopes and self.slopes.trends(self.Y, units, OF_TASKS)
@@ -146,7 +157,7 @@ class Training:
 
     def log_jacobian(self):
         """Log density of the targets in units of y less that in these, by output."""
-        found = self.units.log_jacobian(self.counts)
+        found = self.units.log_jacobian(self.measured)
         if self.trends is None:
             return found
         rows = self.features, self.codes
@@ -170,7 +181,19 @@ class Training:
         if self.trends is not None:
             pairs = zip(of_outputs, self.trends, strict=True)
             of_outputs = [y - trend.fitted(X, tasks) for y, trend in pairs]
-        return [Data(X, tasks, y, n_tasks, design, Q=Q) for y in of_outputs]
+        knowns = self._knowns(order, len(of_outputs))
+        return [
+            Data(X, tasks, y, n_tasks, design, Q=Q, known=known)
+            for y, known in zip(of_outputs, knowns, strict=True)
+        ]
+
+    def _knowns(self, order, n_outputs):
+        """What is known of the noise of the rows of each output, scaled."""
+        if self.known is None:
+            return [None] * n_outputs
+        scale = self.units.of_rows(self.units.scale, self.codes)
+        known = self.known.scaled(scale).part(order)
+        return [known.output(j) for j in range(n_outputs)]
 
     def with_rows(self, features, codes, Y):
         """The data with more rows of its tasks, which come last.
@@ -194,12 +217,13 @@ class Training:
             features=np.vstack([self.features, features]),
             codes=np.append(self.codes, codes),
             Y=np.vstack([self.Y, self.target.forward(Y)]),
+            known=self.known and self.known.followed_by(len(Y)),
         )
 
     def part(self, rows):
         """The data of some of the rows, in the same units."""
         parts = {name: getattr(self, name)[rows] for name in ("features", "codes", "Y")}
-        return replace(self, **parts)
+        return replace(self, **parts, known=self.known and self.known.part(rows))
 
     def with_task(self, features, label, Y):
         """The data of one more task put below the others'.
@@ -237,5 +261,6 @@ class Training:
             Y=np.vstack([self.Y, Y]),
             units=self.units.with_task(Y, position),
             descriptors=descriptors,
+            known=self.known and self.known.followed_by(len(Y)),
         )
         return training, position

@@ -55,12 +55,13 @@ class Units(NamedTuple):
             1
         )
 
-    def without_levels(self, Y, codes, n_tasks):
+    def without_levels(self, Y, codes, n_tasks, known=None):
         """The same centres, with the deviation of targets around those of the tasks.
 
         Where there is none, as of tasks with one row each, the scale stays.
         """
-        return self._around(count_tasks(codes, n_tasks), *_moments(Y, codes, n_tasks))
+        n = count_tasks(codes, n_tasks, known)
+        return self._around(n, *_moments(Y, codes, n_tasks, known))
 
     def _around(self, counts, mean, square):
         """The same from the moments of the tasks."""
@@ -82,7 +83,7 @@ class Units(NamedTuple):
         )
 
 
-def shared_units(Y, *, centred, scaled):
+def shared_units(Y, *, centred, scaled, known=None):
     """The mean and the deviation of all targets of an output.
 
     Parameters
@@ -93,13 +94,19 @@ def shared_units(Y, *, centred, scaled):
         Whether to take off the mean, which is zero otherwise.
     scaled : bool
         Whether to divide by the root mean square of what is left.
+    known : Known, default=None
+        How many measurements a row stands for, and their variance.
 
     Returns
     -------
     units : Units
     """
     mean, scale = np.zeros(Y.shape[1]), np.ones(Y.shape[1])
-    if centred:
+    if known is not None:
+        weigh = partial(np.average, axis=0, weights=known.counts)
+        mean = weigh(Y) if centred else mean
+        spread = np.sqrt(weigh(np.square(Y - mean) + known.spread))
+    elif centred:
         mean, spread = (np.asarray(of(axis=0)) for of in (Y.mean, Y.std))
     else:
         spread = np.sqrt(np.asarray(np.square(Y).mean(axis=0)))
@@ -108,7 +115,7 @@ def shared_units(Y, *, centred, scaled):
     return Units(mean[:, None], scale[:, None])
 
 
-def units_of_tasks(Y, codes, n_tasks):
+def units_of_tasks(Y, codes, n_tasks, known=None):
     """The mean and the deviation of each task's targets.
 
     A task of one or two rows, or whose targets are all the same, has the deviation that
@@ -124,13 +131,17 @@ def units_of_tasks(Y, codes, n_tasks):
         Task of each row.
     n_tasks : int
         Number of tasks.
+    known : Known, default=None
+        How many measurements a row stands for, and their variance.
 
     Returns
     -------
     units : Units
     """
-    n, (mean, square) = count_tasks(codes, n_tasks), _moments(Y, codes, n_tasks)
-    shared = shared_units(Y, centred=True, scaled=True)._around(n, mean, square)
+    n = count_tasks(codes, n_tasks, known)
+    mean, square = _moments(Y, codes, n_tasks, known)
+    shared = shared_units(Y, centred=True, scaled=True, known=known)
+    shared = shared._around(n, mean, square)
     spread = np.sqrt(square)
     told = (n >= FEWEST) & (spread > RESOLVED * np.abs(mean))
     scale = np.empty_like(mean)
@@ -142,12 +153,14 @@ def units_of_tasks(Y, codes, n_tasks):
     return Units(mean, scale)
 
 
-def _moments(Y, codes, n_tasks):
+def _moments(Y, codes, n_tasks, known=None):
     """Mean and variance of the targets of each task, (n_outputs, n_tasks) each."""
-    mean = means_of_tasks(Y, codes, n_tasks)
+    where = codes, n_tasks, known
+    mean = means_of_tasks(Y, *where)
     # what is left of large targets; those of other tasks take no digits
-    mean += means_of_tasks(_without(mean, Y, codes), codes, n_tasks)
-    return mean, means_of_tasks(np.square(_without(mean, Y, codes)), codes, n_tasks)
+    mean += means_of_tasks(_without(mean, Y, codes), *where)
+    squares = np.square(_without(mean, Y, codes))
+    return mean, means_of_tasks(squares if known is None else squares + known.spread, *where)
 
 
 def _without(mean, Y, codes):
@@ -162,15 +175,18 @@ def _of_one(Y, usual):
     return mean, np.where(told, spread, usual)
 
 
-def count_tasks(codes, n_tasks):
-    """Number of rows of each task."""
+def count_tasks(codes, n_tasks, known=None):
+    """Number of rows of each task, or of the measurements that they stand for."""
+    if known is not None:
+        return np.bincount(codes, known.counts, n_tasks)
     return sum(map_parts(partial(np.bincount, minlength=n_tasks), codes))
 
 
-def means_of_tasks(Y, codes, n_tasks):
+def means_of_tasks(Y, codes, n_tasks, known=None):
     """Means over the rows of each task, of shape (n_outputs, n_tasks)."""
+    Y = Y if known is None else Y * known.counts[:, None]
     sums = sum_parts(partial(_sum_part, n_tasks), (), (codes, Y))
-    return sums / np.maximum(count_tasks(codes, n_tasks), 1)
+    return sums / np.maximum(count_tasks(codes, n_tasks, known), 1)
 
 
 def _sum_part(n_tasks, _, codes, Y):

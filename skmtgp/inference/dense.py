@@ -19,12 +19,12 @@ class DenseLikelihood(TiledLikelihood):
 
     Parameters
     ----------
-    prior, X, tasks, y
+    prior, X, tasks, y, known
         See Likelihood.
     """
 
-    def __init__(self, prior, X, tasks, y):
-        super().__init__(prior, X, tasks, y, inputs=X)
+    def __init__(self, prior, X, tasks, y, known=None):
+        super().__init__(prior, X, tasks, y, inputs=X, known=known)
         self.basis = prior.trend and prior.trend.basis(X, tasks)
         self.present = {
             tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
@@ -54,8 +54,9 @@ class DenseLikelihood(TiledLikelihood):
     def _evaluate(self, theta):
         """The value; NotPositiveDefiniteError where K cannot be factorised."""
         with limit_threads(self.side), self._workspace() as workspace:
-            cholesky = Cholesky(self._fill(*self._bind(theta), workspace.K)[0])
-            return self.solve(cholesky)[0]
+            *of_f, noise = self._bind(theta)
+            cholesky = Cholesky(self._fill(*of_f, noise, workspace.K)[0])
+            return self.solve(cholesky, noise)[0]
 
     def _differentiate(self, theta):
         """The value and its gradients, see TiledLikelihood."""
@@ -66,18 +67,22 @@ class DenseLikelihood(TiledLikelihood):
         memory = workspace.K, workspace.tiles
         K, tapes = self._fill(bound, K_rho, level, noise, *memory)
         cholesky = Cholesky(K)
-        value, alpha, flat = self.solve(cholesky)
+        value, alpha, flat = self.solve(cholesky, noise)
         G = dsyr(-1.0, alpha, a=cholesky.invert(), lower=1, overwrite_a=1)
         if flat is not None:  # P = K^{-1} - V V^T in place of K^{-1}
             G = dsyrk(-1.0, flat.V, beta=1.0, c=G, lower=1, overwrite_c=1)
         d_row = -0.5 * np.diagonal(G)
+        if self.known is not None:
+            slope = self.known.slope(noise[self.noise_of_row])
+            d_row = d_row / self.known.counts + slope
         d_noise = np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
         return value, *self._contract(bound, K_rho, tapes, G.T), d_noise
 
-    def solve(self, cholesky):
+    def solve(self, cholesky, noise):
         """The log density of y, K^{-1} y, and Flat if there is a trend.
 
-        With a trend the second is P y. `cholesky` is the factor C of K.
+        With a trend the second is P y. `cholesky` is the factor C of K, `noise` has the
+        variances that are learned.
         """
         half, flat, n = cholesky.half_solve(self.y), None, len(self.y)
         log_det = cholesky.log_det()
@@ -86,6 +91,8 @@ class DenseLikelihood(TiledLikelihood):
             half, n = flat.rest(half), n - self.basis.rank
             log_det += flat.log_det
         value = log_density(half @ half, log_det, n)
+        if self.known is not None:
+            value += self.known.log_density(noise[self.noise_of_row])
         return value, cholesky.half_solve(half, transposed=True), flat
 
     def _bind(self, theta):
@@ -108,7 +115,7 @@ class DenseLikelihood(TiledLikelihood):
                     block += level
 
         kept = self._fill_tiles(bound, put, memory)
-        K.flat[:: len(K) + 1] += noise[self.noise_of_row]
+        K.flat[:: len(K) + 1] += self.noise_of_rows(noise)
         return K.T, kept
 
     def _blocks_of_tasks(self, tile, rows, cols):
@@ -196,7 +203,8 @@ class DensePosterior(Posterior):
         if self.cholesky is None:
             self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
         self.jitter = self.cholesky.jitter
-        self.log_likelihood, self.alpha, flat = likelihood.solve(self.cholesky)
+        noise = likelihood.prior.values(theta).noise
+        self.log_likelihood, self.alpha, flat = likelihood.solve(self.cholesky, noise)
         if flat is not None:
             self.coefficients = Coefficients(likelihood, flat, self.cholesky)
         self._set_means()
@@ -217,7 +225,8 @@ class DensePosterior(Posterior):
         if not len(new):
             return cholesky
         rows = likelihood.X[new], likelihood.tasks[new]
-        corner = DenseLikelihood(likelihood.prior, *rows, likelihood.y[new])
+        known = likelihood.known and likelihood.known.part(new)
+        corner = DenseLikelihood(likelihood.prior, *rows, likelihood.y[new], known)
         cross = self._cross_covariance(*rows)[origin >= 0]
         try:
             return cholesky.bordered(new, cross, corner.covariance(self.theta))

@@ -66,6 +66,8 @@ class Engine(ABC):
         Whether it takes priors of several terms.
     takes_trend : bool, default=False
         Whether it takes priors with a trend.
+    takes_known : bool, default=False
+        Whether it takes data of which the noise is known, `Data.known`.
 
     Examples
     --------
@@ -93,6 +95,7 @@ class Engine(ABC):
     drops = False
     takes_terms = False
     takes_trend = False
+    takes_known = False
 
     @property
     def exact(self):
@@ -249,6 +252,20 @@ def check_trend(engine, prior):
             f"inference={engine.name!r} takes no trend, and trend has "
             f"{prior.trend.n_coefficients} coefficients: {why}. Set inference='dense' "
             f"or 'auto', or leave the trend out. {INFERENCE}"
+        )
+
+
+def check_known(engine, data):
+    """Raise a ValueError where an engine cannot take what is known of the noise."""
+    if data.known is not None and not engine.takes_known:
+        why = {
+            "kronecker": "with noise that differs between inputs K is no Kronecker "
+            "product",
+            "sparse": "its sums over the rows take one noise variance for each task",
+        }.get(engine.name, "this engine knows nothing of it")
+        raise ValueError(
+            f"inference={engine.name!r} takes no alpha, and no sample_weight: {why}. "
+            f"Set inference='dense' or 'auto', or leave them out. {INFERENCE}"
         )
 
 

@@ -38,7 +38,7 @@ class Dense(Engine):
 
     name = "dense"
     drops = True
-    takes_terms = takes_trend = True
+    takes_terms = takes_trend = takes_known = True
 
     def __init__(self, why=""):
         self.why = why
@@ -63,7 +63,7 @@ class Dense(Engine):
 
     def likelihood(self, prior, data):
         """The likelihood of the data."""
-        return DenseLikelihood(prior, data.X, data.tasks, data.y)
+        return DenseLikelihood(prior, data.X, data.tasks, data.y, data.known)
 
     def updated(self, posterior, likelihood, theta, origin):
         """The posterior by a factor that is updated, in O(n^2) a row."""
@@ -204,15 +204,17 @@ def choose(inference, prior, data, **options):
         "auto" is "kronecker" for complete data of two tasks or more, whose
         eigen-decompositions are then faster than a Cholesky decomposition of all
         samples, and "dense" otherwise. So it is with several terms: a sum of Kronecker
-        products and noise has no decompositions of its factors. So it is with a trend.
+        products and noise has no decompositions of its factors. So it is with a trend,
+        and where something is known of the noise of rows.
     """
     if isinstance(inference, Engine):
         return inference
     if inference != "auto":
         engine = ENGINES[inference]
         return engine(**options) if engine is Sparse else engine()
-    one = len(data.tasks) == 1 or prior.n_terms > 1 or prior.trend is not None
-    if one or not depends_on_inputs_only(prior.kernel, data.features):
+    dense = len(data.tasks) == 1 or prior.n_terms > 1 or prior.trend is not None
+    dense = dense or data.known is not None
+    if dense or not depends_on_inputs_only(prior.kernel, data.features):
         return Dense()
     if data.design is not None:
         return Kronecker()

@@ -6,6 +6,7 @@ from math import isqrt
 
 import numpy as np
 
+from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
@@ -36,6 +37,8 @@ class Likelihood(ABC):
         Task of each row, 0 to n_tasks - 1, ascending.
     y : ndarray of shape (n_samples,)
         Targets, of which the model takes the mean to be zero.
+    known : Known, default=None
+        What is known of the noise of each row.
 
     Notes
     -----
@@ -46,14 +49,19 @@ class Likelihood(ABC):
     learning takes for a rejected step.
     """
 
-    def __init__(self, prior, X, tasks, y):
+    def __init__(self, prior, X, tasks, y, known=None):
         self.prior, self.X, self.tasks, self.y = prior, X, tasks, y
+        self.known = known
 
     @property
     def noise_of_row(self):
         """Which noise variance each row has."""
         of_tasks = self.prior.n_noise > 1
         return self.tasks if of_tasks else np.broadcast_to(0, len(self.tasks))
+
+    def noise_of_rows(self, noise):
+        """Noise variance of each row, from those that are learned."""
+        return noise_of(self.known, noise[self.noise_of_row])
 
     @property
     def side(self):
@@ -148,15 +156,16 @@ class Likelihood(ABC):
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):
             of_some = information(*self._derivatives(theta, rows, of_rho))
-        return of_some * (n / most)
+        return of_some * (n / most) + self._of_repeats(theta)
 
     def _derivatives(self, theta, rows, of_rho):
         """K of some rows, their tasks, and its derivatives by the parts of theta."""
         prior, values = self.prior, self.prior.values(theta)
-        X, tasks, noise_of_row = self._some(rows)
+        X, tasks, learned, known = self._some(rows, values.noise)
         level = values.level * np.equal.outer(tasks, tasks)
-        noise = np.diag(values.noise[noise_of_row])
-        of_tasks = OfTasks(np.arange(prior.n_noise), 0.5 * noise)
+        noise = np.diag(noise_of(known, learned))
+        by_noise = noise if known is None else np.diag(learned / known.counts)
+        of_tasks = OfTasks(np.arange(prior.n_noise), 0.5 * by_noise)
         by_kernels, by_rho, of_f = [], [], 0.0
         for (kernel, K_rho), of_term in zip(prior.terms_at(theta), of_rho, strict=True):
             K_x, dK_x = kernel(X, eval_gradient=True)
@@ -164,18 +173,29 @@ class Likelihood(ABC):
             by_kernels.append([d * K_rho for d in np.moveaxis(dK_x, 2, 0)])
             by_rho.append([_between_samples(d, tasks, K_x) for d in of_term])
             of_f = of_f + K_x * K_rho
-        of_rest = [[level] * prior.levels, [of_tasks if prior.n_noise > 1 else noise]]
+        of_rest = [[level] * prior.levels, [of_tasks if prior.n_noise > 1 else by_noise]]
         K = of_f + level + noise
         if prior.trend is not None:
             K += wide(prior.trend.basis(X, tasks), np.trace(K))
         return K, tasks, [*by_kernels, *by_rho, *of_rest]
 
-    def _some(self, rows):
-        """X, tasks and the noise variance of some rows, sorted by task."""
+    def _some(self, rows, noise):
+        """X, tasks, learned noise and what is known of some rows, sorted by task."""
         tasks = np.asarray(self.tasks[rows])
         order = np.argsort(tasks, kind="stable")
         X = np.asarray(self.X[rows], dtype=float)[order]
-        return X, tasks[order], np.asarray(self.noise_of_row[rows])[order]
+        learned = noise[np.asarray(self.noise_of_row[rows])[order]]
+        return X, tasks[order], learned, self.known and self.known.part(rows[order])
+
+    def _of_repeats(self, theta):
+        """What repeats of rows tell of the noise, beside their means."""
+        if self.known is None:
+            return 0.0
+        learned = self.prior.values(theta).noise[self.noise_of_row]
+        told = self.known.information(learned)
+        n_noise, found = self.prior.n_noise, np.zeros(len(theta))
+        found[len(theta) - n_noise :] = np.bincount(self.noise_of_row, told, n_noise)
+        return np.diag(found)
 
 
 def rows_of_information(n, n_tasks):

@@ -99,7 +99,7 @@ class Posterior(ABC):
         self.bound = prior.node.bind(values.kernel, likelihood.inputs)
         self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
-        self.noise = values.noise[likelihood.noise_of_row]
+        self.noise = likelihood.noise_of_rows(values.noise)
         self.largest = self.level + sum(
             largest_prior(K_rho, kernel, likelihood.inputs)
             for kernel, K_rho in self.terms

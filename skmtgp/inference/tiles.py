@@ -29,8 +29,8 @@ class TiledLikelihood(Likelihood):
         Rows and columns of each tile.
     """
 
-    def __init__(self, prior, X, tasks, y, inputs):
-        super().__init__(prior, X, tasks, y)
+    def __init__(self, prior, X, tasks, y, inputs, known=None):
+        super().__init__(prior, X, tasks, y, known)
         self.inputs, n = inputs, len(inputs)
         edges = np.linspace(0, n, -(-n // TILE) + 1)
         self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]

@@ -338,7 +338,7 @@ def _alone(model, y):
     alone.set_params(task_feature=-1, target_transform=None)  # y is transformed
     X = np.column_stack([model.X_train_, model.tasks_train_])
     with collect_warnings() as collected:
-        alone.fit(X, y)
+        alone.fit(X, y, *(() if model._known is None else model._known.arguments()))
     for category, message in collected:
         if category is not UnidentifiedNoiseWarning:  # others make up for few rows
             warn(message, category)

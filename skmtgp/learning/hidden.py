@@ -18,6 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.climbing import climb, lower, lowered_first
 from skmtgp.learning.problem import best_of, spent_on
@@ -79,8 +80,9 @@ def _scores(problem, mode):
     prior, data = problem.prior, problem.data
     rows = np.linspace(0, len(data) - 1, min(len(data), problem.tuning.tested))
     rows = rows.astype(int)
-    X, tasks, y = (np.asarray(of[rows]) for of in (data.X, data.tasks, data.y))
+    X, tasks, y, known = data.some(rows)
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
+    noise = noise_of(known, noise)
     with limit_threads(len(rows)):
         K = prior.covariance(mode.theta, X, tasks) + np.diag(noise)
         W = prior.precision(K, X, tasks)

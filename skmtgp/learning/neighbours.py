@@ -11,6 +11,7 @@ known moments, in whatever order the rows are.
 import numpy as np
 from scipy.stats import chi2
 
+from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 
 LEAST, MOST = 30, 600  # rows that are asked
@@ -48,8 +49,9 @@ def correlated_share(problem, mode):
     if len(data) < LEAST or not problem.is_noisy(mode):
         return 0.0
     rows, places = _neighbours(data.tasks)
-    X, tasks, y = (np.asarray(of[rows]) for of in (data.X, data.tasks, data.y))
+    X, tasks, y, known = data.some(rows)
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
+    noise = noise_of(known, noise)
     K = prior.covariance(mode.theta, X.astype(float), tasks) + np.diag(noise)
     A = np.sqrt(np.outer(noise, noise)) * _along(tasks, places)
     if not A.any():  # no task has more than two rows

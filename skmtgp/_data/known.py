@@ -1,0 +1,158 @@
+r"""What is known of the noise of each row: variances, and repeats that it stands for.
+
+A row may be the mean of n measurements at the same input of the same task, which have
+the noise variance :math:`v = \sigma_m^2 + \alpha` each, with what is learned and what is
+known. It then has the noise variance v / n, and the n measurements have a log density
+beside that of their mean:
+
+.. math::
+    -\tfrac12 \bigl[(n - 1) \log 2\pi v + \log n + n s^2 / v\bigr],
+
+with their variance s^2 about their mean.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the noise of rows of one output, or of several in columns.
+
+    Attributes
+    ----------
+    variance : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+        Known part of the noise variance of one measurement.
+    counts : ndarray of shape (n_samples,)
+        How many measurements a row is the mean of.
+    spread : ndarray of the shape of `variance`
+        Their variance about their mean, of the population.
+    """
+
+    variance: np.ndarray
+    counts: np.ndarray
+    spread: np.ndarray
+
+    def part(self, rows):
+        """That of some of the rows."""
+        parts = (self.variance, self.counts, self.spread)
+        return Known(*(part[rows] for part in parts))
+
+    def arguments(self):
+        """Those of `fit`: alpha, sample_weight and repeat_variance."""
+        return self.variance, self.counts, self.spread
+
+    def refuse_transform(self, target_transform):
+        """Raise a ValueError where y is not what is learned."""
+        if target_transform is not None:
+            raise ValueError(
+                "alpha and sample_weight are of y, and target_transform learns another "
+                "one. Transform y before, or leave one of them out."
+            )
+
+    def output(self, j):
+        """That of one output."""
+        return replace(self, variance=self.variance[:, j], spread=self.spread[:, j])
+
+    def scaled(self, scale):
+        """In units of `scale`, of shape (n_samples or 1, n_outputs)."""
+        square = np.square(scale)
+        return replace(
+            self, variance=self.variance / square, spread=self.spread / square
+        )
+
+    def followed_by(self, n_new):
+        """That with more rows below, of which nothing is known."""
+        new = np.zeros((n_new, *self.variance.shape[1:]))
+        return Known(
+            np.concatenate([self.variance, new]),
+            np.append(self.counts, np.ones(n_new)),
+            np.concatenate([self.spread, new]),
+        )
+
+    def noise(self, learned):
+        """Noise variance of each row, from what is learned of each."""
+        return (learned + self.variance) / self.counts
+
+    def log_density(self, learned):
+        """Log density of the measurements beside that of their means."""
+        v = learned + self.variance
+        more, n = self.counts - 1.0, self.counts
+        of_repeats = more * np.log(2.0 * np.pi * v) + n * self.spread / v
+        return -0.5 * float((of_repeats + np.log(n)).sum())
+
+    def slope(self, learned):
+        """Derivative of that by what is learned of each row."""
+        v = learned + self.variance
+        return -0.5 * ((self.counts - 1.0) - self.counts * self.spread / v) / v
+
+    def information(self, learned):
+        """Fisher information of the logarithm of what is learned, in repeats."""
+        share = learned / (learned + self.variance)
+        return 0.5 * (self.counts - 1.0) * np.square(share)
+
+
+def noise_of(known, learned):
+    """Noise variance of each row, whether or not something is known of it."""
+    return learned if known is None else known.noise(learned)
+
+
+def read_known(alpha, sample_weight, repeat_variance, shape):
+    """What is known, from the arguments of `fit`; None where that is nothing.
+
+    Parameters
+    ----------
+    alpha, sample_weight, repeat_variance : array-like, float or None
+        See `fit`.
+    shape : tuple of (n_samples, n_outputs)
+        Of the targets.
+
+    Returns
+    -------
+    known : Known or None
+        In squared units of y, in the columns of the outputs.
+    """
+    if alpha is None and sample_weight is None and repeat_variance is None:
+        return None
+    if repeat_variance is not None and sample_weight is None:
+        raise ValueError(
+            "repeat_variance needs sample_weight, the number of measurements that each "
+            "row is the mean of."
+        )
+    counts = _numbers("sample_weight", sample_weight, (shape[0], 1), default=1.0)[:, 0]
+    if not (counts >= 1.0).all():
+        raise ValueError(
+            f"sample_weight has {counts.min():g}: it is the number of measurements "
+            "that a row is the mean of, 1 or more. Leave rows of weight 0 out; of "
+            "rows that are less exact give the variance in alpha."
+        )
+    variance = _numbers("alpha", alpha, shape, default=0.0)
+    spread = _numbers("repeat_variance", repeat_variance, shape, default=0.0)
+    return Known(variance, counts, spread)
+
+
+def _numbers(name, value, shape, *, default):
+    """An argument as an array of the shape, or a ValueError."""
+    value = default if value is None else value
+    try:
+        given = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name}={value!r} must be numbers.") from error
+    if given.ndim == 1:
+        given = given[:, None]
+    fits = given.ndim == 0 or given.shape in {shape, (shape[0], 1)}
+    if not fits:
+        several = f" or {shape}" if shape[1] > 1 else ""
+        raise ValueError(
+            f"{name} has shape {np.shape(value)}, but X has {shape[0]} samples: give "
+            f"a number for each, of shape ({shape[0]},){several}, or one number."
+        )
+    bad = ~(np.isfinite(given) & (given >= 0.0))
+    if bad.any():
+        raise ValueError(
+            f"{name} has {given[bad][0]:g}, and must be finite numbers of 0 or more."
+        )
+    return np.array(np.broadcast_to(given, shape))

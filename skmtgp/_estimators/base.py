@@ -38,7 +38,13 @@ from skmtgp._support.sklearn_compat import (
     fit_context,
     with_callbacks,
 )
-from skmtgp.inference.engine import Demand, Engine, check_known, check_terms, check_trend
+from skmtgp.inference.engine import (
+    Demand,
+    Engine,
+    check_known,
+    check_terms,
+    check_trend,
+)
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
@@ -362,7 +368,8 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         least = CENTRED if units.per_task else prior.least_level
         level = max(least, FIRST_LEVEL) * scale**2
         if prior.levels:
-            level = max(level, variance_of_means(data.y, data.tasks, data.n_tasks))
+            of_rows = data.y, data.tasks, data.n_tasks
+            level = max(level, variance_of_means(*of_rows, data.known))
         return replace(
             prior,
             scale=scale,

@@ -160,7 +160,9 @@ def _moments(Y, codes, n_tasks, known=None):
     # what is left of large targets; those of other tasks take no digits
     mean += means_of_tasks(_without(mean, Y, codes), *where)
     squares = np.square(_without(mean, Y, codes))
-    return mean, means_of_tasks(squares if known is None else squares + known.spread, *where)
+    return mean, means_of_tasks(
+        squares if known is None else squares + known.spread, *where
+    )
 
 
 def _without(mean, Y, codes):
@@ -193,8 +195,8 @@ def _sum_part(n_tasks, _, codes, Y):
     return np.array([np.bincount(codes, y, n_tasks) for y in np.asarray(Y).T])
 
 
-def variance_of_means(y, codes, n_tasks):
+def variance_of_means(y, codes, n_tasks, known=None):
     """Variance, over tasks, of the means of their targets."""
-    counts = count_tasks(codes, n_tasks)
-    [means] = means_of_tasks(y[:, None], codes, n_tasks)
+    counts = count_tasks(codes, n_tasks, known)
+    [means] = means_of_tasks(y[:, None], codes, n_tasks, known)
     return float(np.var(means[counts > 0]))

@@ -173,7 +173,10 @@ class Likelihood(ABC):
             by_kernels.append([d * K_rho for d in np.moveaxis(dK_x, 2, 0)])
             by_rho.append([_between_samples(d, tasks, K_x) for d in of_term])
             of_f = of_f + K_x * K_rho
-        of_rest = [[level] * prior.levels, [of_tasks if prior.n_noise > 1 else by_noise]]
+        of_rest = [
+            [level] * prior.levels,
+            [of_tasks if prior.n_noise > 1 else by_noise],
+        ]
         K = of_f + level + noise
         if prior.trend is not None:
             K += wide(prior.trend.basis(X, tasks), np.trace(K))

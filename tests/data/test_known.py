@@ -34,10 +34,7 @@ def test_slope_and_information():
     flat = Known(known.variance, known.counts, expected)
     np.testing.assert_allclose(flat.slope(learned), 0.0, atol=1e-12)
     second = np.array(
-        [
-            (flat.slope(learned * np.exp(s)) * learned * np.exp(s))
-            for s in (1e-5, -1e-5)
-        ]
+        [(flat.slope(learned * np.exp(s)) * learned * np.exp(s)) for s in (1e-5, -1e-5)]
     )
     curvature = (second[0] - second[1]) / 2e-5
     np.testing.assert_allclose(flat.information(learned), -curvature, rtol=1e-4)
@@ -77,7 +74,10 @@ def test_nothing_known():
         ({"alpha": [0.1, np.nan, 0.1]}, "alpha has nan"),
         ({"alpha": [1.0, 2.0]}, r"alpha has shape \(2,\), but X has 3 samples"),
         ({"alpha": "much"}, "alpha='much' must be numbers"),
-        ({"sample_weight": [1, 0, 1]}, "sample_weight has 0: .* Leave rows of weight 0"),
+        (
+            {"sample_weight": [1, 0, 1]},
+            "sample_weight has 0: .* Leave rows of weight 0",
+        ),
         ({"sample_weight": [1, 2]}, "sample_weight has shape"),
         ({"repeat_variance": 0.1}, "repeat_variance needs sample_weight"),
         ({"sample_weight": 2, "repeat_variance": np.inf}, "repeat_variance has inf"),

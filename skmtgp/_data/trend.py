@@ -85,16 +85,16 @@ def read_trend(trend, X, position, names, feature_names, descriptors=None):
     if hasattr(trend, "transform"):
         return _fitted(trend, X, inputs, feature_names is not None)
     why = "a label has no trend; trend_per_task=True gives each task its own."
-    found = locate_columns(
-        trend, "trend", position, len(names) + 1, feature_names, why
-    )
+    found = locate_columns(trend, "trend", position, len(names) + 1, feature_names, why)
     described = ~np.isin(found, kept)
     if described.any():
         raise ValueError(
             f"trend={list(trend)!r} has {names[found[described][0]]!r}, which is one "
             "of the task_descriptors, and no input. Name it in one of the two."
         )
-    return TrendColumns(np.searchsorted(kept, found), names=tuple(map(str, names[found])))
+    return TrendColumns(
+        np.searchsorted(kept, found), names=tuple(map(str, names[found]))
+    )
 
 
 def _fitted(transformer, X, inputs, named):
@@ -113,9 +113,7 @@ def _fitted(transformer, X, inputs, named):
         names = fitted.get_feature_names_out(inputs)
     except (AttributeError, TypeError, ValueError):
         names = range(found.shape[1])
-    return TrendColumns(
-        transformer=fitted, names=tuple(map(str, names)), inputs=inputs
-    )
+    return TrendColumns(transformer=fitted, names=tuple(map(str, names)), inputs=inputs)
 
 
 def _named(X, names):

@@ -12,8 +12,8 @@ from skmtgp._data.dask import held
 from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.labels import sorted_tasks
+from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
-from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes
 from skmtgp._estimators.units import Units, count_tasks, units_of_tasks
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp.model.trend import Trend
@@ -220,7 +220,7 @@ class Training:
         position : int
             Where the task is among the tasks.
         """
-        Y = self.target.forward(Y)
+        Y, trends, units = self.target.forward(Y), self.trends, self.units
         tasks = sorted_tasks([*self.tasks.tolist(), label])
         position = tasks.tolist().index(label)
         codes = self.codes + (self.codes >= position)
@@ -229,13 +229,18 @@ class Training:
             values = features[0, descriptors.columns]
             features = descriptors.inputs(features)
             descriptors = descriptors.with_task(values, position)
+        if trends is None:
+            units = units.with_task(Y, position)
+        else:
+            units, trends = trends_with_task(units, trends, position, features, Y)
         training = replace(
             self,
             features=np.vstack([self.features, features]),
             codes=np.append(codes, np.full(len(features), position)),
             tasks=tasks,
             Y=np.vstack([self.Y, Y]),
-            units=self.units.with_task(Y, position),
+            units=units,
             descriptors=descriptors,
+            trends=trends,
         )
         return training, position

@@ -64,6 +64,12 @@ class Trend:
         found[np.arange(len(X)), tasks] = H
         return found.reshape(len(X), -1)
 
+    def rows_of(self, task, X):
+        """The columns that rows of one task have any part in, (n_samples, n_columns)."""
+        T = self.rows(X, np.full(len(X), task))
+        n_trend = self.slopes.shape[1]
+        return T[:, task * n_trend :][:, :n_trend] if self.per_task else T
+
     def basis(self, X, tasks):
         """An orthonormal basis of the columns at some rows."""
         return Basis(self.rows(X, tasks))

@@ -318,8 +318,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     ``level_variance_ * (t == t') + task_covariance_[t, t'] * kernel_(X, X')``, plus
     ``noise_variance_`` for a sample with itself. Where one of these has a number for
     each task, it is that of t. With a trend of columns H it is ``y - y_mean_[t] -
-    (H - trend_mean_) @ coef_`` that is normal, for coefficients of any size. Time grows with the cube of the number of samples,
-    memory with its square.
+    (H - trend_mean_) @ coef_`` that is normal, with coefficients of any size. Time
+    grows with the cube of the number of samples, memory with its square.
 
     With a list of kernels the covariance has a term for each,
     :math:`\sum_q K^{\rho_q}_{mm'}\, k_q(x, x')`: the linear model of coregionalisation,

@@ -273,8 +273,9 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
     ) * can_join
     raise ValueError(
         f"{what}: the model knows {_enumerate(tasks)}.{why}{beside} Fit with "
-        f"samples of every task{join}; in cross-validation cv=TaskStratifiedKFold(task_feature=...) of "
-        f"skmtgp.model_selection does.{share}"
+        f"samples of every task{join}; in cross-validation "
+        "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection does."
+        f"{share}"
     )
 
 

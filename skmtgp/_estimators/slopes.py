@@ -228,8 +228,9 @@ def _check_columns(H, names, of):
         if len(zero) == len(dependent)
         else f"a linear combination of the others ({_listed(names)})"
     )
+    which = _listed([names[j] for j in dependent])
     raise ValueError(
-        f"In the rows{of} the trend's {_listed([names[j] for j in dependent])} is {why}: "
+        f"In the rows{of} the trend's {which} is {why}: "
         "its coefficient cannot be told. Leave such columns out of trend"
         f"{', or set trend_per_task=False' * bool(of)}."
     )

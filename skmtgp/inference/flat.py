@@ -8,8 +8,8 @@ With an orthonormal basis Q of the trend's columns and K = C C^T,
     P = K^{-1} - K^{-1} Q (Q^T K^{-1} Q)^{-1} Q^T K^{-1}
 
 is the density of y without what the p columns explain, in any orthonormal basis of the
-rest: restricted maximum likelihood, as Harville (1974) writes it. Columns of other units,
-or others that span the same, do not change it.
+rest: restricted maximum likelihood, as Harville (1974) writes it. Columns in other
+units, or others that span the same, do not change it.
 """
 
 import numpy as np
@@ -82,7 +82,7 @@ class Coefficients:
         return self.trend.rows(X, tasks) @ self.mean
 
     def of_tasks(self, tasks):
-        """Coefficients and constants of some tasks, (n_trend, n_tasks) and (n_tasks,)."""
+        """Coefficients, (n_trend, n_tasks), and constants, (n_tasks,), of tasks."""
         of_sets = self.mean.reshape(self.trend.slopes.shape)
         found = of_sets[tasks if self.trend.per_task else np.zeros_like(tasks)]
         centre = self.trend.centre

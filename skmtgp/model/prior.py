@@ -223,6 +223,11 @@ class Prior:
         return inverse - told @ np.linalg.solve(Q.T @ told, told.T)
 
     @property
+    def n_coefficients(self):
+        """How many coefficients of a trend are integrated out."""
+        return 0 if self.trend is None else self.trend.n_coefficients
+
+    @property
     def tells_unseen(self):
         """Whether the trend, if there is one, is known of tasks without data."""
         return self.trend is None or not self.trend.per_task

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.training import default_kernel
 from skmtgp._numerics.parallel import run
@@ -72,6 +73,16 @@ class IndependentGP(_FixedTaskCovarianceGP):
         from N(0, v). The variance v is learned. Levels are integrated out exactly.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
+    trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
+        A trend that is added to the functions of the tasks, of columns of X that stay
+        inputs of :math:`k^x`: their positions or names; or a transformer of
+        scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
+        of X without that of the task; "linear" is a constant and all columns, and
+        "constant" a constant alone. The coefficients have a flat prior and are
+        integrated out, exactly: universal kriging. Inference is dense. See
+        :doc:`/guide/trend`.
+    trend_per_task : bool, default=False
+        Whether each task has coefficients of its own. Tasks share them otherwise.
     noise : {"auto", "shared", "per_task"}, default="auto"
         Whether the tasks share one noise variance or have one each. "auto" asks the
         data, see :class:`MultiTaskGPRegressor`.
@@ -163,6 +174,13 @@ class IndependentGP(_FixedTaskCovarianceGP):
     task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
         Level of each task given the data, in units of y with `y_mean_` included, and
         its standard deviation. Without `task_levels` they are `y_mean_` and 0.
+    coef_, coef_std_ : ndarray of shape ([n_outputs,] [n_tasks,] n_trend)
+        Coefficients of the trend given the data, in units of y for one of their column,
+        and their standard deviations. This and the next two only with `trend`.
+    trend_names_ : ndarray of shape (n_trend,)
+        Names of the trend's columns.
+    trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
+        What the columns are taken off, as the targets are off `y_mean_`.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
         Noise variance in squared units of y. One for each task where they have noise
         or units of their own.
@@ -249,6 +267,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
     _parameter_constraints = {
         **_FixedTaskCovarianceGP._parameter_constraints,
         "task_levels": ["boolean"],
+        "trend_per_task": ["boolean"],
     }
     _form = staticmethod(identity)
 
@@ -262,6 +281,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         diagonal: bool = False,
         task_levels: bool = True,
         task_feature: int | str = -1,
+        trend: TrendOf = None,
+        trend_per_task: bool = False,
         noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
@@ -282,6 +303,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         self.diagonal = diagonal
         self.task_levels = task_levels
         self.task_feature = task_feature
+        self.trend = trend
+        self.trend_per_task = trend_per_task
         self.noise = noise
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
@@ -317,6 +340,14 @@ class PooledGP(_FixedTaskCovarianceGP):
         task: how much its function deviates from the common one.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
+    trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
+        A trend that is added to the functions of the tasks, of columns of X that stay
+        inputs of :math:`k^x`: their positions or names; or a transformer of
+        scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
+        of X without that of the task; "linear" is a constant and all columns, and
+        "constant" a constant alone. The coefficients have a flat prior and are
+        integrated out, exactly: universal kriging. Inference is dense. See
+        :doc:`/guide/trend`.
     noise : {"auto", "shared", "per_task"}, default="auto"
         Whether the tasks share one noise variance or have one each. "auto" asks the
         data, see :class:`MultiTaskGPRegressor`.
@@ -397,6 +428,13 @@ class PooledGP(_FixedTaskCovarianceGP):
         outputs ``task_correlation_.loc[j]`` is that of output j.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
         Its factor.
+    coef_, coef_std_ : ndarray of shape ([n_outputs,] n_trend)
+        Coefficients of the trend given the data, in units of y for one of their column,
+        and their standard deviations. This and the next two only with `trend`.
+    trend_names_ : ndarray of shape (n_trend,)
+        Names of the trend's columns.
+    trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
+        What the columns are taken off, as the targets are off `y_mean_`.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
         Noise variance in squared units of y. One for each task where they have noise
         of their own.
@@ -500,6 +538,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         *,
         diagonal: bool = False,
         task_feature: int | str = -1,
+        trend: TrendOf = None,
         noise: Literal["auto", "shared", "per_task"] = "auto",
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
@@ -519,6 +558,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         self.kernel = kernel
         self.diagonal = diagonal
         self.task_feature = task_feature
+        self.trend = trend
         self.noise = noise
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds

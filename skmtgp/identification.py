@@ -325,6 +325,11 @@ def _last(estimator):
             f"TaskIdentifier takes models of one kernel, and this one has "
             f"{len(model.rank_)} terms. Fit it with one of them, or with their sum."
         )
+    if model._trends() is not None:
+        raise ValueError(
+            "TaskIdentifier takes models without a trend, and this one has the columns "
+            f"{', '.join(map(repr, model.trend_names_))}. Fit it with trend=None."
+        )
     if model._units.per_task:
         raise ValueError(
             "The tasks have units of their own, which those of an unknown task do not "

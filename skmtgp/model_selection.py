@@ -248,7 +248,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         exact = problems[0].engine.exact  # without, likelihoods of each task take long
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
-        data, described = problems[0].data, training.descriptors is not None
+        data = problems[0].data
+        described = training.descriptors is not None or training.trends is not None
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms))
         asks = simpler and exact and not described

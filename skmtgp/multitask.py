@@ -17,8 +17,8 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.slopes import TrendOf
+from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
@@ -97,6 +97,16 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         [1, descriptors] of D for each task, and B of the given rank learned in its
         place. A task that `fit` has not seen is then predicted from its descriptors.
         See :doc:`/guide/descriptors`.
+    trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
+        A trend that is added to the functions of the tasks, of columns of X that stay
+        inputs of :math:`k^x`: their positions or names; or a transformer of
+        scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
+        of X without that of the task; "linear" is a constant and all columns, and
+        "constant" a constant alone. The coefficients have a flat prior and are
+        integrated out, exactly: universal kriging. Inference is dense. See
+        :doc:`/guide/trend`.
+    trend_per_task : bool, default=False
+        Whether each task has coefficients of its own. Tasks share them otherwise.
     noise : {"auto", "shared", "per_task"}, default="auto"
         Whether the tasks share one noise variance or have one each. "auto" asks the
         data, see Notes.
@@ -206,6 +216,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
         Level of each task given the data, in units of y with `y_mean_` included, and
         its standard deviation. Without `task_levels` they are `y_mean_` and 0.
+    coef_, coef_std_ : ndarray of shape ([n_outputs,] [n_tasks,] n_trend)
+        Coefficients of the trend given the data, in units of y for one of their column,
+        and their standard deviations. This and the next two only with `trend`.
+    trend_names_ : ndarray of shape (n_trend,)
+        Names of the trend's columns.
+    trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
+        What the columns are taken off, as the targets are off `y_mean_`.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
         Noise variance in squared units of y. One for each task where they have noise
         or units of their own.
@@ -301,8 +318,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     ``y - y_mean_[t]`` is normal with mean zero and covariance
     ``level_variance_ * (t == t') + task_covariance_[t, t'] * kernel_(X, X')``, plus
     ``noise_variance_`` for a sample with itself. Where one of these has a number for
-    each task, it is that of t. Time grows with the cube of the number of samples,
-    memory with its square.
+    each task, it is that of t. With a trend of columns H it is ``y - y_mean_[t] -
+    (H - trend_mean_) @ coef_`` that is normal, with coefficients of any size. Time
+    grows with the cube of the number of samples, memory with its square.
 
     With a list of kernels the covariance has a term for each,
     :math:`\sum_q K^{\rho_q}_{mm'}\, k_q(x, x')`: the linear model of coregionalisation,
@@ -538,9 +556,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         -------
         y_terms : ndarray of shape (n_samples, [n_outputs,] n_terms + 1)
             Predictive means of the terms :math:`K^\\rho_q \\times k_q`, in the order of
-            `kernel_`, and last of the task's level, with `y_mean_`. In the units of y;
-            with `target_transform` in those of the transformed targets, in which they
-            sum.
+            `kernel_`, and last of the task's level, with `y_mean_`. With `trend` there
+            is one more, that of the trend, before the level. In the units of y; with
+            `target_transform` in those of the transformed targets, in which they sum.
 
         Raises
         ------
@@ -680,11 +698,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             self._posteriors,
             self._thetas(),
             training.data(self._engine),
+            training.trends or [None] * len(self._likelihoods),
             strict=True,
         )
-        for likelihood, posterior, theta, data in outputs:
-            learn = self._border(likelihood, data, training, position, informed)
+        for likelihood, posterior, theta, data, trend in outputs:
+            learn = self._border(likelihood, data, training, position, informed, trend)
             prior, mode = learn(posterior, theta)
+            prior = replace(prior, trend=trend)
             more = likelihood, prior, data, position, posterior.kernel
             yield self._engine.joined(*more), mode
 
@@ -698,14 +718,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             self._predictive,
             self._draws_of_outputs(),
             training.data(self._engine),
+            training.trends or [None] * len(self._likelihoods),
             strict=True,
         )
-        for likelihood, mixture, thetas, data in outputs:
-            learn = self._border(likelihood, data, training, position, informed)
+        for likelihood, mixture, thetas, data, trend in outputs:
+            learn = self._border(likelihood, data, training, position, informed, trend)
             draws = zip(mixture.parts, thetas, strict=True)
             yield np.array([learn(*draw, rng=rng)[1].theta for draw in draws])
 
-    def _border(self, likelihood, data, training, position, informed):
+    def _border(self, likelihood, data, training, position, informed, trend):
         """What learns the border of a new task, at a posterior and its theta."""
         new, own_noise = data.tasks == position, training.noise == "per_task"
         if describes(likelihood.prior.task_covariance):
@@ -721,6 +742,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             own_noise=own_noise,
             informed=informed,
             budget=self._budget(),
+            trend=trend,
         )
 
     def _has_own(self, prior):

@@ -53,6 +53,36 @@ def posterior(kernel, K_rho, noise, X, tasks, y, Z, tasks_of_Z, level=0.0):
     return mean, prior - K_star.T @ np.linalg.solve(K, K_star)
 
 
+def restricted_likelihood(K, H, y):
+    """Harville (1974): log density of A^T y with A^T A = I - H (H^T H)^{-1} H^T."""
+    inverse, n, p = np.linalg.inv(K), *H.shape
+    of_beta = H.T @ inverse @ H
+    P = inverse - inverse @ H @ np.linalg.inv(of_beta) @ H.T @ inverse
+    log_dets = [np.linalg.slogdet(of)[1] for of in (K, of_beta, H.T @ H)]
+    return -0.5 * (
+        y @ P @ y
+        + log_dets[0]
+        + log_dets[1]
+        - log_dets[2]
+        + (n - p) * np.log(2 * np.pi)
+    )
+
+
+def universal_kriging(K, H, y, K_star, H_star, prior):
+    """Mean and covariance of f with its trend, of flat coefficients; those, and theirs.
+
+    K_star is between rows and new ones, `prior` that of f at the new ones. Rasmussen
+    and Williams (2006), eqs. 2.41 and 2.42.
+    """
+    inverse = np.linalg.inv(K)
+    covariance = np.linalg.inv(H.T @ inverse @ H)
+    beta = covariance @ H.T @ inverse @ y
+    R = H_star - K_star.T @ inverse @ H
+    mean = H_star @ beta + K_star.T @ inverse @ (y - H @ beta)
+    spread = prior - K_star.T @ inverse @ K_star + R @ covariance @ R.T
+    return mean, spread, beta, covariance
+
+
 def low_rank(F, kappa=None):
     """sum_r F_r F_r^T (+ diag(kappa)), entry by entry."""
     M, rank = F.shape

@@ -194,6 +194,10 @@ def check_test(estimator, X, *, unseen=False):
     _check_descriptors(estimator, features, labels)
     can_join = hasattr(estimator, "add_task")
     options = {"can_join": can_join, "unseen": unseen}
+    if getattr(estimator, "trend_per_task", False):
+        options["beside"] = (
+            " With trend_per_task=True a task needs rows that tell its coefficients."
+        )
     return features, encode_tasks(labels, estimator.tasks_, **options)
 
 

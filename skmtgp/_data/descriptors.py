@@ -50,8 +50,8 @@ def locate_descriptors(task_descriptors, position, n_features, names=None):
     )
     if len(columns) == n_features - 1:
         raise ValueError(
-            f"task_descriptors={list(task_descriptors)!r} leaves no column of X for the "
-            "inputs of the kernel; give at least 1."
+            f"task_descriptors={list(task_descriptors)!r} leaves no column of X for "
+            "the inputs of the kernel; give at least 1."
         )
     return columns
 

@@ -1,7 +1,7 @@
 r"""What is known of the noise of each row: variances, and repeats that it stands for.
 
 A row may be the mean of n measurements at the same input of the same task, which have
-the noise variance :math:`v = \sigma_m^2 + \alpha` each, with what is learned and what is
+the noise variance :math:`v = \sigma_m^2 + \alpha` each, what is learned and what is
 known. It then has the noise variance v / n, and the n measurements have a log density
 beside that of their mean:
 

@@ -227,7 +227,7 @@ def _dtype(labels):
     return np.uint64 if labels[0] >= 0 and labels[-1] >= 2**63 else np.int64
 
 
-def encode_tasks(labels, tasks, *, can_join=False, unseen=False):
+def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
     """Index in `tasks` of each row's label.
 
     Parameters
@@ -240,6 +240,8 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False):
         Whether the model has a method ``add_task``, which the error then names.
     unseen : bool, default=False
         Whether the model knows what to say of other tasks.
+    beside : str, default=""
+        What else to say of those that are not known.
 
     Returns
     -------
@@ -270,9 +272,10 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False):
         "never saw, where normalize_y_ is 'shared'."
     ) * can_join
     raise ValueError(
-        f"{what}: the model knows {_enumerate(tasks)}.{why} Fit with samples of every "
-        f"task{join}; in cross-validation cv=TaskStratifiedKFold(task_feature=...) of "
-        f"skmtgp.model_selection does.{share}"
+        f"{what}: the model knows {_enumerate(tasks)}.{why}{beside} Fit with "
+        f"samples of every task{join}; in cross-validation "
+        "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection does."
+        f"{share}"
     )
 
 

@@ -79,20 +79,36 @@ def means_of(model, codes):
         transformed targets.
     """
     codes = np.array(codes)
-    return _means(model._predictive_for(codes), model._units, codes)
+    return _means(model, model._predictive_for(codes), codes)
 
 
-def _means(posteriors, units, codes):
+def _means(model, posteriors, codes):
+    units = model._units
     shape = len(codes), len(posteriors)
     scales, centres = (
         np.broadcast_to(units.of_rows(of, codes), shape)
         for of in (units.scale, units.centre)
     )
     outputs = zip(posteriors, scales.T, centres.T, strict=True)
-    return [
+    means = [
         Mean(posterior.summands(codes), scale, centre)
         for posterior, scale, centre in outputs
     ]
+    if model._trends() is not None:
+        for mean, posterior in zip(means, posteriors, strict=True):
+            mean.parts.append(OfTrend(*posterior.trend_of(codes)))
+    return means
+
+
+class OfTrend:
+    """What a trend adds to the mean, of some tasks, in units of y."""
+
+    def __init__(self, columns, coefficients, constants):
+        self.columns, self.coefficients = columns, coefficients
+        self.constants = constants
+
+    def __call__(self, z):
+        return self.columns(z[None])[0] @ self.coefficients + self.constants
 
 
 class MeansOfDescribed:
@@ -112,7 +128,7 @@ class MeansOfDescribed:
         rows = given.rows(self.centre + steps)
         codes = len(model.tasks_) + np.arange(len(rows))
         posteriors = model._predictive_for(codes, rows)
-        self.means = _means(posteriors, model._units, codes)
+        self.means = _means(model, posteriors, codes)
 
     def along(self, descriptors):
         """What the values of `means` are to be multiplied by and summed."""

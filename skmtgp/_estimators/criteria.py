@@ -84,7 +84,7 @@ def tabulate(training, of_forms, modes, alone, criterion):
     table : dict of str to ndarray of shape (n_candidates,)
     """
     log_n = np.log(training.measured.sum() * len(modes[0]))
-    jacobian = training.units.log_jacobian(training.measured)
+    jacobian = training.log_jacobian()
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values += jacobian
     forms = [of_form[0].prior.task_covariance for of_form in of_forms]

@@ -28,7 +28,7 @@ from skmtgp.learning.forecast import is_large
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 from skmtgp.model.several import Kernels
 
-COEFFICIENTS = "coef_", "coef_std_", "trend_names_"
+COEFFICIENTS = "coef_", "coef_std_", "trend_names_", "trend_mean_"
 
 NO_NOISE = 1e-150  # below, a noise variance stands for none
 
@@ -402,13 +402,13 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _store_coefficients(self):
         """The trend's coefficients, in units of y, and their deviations."""
+        trend = self._likelihoods[0].prior.trend
         found = [of.coefficients_in_units() for of in self._predictive]
         found = map(np.array, zip(*found, strict=True))
-        if not self._likelihoods[0].prior.trend.per_task:
-            found = [of[:, 0] for of in found]
+        found = found if trend.per_task else (of[:, 0] for of in found)
         self.coef_, self.coef_std_ = self._of_outputs(*found)
-        names = self._likelihoods[0].prior.trend.columns.names
-        self.trend_names_ = np.array(names, dtype=object)
+        self.trend_names_ = np.array(trend.columns.names)
+        self.trend_mean_ = trend.centre if len(trend.centre) > 1 else trend.centre[0]
 
     def _of_outputs(self, *arrays):
         """Arrays with an axis of the outputs first, without it if y had none."""

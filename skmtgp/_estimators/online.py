@@ -178,6 +178,7 @@ class OnlineGP(FittedGP):
             )
             for of, data in zip(before, training.data(engine), strict=True)
         ]
+        _check_trend(likelihoods)
         update = self._updating(training, origin, engine)
         with limit_threads(max(likelihood.side for likelihood in likelihoods)):
             outputs = zip(self._posteriors, likelihoods, thetas, strict=True)
@@ -233,3 +234,18 @@ class OnlineGP(FittedGP):
         sizes = len(training.features), len(training.tasks)
         demand = Demand(*sizes, rank=rank, n_kept=n_kept)
         return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])
+
+
+def _check_trend(likelihoods):
+    """Raise a ValueError where the rows that are left do not tell a trend."""
+    for likelihood in likelihoods:
+        trend = likelihood.prior.trend
+        if trend is None:
+            return
+        rank = likelihood.basis.rank
+        if rank < trend.n_coefficients:
+            raise ValueError(
+                f"The {len(likelihood.y)} rows that are kept tell {rank} of the "
+                f"{trend.n_coefficients} coefficients of the trend. Give a larger "
+                "max_rows."
+            )

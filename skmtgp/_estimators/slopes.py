@@ -159,6 +159,58 @@ class Slopes:
         )
 
 
+def trends_with_task(units, trends, position, features, Y):
+    """Units and trends of one more task.
+
+    Parameters
+    ----------
+    units : Units
+        Of the tasks so far.
+    trends : list of n_outputs Trend
+        Of the same.
+    position : int
+        Where the task goes among them.
+    features : ndarray of shape (n_new, n_inputs)
+        Its inputs.
+    Y : ndarray of shape (n_new, n_outputs)
+        Its targets.
+
+    Returns
+    -------
+    units : Units
+    trends : list of n_outputs Trend
+
+    Raises
+    ------
+    ValueError
+        If the rows do not tell its own coefficients.
+    """
+    first = trends[0]
+    H, slopes, centre = first.columns(features), [None] * len(trends), None
+    if len(first.centre) > 1:  # each task is taken off its own mean
+        centre = H.mean(axis=0)
+        H = H - centre
+    elif first.centre.any():
+        H = H - first.centre
+    if first.per_task:
+        _check_columns(H, first.columns.names, " of the new task")
+        if len(H) == H.shape[1]:
+            raise ValueError(
+                f"The new task has {len(H)} rows, which its {len(H)} coefficients of "
+                "the trend explain whatever they are. Give more rows."
+            )
+        basis = Basis(H)
+        slopes = list(basis.coefficients(basis.Q.T @ Y).T)
+    fitted = [
+        H @ (of.slopes[0] if own is None else own)
+        for of, own in zip(trends, slopes, strict=True)
+    ]
+    units = units.with_task(Y - np.transpose(fitted), position)
+    scales = units.scale[:, position] if units.per_task else [None] * len(trends)
+    outputs = zip(trends, scales, slopes, strict=True)
+    return units, [of.with_task(position, centre, *own) for of, *own in outputs]
+
+
 def _check_columns(H, names, of):
     """Raise a ValueError where columns of some rows are not independent."""
     if len(H) < len(names):
@@ -176,8 +228,9 @@ def _check_columns(H, names, of):
         if len(zero) == len(dependent)
         else f"a linear combination of the others ({_listed(names)})"
     )
+    which = _listed([names[j] for j in dependent])
     raise ValueError(
-        f"In the rows{of} the trend's {_listed([names[j] for j in dependent])} is {why}: "
+        f"In the rows{of} the trend's {which} is {why}: "
         "its coefficient cannot be told. Leave such columns out of trend"
         f"{', or set trend_per_task=False' * bool(of)}."
     )

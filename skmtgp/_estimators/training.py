@@ -13,8 +13,8 @@ from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.known import Known
 from skmtgp._data.labels import sorted_tasks
+from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
-from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes
 from skmtgp._estimators.units import Units, count_tasks, units_of_tasks
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp.model.trend import Trend
@@ -244,7 +244,7 @@ class Training:
         position : int
             Where the task is among the tasks.
         """
-        Y = self.target.forward(Y)
+        Y, trends, units = self.target.forward(Y), self.trends, self.units
         tasks = sorted_tasks([*self.tasks.tolist(), label])
         position = tasks.tolist().index(label)
         codes = self.codes + (self.codes >= position)
@@ -253,14 +253,19 @@ class Training:
             values = features[0, descriptors.columns]
             features = descriptors.inputs(features)
             descriptors = descriptors.with_task(values, position)
+        if trends is None:
+            units = units.with_task(Y, position)
+        else:
+            units, trends = trends_with_task(units, trends, position, features, Y)
         training = replace(
             self,
             features=np.vstack([self.features, features]),
             codes=np.append(codes, np.full(len(features), position)),
             tasks=tasks,
             Y=np.vstack([self.Y, Y]),
-            units=self.units.with_task(Y, position),
+            units=units,
             descriptors=descriptors,
             known=self.known and self.known.followed_by(len(Y)),
+            trends=trends,
         )
         return training, position

@@ -8,11 +8,13 @@ p(y_new | y_old) alone, a Gaussian of as many dimensions as the new task has sam
 """
 
 import numpy as np
+from scipy.linalg import qr
 
 from skmtgp._numerics.linalg import Cholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.likelihood import log_density
 from skmtgp.model.several import terms_of
+from skmtgp.model.trend import Basis
 
 
 class BorderLikelihood:
@@ -40,6 +42,10 @@ class BorderLikelihood:
         `factor` is then without it.
     equal : float, default=0.0
         Variance of a function of its own that is known, beside that of w.
+    trend : ndarray of shape (n_samples, n_coefficients), default=None
+        Columns of a trend: those of the coefficients that the posterior knows or, where
+        tasks have coefficients of their own, those of the new task's, which are
+        integrated out.
 
     Attributes
     ----------
@@ -50,16 +56,29 @@ class BorderLikelihood:
     means : ndarray of shape (rank, n_samples)
         Posterior means of the latent functions at X.
     y : ndarray of shape (n_samples,)
-        Targets, less the mean of the function that all share.
+        Targets, less the mean of the function that all share. With a trend of the new
+        task alone all are contrasts of the samples, which it is no part of.
+    signs : ndarray of shape (n_halves, 1)
+        1 of what takes off the variance, -1 of what coefficients of a trend add.
     """
 
     def __init__(
-        self, posterior, factor, X, y, noise, own, level=0.0, shared=None, equal=0.0
+        self,
+        posterior,
+        factor,
+        X,
+        y,
+        noise,
+        own,
+        level=0.0,
+        shared=None,
+        equal=0.0,
+        trend=None,
     ):
         terms = [(factor, own, shared, equal)]
         if isinstance(factor, list):
             terms = list(zip(factor, own, shared, equal, strict=True))
-        self.noise, self.level, self.y = noise, level, y
+        self.noise, self.level, self.y = noise, np.full((len(y),) * 2, level), y
         self.K_x = np.array([kernel(X) for kernel in terms_of(posterior.kernel)])
         self.fixed, self.half_of_fixed = np.empty(len(terms)), 0.0
         means, halves = zip(
@@ -71,6 +90,25 @@ class BorderLikelihood:
         of_w = [q for q, of in enumerate(terms) if of[1]]
         self.rank, self.own = len(of_l), len(of_w)
         self.of_term = np.array(of_l + of_w, dtype=int)
+        self.signs = np.ones((self.halves.shape[1], 1))
+        if trend is not None:
+            self._add_trend(posterior.coefficients, trend)
+
+    def _add_trend(self, coefficients, T):
+        """Take account of a trend, of known coefficients or of the new task's own."""
+        rank = coefficients.root.shape[1]
+        self.signs[-rank:] = -1.0
+        if not coefficients.trend.per_task:
+            self.y = self.y - T @ coefficients.beside_slopes
+            known = np.zeros((len(self.signs), len(T)))
+            known[-rank:] = coefficients.root.T @ T.T
+            self.half_of_fixed = self.half_of_fixed + known
+            return
+        Z = contrasts(T)
+        self.y, self.means, self.halves = Z.T @ self.y, self.means @ Z, self.halves @ Z
+        self.half_of_fixed = self.half_of_fixed @ Z
+        self.K_x, self.level = Z.T @ self.K_x @ Z, self.level @ Z
+        self.level = Z.T @ self.level
 
     def _of_term(self, posterior, X, q, F, own, shared, equal):
         """Means and halves of a term; what is known of it is taken off the targets.
@@ -120,7 +158,9 @@ class BorderLikelihood:
         slopes = np.array([np.vdot(G, K_x) for K_x in self.K_x])
         gradient = slopes[self.of_term] * row
         gradient[: self.rank] += self.means @ alpha
-        gradient[: self.rank] -= np.tensordot(self.halves, half @ G, axes=2)
+        gradient[: self.rank] -= np.tensordot(
+            self.halves, self.signs * half @ G, axes=2
+        )
         return value, gradient
 
     def fisher_information(self, row):
@@ -130,7 +170,7 @@ class BorderLikelihood:
         """
         S, half = self._covariance(row)
         dS = 2.0 * row[:, None, None] * self.K_x[self.of_term]
-        between = half.T @ self.halves  # of each latent function
+        between = (self.signs * half).T @ self.halves  # of each latent function
         dS[: self.rank] -= between + between.swapaxes(1, 2)
         inverse = np.linalg.pinv(S, hermitian=True)
         scores = inverse @ dS
@@ -157,6 +197,12 @@ class BorderLikelihood:
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
         squares = np.bincount(self.of_term, np.square(row), len(self.K_x))
         S = np.tensordot(squares + self.fixed, self.K_x, axes=1)
-        S += self.level - half.T @ half
+        S += self.level - (self.signs * half).T @ half
         S.flat[:: len(S) + 1] += self.noise
         return S, half
+
+
+def contrasts(T):
+    """An orthonormal basis of what columns are no part of, (n_samples, n_contrasts)."""
+    rank = Basis(T).rank
+    return qr(T / np.linalg.norm(T, axis=0), pivoting=True)[0][:, rank:]

@@ -243,7 +243,11 @@ class DensePosterior(Posterior):
         cross = self.cross(X, self._weighed()[term][0])  # (n_samples, n_train)
         means = of_rows * self.alpha @ cross.T
         halves = [self.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
-        return means, np.array(halves).reshape(len(factor.T), *cross.T.shape)
+        halves = np.array(halves).reshape(len(factor.T), *cross.T.shape)
+        if self.coefficients is not None:  # which add what is not explained of them
+            of_trend = -self.coefficients.flat.B.T @ halves
+            halves = np.concatenate([halves, of_trend], axis=1)
+        return means, halves
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""

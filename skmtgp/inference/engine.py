@@ -250,7 +250,7 @@ def check_trend(engine, prior):
         }.get(engine.name, "this engine knows nothing of trends")
         raise ValueError(
             f"inference={engine.name!r} takes no trend, and trend has "
-            f"{prior.trend.n_coefficients} coefficients: {why}. Set inference='dense' "
+            f"{prior.n_coefficients} coefficients: {why}. Set inference='dense' "
             f"or 'auto', or leave the trend out. {INFERENCE}"
         )
 

@@ -8,8 +8,8 @@ With an orthonormal basis Q of the trend's columns and K = C C^T,
     P = K^{-1} - K^{-1} Q (Q^T K^{-1} Q)^{-1} Q^T K^{-1}
 
 is the density of y without what the p columns explain, in any orthonormal basis of the
-rest: restricted maximum likelihood, as Harville (1974) writes it. Columns of other units,
-or others that span the same, do not change it.
+rest: restricted maximum likelihood, as Harville (1974) writes it. Columns in other
+units, or others that span the same, do not change it.
 """
 
 import numpy as np
@@ -81,9 +81,22 @@ class Coefficients:
         """What the trend adds to the mean of f, (n_samples,)."""
         return self.trend.rows(X, tasks) @ self.mean
 
+    def of_tasks(self, tasks):
+        """Coefficients, (n_trend, n_tasks), and constants, (n_tasks,), of tasks."""
+        of_sets = self.mean.reshape(self.trend.slopes.shape)
+        found = of_sets[tasks if self.trend.per_task else np.zeros_like(tasks)]
+        centre = self.trend.centre
+        centre = centre if len(centre) == 1 else centre[tasks]
+        return found.T, -(centre * found).sum(axis=1)
+
+    @property
+    def beside_slopes(self):
+        """Their means, less what least squares have taken off the targets."""
+        return self.mean - self.trend.slopes.ravel()
+
     def left(self, X, tasks):
-        """The same beside what least squares have taken off the targets."""
-        return self.means(X, tasks) - self.trend.fitted(X, tasks)
+        """What the trend adds to the mean of targets as they are learned."""
+        return self.trend.rows(X, tasks) @ self.beside_slopes
 
     def spread(self, X, tasks, half):
         """What adds its square to the variance of f, of shape (rank, n_samples).

@@ -151,7 +151,7 @@ class Likelihood(ABC):
         of_rho = [list(form.derivatives(rho)) for (_, form), (_, rho) in of_terms]
         n_matrices = prior.kernel.n_dims + sum(map(len, of_rho)) + prior.levels + 1
         n = len(self.X)
-        most = rows_of_information(n, prior.n_tasks)
+        most = min(n, rows_of_information(n, prior.n_tasks) + prior.n_coefficients)
         most = min(most, 1 + isqrt(FISHER_SIZE // n_matrices))
         rows = np.linspace(0, n - 1, most).astype(int)
         with limit_threads(most):

@@ -74,6 +74,13 @@ class Mixture:
             for of in found
         ]
 
+    def trend_of(self, tasks):
+        """The trend's part in the means of these tasks, see Posterior."""
+        columns, *parts = zip(
+            *(part.trend_of(tasks) for part in self.parts), strict=True
+        )
+        return columns[0], *(np.mean(of, axis=0) for of in parts)
+
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
         return _variance(self.means(X, tasks), self.variances(X, tasks))

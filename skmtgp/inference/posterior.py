@@ -234,6 +234,19 @@ class Posterior(ABC):
             )
         ]
 
+    def trend_of(self, tasks):
+        """The trend's part in the means of these tasks, in units of y.
+
+        Returns
+        -------
+        columns : callable
+            h(x) of rows of inputs, (n_samples, n_trend).
+        coefficients : ndarray of shape (n_trend, n_tasks)
+        constants : ndarray of shape (n_tasks,)
+            The part is h(x) coefficients + constants.
+        """
+        return self.coefficients.trend.columns, *self.coefficients.of_tasks(tasks)
+
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
 

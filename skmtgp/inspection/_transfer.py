@@ -334,6 +334,12 @@ def _output(columns, output):
 
 def _alone(model, y):
     """Means and deviations by a model of each task's other rows; NaN without any."""
+    if model._trends() is not None:
+        raise ValueError(
+            "TransferDisplay compares the model with models of each task alone, which "
+            "have no trend. Fit it without one, or give predictions of both to "
+            "from_predictions."
+        )
     alone = alone_like(model, model.X_train_)
     alone.set_params(task_feature=-1, target_transform=None)  # y is transformed
     X = np.column_stack([model.X_train_, model.tasks_train_])

@@ -78,7 +78,8 @@ def _scores(problem, mode):
     :math:`\tfrac12 \mathrm{tr}\,WAWA`.
     """
     prior, data = problem.prior, problem.data
-    rows = np.linspace(0, len(data) - 1, min(len(data), problem.tuning.tested))
+    n = min(len(data), problem.tuning.tested + prior.n_coefficients)
+    rows = np.linspace(0, len(data) - 1, n)
     rows = rows.astype(int)
     X, tasks, y, known = data.some(rows)
     noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]

@@ -32,6 +32,7 @@ def learn_novel(
     own_noise,
     informed,
     budget,
+    trend=None,
     rng=None,
 ):
     """Extend a model by a task of which little is known.
@@ -58,6 +59,8 @@ def learn_novel(
         Whether the border has the prior of `Population`; maximum likelihood otherwise.
     budget : Budget
         As for the estimators.
+    trend : Trend, default=None
+        Of all tasks, the novel one counted, if there is a trend.
     rng : Generator, default=None
         Where an informed border is drawn from its posterior, not the mode: the source
         of randomness.
@@ -80,6 +83,8 @@ def learn_novel(
     owns = own if isinstance(own, list) else [own]
     of_terms = {"own": owns, "shared": shared, "equal": equal}
     level = prior.values(theta).level
+    if trend is not None:
+        of_terms["trend"] = trend.rows_of(position, X)
     with limit_threads(len(y)):
         border = BorderLikelihood(
             posterior, factors, X, y, noise, level=level, **of_terms

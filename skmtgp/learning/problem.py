@@ -128,6 +128,7 @@ class Problem:
         coarsest = self.tuning.coarse
         if data.design is None:
             coarsest = max(coarsest, self.tuning.coarse_per_task * data.n_tasks)
+        coarsest += 2 * self.prior.n_coefficients  # which explain as many rows
         if n < 2 * coarsest:
             return [self]
         steps = ceil(log(n / coarsest) / log(self.tuning.refinement))

@@ -5,7 +5,8 @@ r"""The prior of the targets of one output, and its parameters theta.
     + \sum_q K^{\rho_q}_{m_i m_j} k_q(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
 
 is eq. 6 of the paper with a level of variance v for each task m, if asked for, and with
-a sum of terms, one as a rule. A trend is added whose coefficients are integrated out. Theta is one vector: theta of k^x, the parameters of
+a sum of terms, one as a rule. A trend, if there is one, is added to the targets; its
+coefficients are integrated out. Theta is one vector: theta of k^x, the parameters of
 K^rho, each term by term, log v, the logarithms of the noise variances. What is where in
 it is known here alone.
 """
@@ -227,6 +228,11 @@ class Prior:
         Q = self.trend.basis(X, tasks).Q
         told = inverse @ Q
         return inverse - told @ np.linalg.solve(Q.T @ told, told.T)
+
+    @property
+    def n_coefficients(self):
+        """How many coefficients of a trend are integrated out."""
+        return 0 if self.trend is None else self.trend.n_coefficients
 
     @property
     def tells_unseen(self):

@@ -64,15 +64,18 @@ class Trend:
         found[np.arange(len(X)), tasks] = H
         return found.reshape(len(X), -1)
 
+    def rows_of(self, task, X):
+        """The columns that rows of a task have a part in, (n_samples, n_columns)."""
+        T = self.rows(X, np.full(len(X), task))
+        n_trend = self.slopes.shape[1]
+        return T[:, task * n_trend :][:, :n_trend] if self.per_task else T
+
     def basis(self, X, tasks):
         """An orthonormal basis of the columns at some rows."""
         return Basis(self.rows(X, tasks))
 
     def log_jacobian(self, X, tasks):
-        """Log density of what the trend leaves of targets in units of y, less that here.
-
-        What the units of all targets do is not part of it.
-        """
+        """What the trend changes in the Jacobian of targets in units of y."""
         here = self.basis(X, tasks).log_volume()
         of_y = replace(self, scale=np.ones(1)).basis(X, tasks).log_volume()
         return of_y - here

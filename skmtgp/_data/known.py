@@ -126,7 +126,7 @@ def read_known(alpha, sample_weight, repeat_variance, shape):
     if not (counts >= 1.0).all():
         raise ValueError(
             f"sample_weight has {counts.min():g}: it is the number of measurements "
-            "that a row is the mean of, 1 or more. Leave rows of weight 0 out; of "
+            "that a row is the mean of, 1 or more. Leave out rows of zero weight; of "
             "rows that are less exact give the variance in alpha."
         )
     variance = _numbers("alpha", alpha, shape, default=0.0)

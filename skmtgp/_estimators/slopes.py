@@ -55,8 +55,8 @@ class Slopes:
             _check_columns(rows, names, _named(self.tasks, task))
         if len(H) <= (n := self._plain.n_coefficients):
             raise ValueError(
-                f"trend has {n} coefficients, and {len(H)} rows leave nothing to learn "
-                "functions and noise from. Give more rows or fewer columns."
+                f"trend has {n} coefficients, and n_samples={len(H)} leaves nothing to "
+                "learn functions and noise from. Give more rows or fewer columns."
             )
 
     @cached_property
@@ -215,8 +215,8 @@ def _check_columns(H, names, of):
     """Raise a ValueError where columns of some rows are not independent."""
     if len(H) < len(names):
         raise ValueError(
-            f"The {len(H)} rows{of} do not tell the {len(names)} coefficients of the "
-            f"trend ({_listed(names)}). Give more rows or fewer columns"
+            f"n_samples={len(H)}{of} is too few for the {len(names)} coefficients of "
+            f"the trend ({_listed(names)}). Give more rows or fewer columns"
             f"{', or set trend_per_task=False' * bool(of)}."
         )
     dependent = Basis(H).dependent

@@ -26,6 +26,7 @@ LAST_COLUMN = [
     RankSearchIC(STAGED, ranks=(1, 2)),
     *(BayesianLinearRegression(pooled=pooled) for pooled in (False, True)),
     WideRegressor(MultiTaskGPRegressor(rank=1, **QUICK)),
+    MultiTaskGPRegressor(rank=1, trend="constant", **QUICK),
 ]
 # Here each way to learn and to infer once, whichever the estimator.
 FIRST_COLUMN = [

@@ -173,6 +173,18 @@ def test_a_constant_is_an_intercept():
     assert ordinary.coef_.shape == (1,)
 
 
+@pytest.mark.parametrize("trend", ["constant", (1,)])
+def test_columns_that_are_the_same_within_tasks(trend):
+    # which the small model behind "auto", without means of tasks, knows nothing of
+    X, y, _ = draw()
+    X[:, 1] = np.array([3.0, -1.0, 7.0])[X[:, 2].astype(int)]
+    y += (X[:, 2] == 1) * np.random.default_rng(1).standard_normal(48)
+    fitted = model(trend, noise="auto").fit(X, y + 2.0 * X[:, 1])
+    assert fitted.normalize_y_ == "shared"
+    assert fitted.noise_ == "per_task"
+    assert np.isfinite(fitted.coef_std_).all()
+
+
 def test_columns_by_name_and_transformers_of_frames():
     X, y, _ = draw(slope=2.0)
     frame = pd.DataFrame(X, columns=["east", "north", "metal"])
@@ -224,7 +236,7 @@ def test_add_task_needs_rows_for_its_own_coefficients():
     X, y, _ = draw()
     new = np.flatnonzero(X[:, 2] == 2)
     some = model(trend_per_task=True).fit(X[X[:, 2] < 2], y[X[:, 2] < 2])
-    with pytest.raises(ValueError, match="1 rows of the new task do not tell the 2"):
+    with pytest.raises(ValueError, match="n_samples=1 of the new task is too few for"):
         some.add_task(X[new[:1]], y[new[:1]])
     with pytest.raises(ValueError, match="new task has 2 rows, which its 2 coeff"):
         some.add_task(X[new[:2]], y[new[:2]])
@@ -377,7 +389,7 @@ REFUSED = {
     ),
     "a transformer": (
         {"trend": PolynomialFeatures(60)},
-        "48 rows do not tell the 1891 coefficients .*'x0 x1', ... .1891 in all",
+        "n_samples=48 is too few for the 1891 coefficients .*'x0 x1', ... .1891 in all",
     ),
     "descriptor": (
         {"trend": [1], "task_descriptors": [1]},
@@ -405,14 +417,14 @@ def test_columns_that_cannot_be_told():
         MultiTaskGPRegressor(trend=[0, 2]).fit(X * [1, 1, 0, 1, 1, 1], y)
     few = (X[:, -1] < 2) | (np.arange(48) < 3)
     own = MultiTaskGPRegressor(trend=[0, 4], trend_per_task=True)
-    with pytest.raises(ValueError, match="1 rows of task 2 do not tell the 2 coeff"):
+    with pytest.raises(ValueError, match="n_samples=1 of task 2 is too few for the"):
         own.fit(X[few], y[few])
     same = X.copy()
     same[same[:, -1] == 1, 3] = 2.0
     own.set_params(trend="linear")
     with pytest.raises(ValueError, match=r"of task 1 .* linear combination"):
         own.fit(same[:, 3:], y)
-    with pytest.raises(ValueError, match="2 rows leave nothing to learn"):
+    with pytest.raises(ValueError, match="n_samples=2 leaves nothing to learn"):
         MultiTaskGPRegressor(trend=[0, 2]).fit(X[:2], y[:2])
 
 

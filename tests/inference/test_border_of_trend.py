@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import textbook
 from sklearn.gaussian_process.kernels import RBF
-from test_trend import M, by_hand, columns, make, make_trend
+from trend_models import M, by_hand, columns, make, make_trend
 
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.model.task_covariance import low_rank

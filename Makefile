@@ -106,7 +106,7 @@ dist: $(VENV)/ready-to-build
 
 # Every package that is compared has an environment of its own. One that cannot be
 # installed is left out: the results then say so.
-PEERS := gpytorch botorch gpy gpflow sklearn
+PEERS := gpytorch botorch gpy gpflow sklearn pykrige gstools
 ENVS := benchmarks/.envs
 COMPARE := $(BIN)/python benchmarks/peers/run.py
 PAGE := $(BIN)/python benchmarks/peers/page.py

@@ -1,8 +1,9 @@
-"""How close the packages' models on docs/migrating.md come to skmtgp's.
+"""How close the packages' models on docs/migrating.md and docs/kriging.md come to ours.
 
 Each ``docs/migrating/*_model.py`` runs in its package's environment (``make
-bench-envs``); the example that follows it on the page runs here. Their predictions are
-compared. Ends with 1 where one differs by more than 0.05 standard deviations.
+bench-envs``); the example that follows it on the page, or the last one before it, runs
+here. Their predictions are compared. Ends with 1 where one differs by more than 0.05
+standard deviations.
 """
 
 import argparse
@@ -18,6 +19,7 @@ import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[2]
 SNIPPETS = ROOT / "docs" / "migrating"
+PAGES = ROOT / "docs" / "migrating.md", ROOT / "docs" / "kriging.md"
 PARTS = re.compile(
     r"\{literalinclude\} migrating/(?P<peer>\w+)_model\.py"
     r"|```\{doctest\}\n(?P<example>.*?)```",
@@ -32,18 +34,18 @@ TOLERANCE = 0.05
 
 
 def pairs(page):
-    """Name of each package, and mean and std of skmtgp's example that follows it."""
+    """Name of each package, and mean and std of the example that is the same."""
     sys.path.insert(0, str(SNIPPETS))
     names, peer = {"np": np, "pd": pd}, None
     for part in PARTS.finditer(page):
-        if part["peer"]:
-            peer = part["peer"]
-            continue
-        for line in DocTestParser().get_examples(part["example"]):
-            exec(line.source, names)
+        if not part["peer"]:
+            for line in DocTestParser().get_examples(part["example"]):
+                exec(line.source, names)
         if peer:
             yield peer, np.array([names["mean"], names["std"]])
-        peer = None
+        peer = part["peer"]
+    if peer:
+        yield peer, np.array([names["mean"], names["std"]])
 
 
 def peers_predictions(peer, python):
@@ -62,7 +64,8 @@ def main():
     envs, worst = parser.parse_args().envs, 0.0
     print("largest differences, in standard deviations")
     print(f"{'':10}{'mean':>10}{'std':>10}")
-    for peer, ours in pairs((ROOT / "docs" / "migrating.md").read_text("utf-8")):
+    found = (pair for page in PAGES for pair in pairs(page.read_text("utf-8")))
+    for peer, ours in found:
         python = envs / peer / "bin" / "python"
         if not python.exists():
             print(f"{peer:10}not installed")

@@ -31,6 +31,7 @@ LAYERS = [
         "robot",
     },
     {"predictor"},
+    {"tracking"},
     {"__init__"},
     {"__main__"},
 ]

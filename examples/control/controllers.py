@@ -127,7 +127,7 @@ class Tracking(Controller):
 
     Parameters
     ----------
-    predictor : CompiledPredictor, Regression or Equations
+    predictor : CompiledPredictor or Regression
         What is linear in the load: it has `by_descriptors` and `descriptors`.
     load : ndarray of shape (10,)
         What it carries at first.
@@ -179,21 +179,6 @@ class Regression:
         return constants, np.transpose(slopes) / self._scale
 
 
-class Equations:
-    """The true equations of the robot, which are linear in the load."""
-
-    def __init__(self, descriptors):
-        self.descriptors, self.outputs = descriptors, range(6)
-        self._load = descriptors.mean().to_numpy()
-
-    def by_descriptors(self, x):
-        """Constants and slopes of the torques."""
-        around = torques(x, self._load)[0]
-        other = [torques(x, self._load + step)[0] for step in np.eye(10)]
-        slopes = np.transpose(other) - around[:, None]
-        return around - slopes @ self._load, slopes
-
-
 class Joining(Nearest):
     """A model of tasks without descriptors, which a new one joins.
 
@@ -203,8 +188,8 @@ class Joining(Nearest):
     is related to the others, more of them by `partial_fit`.
     """
 
-    FIRST, MOST, NEW = 4, 12, 99
-    GROWTH, LONGEST = 1.5, 50  # of the periods between two samples
+    FIRST, MOST, NEW = 4, 60, 99
+    GROWTH, LONGEST = 1.5, 200  # of the periods between two samples
 
     def __init__(self, predictor, models, deviations, task, *, doubt=0.05):
         super().__init__(predictor, None, task)

@@ -24,7 +24,6 @@ import numpy as np
 import pandas as pd
 from controllers import (
     Controller,
-    Equations,
     Exact,
     Joining,
     Nearest,
@@ -95,7 +94,6 @@ def controllers(models, loads, deviations):
     )
     light, known = loads[FIRST], loads[:SECOND]
     regression = Regression(alone, described.descriptors)
-    equations = Equations(described.descriptors)
     first = described.tasks[FIRST]
     return {
         "PD alone": Controller,
@@ -108,7 +106,6 @@ def controllers(models, loads, deviations):
         ),
         "GP of each load, regression": lambda: Tracking(regression, light, deviations),
         "mGP, tracked load": lambda: Tracking(described, light, deviations),
-        "true equations, tracked load": lambda: Tracking(equations, light, deviations),
         "true equations, told the load": lambda: Exact(light),
     }
 

@@ -10,12 +10,14 @@ from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_f
 from skmtgp.predictor import compile_predictor
 from skmtgp.repeats import average_repeats
 from skmtgp.single_task import SingleTaskGP
+from skmtgp.tracking import DescriptorTracker
 from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
 __version__ = "0.1.0.dev0"
 
 __all__ = [
     "BayesianLinearRegression",
+    "DescriptorTracker",
     "IndependentGP",
     "MultiTaskGPRegressor",
     "PooledGP",

@@ -221,7 +221,7 @@ def make_inverse_dynamics_regressor(
     task_descriptors : sequence of int or str, default=None
         Positions or names of columns that describe the load, such as its mass. They
         are no features, but the `task_descriptors` of the model, which has to be a
-        MultiTaskGPRegressor, or a RankSearchIC of one.
+        MultiTaskGPRegressor, or a RankSearchIC of one. None: those of the model.
 
     Returns
     -------
@@ -298,6 +298,8 @@ def make_inverse_dynamics_regressor(
     regressor = _paper_model() if estimator is None else clone(estimator)
     model = _model_of(regressor)
     _set_kernel(model, _make_kernel(kernel, n_joints, joint_types))
+    if task_descriptors is None:
+        task_descriptors = getattr(model, "task_descriptors", None)
     if task_descriptors is not None:
         _set_descriptors(model, len(task_descriptors))
     features = InverseDynamicsFeatures(

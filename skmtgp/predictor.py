@@ -8,6 +8,7 @@ from copy import copy
 from typing import Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
@@ -122,6 +123,9 @@ class CompiledPredictor:
         Labels that it was compiled for.
     n_features_in : int
         Length of a state: the columns of X without the task and its descriptors.
+    descriptors : DataFrame of shape (n_tasks, n_descriptors) or None
+        Those of the tasks, where all models have the same `task_descriptors` and it was
+        compiled for all tasks.
 
     Examples
     --------
@@ -155,9 +159,11 @@ class CompiledPredictor:
         self.n_features_in = sources[0].n_features
         self._shape = (self.n_features_in,)
         self._plans = _plans(sources, list(chosen.values()), labels)
-        self._described = None
+        self.descriptors, self._described = None, None
         if task is None:
             self._described = _described(sources, list(chosen.values()), labels[0])
+        if self._described is not None:
+            self.descriptors = _table(sources[0], labels)
         self._deviations = None
         if std:
             self._deviations = _deviations(sources, list(chosen.values()), labels)
@@ -225,22 +231,72 @@ class CompiledPredictor:
                     row[place] = value if back is None else back(np.array([value]))[0]
         return y
 
-    def _predict_described(self, x, descriptors):
-        """The outputs of a task with these descriptors."""
+    def by_descriptors(
+        self, x: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The outputs for one state, as a linear function of the descriptors.
+
+        What is predicted for a task with descriptors d is ``constants + slopes @ d``.
+        A measured y is thus a linear equation for d: see
+        :class:`~skmtgp.DescriptorTracker`.
+
+        Parameters
+        ----------
+        x : array-like of shape (n_features_in,)
+            The columns of X in their order, without the task and its descriptors.
+
+        Returns
+        -------
+        constants : ndarray of shape (n_outputs,)
+            In the units of y.
+        slopes : ndarray of shape (n_outputs, n_descriptors)
+            In units of y per unit of each descriptor.
+
+        Raises
+        ------
+        ValueError
+            If the models do not have the same `task_descriptors`, or have a
+            `target_transform`, through which nothing is linear.
+        """
+        x, plans = self._check(x), self._of_descriptors()[1]
+        constants = np.empty(len(self.outputs))
+        slopes = np.empty((len(self.outputs), self.descriptors.shape[1]))
+        before = z = None
+        for features, of, heads in plans:
+            z = z if features is before else features(x)
+            before = features
+            for place, mean, back in heads:
+                if back is not None:
+                    raise ValueError(
+                        "by_descriptors needs models without target_transform: "
+                        "through it predictions are not linear in the descriptors."
+                    )
+                constants[place], slopes[place] = of.line(mean(z))
+        return constants, slopes
+
+    def _of_descriptors(self):
+        """Names of the descriptors, and what gives the outputs of a task with any."""
         if self._described is None:
             raise ValueError(
                 "descriptors need models with the same task_descriptors, compiled "
                 "without `task`."
             )
-        descriptors = np.asarray(descriptors, dtype=float)
-        names, y = self._described[0], np.empty(len(self.outputs))
+        return self._described
+
+    def _predict_described(self, x, descriptors):
+        """The outputs of a task with these descriptors."""
+        names, plans = self._of_descriptors()
+        descriptors, y = (
+            np.asarray(descriptors, dtype=float),
+            np.empty(len(self.outputs)),
+        )
         if descriptors.shape != (len(names),):
             raise ValueError(
                 f"descriptors has shape {descriptors.shape}, not ({len(names)},): one "
                 f"number for each of {names}."
             )
         before = z = None
-        for features, of, heads in self._described[1]:
+        for features, of, heads in plans:
             z = z if features is before else features(x)
             before, along = features, of.along(descriptors)
             for place, mean, back in heads:
@@ -463,6 +519,13 @@ def _key(features):
         return pickle.dumps(features)
     except (pickle.PicklingError, AttributeError, TypeError):
         return id(features)
+
+
+def _table(source, labels):
+    """The descriptors of tasks."""
+    codes = [source.code(label) for label in labels]
+    given = source.given
+    return pd.DataFrame(given.table[codes], labels, list(given.names))
 
 
 def _described(sources, chosen, label):

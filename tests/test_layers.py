@@ -32,6 +32,7 @@ LAYERS = [
         "robot",
     },
     {"predictor"},
+    {"tracking"},
     {"__init__"},
     {"__main__"},
 ]

@@ -398,6 +398,13 @@ class TestDescriptors:
         pipeline = make_inverse_dynamics_regressor(search, task_descriptors=[-2])
         assert pipeline[-1].estimator.task_descriptors == [-2]
 
+    def test_those_of_the_estimator_are_taken(self):
+        model = MultiTaskGPRegressor(task_descriptors=["mass", "mc_x"])
+        pipeline = make_inverse_dynamics_regressor(model)
+        assert pipeline[0].task_descriptors == ["mass", "mc_x"]
+        assert pipeline[-1].task_descriptors == [-3, -2]
+        assert model.task_descriptors == ["mass", "mc_x"]
+
     def test_other_models_take_none(self):
         with pytest.raises(TypeError, match="task_descriptors are for a MultiTaskGP"):
             make_inverse_dynamics_regressor(PooledGP(), task_descriptors=[-2])

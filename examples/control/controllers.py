@@ -6,11 +6,12 @@ that may take longer: it gives a job, a function without arguments, whose result
 installed (`install`) when the time that it took has passed.
 """
 
-import numpy as np
-from plant import CONTROL
+import copy
 
-from skmtgp import TaskIdentifier
-from skmtgp.datasets._robot import inverse_dynamics
+import numpy as np
+from plant import CONTROL, torques
+
+from skmtgp import DescriptorTracker, add_task, compile_predictor, partial_fit
 
 STIFFNESS = np.array([400.0, 400.0, 250.0, 40.0, 40.0, 20.0])  # N m/rad
 SLOW = 2e-3  # rad/s; friction has no one value where a joint sticks
@@ -46,8 +47,7 @@ class RigidBodies(Controller):
 
     def torque(self, ahead):
         """Feed-forward torque of a state of the reference."""
-        states = np.split(ahead[None], 3, axis=1)
-        return inverse_dynamics(*map(np.ascontiguousarray, states), self.load)[0]
+        return torques(ahead, self.load)[0]
 
 
 class Exact(RigidBodies):
@@ -119,82 +119,115 @@ class Weighted(Switching):
         self.weights = weights / weights.sum()
 
 
-class Identifying(Controller):
-    """The learned model of a load whose ten parameters it finds by itself.
+class Tracking(Controller):
+    """A model that is linear in the load's ten parameters, which it finds by itself.
 
-    Where the torque that was applied is not what the model says of the measured state,
-    the load must be another one. Then the load is estimated from samples, of which each
-    comes later than the one before by a half as much again: the first ones hardly
-    differ, and tell only what matters now.
+    Each period what was measured is an equation for each joint, but where friction has
+    no one value.
 
     Parameters
     ----------
-    predictor : CompiledPredictor
-        Of models whose descriptors are the load's ten inertial parameters.
-    models : list
-        These models.
-    loads : ndarray of shape (n_tasks, 10)
-        Those that the models know.
+    predictor : CompiledPredictor or Regression
+        What is linear in the load: it has `by_descriptors` and `descriptors`.
     load : ndarray of shape (10,)
         What it carries at first.
     deviations : ndarray of shape (6,)
         Deviation of each joint's torque.
     noise : float
-        Share of these that measurements may be off: what moves is no rigid body with
-        ideal friction.
-    doubt : float
-        Share of these by which a prediction must be off, for another load.
+        Share of these that a sample may be off.
     """
 
-    GROWTH, LONGEST = 1.5, 50  # of the periods between two samples
-    MOST = 10  # samples; earlier ones were further from the path
-    ENOUGH = 40
-
-    def __init__(
-        self, predictor, models, loads, load, deviations, *, noise=0.003, doubt=0.05
-    ):
-        self.predictor, self.known, self.load = predictor, loads, load
-        self.identifier = TaskIdentifier(models, noise=noise * deviations)
-        self.deviations, self.doubt = deviations, doubt
-        self.samples, self.waits, self.gap, self.n_seen = [], 0, 1.0, 0
+    def __init__(self, predictor, load, deviations, *, noise=0.003):
+        self.predictor = predictor
+        self.tracker = DescriptorTracker(predictor, noise * deviations, load)
 
     def torque(self, ahead):
         """That of the load as it is known now."""
-        return self.predictor(ahead, descriptors=self.load)
+        constants, slopes = self.predictor.by_descriptors(ahead)
+        return constants + slopes @ self.tracker.descriptors
 
     def observe(self, state, torque):
-        """Wait for a sample that tells, and estimate the load from all of them."""
+        """Solve for the load."""
+        if not _reverses(state):
+            self.tracker.update(state, torque)
+
+
+class Regression:
+    """Models that were learned of one load each, as a linear function of the load.
+
+    Petkos and Vijayakumar (2007): where the equations are linear in the load's
+    parameters, models of known loads tell the function.
+
+    Parameters
+    ----------
+    predictor : CompiledPredictor
+        Of models that know each load.
+    descriptors : DataFrame of shape (n_loads, 10)
+        The loads.
+    """
+
+    def __init__(self, predictor, descriptors):
+        self.predictor, self.descriptors = predictor, descriptors
+        self.outputs, table = predictor.outputs, descriptors.to_numpy(dtype=float)
+        self._scale = table.std(axis=0)
+        ones = np.ones((len(table), 1))
+        self._solve = np.linalg.pinv(np.hstack([ones, table / self._scale]))
+
+    def by_descriptors(self, x):
+        """Constants and slopes of the torques."""
+        constants, *slopes = self._solve @ self.predictor.predict_tasks(x)
+        return constants, np.transpose(slopes) / self._scale
+
+
+class Joining(Nearest):
+    """A model of tasks without descriptors, which a new one joins.
+
+    Where the torque that was applied is not what the model says of the measured state,
+    the load must be another one. Samples of it, of which each comes later than the one
+    before, join the model: the first four by `add_task`, which learns how the new task
+    is related to the others, more of them by `partial_fit`.
+    """
+
+    FIRST, MOST, NEW = 4, 60, 99
+    GROWTH, LONGEST = 1.5, 200  # of the periods between two samples
+
+    def __init__(self, predictor, models, deviations, task, *, doubt=0.05):
+        super().__init__(predictor, None, task)
+        self.models, self.deviations, self.doubt = models, deviations, doubt
+        self.samples, self.waits, self.gap, self.busy = [], 0, 1.0, False
+
+    def picked_up(self, load):
+        """The load has changed."""
+
+    def observe(self, state, torque):
+        """Wait for a sample that tells, and let it join."""
         self.waits -= 1
-        if self.waits > 0 or _reverses(state):
+        full = len(self.samples) >= self.MOST
+        if self.waits > 0 or self.busy or full or _reverses(state):
             return None
-        if self._known() and not self._surprised(state, torque):
+        off = np.abs(self.predictor(state, self.task) - torque)
+        if not self.samples and not (off > self.doubt * self.deviations).any():
             return None
-        if self._known():  # another load than before
-            self.samples, self.gap, self.n_seen = [], 1.0, 0
-        self.samples = [*self.samples[1 - self.MOST :], (state, torque)]
+        self.samples.append((state, torque))
         self.gap = min(self.GROWTH * self.gap, self.LONGEST)
-        self.waits, self.n_seen = round(self.gap), self.n_seen + 1
-        X, y = map(np.array, zip(*self.samples, strict=True))
-        return lambda: self.identifier.estimate(X, y)[0].to_numpy()
+        self.waits = round(self.gap)
+        self.busy = len(self.samples) >= self.FIRST
+        return self._joined if self.busy else None
 
-    def _known(self):
-        """Whether no more samples of the load are to come."""
-        return not self.samples or self.n_seen >= self.ENOUGH
-
-    def _surprised(self, state, torque):
-        off = self.predictor(state, descriptors=self.load) - torque
-        return (np.abs(off) > self.doubt * self.deviations).any()
+    def _joined(self):
+        """Models that know the samples, and what they predict."""
+        first = self.task != self.NEW
+        X, y = map(np.array, zip(*self.samples[0 if first else -1 :], strict=True))
+        X, models = np.column_stack([X, np.full(len(X), self.NEW)]), {}
+        for (name, model), target in zip(self.models.items(), y.T, strict=True):
+            joined = add_task(model, X, target) if first else copy.deepcopy(model)
+            models[name] = joined if first else partial_fit(joined, X, target)
+        return models, compile_predictor(models, self.NEW)
 
     def install(self, result):
-        """Take over another estimate of the load, if it says better what happens."""
-        X, y = map(np.array, zip(*self.samples[-3:], strict=True))
-        best = [self.load, result]
-        errors = [self._errors(X, y, load) for load in best]
-        self.load = best[int(np.argmin(errors))]
-
-    def _errors(self, X, y, load):
-        found = np.array([self.predictor(x, descriptors=load) for x in X])
-        return np.square((found - y) / self.deviations).sum()
+        """Take over models that know more."""
+        self.models, self.predictor = result
+        self.task, self.busy = self.NEW, False
 
 
 def _reverses(state):

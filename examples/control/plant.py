@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from skmtgp.datasets import _drive as drive
 from skmtgp.datasets import make_puma560
-from skmtgp.datasets._robot import _pinocchio_model
+from skmtgp.datasets._robot import _pinocchio_model, inverse_dynamics
 from skmtgp.datasets._trajectories import PATHS
 
 RATE = 4000  # steps of the simulation a second
@@ -119,3 +119,33 @@ class Reference:
         states = puma.data[:, :18]
         self.q, self.qd = states[::2, :6], states[::2, 6:12]
         self.ahead = np.ascontiguousarray(states[1::2])
+
+
+def torques(states, load):
+    """What makes the robot move so with a load, by the equations of the data sets."""
+    parts = np.split(np.atleast_2d(states), 3, axis=1)
+    return inverse_dynamics(*map(np.ascontiguousarray, parts), load)
+
+
+def training_states(n_steady, n_shaken, rng):
+    """States on all paths and, the later ones, of motions that shake about them.
+
+    On the paths accelerations are small, and go with position and velocity. A load that
+    is picked up moves the arm otherwise: sines of 1 to 5 Hz and up to 3 rad/s^2 in each
+    joint make such states.
+    """
+    references = [
+        Reference(path, speed) for path in range(1, 5) for speed in (1, 2, 3, 4)
+    ]
+    n = n_steady + n_shaken
+    states = np.array(
+        [rng.choice(references[k % len(references)].ahead) for k in range(n)]
+    )
+    shaken = states[n_steady:].reshape(-1, 3, 6)
+    rate = 2 * np.pi * rng.uniform(1.0, 5.0, (len(shaken), 6))
+    phase = rng.uniform(0.0, 2 * np.pi, rate.shape)
+    acceleration = rng.uniform(0.0, 3.0, rate.shape)
+    shaken[:, 0] += acceleration / rate**2 * np.sin(phase)
+    shaken[:, 1] += acceleration / rate * np.cos(phase)
+    shaken[:, 2] -= acceleration * np.sin(phase)
+    return states

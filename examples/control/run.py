@@ -1,7 +1,7 @@
 """A robot arm picks up a load that nobody has told it of, and keeps to its path.
 
 ``python examples/control/run.py`` learns the inverse dynamics of a simulated Puma 560
-under 14 loads, 20 samples of each, with the loads' inertial parameters as descriptors.
+under 14 loads, in 160 states each, with the loads' inertial parameters as descriptors.
 Then the arm follows the paper's paths at 1 kHz. Somewhere on the way the light load in
 its hand becomes one of 3 kg, which the model has never seen. The controllers differ in
 the torques that they send ahead; a soft spring does the rest.
@@ -16,6 +16,7 @@ import argparse
 import json
 import pickle
 import time
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -24,15 +25,17 @@ import pandas as pd
 from controllers import (
     Controller,
     Exact,
-    Identifying,
+    Joining,
     Nearest,
+    Regression,
     RigidBodies,
     Switching,
+    Tracking,
     Weighted,
 )
-from plant import CONTROL, Puma, Reference
+from plant import CONTROL, Puma, Reference, torques, training_states
 
-from skmtgp import MultiTaskGPRegressor, compile_predictor
+from skmtgp import IndependentGP, MultiTaskGPRegressor, compile_predictor
 from skmtgp import make_inverse_dynamics_regressor as make_model
 from skmtgp.datasets import load_puma560
 from skmtgp.inspection._drawing import COLORS
@@ -43,34 +46,67 @@ PHASES["later"] = 1.0, 9e9
 FIRST, SECOND = 0, 14  # positions of the loads: c1 of 0.2 kg, c15 of 3 kg
 
 
-def learn(puma):
-    """A model of each joint, of all loads, with their inertial parameters."""
-    columns, models = range(18, 28), {}
-    for j in range(6):
-        model = MultiTaskGPRegressor(
-            rank=5, task_levels=False, normalize_y="shared", noise="shared"
-        )
-        model = make_model(model, kernel="geometric", task_descriptors=columns)
-        models[f"tau{j + 1}"] = model.fit(puma.data, puma.target[:, j])
-    return models
+def learn(loads, make):
+    """A model of each joint, of all loads, from the same states under each."""
+    states = training_states(60, 100, np.random.default_rng(0))
+    labels = np.repeat(np.arange(1.0, len(loads) + 1), len(states))
+    described = np.repeat(loads, len(states), axis=0)
+    X = np.column_stack([np.tile(states, (len(loads), 1)), described, labels])
+    y = np.vstack([torques(states, load) for load in loads])
+    return {f"tau{j + 1}": make(X, y[:, j]) for j in range(6)}
+
+
+def multi_task(X, y, **parameters):
+    """A multi-task model of rank 5."""
+    model = MultiTaskGPRegressor(
+        rank=5, task_levels=False, normalize_y="shared", noise="shared"
+    )
+    return make_model(model, kernel="geometric", **parameters).fit(X, y)
+
+
+LEARNED = {
+    "described": partial(multi_task, task_descriptors=range(18, 28)),
+    "labelled": lambda X, y: multi_task(np.delete(X, range(18, 28), axis=1), y),
+    "alone": lambda X, y: make_model(IndependentGP(), kernel="geometric").fit(
+        np.delete(X, range(18, 28), axis=1), y
+    ),
+}
+
+
+def learned(loads, folder):
+    """The models of each kind, read from a folder if they are there."""
+    found = {}
+    for name, make in LEARNED.items():
+        path = folder / f"{name}.pkl"
+        if not path.exists():
+            begin, models = time.time(), learn(loads, make)
+            print(f"learned {name}: {time.time() - begin:.0f} s", flush=True)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(pickle.dumps(models))
+        found[name] = pickle.loads(path.read_bytes())
+    return found
 
 
 def controllers(models, loads, deviations):
     """What is compared, by name."""
-    predictor, light = compile_predictor(models), loads[FIRST]
-    joints = list(models.values())
-    first = predictor.tasks[FIRST]
-    known = loads[:SECOND]
+    described, alone, labelled = map(
+        compile_predictor, (models["described"], models["alone"], models["labelled"])
+    )
+    light, known = loads[FIRST], loads[:SECOND]
+    regression = Regression(alone, described.descriptors)
+    first = described.tasks[FIRST]
     return {
         "PD alone": Controller,
         "rigid bodies, empty hand": RigidBodies,
-        "mGP, the nearest known load": lambda: Nearest(predictor, known, first),
-        "mGP, MMST": lambda: Switching(predictor, deviations, first),
-        "mGP, MOSAIC": lambda: Weighted(predictor, deviations, first),
-        "mGP, identified load": lambda: Identifying(
-            predictor, joints, known, light, deviations
+        "mGP, the nearest known load": lambda: Nearest(described, known, first),
+        "mGP, MMST": lambda: Switching(described, deviations, first),
+        "mGP, MOSAIC": lambda: Weighted(described, deviations, first),
+        "mGP, partial_fit": lambda: Joining(
+            labelled, models["labelled"], deviations, first
         ),
-        "exact, told the load": lambda: Exact(light),
+        "GP of each load, regression": lambda: Tracking(regression, light, deviations),
+        "mGP, tracked load": lambda: Tracking(described, light, deviations),
+        "true equations, told the load": lambda: Exact(light),
     }
 
 
@@ -145,13 +181,15 @@ def main():
     parser.add_argument("--speeds", type=int, nargs="+", default=[1, 2, 3, 4])
     parser.add_argument("--only", nargs="+", help="names of controllers")
     parser.add_argument("--stribeck", type=float, default=0.0)
-    parser.add_argument("--models", type=Path, help="file of learned models, pickled")
+    parser.add_argument(
+        "--models", type=Path, default=OUTPUT / "control", help="folder of the models"
+    )
     parser.add_argument("--output", type=Path, help="file of the rows, JSON lines")
     parser.add_argument("--figure", type=Path, default=OUTPUT / "control.png")
     args = parser.parse_args()
-    puma = load_puma560(n_per_load=20, loads=range(1, 15), descriptors="inertial")
+    puma = load_puma560(n_per_load=20, descriptors="inertial")
     loads = puma.loads.iloc[:, -10:].to_numpy(float)
-    models = pickle.loads(args.models.read_bytes()) if args.models else learn(puma)
+    models = learned(loads[:SECOND], args.models)
     compared = controllers(models, loads, puma.target.std(axis=0))
     compared = {name: compared[name] for name in args.only or compared}
     rng, rows, curves = np.random.default_rng(0), [], {}

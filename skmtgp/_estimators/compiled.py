@@ -135,6 +135,11 @@ class MeansOfDescribed:
         steps = (descriptors - self.centre) / self.scale
         return np.append(1.0 - steps.sum(), steps)
 
+    def line(self, values):
+        """The constant and the slopes of what `values` of `means` say."""
+        slopes = (values[1:] - values[0]) / self.scale
+        return values[0] - slopes @ self.centre, slopes
+
 
 class Mean:
     """The mean of an output in the units of y, of some tasks."""

@@ -83,3 +83,62 @@ def test_samples_in_which_a_joint_turns_back_are_left_out():
     assert not controllers._reverses(state)
     state[6], state[12] = 1e-3, -10.0  # before the period it moved the other way
     assert controllers._reverses(state)
+
+
+class Equations:
+    """What the equations of the data sets say, as a linear function of the load."""
+
+    outputs = range(6)
+    descriptors = load_puma560(n_per_load=1).loads.iloc[:14, -10:]
+
+    def by_descriptors(self, x):
+        load = self.descriptors.mean().to_numpy()
+        around = plant.torques(x, load)[0]
+        other = [plant.torques(x, load + step)[0] for step in np.eye(10)]
+        slopes = np.transpose(other) - around[:, None]
+        return around - slopes @ load, slopes
+
+
+def test_a_load_is_tracked():
+    """With the true equations the first sample after the pick-up is enough."""
+    light = Equations.descriptors.iloc[0].to_numpy(float)
+    deviations = np.array([20.0, 20.0, 10.0, 2.0, 2.0, 1.0])
+    controller = controllers.Tracking(Equations(), light, deviations)
+    robot, errors = plant.Puma(REFERENCE.q[900], REFERENCE.qd[900], light), []
+    for k in range(900, 960):
+        if k == 910:
+            robot.carry(LOAD)
+        spring = controller.spring(REFERENCE.q[k], REFERENCE.qd[k], robot)
+        torque = controller.torque(REFERENCE.ahead[k]) + spring
+        q, qd = robot.q, robot.qd
+        robot.step(torque)
+        rate = plant.CONTROL * (robot.qd - qd)
+        middle = 0.5 * (q + robot.q), 0.5 * (qd + robot.qd), rate
+        controller.observe(np.concatenate(middle), torque)
+        errors.append(np.linalg.norm(REFERENCE.q[k + 1] - robot.q))
+    assert controller.tracker.n_changes >= 1
+    assert controller.tracker.descriptors[0] == pytest.approx(LOAD[0], abs=0.03)
+    assert max(errors) < 1e-3
+
+
+def test_models_of_loads_are_a_linear_function_of_the_load():
+    class Models:
+        outputs = range(6)
+
+        def predict_tasks(self, x):
+            loads = Equations.descriptors.to_numpy(float)
+            return np.array([plant.torques(x, load)[0] for load in loads])
+
+    regression = controllers.Regression(Models(), Equations.descriptors)
+    state = REFERENCE.ahead[700]
+    constants, slopes = regression.by_descriptors(state)
+    np.testing.assert_allclose(
+        constants + slopes @ LOAD, torque_of(state)[0], rtol=1e-6
+    )
+
+
+def test_training_states_shake_about_the_paths():
+    states = plant.training_states(20, 200, np.random.default_rng(0))
+    steady, shaken = (np.abs(part[:, 12:]).mean() for part in np.split(states, [20]))
+    assert shaken > 5 * steady
+    assert np.abs(states).max() < 10

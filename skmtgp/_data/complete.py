@@ -32,6 +32,50 @@ def complete_design(features, codes):
     return rows[ascending]
 
 
+def design_of(features, codes):
+    """Where each task is observed at each input, if they are at most of them.
+
+    Parameters
+    ----------
+    features : ndarray of shape (n_samples, n_features)
+        Inputs, in any order.
+    codes : ndarray of shape (n_samples,)
+        Task of each row, 0 to n_tasks - 1.
+
+    Returns
+    -------
+    rows : ndarray of shape (n_inputs, n_tasks), or None
+        The row of each distinct input and task, -1 where it is missing; None if a cell
+        has several rows, or half of the cells are missing.
+    """
+    rows = complete_design(features, codes)
+    return _incomplete_design(features, codes) if rows is None else rows
+
+
+def _incomplete_design(features, codes):
+    n_tasks, n = codes.max() + 1, len(codes)
+    if 2 * n <= len(np.unique(features[:, 0])) * n_tasks:  # most often, and quickly
+        return None
+    _, first, which = np.unique(
+        row_keys(features), return_index=True, return_inverse=True
+    )
+    if 2 * n <= len(first) * n_tasks:
+        return None
+    rows = np.full((len(first), n_tasks), -1)
+    rows[which, codes] = np.arange(n)
+    if (rows >= 0).sum() < n or not _all_equal(features, first[which]):
+        return None
+    return rows[np.lexsort(features[first].T[::-1])]
+
+
+def _all_equal(features, others):
+    """Whether each row is the same as another one."""
+    return all(
+        np.array_equal(features[batch], features[others[batch]])
+        for batch in gen_batches(len(features), BLOCK)
+    )
+
+
 def is_complete(features, codes):
     """Whether each task is observed at each input, once; in memory of a few columns."""
     return _cells(features, codes) is not None

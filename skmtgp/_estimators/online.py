@@ -231,5 +231,6 @@ class OnlineGP(FittedGP):
         n_kept = len(self._likelihoods) * (1 + len(getattr(self, "theta_samples_", ())))
         rank = getattr(self, "rank_", 1) if rank is None else rank
         sizes = len(training.features), len(training.tasks)
-        demand = Demand(*sizes, rank=rank, n_kept=n_kept)
+        missing = training.n_missing if self._engine.uses_design else 0
+        demand = Demand(*sizes, rank=rank, n_kept=n_kept, n_missing=missing)
         return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])

@@ -141,15 +141,12 @@ class KroneckerEigen:
 
     def products(self, left, right):
         """a^T K^{-1} b of vectors, each an Along, without levels."""
-        found = np.empty((len(left.of_x), len(right.of_x)))
+        found, inverse = np.empty((len(left.of_x), len(right.of_x))), 1.0 / self.values
         for m in np.unique(left.tasks):
-            for n in np.unique(right.tasks):
-                rows, cols = left.tasks == m, right.tasks == n
-                product = left.columns[:, m] * right.columns[:, n]
-                weights = (product / self.values).sum(axis=1)
-                found[np.ix_(rows, cols)] = (
-                    left.of_x[rows] * weights @ right.of_x[cols].T
-                )
+            rows = left.tasks == m
+            weights = inverse @ (left.columns[:, m, None] * right.columns)
+            weighed = right.of_x * weights.T[right.tasks]
+            found[rows] = left.of_x[rows] @ weighed.T
         return found
 
     def hidden(self, along, left):

@@ -23,7 +23,7 @@ from sklearn.utils import gen_batches
 from skmtgp._numerics.linalg import Cholesky
 from skmtgp.inference.eigen import Along, KroneckerEigen
 
-MOST = 2**20  # elements held at a time, or as many as K^x has
+MOST = 2**18  # elements held at a time, or as many as K^x has
 
 
 class GappyEigen(KroneckerEigen):

@@ -662,6 +662,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         )
         rank = int(np.sum(self.rank_)) + sum(self._full())
         demand, tiles = self._demand(training, rank=rank)
+        demand = replace(demand, n_missing=self._likelihoods[0].n_missing)
         self._engine.check_joining(demand, tiles, n_before, n_new)
 
     def _extend(self, training, position, informed):

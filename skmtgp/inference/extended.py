@@ -45,7 +45,7 @@ class ExtendedLikelihood(EigenLikelihood):
         self.old, self.new = np.flatnonzero(~is_novel), np.flatnonzero(is_novel)
         self.novel, old = list(novel), self.old
         self.base = KroneckerLikelihood(prior, X[old], tasks[old], y[old])
-        self.observed = self.base.observed
+        self.observed, self.n_missing = self.base.observed, self.base.n_missing
         inputs = np.vstack([self.base.inputs, X[self.new]])
         super().__init__(prior, X, tasks, y, inputs)
 

@@ -147,6 +147,7 @@ class KroneckerLikelihood(EigenLikelihood):
         first = self.rows[np.arange(len(self.rows)), there.argmax(axis=1)]
         super().__init__(prior, X, tasks, y, X[first])
         self.cells, self.Y = np.nonzero(~there), np.where(there, y[self.rows], 0.0)
+        self.n_missing = len(self.cells[0])
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -181,8 +182,9 @@ class KroneckerLikelihood(EigenLikelihood):
     def decomposed(self, K_x, K_rho, level, noise):
         """K decomposed, from K^x in Fortran order, which is overwritten."""
         parts = K_x, K_rho, noise, self.observed, level
-        gaps = len(self.cells[0])
-        return GappyEigen(*parts, self.cells) if gaps else KroneckerEigen(*parts)
+        if self.n_missing:
+            return GappyEigen(*parts, self.cells)
+        return KroneckerEigen(*parts)
 
     def _decompose(self, K_x, K_rho, level, noise):
         eigen = self.decomposed(K_x.T, K_rho, level, noise)

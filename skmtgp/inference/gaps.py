@@ -68,13 +68,22 @@ class GappyEigen(KroneckerEigen):
         return self.cholesky.half_solve(self.told)
 
     def completed(self, rotated):
-        """Coefficients of Y with the means of missing cells, given the others."""
+        """Coefficients of Y with the means of missing cells, given the others.
+
+        The second step is one of refinement: without noise the first lacks digits.
+        """
+        for _ in range(2):
+            rotated = rotated - self.rotate(self._excess(rotated))
+        return rotated
+
+    def _excess(self, rotated):
+        """What is at missing cells above their means given the others, else 0."""
         solved = self.rotate_back(self.alpha(super().half(rotated)))
         cells = (..., *self.cells)
         given = solved[cells]
-        filled, flat = np.zeros_like(solved), given.reshape(-1, given.shape[-1])
-        filled[cells] = self.cholesky.solve(flat.T).T.reshape(given.shape)
-        return rotated - self.rotate(filled)
+        excess, flat = np.zeros_like(solved), given.reshape(-1, given.shape[-1])
+        excess[cells] = self.cholesky.solve(flat.T).T.reshape(given.shape)
+        return excess
 
     def half(self, rotated):
         """R^T y with K^{-1} = R R^T, whatever y is at missing cells."""

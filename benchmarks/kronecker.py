@@ -47,7 +47,7 @@ def with_gaps(problem, share, seed=0):
 
 
 def measure(n_inputs, n_tasks, most, repeats, share):
-    """Best times of eigh, value and gradient, value; the second with gaps, and dense."""
+    """Best times of eigh, value and gradient, value, the second with gaps and dense."""
     problem, theta = make_problem(n_inputs, n_tasks)
     likelihood = KroneckerLikelihood(*problem)
     K_x = likelihood.prior.kernel_at(theta)(likelihood.inputs)

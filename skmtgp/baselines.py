@@ -109,8 +109,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
-        complete data: every task observed at the same inputs, once each. "auto" is
-        "kronecker" where the data are complete, "dense" elsewhere; both are exact.
+        complete data: every task observed at the same inputs, once each, with less than
+        half of these cells missing. "auto" is "kronecker" where at most a tenth are,
+        "dense" elsewhere; both are exact.
         "sparse" approximates, for data too large for them: a lower bound on the
         likelihood by inducing inputs takes its place.
         An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
@@ -370,8 +371,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
-        complete data: every task observed at the same inputs, once each. "auto" is
-        "kronecker" where the data are complete, "dense" elsewhere; both are exact.
+        complete data: every task observed at the same inputs, once each, with less than
+        half of these cells missing. "auto" is "kronecker" where at most a tenth are,
+        "dense" elsewhere; both are exact.
         "sparse" approximates, for data too large for them: a lower bound on the
         likelihood by inducing inputs takes its place.
         An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a

@@ -115,10 +115,11 @@ class DescriptorWarning(UserWarning):
 
 
 class IncompleteDataWarning(RuntimeWarning):
-    """A few cells are missing of data that would be complete, and have many rows.
+    """Data that would be complete have repeated or too few cells, and many rows.
 
     Dense inference is exact for them too, but takes far more time and memory than
-    complete data do. The message says how many cells are missing.
+    inference by Kronecker products, for which no cell may be observed repeatedly and
+    few may be missing. The message says how many are.
 
     Examples
     --------

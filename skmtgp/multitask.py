@@ -132,8 +132,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
         How the likelihood is computed. "dense" decomposes the covariance of all
         samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
-        complete data: every task observed at the same inputs, once each. "auto" is
-        "kronecker" where the data are complete, "dense" elsewhere; both are exact.
+        complete data: every task observed at the same inputs, once each, with less than
+        half of these cells missing. "auto" is "kronecker" where at most a tenth are,
+        "dense" elsewhere; both are exact.
         "sparse" approximates, for data too large for them: a lower bound on the
         likelihood by inducing inputs takes its place.
         An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
@@ -342,7 +343,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     With complete data of N inputs and M tasks they grow with :math:`N^3` and
     :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra,
-    which pays from two tasks on. It stays when `add_task` makes the data incomplete.
+    which pays from two tasks on, also with up to a tenth of the cells missing. It stays
+    when `add_task` makes the data incomplete.
     A kernel with a WhiteKernel, whose noise is each sample's own, is left to "dense".
 
     Results do not depend on `n_jobs`, to the bit below 600 samples. From there on the
@@ -689,6 +691,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         )
         rank = int(np.sum(self.rank_)) + sum(self._full())
         demand, tiles = self._demand(training, rank=rank)
+        demand = replace(demand, n_missing=self._likelihoods[0].n_missing)
         self._engine.check_joining(demand, tiles, n_before, n_new)
 
     def _extend(self, training, position, informed):

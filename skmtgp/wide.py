@@ -245,7 +245,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     Notes
     -----
     Without gaps the rows are complete data, whose likelihood is computed much faster,
-    see :doc:`/guide/inference`.
+    and nearly as fast where up to a tenth of the values are missing; see
+    :doc:`/guide/inference`.
 
     Examples
     --------

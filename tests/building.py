@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp._data.complete import complete_design
+from skmtgp._data.complete import design_of
 from skmtgp._data.data import Data
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.engines import Dense, Kronecker
@@ -45,7 +45,7 @@ def parts(likelihood, theta):
 
 
 def data(X, tasks, y, n_tasks, complete=False):
-    return Data(X, tasks, y, n_tasks, complete_design(X, tasks) if complete else None)
+    return Data(X, tasks, y, n_tasks, design_of(X, tasks) if complete else None)
 
 
 ENGINES = {"dense": Dense(), "kronecker": Kronecker()}

@@ -24,8 +24,8 @@ class Data:
     n_tasks : int
         Number of tasks M.
     design : ndarray of shape (n_inputs, n_tasks), default=None
-        The row of each input and task, where all tasks are observed at the same inputs,
-        once each, and this is made use of: parts of the data are complete then, too.
+        The row of each input and task, -1 where it is missing, where most are observed,
+        once each, and this is made use of: parts of the data are so then, too.
     Z : ndarray of shape (n_inducing, n_features), default=None
         Inducing inputs, for a bound on the likelihood.
     Q : ndarray of shape (n_tasks, n_rows), default=None
@@ -65,8 +65,13 @@ class Data:
         if self.design is None:
             return self._part(self._rows(size))
         order = np.random.default_rng(0).permutation(len(self.design))
-        rows = np.sort(self.design[order[:size]].ravel())
-        design = np.searchsorted(rows, self.design[order[:size]])
+        there = self.design[order] >= 0
+        kept = np.arange(len(order)) < size
+        kept[there.argmax(axis=0)] = True  # an input of each task, always the same
+        design = self.design[order[kept]]
+        there = there[kept]
+        rows = np.sort(design[there])
+        design[there] = np.searchsorted(rows, design[there])
         return replace(self._part(rows), design=design)
 
     def drawn(self, size):

@@ -392,6 +392,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             n_climbs=at_a_time(self.n_jobs, climbs if engine.exact else n_outputs),
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
+            n_missing=training.n_missing if engine.uses_design else 0,
         )
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))

@@ -364,7 +364,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.X_train_, self.tasks_train_ = training.features, training.codes
         Y = np.array(training.Y)  # otherwise y itself, which the user may change
         self.y_train_ = Y[:, 0] if training.single_output else Y
-        self.complete_ = training.design is not None
+        self.complete_ = training.design is not None and training.n_missing == 0
 
     def _store_parameters(self, thetas):
         outputs = zip(self._likelihoods, thetas, self._units.scale, strict=True)

@@ -68,10 +68,12 @@ class OnlineGP(FittedGP):
         -----
         A row takes O(n^2) by dense inference, whose Cholesky factor gets one row more,
         as does a row that goes. By sparse inference the time is that of one pass over
-        the rows; the inducing inputs stay, but for those of a new task. Complete data
-        stay so only if every task gets the same inputs: where they do not,
-        ``inference="auto"`` decomposes the covariance of all rows once and goes on by
-        dense inference, and "kronecker" is an error.
+        the rows; the inducing inputs stay, but for those of a new task. By Kronecker
+        products the covariances of the inputs and of the tasks are decomposed anew.
+        Cells may be missing then: where more than a tenth are, or one is observed
+        again, ``inference="auto"`` decomposes the covariance of all rows once and goes
+        on by dense inference; "kronecker" is an error in the second case, and in the
+        first where half are missing.
 
         In the attributes new rows come after those before, and rows of new tasks after
         the others of the same call.
@@ -232,7 +234,8 @@ class OnlineGP(FittedGP):
         n_kept = len(self._likelihoods) * (1 + len(getattr(self, "theta_samples_", ())))
         rank = np.sum(getattr(self, "rank_", 1)) if rank is None else rank
         sizes = len(training.features), len(training.tasks)
-        demand = Demand(*sizes, rank=rank, n_kept=n_kept)
+        missing = training.n_missing if self._engine.uses_design else 0
+        demand = Demand(*sizes, rank=rank, n_kept=n_kept, n_missing=missing)
         return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])
 
 

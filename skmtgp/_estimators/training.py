@@ -7,7 +7,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp._data.checks import deviation_of, largest_of
-from skmtgp._data.complete import complete_design
+from skmtgp._data.complete import count_missing, design_of
 from skmtgp._data.dask import held
 from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
@@ -90,8 +90,13 @@ class Training:
 
     @cached_property
     def design(self):
-        """The row of each input and task, or None where the data are not complete."""
-        return complete_design(self.features, self.codes)
+        """The row of each input and task, -1 if missing; None unless most have one."""
+        return design_of(self.features, self.codes)
+
+    @property
+    def n_missing(self):
+        """Cells of `design` without a row."""
+        return count_missing(self.design)
 
     @property
     def n_told(self):
@@ -174,7 +179,8 @@ class Training:
         if engine.sorts:  # views of X would be pickled beside it
             X, tasks, Y = X[order], tasks[order], Y[order]
         if engine.uses_design and self.design is not None:
-            design = np.argsort(order)[self.design]
+            place = np.append(np.argsort(order), -1)
+            design = place[self.design]  # -1 is the last
         n_tasks = len(self.tasks)
         Q = self.descriptors and self.descriptors.Q
         of_outputs = [held(y) for y in Y.T]

@@ -26,10 +26,30 @@ times rougher, and its gradient ten times smoother, than that of
 :class:`~skmtgp.inference.dense.DenseLikelihood`.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from skmtgp._numerics.linalg import eigh_semidefinite
 from skmtgp.exceptions import NotPositiveDefiniteError
+
+
+class Along(NamedTuple):
+    """Vectors over all cells that are Kronecker products, along the eigenvectors.
+
+    Attributes
+    ----------
+    of_x : ndarray of shape (n_vectors, n_inputs)
+        Their parts over the inputs, times U.
+    columns : ndarray of shape (n_observed, n_tasks)
+        W^T times parts over the tasks.
+    tasks : ndarray of shape (n_vectors,)
+        Which of these each has.
+    """
+
+    of_x: np.ndarray
+    columns: np.ndarray
+    tasks: np.ndarray
 
 
 class KroneckerEigen:
@@ -115,6 +135,41 @@ class KroneckerEigen:
         """K^{-1} Y."""
         return self.rotate_back(self.alpha(self.half(self.rotate(Y))))
 
+    def completed(self, rotated):
+        """Coefficients of Y with what is missing of it filled in; nothing is, here."""
+        return rotated
+
+    def products(self, left, right):
+        """a^T K^{-1} b of vectors, each an Along, without levels."""
+        found, inverse = np.empty((len(left.of_x), len(right.of_x))), 1.0 / self.values
+        for m in np.unique(left.tasks):
+            rows = left.tasks == m
+            weights = inverse @ (left.columns[:, m, None] * right.columns)
+            weighed = right.of_x * weights.T[right.tasks]
+            found[rows] = left.of_x[rows] @ weighed.T
+        return found
+
+    def hidden(self, along, left):
+        """What the data do not explain for want of missing cells.
+
+        Parameters
+        ----------
+        along : Along
+            Covariances of sums g of functions, or of cells, with the cells.
+        left : ndarray of shape (n_vectors, n_observed) or None
+            How g depends on the levels once the cells are known; None without levels.
+
+        Returns
+        -------
+        hidden : ndarray of shape (n_missing, n_vectors)
+            Its Gram matrix is to be taken off the explained covariances of g.
+        """
+        return np.empty((0, len(along.tasks)))
+
+    def hidden_levels(self):
+        """The same of the levels, (n_missing, n_observed)."""
+        return np.empty((0, len(self.S)))
+
     def log_det(self):
         """Log-determinant of K."""
         log_det = np.log(self.values).sum() + len(self.L) * np.log(self.noise).sum()
@@ -128,11 +183,11 @@ class KroneckerEigen:
     # derivatives, which make up those of the likelihood
 
     def log_det_by_K_x(self):
-        """Of log|K| by K^x, which is U diag(c) U^T - Q diag(d) Q^T: c, Q and d."""
-        c = (self.S / self.values).sum(axis=1)
+        """Of log|K| by K^x, which is U C U^T - Q diag(d) Q^T: U C, Q and d."""
+        scaled = self.U * (self.S / self.values).sum(axis=1)
         if not self.levels:
-            return c, np.empty((len(self.L), 0)), np.empty(0)
-        return c, self.levels.Q, self.S * np.diagonal(self.levels.between)
+            return scaled, np.empty((len(self.L), 0)), np.empty(0)
+        return scaled, self.levels.Q, self.S * np.diagonal(self.levels.between)
 
     def log_det_by_K_rho(self):
         """Of log|K| by K^rho, of shape (n_observed, n_observed)."""

@@ -34,6 +34,8 @@ class Demand:
         Parameters that tasks have.
     alone : bool
         Whether the rows are of one task already.
+    n_missing : int
+        Cells without a row, where most inputs of all tasks have one.
     """
 
     n_samples: int
@@ -45,6 +47,7 @@ class Demand:
     n_exact_climbs: int = 1
     n_parameters: int = 0
     alone: bool = False
+    n_missing: int = 0
 
 
 class Engine(ABC):
@@ -57,7 +60,7 @@ class Engine(ABC):
     sorts : bool, default=True
         Whether it takes rows sorted by task; otherwise they stay where they are.
     uses_design : bool, default=False
-        Whether it makes use of complete data.
+        Whether it makes use of complete data, of which some cells may be missing.
     n_exact : int or None, default=None
         Of an approximation: rows that are learned from exactly before.
     drops : bool, default=False

@@ -4,7 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp._data.complete import check_complete, nearly_complete
+from skmtgp._data.complete import (
+    check_complete,
+    count_missing,
+    few_missing,
+    nearly_complete,
+)
 from skmtgp._numerics.linalg import HALVED
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
@@ -22,6 +27,7 @@ from skmtgp.inference.memory import (
     check_border_memory,
     check_memory,
     check_sparse_memory,
+    of_gaps,
 )
 from skmtgp.inference.sparse import SparseBound, check_latent
 from skmtgp.inference.sparse_posterior import SparsePosterior
@@ -71,7 +77,10 @@ class Dense(Engine):
 
 
 class Kronecker(Engine):
-    """Exact inference with complete data; tasks that join need not be complete."""
+    """Exact inference with complete data, of which some cells may be missing.
+
+    Tasks that join need not be observed at the same inputs.
+    """
 
     name = "kronecker"
     uses_design = True
@@ -84,7 +93,8 @@ class Kronecker(Engine):
 
     def check_memory(self, demand, tiles):
         """Raise an InsufficientMemoryError where memory does not suffice."""
-        self._check_rows(demand, tiles, demand.n_samples // demand.n_tasks)
+        n_cells = demand.n_samples + demand.n_missing
+        self._check_rows(demand, tiles, n_cells // demand.n_tasks)
 
     def check_joining(self, demand, tiles, n_before, n_new):
         """The same where a task joins, whose inputs may be others."""
@@ -92,8 +102,9 @@ class Kronecker(Engine):
 
     def _check_rows(self, demand, tiles, n_rows):
         # K, and two for its eigen-decomposition; that of K^rho
-        rows = {"rows": "inputs of each task", "n_matrices": 3, "n_of_tasks": 1}
-        check_memory(demand, tiles, n_rows, **rows)
+        n_matrices = 3 + of_gaps(demand.n_missing, n_rows)
+        rows = {"rows": "inputs of each task", "n_matrices": n_matrices}
+        check_memory(demand, tiles, n_rows, **rows, n_of_tasks=1)
 
     def likelihood(self, prior, data):
         """The likelihood of the data."""
@@ -102,14 +113,14 @@ class Kronecker(Engine):
     def joined(self, likelihood, prior, data, position, kernel):
         """The likelihood with a task more.
 
-        Where complete data are not complete any more, the novel tasks' rows are
-        eliminated from their covariance, exactly.
+        The novel tasks' rows are eliminated from the covariance of the others, exactly,
+        unless it is less to eliminate the cells that they lack.
         """
-        if data.design is not None:
+        novel = [m + (m >= position) for m in likelihood.novel] + [position]
+        n_novel = np.isin(data.tasks, novel).sum()
+        if data.design is not None and count_missing(data.design) <= n_novel:
             return self.likelihood(prior, data)
-        novel = [m + (m >= position) for m in likelihood.novel]
-        rows = data.X, data.tasks, data.y
-        return ExtendedLikelihood(prior, *rows, [*novel, position])
+        return ExtendedLikelihood(prior, data.X, data.tasks, data.y, novel)
 
     def side(self, data):
         """Rows of the largest matrices that learning decomposes."""
@@ -194,7 +205,7 @@ def choose(inference, prior, data, **options):
     prior : Prior
         The model.
     data : Training
-        Features, codes, and the design where the data are complete.
+        Features, codes, and the design where most tasks are at the same inputs.
     **options
         Of sparse inference.
 
@@ -203,9 +214,10 @@ def choose(inference, prior, data, **options):
     engine : Engine
         "auto" is "kronecker" for complete data of two tasks or more, whose
         eigen-decompositions are then faster than a Cholesky decomposition of all
-        samples, and "dense" otherwise. So it is with several terms: a sum of Kronecker
-        products and noise has no decompositions of its factors. So it is with a trend,
-        and where something is known of the noise of rows.
+        samples, also where up to a tenth of the cells are missing, and "dense"
+        otherwise. So it is with several terms: a sum of Kronecker products and noise
+        has no decompositions of its factors. So it is with a trend, and where something
+        is known of the noise of rows.
     """
     if isinstance(inference, Engine):
         return inference
@@ -216,7 +228,7 @@ def choose(inference, prior, data, **options):
     dense = dense or data.known is not None
     if dense or not depends_on_inputs_only(prior.kernel, data.features):
         return Dense()
-    if data.design is not None:
+    if few_missing(data.design):
         return Kronecker()
     return Dense(nearly_complete(data.features, data.codes))
 

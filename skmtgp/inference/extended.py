@@ -15,7 +15,6 @@ rows given the complete data. Levels are in K and K_b, not in B: the tasks are o
 import numpy as np
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
-from skmtgp.inference.eigen import KroneckerEigen
 from skmtgp.inference.kronecker import EigenLikelihood, KroneckerLikelihood
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
@@ -46,7 +45,7 @@ class ExtendedLikelihood(EigenLikelihood):
         self.old, self.new = np.flatnonzero(~is_novel), np.flatnonzero(is_novel)
         self.novel, old = list(novel), self.old
         self.base = KroneckerLikelihood(prior, X[old], tasks[old], y[old])
-        self.observed = self.base.observed
+        self.observed, self.n_missing = self.base.observed, self.base.n_missing
         inputs = np.vstack([self.base.inputs, X[self.new]])
         super().__init__(prior, X, tasks, y, inputs)
 
@@ -69,7 +68,7 @@ class ExtendedLikelihood(EigenLikelihood):
     def _decompose(self, K_x, K_rho, level, noise):
         N, tasks = len(self.base.inputs), self.tasks[self.new]
         corner = K_x[:N, :N].copy(order="F")
-        eigen = KroneckerEigen(corner, K_rho, noise, self.observed, level)
+        eigen = self.base.decomposed(corner, K_rho, level, noise)
         # B^T, of shape (n_new, n_inputs, n_observed), and P^T
         cross = K_x[N:, :N, None] * K_rho[tasks][:, None, self.observed]
         P = eigen.solve(cross)
@@ -78,7 +77,7 @@ class ExtendedLikelihood(EigenLikelihood):
         S -= np.tensordot(cross, P, axes=((1, 2), (1, 2)))
         S.flat[:: len(S) + 1] += noise[self.noise_of_row[self.new]]
         cholesky = Cholesky(np.asfortranarray(S))
-        of_base = eigen.half(eigen.rotate(self.base.Y))
+        of_base = eigen.half(self.base.rotated(eigen))
         alpha = eigen.rotate_back(eigen.alpha(of_base))
         rest = self.y[self.new] - np.tensordot(cross, alpha, axes=2)
         half = cholesky.half_solve(rest)

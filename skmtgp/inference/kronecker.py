@@ -1,15 +1,17 @@
 """Exact inference with complete data: all tasks at the same inputs, once each.
 
 With N inputs and M tasks it takes time O(N^3 + M^3 + N M (N + M)) and memory O(N^2).
+Of q missing cells it takes O(q N M (q + N)) and O(q (q + N)) more.
 """
 
 from abc import abstractmethod
 
 import numpy as np
 
-from skmtgp._data.complete import complete_design
+from skmtgp._data.complete import design_of
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.inference.eigen import KroneckerEigen
+from skmtgp.inference.eigen import Along, KroneckerEigen
+from skmtgp.inference.gaps import GappyEigen
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood
@@ -88,8 +90,8 @@ class EigenLikelihood(TiledLikelihood):
         """dL/dK^x = 1/2 (sum_v s_v V K^rho V^T - d log|K| / dK^x), contracted."""
         n, N = len(self.inputs), len(eigen.L)
         left, right = (np.moveaxis(a, 0, 1).reshape(n, -1) for a in (left, right))
-        c, Q, d = eigen.log_det_by_K_x()
-        scaled, of_levels = eigen.U * c, Q * d
+        scaled, Q, d = eigen.log_det_by_K_x()
+        of_levels = Q * d
 
         def contract(rows, cols, K_x, tape):
             G = left[rows] @ right[cols].T
@@ -106,42 +108,46 @@ class EigenLikelihood(TiledLikelihood):
 
 
 class KroneckerLikelihood(EigenLikelihood):
-    """The likelihood of complete data.
+    """The likelihood of complete data, of which some cells may be missing.
 
     Parameters
     ----------
     prior, X, tasks, y
         See Likelihood. K^rho may have tasks without data.
     design : ndarray of shape (n_inputs, n_tasks), default=None
-        The row of each input and task, where it is known already.
+        The row of each input and task, -1 if missing, where it is known already.
 
     Attributes
     ----------
     observed : ndarray of shape (n_observed,)
         The tasks with data.
     rows : ndarray of shape (n_inputs, n_observed)
-        The row of each input and task.
+        The row of each input and task; -1 where the cell is missing.
+    cells : tuple of (ndarray of shape (q,), ndarray of shape (q,))
+        The input and the position in `observed` of each missing cell.
     inputs : ndarray of shape (n_inputs, n_features)
         The inputs.
     Y : ndarray of shape (n_inputs, n_observed)
-        The targets.
+        The targets, and 0 where one is missing.
 
     Raises
     ------
     ValueError
-        If the data are not complete.
+        If a cell has several rows, or too many are missing.
     """
 
     novel = ()
 
     def __init__(self, prior, X, tasks, y, design=None):
         self.observed, codes = np.unique(tasks, return_inverse=True)
-        self.rows = complete_design(X, codes) if design is None else design
+        self.rows = design_of(X, codes) if design is None else design
         if self.rows is None:
             raise ValueError("The tasks are not observed at the same inputs once each.")
-        inputs = X[self.rows[:, 0]]
-        super().__init__(prior, X, tasks, y, inputs)
-        self.Y = y[self.rows]
+        there = self.rows >= 0
+        first = self.rows[np.arange(len(self.rows)), there.argmax(axis=1)]
+        super().__init__(prior, X, tasks, y, X[first])
+        self.cells, self.Y = np.nonzero(~there), np.where(there, y[self.rows], 0.0)
+        self.n_missing = len(self.cells[0])
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -160,18 +166,29 @@ class KroneckerLikelihood(EigenLikelihood):
 
     def log_density(self, eigen, half):
         """Log density of y, given K and the root's part of y."""
-        return log_density(np.vdot(half, half), eigen.log_det(), self.Y.size)
+        return log_density(np.vdot(half, half), eigen.log_det(), len(self.y))
+
+    def rotated(self, eigen):
+        """Coefficients of y, and of what is missing of it, along the eigenvectors."""
+        return eigen.completed(eigen.rotate(self.Y))
 
     def eigen(self, theta):
         """K decomposed."""
         bound, K_rho, level, noise = self._bind(theta)
         K_x = np.empty((len(self.inputs),) * 2)
         self._fill(bound, K_x)
-        return KroneckerEigen(K_x.T, K_rho, noise, self.observed, level)
+        return self.decomposed(K_x.T, K_rho, level, noise)
+
+    def decomposed(self, K_x, K_rho, level, noise):
+        """K decomposed, from K^x in Fortran order, which is overwritten."""
+        parts = K_x, K_rho, noise, self.observed, level
+        if self.n_missing:
+            return GappyEigen(*parts, self.cells)
+        return KroneckerEigen(*parts)
 
     def _decompose(self, K_x, K_rho, level, noise):
-        eigen = KroneckerEigen(K_x.T, K_rho, noise, self.observed, level)
-        half = eigen.half(eigen.rotate(self.Y))
+        eigen = self.decomposed(K_x.T, K_rho, level, noise)
+        half = eigen.half(self.rotated(eigen))
         alpha, V = eigen.alpha(half), np.zeros((2, *self.Y.shape[:1], len(K_rho)))
         V[0][:, self.observed] = eigen.rotate_back(alpha)
         V[1][:, self.observed] = eigen.rotate_back(eigen.L[:, None] * alpha)
@@ -200,7 +217,7 @@ class KroneckerPosterior(Posterior):
         super().__init__(likelihood, theta)
         self.observed, self.rows = likelihood.observed, likelihood.rows
         self.eigen = eigen = likelihood.eigen(theta)
-        rotated = eigen.rotate(likelihood.Y)
+        rotated = likelihood.rotated(eigen)
         half = eigen.half(rotated)
         self.log_likelihood = likelihood.log_density(eigen, half)
         alpha = eigen.alpha(half)
@@ -247,61 +264,59 @@ class KroneckerPosterior(Posterior):
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""
-        along_x, along_tasks = self._along_x(X), self._along_tasks()
-        weights = (1.0 / self.eigen.values) @ np.square(along_tasks)
-        explained = np.einsum("ti,it->t", np.square(along_x), weights[:, tasks])
+        along, left, novel = self._along(X, tasks)
+        weights = (1.0 / self.eigen.values) @ np.square(along.columns)
+        explained = np.einsum("ti,it->t", np.square(along.of_x), weights[:, tasks])
+        explained -= np.square(self.eigen.hidden(along, left)).sum(axis=0)
         if not self.level:
             return explained
-        left = self._left_of_levels(along_x, tasks)
-        own = left[0] @ self.eigen.levels.covariance
-        return explained + self.level - np.einsum("im,im->i", own, left[0]) - left[1]
+        own = left @ self.eigen.levels.covariance
+        return explained + self.level - np.einsum("im,im->i", own, left) - novel
 
     def explained_covariance(self, X, tasks):
         """What they take off its covariance, (n_samples, n_samples)."""
-        along = self._along_x(X), tasks
+        along = self._along(X, tasks)
         return self._between(along, along)
 
     def explained_between(self, X, tasks, Z, tasks_of_Z):
         """What the data take off cov(f(X), f(Z))."""
-        return self._between((self._along_x(X), tasks), (self._along_x(Z), tasks_of_Z))
+        return self._between(self._along(X, tasks), self._along(Z, tasks_of_Z))
 
     def _between(self, left, right):
-        """The same block by block of their tasks, from k^x along the eigenvectors."""
-        (of_X, tasks), (of_Z, tasks_of_Z) = left, right
-        along_tasks, explained = self._along_tasks(), np.empty((len(of_X), len(of_Z)))
-        for m in np.unique(tasks):
-            for n in np.unique(tasks_of_Z):
-                rows, cols = tasks == m, tasks_of_Z == n
-                product = along_tasks[:, m] * along_tasks[:, n]
-                weights = (product / self.eigen.values).sum(axis=1)
-                explained[np.ix_(rows, cols)] = of_X[rows] * weights @ of_Z[cols].T
+        """The same, from how both are along the eigenvectors, see `_along`."""
+        explained = self.eigen.products(left[0], right[0])
+        explained -= self.eigen.hidden(*left[:2]).T @ self.eigen.hidden(*right[:2])
         if self.level:
             explained += self._explained_of_levels(left, right)
         return explained
 
     def _explained_of_levels(self, left, right):
         """What the data take off the covariances of levels, and give to the rest."""
-        same = np.equal.outer(left[1], right[1])
-        (of_X, novel_X), (of_Z, novel_Z) = (
-            self._left_of_levels(*part) for part in (left, right)
-        )
+        (of_X, left_of_X, novel_X), (of_Z, left_of_Z, novel_Z) = left, right
+        same = np.equal.outer(of_X.tasks, of_Z.tasks)
         explained = self.level * same
-        explained -= of_X @ self.eigen.levels.covariance @ of_Z.T
+        explained -= left_of_X @ self.eigen.levels.covariance @ left_of_Z.T
         return explained - np.multiply.outer(novel_X, novel_Z > 0.0) * same
 
-    def _left_of_levels(self, along_x, tasks):
-        """How f depends on the levels once the data are known, beside k^x.
+    def _along(self, X, tasks):
+        """How f is along the eigenvectors, and depends on the levels beside.
 
         Returns
         -------
-        left : ndarray of shape (n_samples, n_observed)
-            On those of the observed tasks.
-        novel : ndarray of shape (n_samples,)
+        along : Along
+            Its covariances with the cells.
+        left : ndarray of shape (n_samples, n_observed) or None
+            How it depends on the levels of the observed tasks once the cells are
+            known; None without levels.
+        novel : ndarray of shape (n_samples,) or None
             Variance of the level of a task without data.
         """
-        left = -self.eigen.levels.told(along_x, self._along_tasks()[:, tasks])
+        along = Along(self._along_x(X), self._along_tasks(), tasks)
+        if not self.level:
+            return along, None, None
+        left = -self.eigen.levels.told(along.of_x, along.columns[:, tasks])
         left += np.equal.outer(tasks, self.observed)
-        return left, self.level * ~np.isin(tasks, self.observed)
+        return along, left, self.level * ~np.isin(tasks, self.observed)
 
     def _along_x(self, X):
         """k^x(X, inputs) U, of shape (n_samples, n_inputs)."""
@@ -315,13 +330,16 @@ class KroneckerPosterior(Posterior):
         """Variance of the level of each task, given the data, (n_tasks,)."""
         variances = np.full(len(self.K_rho), self.level)
         if self.level:
-            variances[self.observed] = np.diagonal(self.eigen.levels.covariance)
+            hidden = np.square(self.eigen.hidden_levels()).sum(axis=0)
+            told = np.diagonal(self.eigen.levels.covariance)
+            variances[self.observed] = told + hidden
         return variances
 
     def covariances_with_levels(self, X, tasks):
         """Of f with the levels of the observed tasks, (n_samples, n_observed)."""
-        left, _ = self._left_of_levels(self._along_x(X), tasks)
-        return left @ self.eigen.levels.covariance
+        along, left, _ = self._along(X, tasks)
+        hidden = self.eigen.hidden(along, left).T @ self.eigen.hidden_levels()
+        return left @ self.eigen.levels.covariance + hidden
 
     def precision(self):
         """The diagonal of K^{-1}, of shape (n_train,)."""
@@ -329,6 +347,7 @@ class KroneckerPosterior(Posterior):
 
     def by_row(self, of_inputs):
         """Numbers of each input and task, in the order of the training rows."""
-        by_row = np.empty(of_inputs.size)
-        by_row[self.rows] = of_inputs
+        there = self.rows >= 0
+        by_row = np.empty(there.sum())
+        by_row[self.rows[there]] = of_inputs[there]
         return by_row

@@ -49,6 +49,8 @@ class Likelihood(ABC):
     learning takes for a rejected step.
     """
 
+    n_missing = 0  # cells without a row that it eliminates
+
     def __init__(self, prior, X, tasks, y, known=None):
         self.prior, self.X, self.tasks, self.y = prior, X, tasks, y
         self.known = known

@@ -124,6 +124,14 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices, n_of_tasks=0, why="
     )
 
 
+def of_gaps(n_missing, n):
+    """What missing cells take beside, in matrices of n x n.
+
+    Four of these, and some vectors of n and of n_missing for each cell.
+    """
+    return 7.0 * (n_missing > 0) + 6.0 * n_missing * (n_missing + n) / n**2
+
+
 def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     """The same of sparse inference.
 

@@ -4,6 +4,9 @@ import pytest
 from skmtgp._data import complete as _complete
 from skmtgp._data.complete import (
     complete_design,
+    count_missing,
+    design_of,
+    few_missing,
     is_complete,
     nearly_complete,
     row_keys,
@@ -91,6 +94,52 @@ def test_keys_are_those_of_the_rows():
     np.testing.assert_array_equal(row_keys(-0.0 * features), row_keys(0.0 * features))
 
 
+class TestDesignOf:
+    @pytest.fixture
+    def data(self):
+        """Six inputs of three tasks in any order, and the cell of each row."""
+        rng = np.random.default_rng(0)
+        inputs = np.unique(rng.integers(0, 3, (40, 2)), axis=0)[:6].astype(float)
+        which, codes = np.divmod(rng.permutation(18), 3)
+        return inputs[which], codes, (which, codes)
+
+    @pytest.mark.parametrize("n_missing", [0, 1, 2, 4])
+    def test_rows(self, data, n_missing):
+        features, codes, cells = data
+        expected = np.full((6, 3), -1)
+        expected[cells] = np.arange(18) - n_missing
+        found = design_of(features[n_missing:], codes[n_missing:])
+        np.testing.assert_array_equal(found, np.maximum(expected, -1))
+        assert count_missing(found) == n_missing
+        assert few_missing(found) == (n_missing < 2)
+
+    def test_half_are_missing(self, data):
+        features, codes, (inputs, tasks) = data
+        some = (tasks == 0) | ((tasks == 1) & (inputs < 3))
+        assert design_of(features[some], codes[some]) is not None  # of two tasks
+        rest = (tasks == 2) & (inputs == 5)
+        assert design_of(features[some | rest], codes[some | rest]) is not None
+        some &= inputs != 2
+        some |= (tasks == 0) | rest
+        assert design_of(features[some], codes[some]) is None
+
+    def test_a_cell_is_observed_twice(self, data):
+        features, codes, _ = data
+        rows = np.r_[1:18, 5]
+        assert design_of(features[rows], codes[rows]) is None
+        assert not few_missing(None)
+        assert count_missing(None) == 0
+
+    def test_other_inputs_of_the_same_key(self, data, monkeypatch):
+        """Which a hash may give them, if hardly ever."""
+        features, codes, (inputs, _) = data
+        monkeypatch.setattr(_complete, "row_keys", lambda of: inputs[: len(of)])
+        assert design_of(features[:-1], codes[:-1]) is not None
+        features[3, 0] = features[inputs != inputs[3]][0, 0]
+        features[3, 1] += 100.0
+        assert design_of(features[:-1], codes[:-1]) is None
+
+
 class TestNearlyComplete:
     @pytest.fixture
     def data(self):
@@ -105,21 +154,19 @@ class TestNearlyComplete:
         rows = [*range(len(codes)), 5, 5]
         found = nearly_complete(features[rows], codes[rows])
         assert "3 cells are missing" in found
-        assert "1 observed repeatedly. Without the rows of 4 inputs the" in found
+        assert "1 observed repeatedly. With none repeated and at most 10% mi" in found
 
-    def test_of_one_input_cells_of_two_tasks(self, data):
-        features, codes = (np.delete(of, [0, 20], axis=0) for of in data)
-        found = nearly_complete(features, codes)
-        assert "2 cells are missing" in found
-        assert "the rows of 1 input the" in found
+    def test_one_cell(self, data):
+        features, codes = (of[1:] for of in data)
+        assert nearly_complete(features, codes).startswith("1 cell is missing of 20")
 
     def test_other_data(self, data):
         """Complete, of one task, with too many faults, or with nothing in common."""
         features, codes = data
         assert not nearly_complete(features, codes)
         assert not nearly_complete(features[:19], codes[:19])
-        assert not nearly_complete(features[:-6], codes[:-6])
-        assert nearly_complete(features[:-5], codes[:-5])
+        assert not nearly_complete(features[:-16], codes[:-16])
+        assert nearly_complete(features[:-15], codes[:-15])
         features = np.random.default_rng(1).standard_normal(features.shape)
         assert not nearly_complete(features, codes)
         features[:, 0] = codes

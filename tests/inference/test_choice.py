@@ -81,11 +81,23 @@ class TestChoice:
 
     def test_incomplete_data(self):
         X, _ = draw()
-        for other in (X[1:], np.vstack([X, X[:1]]), np.vstack([X, X])):
+        apart = X + np.outer(X[:, -1], [1.0, 0.0, 0.0])
+        for other in (apart, np.vstack([X, X[:1]]), np.vstack([X, X])):
             assert self.choose("auto", other) == "dense"
             assert self.choose("dense", other) == "dense"
-            with pytest.raises(ValueError, match="needs every task observed at the"):
+            with pytest.raises(ValueError, match="needs the tasks observed at the"):
                 self.choose("kronecker", other)
+
+    @pytest.mark.parametrize(
+        ("n_missing", "expected"),
+        [(1, "kronecker"), (3, "kronecker"), (4, "dense"), (10, "dense")],
+    )
+    def test_missing_cells(self, n_missing, expected):
+        """Up to a tenth of them by itself, and less than half when asked to."""
+        X, _ = draw()
+        assert self.choose("auto", X[n_missing:]) == expected
+        assert self.choose("kronecker", X[n_missing:]) == "kronecker"
+        assert self.choose("dense", X[n_missing:]) == "dense"
 
     def test_one_task(self):
         X, _ = draw()
@@ -113,8 +125,9 @@ def test_what_was_used(estimator):
         model = estimator(inference=inference, max_iter=0).fit(X, y)
         assert model.inference_ == used
         assert model.complete_ is True
-    model = estimator(max_iter=0).fit(X[1:], y[1:])
-    assert (model.inference_, model.complete_) == ("dense", False)
+    for start, used in [(1, "kronecker"), (4, "dense")]:
+        model = estimator(max_iter=0).fit(X[start:], y[start:])
+        assert (model.inference_, model.complete_) == (used, False)
     model = estimator(inference="kronecker", max_iter=0).fit(X, y)
     assert model.inference_ == "kronecker"
 
@@ -140,10 +153,9 @@ def missing(X, label, n_inputs):
 
 X = draw()[0]
 ERRORS = {
-    "one": (missing(X, 2, 1), "but task 2 lacks 1 of the 10 inputs. Complete the da"),
     "two tasks": (
-        missing(missing(X, 2, 3), 5, 2),
-        "but task 2 lacks 3 of the 10 inputs, task 5 lacks 2 of the 10 inputs",
+        missing(missing(X, 2, 8), 5, 7),
+        "but task 2 lacks 8 of the 10 inputs, task 5 lacks 7 of the 10 inputs. Compl",
     ),
     "twice": (
         np.vstack([X, X[X[:, -1] == 5][:2]]),
@@ -151,7 +163,7 @@ ERRORS = {
     ),
     "both": (
         np.vstack([missing(X, 0, 1), X[X[:, -1] == 5][:1]]),
-        "task 0 lacks 1 of the 10 inputs, task 5 has 1 of the 10 inputs more than",
+        "all missing, but task 5 has 1 of the 10 inputs more than once. Complete",
     ),
     "different inputs": (
         X + np.outer(X[:, -1], [1.0, 0.0, 0.0]),
@@ -245,35 +257,54 @@ class TestMemory:
     def test_cells_that_are_missing(self):
         """They are told where dense inference is for want of them alone."""
         X, y = draw()
-        match = r"with 29 samples .*available\. 1 cell is missing of 10 inputs of 3 tas"
+        match = r"with 26 samples .*available\. 4 cells are missing of 10 inputs of 3 t"
         with pytest.raises(InsufficientMemoryError, match=match):
-            MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+            MultiTaskGPRegressor(max_iter=0).fit(X[4:], y[4:])
         for model in (
             MultiTaskGPRegressor(max_iter=0, inference="dense"),
             MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0),
         ):
             with pytest.raises(InsufficientMemoryError, match=r"available\. Set inf"):
-                model.fit(X[1:], y[1:])
+                model.fit(X[4:], y[4:])
+
+    def test_what_they_take(self):
+        X, y = draw()
+        with pytest.raises(InsufficientMemoryError, match="with 10 inputs of each ta"):
+            MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
 
 
 class TestIncompleteData:
     @pytest.fixture(autouse=True)
     def few_are_many(self, monkeypatch):
-        monkeypatch.setattr(engines, "MANY", 28)
+        monkeypatch.setattr(engines, "MANY", 25)
 
     def test_warning(self):
         X, y = draw()
-        match = r"1 cell is missing of 10 .* dense, of 29 samples\. See the user guid"
+        match = r"4 cells are missing of 10 .* dense, of 26 samples\. See the user guid"
         with pytest.warns(IncompleteDataWarning, match=match):
-            model = MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+            model = MultiTaskGPRegressor(max_iter=0).fit(X[4:], y[4:])
         assert model.inference_ == "dense"
+
+    def test_what_it_advises(self):
+        """At most a tenth missing, none repeated; or to ask for it."""
+        X, y = draw()
+        for rows in (slice(4, None), np.r_[0, : len(y)]):
+            match = "none repeated and at most 10% missing, inference would be by Kro"
+            with pytest.warns(IncompleteDataWarning, match=match):
+                MultiTaskGPRegressor(max_iter=0).fit(X[rows], y[rows])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", IncompleteDataWarning)
+            model = MultiTaskGPRegressor(max_iter=0, inference="kronecker")
+            model.fit(X[4:], y[4:])
+        assert model.inference_ == "kronecker"
 
     def test_no_warning(self, monkeypatch):
         X, y = draw()
         with warnings.catch_warnings():
             warnings.simplefilter("error", IncompleteDataWarning)
             MultiTaskGPRegressor(max_iter=0).fit(X, y)
-            MultiTaskGPRegressor(max_iter=0, inference="dense").fit(X[1:], y[1:])
-            MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0).fit(X[1:], y[1:])
-            monkeypatch.setattr(engines, "MANY", 29)
             MultiTaskGPRegressor(max_iter=0).fit(X[1:], y[1:])
+            MultiTaskGPRegressor(max_iter=0, inference="dense").fit(X[4:], y[4:])
+            MultiTaskGPRegressor(RBF() + WhiteKernel(), max_iter=0).fit(X[4:], y[4:])
+            monkeypatch.setattr(engines, "MANY", 26)
+            MultiTaskGPRegressor(max_iter=0).fit(X[4:], y[4:])

@@ -1,0 +1,174 @@
+"""Every page of the documentation in a browser; ``make test-pages`` asks for it."""
+
+import io
+import re
+
+import pytest
+
+import site_tools as tools
+
+WIDTHS = [390, 768, 1280]  # a phone, a tablet, a desktop
+NUMBER = re.compile(r"[\s\d.,:;+\-−–±×·/%()e*^≤≥<>~≈x ]*(ms|µs|s|min|h|MB|GB)?[\s.)*]*")
+DARK = 0.45  # of full brightness: panels and pictures of a dark page stay below
+
+OVERFLOW = """() => {
+  const width = document.documentElement.clientWidth;
+  if (document.documentElement.scrollWidth <= width) return [];
+  const scrolls = node => node && node !== document.body && (
+    getComputedStyle(node).overflowX !== "visible" || scrolls(node.parentElement));
+  return [...document.querySelectorAll("body *")].filter(node =>
+    node.getBoundingClientRect().right > width + 1 && !scrolls(node.parentElement)
+  ).slice(0, 4).map(node => node.tagName + "." + node.className);
+}"""
+
+UNBROKEN = """() => [...document.querySelectorAll("article :is(td, th)")]
+  .filter(cell => getComputedStyle(cell).whiteSpace === "nowrap")
+  .map(cell => cell.textContent)"""
+
+IMAGES = """async () => {
+  const found = [...document.querySelectorAll("img")];
+  for (const node of found) node.loading = "eager";
+  await Promise.all(found.map(node => node.decode().catch(() => null)));
+  const faults = [];
+  for (const node of found) {
+    const name = node.currentSrc || node.src;
+    if (!node.complete || !node.naturalWidth) faults.push("does not load: " + name);
+    if (!node.alt.trim()) faults.push("says nothing in words: " + name);
+  }
+  return faults;
+}"""
+
+BLURRED = """async () => {
+  const faults = [];
+  for (const node of document.querySelectorAll("article img")) {
+    const copy = new Image();
+    copy.src = node.currentSrc;
+    await copy.decode().catch(() => null);
+    const shown = node.getBoundingClientRect().width * devicePixelRatio;
+    if (!/[.]svg$/.test(copy.src) && copy.naturalWidth < 0.9 * shown)
+      faults.push(`${copy.naturalWidth} < ${shown} pixels: ${copy.src}`);
+  }
+  return faults;
+}"""
+
+PANELS = """() => {
+  const faults = [];
+  for (const node of document.querySelectorAll("body *")) {
+    const box = node.getBoundingClientRect();
+    if (box.width * box.height < 1000) continue;
+    const [r, g, b, a = 1] = getComputedStyle(node).backgroundColor
+      .match(/[0-9.]+/g).map(Number);
+    const bright = (0.2126 * r + 0.7152 * g + 0.0722 * b) / 255;
+    if (a > 0.3 && bright > %s) faults.push(node.tagName + "." + node.className);
+  }
+  return [...new Set(faults)];
+}""" % DARK  # noqa: UP031
+
+
+@pytest.fixture(scope="module")
+def address():
+    with tools.served(tools.folder()) as address:
+        yield address
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with tools.chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def window(browser):
+    context = browser.new_context(device_scale_factor=2)
+    yield context.new_page()
+    context.close()
+
+
+@pytest.fixture
+def said(window, address):
+    """What goes wrong while a page opens: errors, and requests that are not served."""
+    heard = []
+    listeners = {
+        "console": lambda m: m.type in ("error", "warning") and heard.append(m.text),
+        "pageerror": lambda error: heard.append(str(error)),
+        "requestfailed": lambda r: heard.append(f"{r.failure}: {r.url}"),
+        "request": lambda r: (
+            not r.url.startswith((address, "data:", "blob:"))
+            and heard.append(f"elsewhere: {r.url}")
+        ),
+        "response": lambda r: r.status >= 400 and heard.append(f"{r.status}: {r.url}"),
+    }
+    for event, listener in listeners.items():
+        window.on(event, listener)
+    yield heard
+    for event, listener in listeners.items():
+        window.remove_listener(event, listener)
+
+
+def settled(window):
+    """Wait for the formulae."""
+    window.evaluate("() => window.MathJax?.startup?.promise")
+
+
+def resized(window, width):
+    window.set_viewport_size({"width": width, "height": 900})
+    window.evaluate("() => new Promise(done => requestAnimationFrame(done))")
+
+
+def brightness(locator):
+    """The mean of the frame of a picture as it is shown, from 0 to 1."""
+    image = pytest.importorskip("PIL.Image")
+    np = pytest.importorskip("numpy")
+    shown = np.asarray(image.open(io.BytesIO(locator.screenshot())).convert("L")) / 255
+    edges = [shown[2:4], shown[-4:-2], shown[:, 2:4].T, shown[:, -4:-2].T]
+    return np.concatenate([edge.ravel() for edge in edges]).mean()
+
+
+@pytest.mark.parametrize("page", tools.pages())
+def test_page(page, window, address, said):
+    """Nothing sticks out, fails, blurs, is nameless, or glares in the dark."""
+    window.emulate_media(color_scheme="light")
+    resized(window, WIDTHS[0])
+    window.goto(f"{address}/{page}", wait_until="load")
+    settled(window)
+    faults = window.evaluate(IMAGES)
+    for width in WIDTHS:
+        resized(window, width)
+        faults += [f"{width} px: {name}" for name in window.evaluate(OVERFLOW)]
+        faults += [f"{width} px: {name}" for name in window.evaluate(BLURRED)]
+    words = window.evaluate(UNBROKEN)
+    faults += [f"unbroken: {text}" for text in words if not NUMBER.fullmatch(text)]
+    window.emulate_media(color_scheme="dark")
+    window.wait_for_timeout(50)
+    faults += [f"bright in the dark: {name}" for name in window.evaluate(PANELS)]
+    for picture in window.locator("article img:visible").all():
+        if brightness(picture) > DARK:
+            faults.append(f"bright in the dark: {picture.get_attribute('src')}")
+    assert not faults + said
+
+
+@pytest.fixture(scope="module")
+def contents():
+    """What every page has and what it links to."""
+    site = tools.folder()
+    return {page: tools.read(site / page) for page in tools.pages()}
+
+
+def test_links(contents):
+    """Every file is there, and every anchor of a page."""
+    site, faults = tools.folder(), []
+    for page, reader in contents.items():
+        for path, anchor in filter(
+            None, (tools.internal(page, link) for link in reader.links)
+        ):
+            if not (site / path).exists():
+                faults.append(f"{page}: no {path}")
+            elif anchor and path in contents and anchor not in contents[path].ids:
+                faults.append(f"{page}: no #{anchor} in {path}")
+    assert not faults
+
+
+def test_favicon(contents):
+    site = tools.folder()
+    for page in contents:
+        assert re.search(r'<link rel="(shortcut )?icon"', (site / page).read_text("utf-8"))

@@ -1,6 +1,7 @@
 """Configuration of the documentation; ``make docs`` builds it without a network."""
 
 import sys
+import warnings
 from importlib import import_module
 from pathlib import Path
 
@@ -8,8 +9,11 @@ import numpydoc.xref
 
 import skmtgp
 
-sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and inventories
+sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and more
 from inventories import reachable
+
+# Examples show what a warning says, not where on this machine the code is.
+warnings.formatwarning = lambda text, kind, *where: f"{kind.__name__}: {text}\n"
 
 project = "skmtgp"
 author = "the skmtgp developers"
@@ -28,6 +32,8 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
+    "lite",
+    "pages",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build", "images"]
@@ -85,6 +91,7 @@ sphinx_gallery_conf = {
     "backreferences_dir": "auto_examples/backreferences",  # "Examples using ..."
     "reference_url": {"skmtgp": None},
     "min_reported_time": 1,  # seconds
+    "image_srcset": ["2x"],  # sharp on phones
     "reset_modules": ("matplotlib",),
     "abort_on_example_error": True,
     "capture_repr": (),
@@ -98,6 +105,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"skmtgp {version}"
 html_static_path = ["_static"]
 html_css_files = ["skmtgp.css"]
+html_favicon = "_static/favicon.svg"
+html_context = {"default_mode": "auto"}
 html_theme_options = {
     "header_links_before_dropdown": 6,
     "navbar_center": ["navbar-nav", "coming-from"],

@@ -41,7 +41,8 @@ def cell(kind, source):
 
 def cells_of(markdown):
     """The cells of a page: its prose, and its doctests without what they print."""
-    text = re.sub(r"```{figure}.*?\n```\n|:{3,}.*\n", "", markdown, flags=re.DOTALL)
+    text = markdown.partition("\n::::{grid}")[0]  # cards, and more that leads elsewhere
+    text = re.sub(r"```{figure}.*?\n```\n", "", text, flags=re.DOTALL)
     text = re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", text)  # links lead to other pages
     text = re.sub(r"{[\w:]+}(`)", r"\1", text)
     for i, part in enumerate(re.split(r"```{doctest}\n(.*?)```\n", text, flags=re.S)):

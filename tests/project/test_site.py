@@ -8,7 +8,7 @@ import pytest
 import site_tools as tools
 
 WIDTHS = [390, 768, 1280]  # a phone, a tablet, a desktop
-NUMBER = re.compile(r"[\s\d.,:;+\-−–±×·/%()e*^≤≥<>~≈x ]*(ms|µs|s|min|h|MB|GB)?[\s.)*]*")
+NUMBER = re.compile(r"[\s\d.,:;+\-−–±×·/%()e*^≤≥<>~≈x ]*(ms|µs|s|min|h|[KMG]i?B)?[\s.)*]*")
 DARK = 0.45  # of full brightness: panels and pictures of a dark page stay below
 
 STILL = """document.addEventListener("DOMContentLoaded", () => {
@@ -46,15 +46,18 @@ IMAGES = """async () => {
   return faults;
 }"""
 
-BLURRED = """async () => {
-  const faults = [];
+FORMULAE = """() => [...document.querySelectorAll("mjx-merror")]
+  .map(node => "formula: " + node.textContent)"""
+
+BLURRED = """async () => {  // a phone's pixels are the smallest
+  const faults = [], sharp = innerWidth < 600 ? 2 : 1.5;
   for (const node of document.querySelectorAll("article img")) {
     const copy = new Image();
     copy.src = node.currentSrc;
     await copy.decode().catch(() => null);
-    const shown = node.getBoundingClientRect().width * devicePixelRatio;
-    if (!/[.]svg$/.test(copy.src) && copy.naturalWidth < 0.9 * shown)
-      faults.push(`${copy.naturalWidth} < ${shown} pixels: ${copy.src}`);
+    const wanted = node.getBoundingClientRect().width * sharp;
+    if (!/[.]svg$/.test(copy.src) && copy.naturalWidth < 0.95 * wanted)
+      faults.push(`${copy.naturalWidth} < ${wanted} pixels: ${copy.src}`);
   }
   return faults;
 }"""
@@ -141,7 +144,7 @@ def test_page(page, window, address, said):
     resized(window, WIDTHS[0])
     window.goto(f"{address}/{page}", wait_until="load")
     settled(window)
-    faults = window.evaluate(IMAGES)
+    faults = window.evaluate(IMAGES) + window.evaluate(FORMULAE)
     for width in WIDTHS:
         resized(window, width)
         faults += [f"{width} px: {name}" for name in window.evaluate(OVERFLOW)]
@@ -149,7 +152,7 @@ def test_page(page, window, address, said):
     words = window.evaluate(UNBROKEN)
     faults += [f"unbroken: {text}" for text in words if not NUMBER.fullmatch(text)]
     window.emulate_media(color_scheme="dark")
-    window.wait_for_timeout(50)
+    window.wait_for_function("document.documentElement.dataset.theme === 'dark'")
     faults += [f"bright in the dark: {name}" for name in window.evaluate(PANELS)]
     for picture in window.locator("article img:visible").all():
         if brightness(picture) > DARK:

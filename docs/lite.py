@@ -66,10 +66,14 @@ def sources_of(doctest):
 
 def notebook(cells):
     """A notebook that first fetches what it needs."""
-    kernel = {"name": "python", "display_name": "Python (Pyodide)", "language": "python"}
+    kernel = {
+        "name": "python",
+        "display_name": "Python (Pyodide)",
+        "language": "python",
+    }
     return {
         "cells": [cell("code", INSTALL), *cells],
-        "metadata": {"kernelspec": kernel, "language_info": {"name": "python"}},
+        "metadata": {"kernelspec": kernel, "language_info": language},
         "nbformat": 4,
         "nbformat_minor": 4,
     }

@@ -66,11 +66,8 @@ def sources_of(doctest):
 
 def notebook(cells):
     """A notebook that first fetches what it needs."""
-    kernel = {
-        "name": "python",
-        "display_name": "Python (Pyodide)",
-        "language": "python",
-    }
+    language = {"name": "python"}
+    kernel = {**language, "display_name": "Python (Pyodide)", "language": "python"}
     return {
         "cells": [cell("code", INSTALL), *cells],
         "metadata": {"kernelspec": kernel, "language_info": language},

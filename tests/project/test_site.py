@@ -4,13 +4,10 @@ import io
 import re
 
 import pytest
-
 import site_tools as tools
 
 WIDTHS = [390, 768, 1280]  # a phone, a tablet, a desktop
 WORDS = re.compile(r"(?!min|ms|[KMG]i?B)\b[A-Za-z]{2,}")  # but for units
-    r"[\s\d.,:;+\-−–±×·/%()e*^≤≥<>~≈x ]*(ms|µs|s|min|h|[KMG]i?B)?[\s.)*]*"
-)
 DARK = 0.45  # of full brightness: panels and pictures of a dark page stay below
 
 STILL = """document.addEventListener("DOMContentLoaded", () => {
@@ -78,7 +75,7 @@ PANELS = (
   return [...new Set(faults)];
 }"""
     % DARK
-)  # noqa: UP031
+)
 
 
 @pytest.fixture(scope="module")

@@ -61,8 +61,7 @@ BLURRED = """async () => {  // a phone's pixels are the smallest
   return faults;
 }"""
 
-PANELS = (
-    """() => {
+PANELS = """dark => {
   const faults = [];
   for (const node of document.querySelectorAll("body *")) {
     const box = node.getBoundingClientRect();
@@ -70,12 +69,10 @@ PANELS = (
     const [r, g, b, a = 1] = getComputedStyle(node).backgroundColor
       .match(/[0-9.]+/g).map(Number);
     const bright = (0.2126 * r + 0.7152 * g + 0.0722 * b) / 255;
-    if (a > 0.3 && bright > %s) faults.push(node.tagName + "." + node.className);
+    if (a > 0.3 && bright > dark) faults.push(node.tagName + "." + node.className);
   }
   return [...new Set(faults)];
 }"""
-    % DARK
-)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +152,7 @@ def test_page(page, window, address, said):
     faults += [f"unbroken: {text}" for text in cells if WORDS.search(text)]
     window.emulate_media(color_scheme="dark")
     window.wait_for_function("document.documentElement.dataset.theme === 'dark'")
-    faults += [f"bright in the dark: {name}" for name in window.evaluate(PANELS)]
+    faults += [f"bright in the dark: {name}" for name in window.evaluate(PANELS, DARK)]
     for picture in window.locator("article img:visible").all():
         if brightness(picture) > DARK:
             faults.append(f"bright in the dark: {picture.get_attribute('src')}")

@@ -17,6 +17,11 @@ DOCS = ROOT / "docs"
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only in a checkout")
 
+DRAWS = """  # before threads are refused: Pyodide's Matplotlib starts none
+import matplotlib; matplotlib.use("agg")
+import matplotlib.pyplot
+"""
+
 LIKE_PYODIDE = """
 import os, sys, sysconfig, threading, types
 sysconfig.get_config_vars()  # which looks for a file of the platform's
@@ -51,11 +56,11 @@ def codes(lite, page):
     return [cell["source"] for cell in found["cells"] if cell["cell_type"] == "code"]
 
 
-def run(script):
+def run(script, before=""):
     """What a script does there; BLAS has one thread, as Pyodide's has."""
     names = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
     return subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", LIKE_PYODIDE + script],
+        [sys.executable, "-W", "ignore", "-c", before + LIKE_PYODIDE + script],
         env=os.environ | dict.fromkeys(names, "1"),
         cwd=ROOT,
         capture_output=True,
@@ -137,8 +142,7 @@ def test_more_processes_than_a_browser_has(n_jobs):
 @pytest.mark.long
 def test_tutorial_runs_like_in_a_browser(lite):
     pytest.importorskip("matplotlib")
-    script = "import matplotlib; matplotlib.use('agg')\n"
-    done = run(script + script_of(codes(lite, "tutorials/sensors")[1:]))
+    done = run(script_of(codes(lite, "tutorials/sensors")[1:]), before=DRAWS)
     assert done.returncode == 0, done.stderr
 
 
@@ -151,6 +155,5 @@ def test_gallery_runs_like_in_a_browser(lite, path):
     text = path.read_text("utf-8")
     if "statsmodels" in text:
         pytest.importorskip("statsmodels")
-    script = "import matplotlib; matplotlib.use('agg')\n"
-    done = run(f"{script}exec(compile({text!r}, 'cell', 'exec'), {{}})")
+    done = run(f"exec(compile({text!r}, 'cell', 'exec'), {{}})", before=DRAWS)
     assert done.returncode == 0, done.stderr

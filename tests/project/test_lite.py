@@ -72,12 +72,7 @@ def run(script, before=""):
 
 def script_of(cells):
     """The cells one after another, in one namespace."""
-    lines = [
-        "from code import InteractiveInterpreter",
-        "shell = InteractiveInterpreter()",
-    ]
-    for source in cells:
-        lines += [f"exec(compile({source!r}, 'cell', 'exec'), shell.locals)"]
+    lines = ["names = {}", *(f"exec({source!r}, names)" for source in cells)]
     return "\n".join(lines)
 
 

@@ -1,7 +1,6 @@
 """Configuration of the documentation; ``make docs`` builds it without a network."""
 
 import sys
-import warnings
 from importlib import import_module
 from pathlib import Path
 
@@ -11,9 +10,6 @@ import skmtgp
 
 sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and more
 from inventories import reachable
-
-# Examples show what a warning says, not where on this machine the code is.
-warnings.formatwarning = lambda text, kind, *where: f"{kind.__name__}: {text}\n"
 
 project = "skmtgp"
 author = "the skmtgp developers"
@@ -92,7 +88,8 @@ sphinx_gallery_conf = {
     "reference_url": {"skmtgp": None},
     "min_reported_time": 1,  # seconds
     "image_srcset": ["2x"],  # sharp on phones
-    "reset_modules": ("matplotlib",),
+    "parallel": 2,
+    "reset_modules": ("matplotlib", "gallery_order.short_warnings"),
     "abort_on_example_error": True,
     "capture_repr": (),
     "write_computation_times": False,

@@ -23,8 +23,8 @@ import matplotlib.pyplot
 """
 
 LIKE_PYODIDE = """
-import os, sys, sysconfig, threading, types
-sysconfig.get_config_vars()  # which looks for a file of the platform's
+import ctypes.util, os, sys, sysconfig, threading, types
+sysconfig.get_config_vars()  # this and ctypes ask at once which platform it is
 
 def refuse(*args, **kwargs):
     raise RuntimeError("can't start new thread")

@@ -1,6 +1,8 @@
 """Every page of the documentation in a browser; ``make test-pages`` asks for it."""
 
+import hashlib
 import io
+import json
 import re
 
 import pytest
@@ -44,6 +46,9 @@ IMAGES = """async () => {
   }
   return faults;
 }"""
+
+DONE = """() => /finished|did not match/.test(
+  document.querySelector("#search-results .search-summary").textContent)"""
 
 FORMULAE = """() => [...document.querySelectorAll("mjx-merror")]
   .map(node => "formula: " + node.textContent)"""
@@ -189,3 +194,54 @@ def test_favicon(contents):
         assert re.search(
             r'<link rel="(shortcut )?icon"', (site / page).read_text("utf-8")
         )
+
+
+FOUND = {  # what readers look for, and the title of what they should find first
+    "GPU": "Speed",
+    "kriging": "[Kk]riging|The model",
+    "missing": "missing",
+    "offset": "levels",
+    "plot": "Plots",
+    "save": "Saving",
+    "slow": "Speed",
+}
+
+
+@pytest.mark.parametrize("word", FOUND)
+def test_search(word, window, address):
+    window.goto(f"{address}/search.html?q={word}")
+    window.wait_for_selector("#search-results .search-summary:not(:empty)")
+    window.wait_for_function(DONE)
+    title = window.locator("#search-results ul.search > li > a").first.text_content()
+    assert re.search(FOUND[word], title), title
+
+
+def test_notebooks(contents):
+    """Every button has its notebook, and the wheel is the one that pip finds."""
+    lite = tools.folder() / "lite"
+    found = {
+        link.partition("path=")[2]
+        for reader in contents.values()
+        for link in reader.links
+        if "lite/notebooks" in link
+    }
+    assert found == {path.name for path in lite.glob("files/*.ipynb")}
+    assert {"start.ipynb", "sensors.ipynb", "plot_sites.ipynb"} <= found
+    (releases,) = json.loads((lite / "pypi" / "all.json").read_text("utf-8")).values()
+    ((file,),) = releases["releases"].values()
+    wheel = (lite / "pypi" / file["filename"]).read_bytes()
+    assert hashlib.sha256(wheel).hexdigest() == file["digests"]["sha256"]
+    assert file["filename"].endswith("-py3-none-any.whl")
+
+
+def test_notebook_opens(browser, address):
+    """The runtime is Pyodide's and comes from elsewhere: it is not fetched here."""
+    context = browser.new_context()
+    context.route(lambda url: not url.startswith(address), lambda route: route.abort())
+    page, errors = context.new_page(), []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.goto(f"{address}/lite/notebooks/index.html?path=start.ipynb")
+    page.wait_for_selector("text=MultiTaskGPRegressor", timeout=120_000)
+    page.wait_for_selector("text=Python (Pyodide)", timeout=60_000)
+    context.close()
+    assert not errors

@@ -2,9 +2,11 @@
 
 Pyodide's own NumPy, SciPy, pandas and scikit-learn are on no package index, so that a
 test cannot have them: the notebooks run here as much like there as CPython allows, with
-no thread, no process and no `os.sched_getaffinity`.
+no thread, no process and no `os.sched_getaffinity`. Pyodide itself is on npm: after
+``npm pack pyodide`` and ``tar xf``, SKMTGP_PYODIDE=package has one more test run.
 """
 
+import ast
 import os
 import subprocess
 import sys
@@ -38,6 +40,17 @@ os.cpu_count = os.process_cpu_count = lambda: 1
 for name in ("sched_getaffinity", "fork", "forkpty", "posix_spawn", "register_at_fork"):
     if hasattr(os, name):
         delattr(os, name)
+"""
+
+IN_PYODIDE = """
+import { loadPyodide } from "%s/pyodide.mjs";
+const python = await loadPyodide();
+python.runPython(`
+import importlib
+for name in %r:
+    importlib.import_module(name)
+print("all", len(%r))
+`);
 """
 
 
@@ -152,3 +165,30 @@ def test_gallery_runs_like_in_a_browser(lite, path):
         pytest.importorskip("statsmodels")
     done = run(f"exec(compile({text!r}, 'cell', 'exec'), {{}})", before=DRAWS)
     assert done.returncode == 0, done.stderr
+
+
+def imported():
+    """Modules of the standard library that skmtgp imports."""
+    names = set()
+    for path in (ROOT / "skmtgp").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(node.module)
+    return sorted(n for n in names if n.split(".")[0] in sys.stdlib_module_names)
+
+
+def test_no_module_that_a_browser_lacks():
+    assert "concurrent.futures" in imported()
+    assert not {"multiprocessing", "resource", "subprocess"} & set(imported())
+
+
+@pytest.mark.skipif("SKMTGP_PYODIDE" not in os.environ, reason="needs npm's pyodide")
+def test_standard_modules_are_in_pyodide(tmp_path):
+    names, script = imported(), tmp_path / "script.mjs"
+    folder = Path(os.environ["SKMTGP_PYODIDE"]).resolve()
+    script.write_text(IN_PYODIDE % (folder, names, names), "utf-8")
+    command = ["node", script]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert f"all {len(names)}" in done.stdout, done.stderr[-500:]

@@ -17,7 +17,8 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test test-long coverage test-oldest fuzz lint docs dist \
+.PHONY: help demo demo-short test test-long coverage test-oldest fuzz lint docs \
+    test-pages dist \
     bench bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
     paper-page clean
 
@@ -31,6 +32,7 @@ help:
 	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint         check style and formatting'
 	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
+	@echo 'make test-pages   open every page of it in Chromium: minutes'
 	@echo 'make dist         what a release is made of, in dist; it is checked and tried'
 	@echo 'make bench        compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-own    the benchmarks that need no other package'
@@ -82,12 +84,23 @@ lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-# The examples first: a page that does not run is not shown.
-SPHINX := $(ONE_THREAD) $(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/.cache
+# The examples first: a page that does not run is not shown. On a terminal Sphinx says
+# where it is; into a file it writes what is wrong alone.
+SPHINX := $(ONE_THREAD) $(BIN)/python -m sphinx -W --keep-going -d docs/_build/.cache \
+    $$([ -t 1 ] || echo -q)
+HTML := docs/_build/html
 docs: $(VENV)/ready-for-docs
-	$(SPHINX) -b doctest docs docs/_build/doctest
-	$(SPHINX) -b html docs docs/_build/html
-	@echo docs/_build/html/index.html
+	@echo 'Running the gallery and the examples of the pages (two or three minutes)'
+	@$(SPHINX) -b doctest docs docs/_build/doctest
+	@echo 'Writing the pages (a minute)'
+	@$(SPHINX) -b html docs $(HTML)
+	@echo $(HTML)/index.html
+
+test-pages: $(VENV)/ready-for-pages $(HTML)/index.html
+	SKMTGP_SITE=$(HTML) $(PYTEST) tests/project/test_site.py $(PYTESTFLAGS)
+
+$(HTML)/index.html:
+	$(MAKE) --no-print-directory docs
 
 # The wheel is built from the source distribution and tried on its own, with no extra:
 # python -P, in another directory, cannot see the checkout. The examples that need
@@ -196,6 +209,11 @@ $(VENV)/ready-to-test: $(VENV)/ready-to-run
 $(VENV)/ready-for-docs: $(VENV)/ready-to-run
 	@echo 'Installing the tools of the documentation into $(VENV)'
 	$(PIP) -e '.[docs]'
+	@touch $@
+
+$(VENV)/ready-for-pages: $(VENV)/ready-to-run
+	@echo 'Installing the tools that open the pages into $(VENV)'
+	$(PIP) -e '.[pages]'
 	@touch $@
 
 $(VENV)/ready-to-build: $(VENV)/ready-to-run

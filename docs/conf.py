@@ -8,7 +8,7 @@ import numpydoc.xref
 
 import skmtgp
 
-sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and inventories
+sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and more
 from inventories import reachable
 
 project = "skmtgp"
@@ -28,6 +28,8 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
+    "lite",
+    "pages",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
 exclude_patterns = ["_build", "images"]
@@ -85,7 +87,9 @@ sphinx_gallery_conf = {
     "backreferences_dir": "auto_examples/backreferences",  # "Examples using ..."
     "reference_url": {"skmtgp": None},
     "min_reported_time": 1,  # seconds
-    "reset_modules": ("matplotlib",),
+    "image_srcset": ["2x"],  # sharp on phones
+    "parallel": 2,
+    "reset_modules": ("matplotlib", "gallery_order.short_warnings"),
     "abort_on_example_error": True,
     "capture_repr": (),
     "write_computation_times": False,
@@ -98,6 +102,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = f"skmtgp {version}"
 html_static_path = ["_static"]
 html_css_files = ["skmtgp.css"]
+html_favicon = "_static/favicon.svg"
+html_context = {"default_mode": "auto"}
 html_theme_options = {
     "header_links_before_dropdown": 6,
     "navbar_center": ["navbar-nav", "coming-from"],

@@ -1,6 +1,7 @@
-"""The order of the examples: that of examples/gallery/index.rst. docs/conf.py asks."""
+"""The order of the examples, and how they warn. docs/conf.py asks for both."""
 
 import re
+import warnings
 from pathlib import Path
 
 INDEX = Path(__file__).parents[1] / "examples" / "gallery" / "index.rst"
@@ -8,5 +9,10 @@ ORDER = re.findall(r"^   (plot_\w+)$", INDEX.read_text("utf-8"), re.MULTILINE)
 
 
 def position(script):
-    """Where a script, a name or path, stands."""
+    """Where a script, a name or path, stands in examples/gallery/index.rst."""
     return ORDER.index(Path(script).stem)
+
+
+def short_warnings(gallery_conf, name):
+    """Examples show what a warning says, not where on this machine the code is."""
+    warnings.formatwarning = lambda text, kind, *where: f"{kind.__name__}: {text}\n"

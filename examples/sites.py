@@ -42,28 +42,42 @@ def errors(models, sites, truth):
     return means.loc[sites] ** 0.5
 
 
-def draw(models, X, y, truth, sites):
-    """The predictions: a row of panels for each model."""
+def draw(models, X, y, truth, sites, narrow=False):
+    """The predictions: a row of panels for each model, or on phones a column."""
+    shape = (len(models), len(sites))
     figure, axes = plt.subplots(
-        len(models),
-        len(sites),
-        figsize=(9.5, 4.2),
+        *(shape[::-1] if narrow else shape),
+        figsize=(4.2, 7.2) if narrow else (9.5, 4.2),
         sharex=True,
         sharey=True,
         layout="constrained",
     )
-    for row, (name, model) in zip(axes, models.items(), strict=True):
+    panels = axes.T if narrow else axes
+    for row, model in zip(panels, models.values(), strict=True):
         display = TaskPredictionDisplay.from_estimator(
             model, X, y, truth=truth, tasks=sites, ax=row
         )
-        row[0].set_ylabel(name)
-    for ax, site in zip(axes[0], sites, strict=True):
-        ax.set(title=f"{site}: {(X['site'] == site).sum()} rows", xlabel=None)
-    for ax in axes[1]:
-        ax.set(title=None, xticks=[0, 6, 12, 18, 24])
+        for ax, site in zip(row, sites, strict=True):
+            ax.set(title=f"{site}: {(X['site'] == site).sum()} rows")
+            ax.set(xlabel="", ylabel="", xticks=[0, 6, 12, 18, 24])
+    name_models(panels, models, narrow)
+    for ax in axes[-1]:
+        ax.set_xlabel("hour")
     legend = display.ax_.get_legend_handles_labels()
-    figure.legend(*legend, loc="outside upper center", ncols=4, frameon=False)
+    columns = 2 if narrow else 4
+    figure.legend(*legend, loc="outside upper center", ncols=columns, frameon=False)
     return figure
+
+
+def name_models(panels, models, narrow):
+    """Above the columns, or beside the rows, which then need the sites but once."""
+    for row, name in zip(panels, models, strict=True):
+        if narrow:
+            row[0].set_title(f"{name}\n\n{row[0].get_title()}")
+        else:
+            row[0].set_ylabel(name)
+    for ax in [] if narrow else panels[1:].flat:
+        ax.set_title("")
 
 
 def main():
@@ -77,6 +91,8 @@ def main():
     print(errors(models, sites, truth).round(2).T.to_string())
     output.parent.mkdir(parents=True, exist_ok=True)
     draw(models, X, y, truth, sites).savefig(output, dpi=150)
+    narrow = draw(models, X, y, truth, sites, narrow=True)
+    narrow.savefig(output.with_stem(f"{output.stem}-narrow"), dpi=200)
 
 
 if __name__ == "__main__":

@@ -557,7 +557,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Returns
         -------
         y_terms : ndarray of shape (n_samples, [n_outputs,] n_terms + 1)
-            Predictive means of the terms :math:`K^\\rho_q \\times k_q`, in the order of
+            Predictive means of the terms :math:`K^\rho_q \times k_q`, in the order of
             `kernel_`, and last of the task's level, with `y_mean_`. With `trend` there
             is one more, that of the trend, before the level. In the units of y; with
             `target_transform` in those of the transformed targets, in which they sum.

@@ -1,0 +1,64 @@
+"""What pages need on small and on sharp screens: marked numbers, sharp pictures."""
+
+import re
+from pathlib import Path
+
+from docutils import nodes
+from PIL import Image  # Matplotlib has it
+from sphinx.transforms import SphinxTransform
+from sphinx_gallery.directives import imgsgnode
+
+SHARP = "_2_00x"  # what sphinx-gallery adds to the name of a picture of twice the size
+INCH = 100  # pixels of the page for an inch of a picture
+PHONE = 620  # pixels: a wider picture cannot be read on a phone unless it scrolls
+NUMBER = re.compile(  # -1,234.5 or 1e-07, one more, and a unit
+    r"\W?\d[\d.,]*(e\W?\d+)?(\s?\W\s?[\d.,]+)?\W?\s?(ms|µ?s|min|h|[KMG]i?B)?"
+)
+
+
+class Numbers(SphinxTransform):
+    """Mark the cells that hold a number: skmtgp.css keeps those in one line."""
+
+    default_priority = 500
+
+    def apply(self):
+        """Give them a class."""
+        for entry in self.document.findall(nodes.entry):
+            if NUMBER.fullmatch(entry.astext().strip()):
+                entry["classes"].append("number")
+
+
+class Pictures(SphinxTransform):
+    """Show an inch of every picture as wide, sharp, and let wide ones scroll."""
+
+    default_priority = 500
+
+    def apply(self):
+        """Say how wide a picture is, and take the gallery's of twice the size."""
+        folder = Path(self.env.doc2path(self.env.docname)).parent
+        for image in self.document.findall(nodes.image):
+            path = folder / image["uri"]
+            if path.suffix == ".png" and path.exists():
+                image.setdefault("width", f"{width(path):.0f}px")
+                image["classes"] += ["wide"] * (width(path) > PHONE)
+                sharp = path.with_stem(path.stem + SHARP)
+                if sharp.exists():
+                    image["uri"] = str(Path(image["uri"]).with_name(sharp.name))
+        for image in list(self.document.findall(imgsgnode)):
+            if width(Path(self.env.srcdir, image["uri"].lstrip("/"))) > PHONE:
+                box = nodes.container(classes=["scrolls"])
+                image.replace_self(box)
+                box += image
+
+
+def width(path):
+    """Pixels of the page for a PNG, whose header says how many there are to an inch."""
+    with Image.open(path) as image:
+        return INCH * image.width / image.info.get("dpi", (INCH, INCH))[0]
+
+
+def setup(app):
+    """As an extension of Sphinx."""
+    app.add_transform(Numbers)
+    app.add_transform(Pictures)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -15,6 +15,7 @@ from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.stages import learn_fixed
 from skmtgp.learning.summarised import exact_part, learn_rest
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.task_covariance import identity, ones
 
 
@@ -37,10 +38,8 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         problems = [problem.with_form(form) for problem in problems]
 
         def describe(j, mode):
-            return (
-                f"{problems[j].name}: log marginal likelihood {mode.value:.2f} "
-                f"(scaled) after {mode.n_iter} iterations"
-            )
+            found = in_words(problems[j], mode.value)
+            return f"{about(problems[j])}{found} after {mode.n_iter} iterations"
 
         jobs = [(problem,) for problem in exact_part(problems, [form])]
         report = progress("learning", len(jobs), describe)

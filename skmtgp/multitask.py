@@ -20,6 +20,7 @@ from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
@@ -424,7 +425,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         modes = self._learn_ranks(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
         found = zip(of_forms, modes, strict=True)
-        return max(found, key=lambda of: sum(map(criterion, *of)))
+        best = max(found, key=lambda of: sum(map(criterion, *of)))
+        if self.verbose and len(forms) > 1:
+            say(f"chosen by BIC: {best[0][0].prior.task_covariance}")
+        return best
 
     def _check_rank(self, term, data):
         """Raise an error where the rank of a term cannot be."""

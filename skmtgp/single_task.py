@@ -253,7 +253,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         tiles = TileMemory(kernel, features[:1])
         self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
         self._foretell(model, rows, features, Y)
-        names = [f"task {m} of {len(rows)}" for m in range(1, len(rows) + 1)]
+        names = [self._in_words(m) for m in range(len(rows))]
         results = run(
             _fit_alone,
             [(model, X[r], Y[r], name) for r, name in zip(rows, names, strict=True)],
@@ -324,9 +324,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def _describe(self, m, result):
         estimator, _ = result
-        return (
-            f"task {m + 1} of {len(self.tasks_)} after {estimator.n_iter_} iterations"
-        )
+        value, n_iter = estimator.log_marginal_likelihood_value_, estimator.n_iter_
+        found = f"log likelihood {value:.1f} after {n_iter} iterations"
+        return f"{self._in_words(m)}: {found}"
+
+    def _in_words(self, m):
+        """The name of a task in lines."""
+        return f"task {self.tasks_[m]} ({m + 1} of {len(self.tasks_)})"
 
     def _means(self, features, codes):
         means = np.empty((len(features), self._n_outputs))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace
+from itertools import chain
 from numbers import Integral, Real
 from time import time
 from typing import Self
@@ -39,7 +40,8 @@ from skmtgp.inference.engine import Demand, Engine, check_terms
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
-from skmtgp.learning.problem import Budget, Problem
+from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.several import Kernels, terms_of
@@ -113,11 +115,21 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
-                training, [problems], [modes] = decided
+                training, [problems], [modes] = self._tell(training, *decided)
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
                 warn_of_doubts(problems, modes, sampled=self._is_sampled())
         return self
+
+    def _tell(self, before, training, problems, modes):
+        """The same; says if the noise is another than learning began with."""
+        if self.verbose and training.noise != before.noise:
+            say(f"chosen once all is learned: {training.chosen}")
+            for of in zip(chain(*problems), chain(*modes), strict=True):
+                problem, mode = of
+                name = about(problem, problem.prior.task_covariance)
+                say(f"{name}{in_words(problem, mode.value)}")
+        return training, problems, modes
 
     def _foretell(self, problems, n_forms=1):
         """The problems with the pace of learning; where it is slow, that is said."""
@@ -129,7 +141,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             "inference will take"
         )
         if self.verbose and forecast.rows:
-            say(f"{learning} very roughly {forecast} on one processor")
+            say(f"{learning} very roughly {forecast}, on one processor")
         warn_of_duration(learning, forecast.seconds)
         budget = replace(problems[0].budget, pace=forecast.pace)
         return [replace(problem, budget=budget) for problem in problems]
@@ -165,7 +177,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         check = check_partitions if stay else check_training
         training = self._scale(*check(self, X, y))
         report = "auto" in (self.normalize_y, self.noise) and progress(
-            "units", 1, lambda _, chosen: f"units and noise of the tasks: {chosen}"
+            "units", 1, lambda _, chosen: f"chosen from the data: {chosen}"
         )
         if report:
             report(0, training.chosen)
@@ -245,8 +257,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
                 data=data,
                 engine=engine,
                 budget=self._budget(),
-                name=f"output {j} of {n}" if n > 1 else "the output",
+                name=f"output {j} of {n}" if n > 1 else THE_OUTPUT,
                 weak_priors=self.hyperparameters == "map",
+                log_scales=np.log(training.units.scale[j - 1]),
             )
             for j, data in enumerate(of_outputs, start=1)
         ]

@@ -94,8 +94,11 @@ class Training:
     @property
     def chosen(self):
         """Units and noise, in words."""
-        units = "units of their own" if self.units.per_task else "the same units"
-        noises = {"shared": "one noise variance", "per_task": "a noise variance each"}
+        units = "own units for each task" if self.units.per_task else "the same units"
+        noises = {
+            "shared": "one noise variance for all tasks",
+            "per_task": "a noise variance for each task",
+        }
         return f"{units}, {noises[self.noise]}"
 
     def order(self, engine):

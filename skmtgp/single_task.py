@@ -45,11 +45,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     Parameters
     ----------
-    kernel : Kernel, default=None
+    kernel : Kernel, str or None, default=None
         Kernel over the columns of X without the task column, with its starting values
-        and bounds. None is an amplitude times a squared exponential with one
-        length-scale for each feature, started and bounded relative to the feature's
-        standard deviation.
+        and bounds. Or the name of one, which gets an amplitude and a length-scale for
+        each feature, started and bounded relative to the feature's standard deviation:
+        "rbf", the squared exponential, which None is too, "exponential", "matern" and
+        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
     noise_variance : float, default=1e-2
@@ -174,7 +175,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def __init__(
         self,
-        kernel: Kernel | None = None,
+        kernel: Kernel | str | None = None,
         *,
         task_feature: int | str = -1,
         noise_variance: float = 1e-2,
@@ -241,7 +242,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         model = PooledGP(**params)
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
-        kernel = model._default_kernel(features) if self.kernel is None else self.kernel
+        kernel = model._made(self.kernel, features)
         check_kernel(kernel, features)
         engine, prior = (
             alone(self.inference, **model._options()),
@@ -514,8 +515,7 @@ def alone_like(model, features):
         the prior of unit information.
     """
     kernels = [
-        ConstantKernel(1.0, (1e-3, 1e3))
-        * (model._default_kernel(features) if kernel is None else clone(kernel))
+        ConstantKernel(1.0, (1e-3, 1e3)) * model._made(kernel, features)
         for kernel in model._kernels()
     ]
     kernel = reduce(add, kernels)

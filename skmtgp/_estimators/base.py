@@ -12,7 +12,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
 from skmtgp._data.dask import is_dask
@@ -22,10 +21,11 @@ from skmtgp._data.partitions import check_partitions
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
+from skmtgp._estimators.named_kernels import DEFAULT, KERNEL, named_kernel
 from skmtgp._estimators.online import OnlineGP
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.targets import fit_target
-from skmtgp._estimators.training import Training, default_kernel
+from skmtgp._estimators.training import Training
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
 from skmtgp._support.progress import fitting, say
@@ -58,7 +58,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
-        "kernel": [Kernel, None],
+        "kernel": list(KERNEL),
         "task_feature": [Integral, str],
         "noise": [StrOptions({"auto", "shared", "per_task"})],
         "noise_variance": [Interval(Real, 0.0, None, closed="neither")],
@@ -150,8 +150,15 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """K^rho of the small model that says in which units to learn."""
         return identity(n_tasks, diagonal=True)
 
-    def _default_kernel(self, features):
-        return default_kernel(features)
+    def _named_kernel(self, name, features):
+        """The kernel of a name."""
+        return named_kernel(name, features)
+
+    def _made(self, kernel, features):
+        """A kernel as the user gave it, or that of the name, or the default."""
+        if kernel is None or isinstance(kernel, str):
+            return self._named_kernel(kernel or DEFAULT, features)
+        return clone(kernel)  # the user may change theirs
 
     def _learns_amplitude(self):
         """Whether the model can scale itself to the targets."""
@@ -227,10 +234,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         return Kernels(kernels) if len(kernels) > 1 else kernels[0]
 
     def _checked(self, kernel, training):
-        if kernel is None:
-            kernel = self._default_kernel(training.features)
+        kernel = self._made(kernel, training.features)
         check_kernel(kernel, training.features)
-        return clone(kernel)  # the user may change theirs
+        return kernel
 
     def _n_climbs(self, n_ranks):
         """How many climbs over all rows an output has that do not wait for others."""

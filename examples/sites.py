@@ -52,17 +52,21 @@ def draw(models, X, y, truth, sites):
         sharey=True,
         layout="constrained",
     )
+    lines = []
     for row, (name, model) in zip(axes, models.items(), strict=True):
         display = TaskPredictionDisplay.from_estimator(
             model, X, y, truth=truth, tasks=sites, ax=row
         )
         row[0].set_ylabel(name)
+        display.lines_[0].set_label(name)
+        lines += display.lines_[:1]
     for ax, site in zip(axes[0], sites, strict=True):
         ax.set(title=f"{site}: {(X['site'] == site).sum()} rows", xlabel=None)
     for ax in axes[1]:
         ax.set(title=None, xticks=[0, 6, 12, 18, 24])
-    legend = display.ax_.get_legend_handles_labels()
-    figure.legend(*legend, loc="outside upper center", ncols=4, frameon=False)
+    others = display.bands_[0], display.truths_[0], display.observed_[0]
+    style = {"loc": "outside upper center", "ncols": 5, "frameon": False}
+    figure.legend(handles=[*lines, *others], **style)
     return figure
 
 

@@ -11,7 +11,7 @@ from skmtgp.predictor import compile_predictor
 from skmtgp.single_task import SingleTaskGP
 from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
-__version__ = "0.1.0.dev0"
+__version__ = "0.1.0"
 
 __all__ = [
     "BayesianLinearRegression",

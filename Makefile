@@ -18,7 +18,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
 .PHONY: help demo demo-short test test-long coverage test-oldest fuzz lint docs \
-    test-pages dist \
+    test-pages dist release-check \
     bench bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
     paper-page clean
 
@@ -34,6 +34,7 @@ help:
 	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
 	@echo 'make test-pages   open every page of it in Chromium: minutes'
 	@echo 'make dist         what a release is made of, in dist; it is checked and tried'
+	@echo 'make release-check  make dist, and what else must hold before a release'
 	@echo 'make bench        compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-own    the benchmarks that need no other package'
 	@echo 'make bench-sparse the whole training set by inducing inputs: hours'
@@ -116,6 +117,12 @@ dist: $(VENV)/ready-to-build
 	$(TRIAL)/bin/python -m pip --disable-pip-version-check install -q pytest
 	cd $(TRIAL) && $(ONE_THREAD) bin/python -P -m pytest -c ../pyproject.toml \
 	    -p no:cacheprovider --pyargs skmtgp
+
+# Also where something is left to fill in, all of it is built and tried before that is
+# said. The documentation takes minutes: make release-check DOCS=docs.
+DOCS ?=
+release-check: dist $(DOCS)
+	$(BIN)/python .ci/check_release.py
 
 # Every package that is compared has an environment of its own. One that cannot be
 # installed is left out: the results then say so.

@@ -8,6 +8,7 @@ EXTRAS = {  # beginnings of the names of examples
     "skmtgp.datasets._make.make": "pinocchio",
     "skmtgp.datasets._puma560.fetch": "pinocchio",
     "skmtgp.datasets._robot.inverse": "pinocchio",
+    "skmtgp.datasets._robot.link": "pinocchio",
     "skmtgp.robot": "pinocchio",
 }
 

@@ -17,13 +17,14 @@ from kronecker import make_problem
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.sparse import SparseBound
+from skmtgp.inspection import COLORS
 
 N_TASKS, MIB = 14, 2.0**20
 ENGINES = {  # inputs of a task, inducing inputs, color
-    "dense": ([20, 50, 100, 200, 400], None, "#D55E00"),
-    "kronecker": ([20, 100, 200, 500, 1000, 2000], None, "#009E73"),
-    "sparse, m = 100": ([20, 100, 500, 2000, 10_000], 100, "#56B4E9"),
-    "sparse, m = 500": ([100, 500, 2000, 10_000], 500, "#0072B2"),
+    "dense": ([20, 50, 100, 200, 400], None, COLORS[1]),
+    "kronecker": ([20, 100, 200, 500, 1000, 2000], None, COLORS[2]),
+    "sparse, m = 100": ([20, 100, 500, 2000, 10_000], 100, COLORS[4]),
+    "sparse, m = 500": ([100, 500, 2000, 10_000], 500, COLORS[0]),
 }
 MOST_SHORT = 100  # inputs of a task
 

@@ -14,6 +14,7 @@ from matplotlib.ticker import NullFormatter
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.inspection import COLORS
 from skmtgp.kernels import ARDLinear
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
@@ -37,7 +38,7 @@ LABELS = {
     "features": "kernel hyperparameters",
     "rank": r"rank of $K^\rho$, M = 64",
 }
-BLUE, ORANGE = "#0072B2", "#D55E00"
+BLUE, ORANGE = COLORS[:2]
 
 
 def make(n, tasks, features, rank, seed=0):

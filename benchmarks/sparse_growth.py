@@ -19,6 +19,7 @@ from matplotlib.ticker import NullFormatter
 from skmtgp.datasets import fetch_puma560
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.inference.sparse import SparseBound
+from skmtgp.inspection import COLORS
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import LowRank
@@ -27,7 +28,6 @@ from skmtgp.preprocessing import InverseDynamicsFeatures
 N_TASKS, RANK, JOINT, MIB = 15, 4, 4, 2.0**20
 SIZES, INDUCING = [10_000, 30_000, 100_000, 300_000, 960_000], [100, 500]
 SHORT = [1_000, 2_000, 4_000], [20, 50]
-COLORS = ["#0072B2", "#D55E00", "#009E73"]
 
 
 class Rows:

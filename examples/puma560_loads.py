@@ -35,6 +35,7 @@ from skmtgp import (
     make_inverse_dynamics_regressor,
 )
 from skmtgp.datasets import load_puma560
+from skmtgp.inspection import color_of
 from skmtgp.metrics import normalized_mean_squared_error
 
 LOADS = range(1, 15)
@@ -128,7 +129,7 @@ def plot(models, table, joints, path):
     n = len(joints)
     figure = plt.figure(figsize=(max(9.0, 2.1 * n), 7.2), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=[1.7, 1.0])
-    _plot_errors(above, list(models), table, joints)
+    _plot_errors(above, models, table, joints)
     _plot_task_covariances(below, _fitted(models["mGP-BIC"]), joints)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=120)
@@ -136,24 +137,23 @@ def plot(models, table, joints, path):
     print(f"\nFigure: {path}")
 
 
-def _plot_errors(figure, names, table, joints):
+def _plot_errors(figure, models, table, joints):
     axes = figure.subplots(1, 2, sharey=True)
     figure.suptitle(f"Error of the torques after {N_PER_LOAD} samples of each load")
-    colors = ["#999999", "#56b4e9", "#e69f00", "#d55e00"]
     for ax, subset in zip(axes, ("interpolation", "extrapolation"), strict=True):
         wide = table[table["test"] == subset].pivot(
             index="joint", columns="model", values="nMSE"
         )
-        for k, (name, color) in enumerate(zip(names, colors, strict=True)):
+        for k, (name, model) in enumerate(models.items()):
             x = np.arange(len(joints)) + 0.17 * (k - 1.5)
-            ax.plot(x, wide[name], "o", ms=8, color=color, label=name)
+            ax.plot(x, wide[name], "o", ms=8, color=color_of(model), label=name)
         ax.set_yscale("log")
         ax.set_xticks(range(len(joints)), [f"joint {j + 1}" for j in joints])
         ax.set_title(subset.capitalize())
         ax.grid(axis="y", alpha=0.3)
     axes[0].set_ylabel("nMSE, averaged over 14 loads")
     handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(names))
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(models))
 
 
 def _plot_task_covariances(figure, regressor, joints):

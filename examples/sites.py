@@ -52,20 +52,22 @@ def draw(models, X, y, truth, sites, narrow=False):
         sharey=True,
         layout="constrained",
     )
-    panels = axes.T if narrow else axes
-    for row, model in zip(panels, models.values(), strict=True):
+    panels, lines = axes.T if narrow else axes, []
+    for row, (name, model) in zip(panels, models.items(), strict=True):
         display = TaskPredictionDisplay.from_estimator(
             model, X, y, truth=truth, tasks=sites, ax=row
         )
+        display.lines_[0].set_label(name)
+        lines += display.lines_[:1]
         for ax, site in zip(row, sites, strict=True):
             ax.set(title=f"{site}: {(X['site'] == site).sum()} rows")
             ax.set(xlabel="", ylabel="", xticks=[0, 6, 12, 18, 24])
     name_models(panels, models, narrow)
     for ax in axes[-1]:
         ax.set_xlabel("hour")
-    legend = display.ax_.get_legend_handles_labels()
-    columns = 2 if narrow else 4
-    figure.legend(*legend, loc="outside upper center", ncols=columns, frameon=False)
+    others = display.bands_[0], display.truths_[0], display.observed_[0]
+    style = {"loc": "outside upper center", "ncols": 2 if narrow else 5}
+    figure.legend(handles=[*lines, *others], frameon=False, **style)
     return figure
 
 

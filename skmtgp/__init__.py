@@ -13,7 +13,7 @@ from skmtgp.single_task import SingleTaskGP
 from skmtgp.tracking import DescriptorTracker
 from skmtgp.wide import WideRegressor, stack_tasks, unstack_tasks
 
-__version__ = "0.1.0.dev0"
+__version__ = "0.1.0"
 
 __all__ = [
     "BayesianLinearRegression",

@@ -8,14 +8,15 @@ from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.named_kernels import named_kernel
 from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.targets import TargetTransform
-from skmtgp._estimators.training import default_kernel
 from skmtgp._numerics.parallel import run
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.stages import learn_fixed
 from skmtgp.learning.summarised import exact_part, learn_rest
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.task_covariance import identity, ones
 
 
@@ -27,21 +28,19 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         "diagonal": ["boolean"],
     }
 
-    def _default_kernel(self, features):
-        return ConstantKernel(1.0, (1e-3, 1e3)) * default_kernel(features)
+    def _named_kernel(self, name, features):
+        return ConstantKernel(1.0, (1e-3, 1e3)) * named_kernel(name, features)
 
     def _learns_amplitude(self):
-        return self.kernel is None
+        return self.kernel is None or isinstance(self.kernel, str)
 
     def _learn(self, problems, progress):
         form = self._form(problems[0].prior.n_tasks, self.diagonal)
         problems = [problem.with_form(form) for problem in problems]
 
         def describe(j, mode):
-            return (
-                f"{problems[j].name}: log marginal likelihood {mode.value:.2f} "
-                f"(scaled) after {mode.n_iter} iterations"
-            )
+            found = in_words(problems[j], mode.value)
+            return f"{about(problems[j])}{found} after {mode.n_iter} iterations"
 
         jobs = [(problem,) for problem in exact_part(problems, [form])]
         report = progress("learning", len(jobs), describe)
@@ -60,11 +59,12 @@ class IndependentGP(_FixedTaskCovarianceGP):
 
     Parameters
     ----------
-    kernel : Kernel, default=None
+    kernel : Kernel, str or None, default=None
         Kernel over the columns of X without the task column, with its starting values
-        and bounds. None is an amplitude times a squared exponential with one
-        length-scale for each feature, started and bounded relative to the feature's
-        standard deviation.
+        and bounds. Or the name of one, which gets an amplitude and a length-scale for
+        each feature, started and bounded relative to the feature's standard deviation:
+        "rbf", the squared exponential, which None is too, "exponential", "matern" and
+        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, one variance for each
         task: how much more the functions of some tasks vary than those of others.
@@ -277,7 +277,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
 
     def __init__(
         self,
-        kernel: Kernel | None = None,
+        kernel: Kernel | str | None = None,
         *,
         diagonal: bool = False,
         task_levels: bool = True,
@@ -331,11 +331,12 @@ class PooledGP(_FixedTaskCovarianceGP):
 
     Parameters
     ----------
-    kernel : Kernel, default=None
+    kernel : Kernel, str or None, default=None
         Kernel over the columns of X without the task column, with its starting values
-        and bounds. None is an amplitude times a squared exponential with one
-        length-scale for each feature, started and bounded relative to the feature's
-        standard deviation.
+        and bounds. Or the name of one, which gets an amplitude and a length-scale for
+        each feature, started and bounded relative to the feature's standard deviation:
+        "rbf", the squared exponential, which None is too, "exponential", "matern" and
+        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, one variance for each
         task: how much its function deviates from the common one.
@@ -536,7 +537,7 @@ class PooledGP(_FixedTaskCovarianceGP):
 
     def __init__(
         self,
-        kernel: Kernel | None = None,
+        kernel: Kernel | str | None = None,
         *,
         diagonal: bool = False,
         task_feature: int | str = -1,

@@ -30,7 +30,7 @@ from skmtgp._estimators.ranks_of_terms import (
     usual_ranks,
 )
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.progress import fitting
+from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
@@ -262,7 +262,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
             decided = decide_noise(model, training, of_forms, modes)
-            self._keep(model, settings, alone, *decided)
+            self._keep(model, settings, alone, *model._tell(training, *decided))
 
     def _fit_terms(self, model, training, progress):
         """The same of several terms, whose candidates have each their own prior."""
@@ -290,7 +290,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         with limit_threads(side(problems)):
             learned = learn_candidates(model, training, settings, progress)
             decided = decide_noise(model, training, *learned)
-            self._keep(model, settings, None, *decided)
+            self._keep(model, settings, None, *model._tell(training, *decided))
 
     def _asks_simpler(self):
         return self.ranks is None if isinstance(self.simpler, str) else self.simpler
@@ -310,6 +310,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
+        if model.verbose:
+            say(f"chosen by {self.criterion.upper()}: {names[best]}")
         kept = range(len(names)) if self.keep_estimators else [best]
         fitted = {k: makes[k]() for k in kept}
         self.best_estimator_ = fitted[best]

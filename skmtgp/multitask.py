@@ -17,10 +17,12 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.named_kernels import KERNEL
 from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
@@ -56,13 +58,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     Parameters
     ----------
-    kernel : Kernel, or list of Kernel or None, default=None
+    kernel : Kernel, str or None, or list of them, default=None
         :math:`k^x` over the columns of X without the task column: any kernel of
         :mod:`sklearn.gaussian_process.kernels` or :mod:`skmtgp.kernels`. Its values are
-        where learning starts, its bounds are kept. None is a squared exponential with
-        one length-scale for each feature, started and bounded relative to the feature's
-        standard deviation; the task covariance is its amplitude. A list has the kernel
-        of each of several terms, see Notes.
+        where learning starts, its bounds are kept. Or the name of one, which gets a
+        length-scale for each feature, started and bounded relative to the feature's
+        standard deviation: "rbf", the squared exponential, which None is too,
+        "exponential", "matern" and "matern52" (Matern's of nu = 1/2, 3/2 and 5/2),
+        "periodic" or "linear". The task covariance is its amplitude. A list has the
+        kernel of each of several terms, see Notes.
     rank : int or list of int or None, default=None
         Rank of the task covariance, 0 to the number of tasks, with `task_descriptors`
         to one more than there are of them if that is less. None is full rank, or
@@ -371,7 +375,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     _parameter_constraints = {
         **BaseMultiTaskGP._parameter_constraints,
-        "kernel": [Kernel, *LISTS, None],
+        "kernel": [*KERNEL, *LISTS],
         "rank": [Interval(Integral, 0, None, closed="left"), *LISTS, None],
         "shared": ["boolean", *LISTS],
         "diagonal": ["boolean", StrOptions({"equal"}), *LISTS],
@@ -386,7 +390,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def __init__(
         self,
-        kernel: Kernel | Sequence[Kernel | None] | None = None,
+        kernel: Kernel | str | Sequence[Kernel | str | None] | None = None,
         *,
         rank: int | Sequence[int | None] | None = None,
         shared: bool | Sequence[bool] = False,
@@ -452,7 +456,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         modes = self._learn_ranks(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
         found = zip(of_forms, modes, strict=True)
-        return max(found, key=lambda of: sum(map(criterion, *of)))
+        best = max(found, key=lambda of: sum(map(criterion, *of)))
+        if self.verbose and len(forms) > 1:
+            say(f"chosen by BIC: {best[0][0].prior.task_covariance}")
+        return best
 
     def _check_rank(self, term, data):
         """Raise an error where the rank of a term cannot be."""

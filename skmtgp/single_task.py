@@ -46,11 +46,12 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     Parameters
     ----------
-    kernel : Kernel, default=None
+    kernel : Kernel, str or None, default=None
         Kernel over the columns of X without the task column, with its starting values
-        and bounds. None is an amplitude times a squared exponential with one
-        length-scale for each feature, started and bounded relative to the feature's
-        standard deviation.
+        and bounds. Or the name of one, which gets an amplitude and a length-scale for
+        each feature, started and bounded relative to the feature's standard deviation:
+        "rbf", the squared exponential, which None is too, "exponential", "matern" and
+        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels (int or str).
     noise_variance : float, default=1e-2
@@ -176,7 +177,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def __init__(
         self,
-        kernel: Kernel | None = None,
+        kernel: Kernel | str | None = None,
         *,
         task_feature: int | str = -1,
         noise_variance: float = 1e-2,
@@ -257,7 +258,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         model = PooledGP(**params)
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
-        kernel = model._default_kernel(features) if self.kernel is None else self.kernel
+        kernel = model._made(self.kernel, features)
         check_kernel(kernel, features)
         engine, prior = (
             alone(self.inference, **model._options()),
@@ -269,7 +270,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         tiles = TileMemory(kernel, features[:1])
         self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
         self._foretell(model, rows, features, Y, known)
-        names = [f"task {m} of {len(rows)}" for m in range(1, len(rows) + 1)]
+        names = [self._in_words(m) for m in range(len(rows))]
         results = run(
             _fit_alone,
             [
@@ -344,9 +345,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def _describe(self, m, result):
         estimator, _ = result
-        return (
-            f"task {m + 1} of {len(self.tasks_)} after {estimator.n_iter_} iterations"
-        )
+        value, n_iter = estimator.log_marginal_likelihood_value_, estimator.n_iter_
+        found = f"log likelihood {value:.1f} after {n_iter} iterations"
+        return f"{self._in_words(m)}: {found}"
+
+    def _in_words(self, m):
+        """The name of a task in lines."""
+        return f"task {self.tasks_[m]} ({m + 1} of {len(self.tasks_)})"
 
     def _means(self, features, codes):
         means = np.empty((len(features), self._n_outputs))
@@ -530,8 +535,7 @@ def alone_like(model, features):
         the prior of unit information.
     """
     kernels = [
-        ConstantKernel(1.0, (1e-3, 1e3))
-        * (model._default_kernel(features) if kernel is None else clone(kernel))
+        ConstantKernel(1.0, (1e-3, 1e3)) * model._made(kernel, features)
         for kernel in model._kernels()
     ]
     kernel = reduce(add, kernels)

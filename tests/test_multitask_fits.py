@@ -196,16 +196,17 @@ def test_rank_that_is_no_number():
         MultiTaskGPRegressor(rank=True).fit(*draw())
 
 
-def test_verbosity(capsys):
+def test_verbosity(told):
     model = MultiTaskGPRegressor(rank=2, max_iter=0, verbose=1).fit(*draw(n_outputs=2))
-    decided, *lines = capsys.readouterr().out.splitlines()
-    assert decided.startswith("[skmtgp] units and noise of the tasks: ")
-    begin = [line.split(": log marginal likelihood ")[0] for line in lines]
-    rank = [f"[skmtgp] output {j} of 2, rank 2" for j in (1, 2)]
-    stages = ("the best of 3 starts", "shaken")
-    assert begin == [f"{name}, {stage}" for stage in stages for name in rank]
+    decided, *lines = told()
+    assert decided.startswith("chosen from the data: ")
+    for (j, line), value in zip(
+        enumerate(lines, 1), model.log_marginal_likelihoods_, strict=True
+    ):
+        expected = f"output {j} of 2, rank 2: log likelihood {value:.1f}, best of 3"
+        assert line.startswith(expected)
     model.set_params(verbose=0).fit(*draw())
-    assert capsys.readouterr() == ("", "")
+    assert told() == []
 
 
 def test_too_few_iterations_are_reported():

@@ -18,7 +18,7 @@ from compare import (
     variants,
 )
 
-from skmtgp.inspection._drawing import COLORS as PALETTE
+from skmtgp.inspection import COLORS as PALETTE
 from skmtgp.inspection._drawing import MARKERS as SHAPES
 
 PACKAGES = "gpytorch", "skmtgp", "gpy", "gpflow", "botorch", None, "sklearn"

@@ -18,11 +18,10 @@ import numpy as np
 import pinocchio as pin
 from matplotlib.animation import FuncAnimation, PillowWriter
 from plant import CONTROL, Reference
-from run import OUTPUT, SECOND, controllers, follow, learned
+from run import LOOKS, OUTPUT, SECOND, controllers, follow, learned
 
 from skmtgp.datasets import load_puma560
 from skmtgp.datasets._robot import _pinocchio_model
-from skmtgp.inspection._drawing import COLORS
 
 SHOWN = {
     "mGP, the nearest known load": "the nearest known load",
@@ -74,7 +73,7 @@ def draw(reference, errors, picked_up, path):
     arm = figure.add_subplot(1, 2, 1, projection="3d")
     curve = figure.add_subplot(1, 2, 2)
     skeleton, update = Skeleton(), []
-    colors = dict(zip(errors, COLORS[1:], strict=False))
+    colors = {name: LOOKS[key] for key, name in SHOWN.items()}
     seconds = np.arange(len(reference.q)) / CONTROL
     wanted = np.roll(reference.q, -1, axis=0)
     for name, color in {"the path": "0.6", **colors}.items():

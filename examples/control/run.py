@@ -38,12 +38,29 @@ from plant import CONTROL, Puma, Reference, torques, training_states
 from skmtgp import IndependentGP, MultiTaskGPRegressor, compile_predictor
 from skmtgp import make_inverse_dynamics_regressor as make_model
 from skmtgp.datasets import load_puma560
-from skmtgp.inspection._drawing import COLORS
+from skmtgp.inspection import COLORS, color_of
+from skmtgp.robot import RigidBodyRegressor
 
 OUTPUT = Path(__file__).parents[1] / "output"
 PHASES = {"before": (-9e9, 0.0), "0.2 s": (0.0, 0.2), "to 1 s": (0.2, 1.0)}
 PHASES["later"] = 1.0, 9e9
 FIRST, SECOND = 0, 14  # positions of the loads: c1 of 0.2 kg, c15 of 3 kg
+
+
+# The colour of the model that a controller has; of the multi-task one the best way to
+# use it has it, and what is compared with that, the others.
+LOOKS = {
+    "PD alone": COLORS[6],
+    "rigid bodies, empty hand": color_of(RigidBodyRegressor(None)),
+    "mGP, the nearest known load": COLORS[3],
+    "mGP, MMST": COLORS[4],
+    "mGP, MOSAIC": COLORS[5],
+    "mGP, partial_fit": COLORS[7],
+    "GP of each load, regression": color_of(IndependentGP()),
+    "mGP, tracked load": color_of(MultiTaskGPRegressor()),
+    "true equations, told the load": "black",
+}
+STYLES = {"mGP, MOSAIC": "--"}  # it lies upon MMST
 
 
 def learn(loads, make):
@@ -163,9 +180,9 @@ def draw(curves, picked_up, path):
     import matplotlib.pyplot as plt
 
     figure, ax = plt.subplots(figsize=(8, 4.2), layout="constrained")
-    for (name, errors), color in zip(curves.items(), COLORS, strict=False):
+    for name, errors in curves.items():
         size = 1e3 * np.sqrt(np.square(errors).sum(axis=1))
-        style = {"lw": 1.2, "color": color, "label": name}
+        style = {"lw": 1.4, "color": LOOKS[name], "ls": STYLES.get(name), "label": name}
         ax.semilogy(np.arange(len(size)) / CONTROL, size, **style)
     ax.axvline(picked_up / CONTROL, color="0.5", ls="--", lw=0.8)
     ax.set(xlabel="seconds", ylabel="error of the joints' positions, mrad")

@@ -101,9 +101,11 @@ print(table["dense over kronecker"].round(1).to_string())
 # for all stations.
 import matplotlib.pyplot as plt
 
+from skmtgp.inspection import COLORS
+
 figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
 line = pd.DataFrame({"hour": np.linspace(0, 48, 200)})
-for station, color in zip("abc", ("#0072b2", "#d55e00", "#009e73"), strict=True):
+for station, color in zip("abc", COLORS, strict=False):
     new = line.assign(station=station)
     left.plot(line["hour"], dense.predict(new), color=color, lw=5, alpha=0.3)
     left.plot(line["hour"], kronecker.predict(new), color=color, ls="--", label=station)

@@ -71,13 +71,15 @@ print(table.round(4).to_string())
 # What is shown is the first sensor, and where the inducing inputs lie.
 import matplotlib.pyplot as plt
 
+from skmtgp.inspection import color_of
+
 figure, axes = plt.subplots(1, 3, figsize=(12, 4), sharey=True, layout="constrained")
 x = np.linspace(0, 10, 400)
 for ax, choice in zip(axes, ("greedy", "k-means", "optimised"), strict=True):
     model = models[12, choice]
     mean = model.predict(np.column_stack([x, np.zeros(len(x))]))
     ax.plot(x, wave(x), color="0.6", lw=4, label="truth")
-    ax.plot(x, mean, color="#d55e00", label="predicted")
+    ax.plot(x, mean, color=color_of(model), label="predicted")
     Z = model.inducing_inputs_[:, 0]
     ax.plot(Z, np.full(len(Z), -1.6), "|", ms=12, color="black", label="inducing")
     ax.set(xlabel="x", title=choice)

@@ -65,6 +65,8 @@ print(table.round(4).to_string())
 # few, so that 20 were nearly enough. No exact likelihood is needed to see that.
 import matplotlib.pyplot as plt
 
+from skmtgp.inspection import color_of
+
 figure, axes = plt.subplots(1, 3, figsize=(12, 3.8), layout="constrained")
 x = np.linspace(0, 10, 400)
 line = np.column_stack([x, np.ones(len(x))])
@@ -73,8 +75,9 @@ for ax, n_inducing in zip(axes[:2], (10, 20), strict=True):
     model = models[n_inducing]
     mean, std = model.predict(line, return_std=True, include_noise=True)
     ax.plot(X[rows, 0], y[rows], ".", ms=2, color="0.7")
-    ax.plot(x, mean, color="#d55e00")
-    ax.fill_between(x, mean - 1.96 * std, mean + 1.96 * std, color="#d55e00", alpha=0.2)
+    low, high = mean - 1.96 * std, mean + 1.96 * std
+    ax.plot(x, mean, color=color_of(model))
+    ax.fill_between(x, low, high, color=color_of(model), alpha=0.2)
     Z = model.inducing_inputs_[:, 0]
     ax.plot(Z, np.full(len(Z), -4.5), "|", ms=12, color="black")
     ax.set(xlabel="x", title=f"second sensor, {n_inducing} inducing inputs (|)")

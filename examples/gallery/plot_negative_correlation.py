@@ -55,10 +55,12 @@ for name, model in models.items():
 # both.
 import matplotlib.pyplot as plt
 
+from skmtgp.inspection import COLORS
+
 figure, axes = plt.subplots(1, 3, figsize=(11, 3.6), sharey=True, layout="constrained")
 for ax, (name, model) in zip(axes, models.items(), strict=True):
     mean, std = model.predict(X_line, return_std=True)
-    for label, color in (("up", "#0072b2"), ("down", "#d55e00")):
+    for label, color in zip(("up", "down"), COLORS, strict=False):
         rows = labels == label
         low, high = mean[rows] - 1.96 * std[rows], mean[rows] + 1.96 * std[rows]
         ax.fill_between(line, low, high, color=color, alpha=0.2, lw=0)

@@ -71,10 +71,11 @@ print(table.T.to_string(float_format="{:.1e}".format))
 # a thousand.
 import matplotlib.pyplot as plt
 
+from skmtgp.inspection import color_of
+
 figure, ax = plt.subplots(figsize=(6.4, 4.6), layout="constrained")
-looks = ("#e69f00", "o"), ("#009e73", "v"), ("#999999", "s"), ("#0072b2", "D")
-for (name, column), (color, marker) in zip(table.items(), looks, strict=True):
-    style = {"color": color, "marker": marker, "ms": 9}
+for (name, column), marker in zip(table.items(), "ovsD", strict=True):
+    style = {"color": color_of(models[name]), "marker": marker, "ms": 9}
     ax.plot(range(len(loads)), column, lw=1.5, label=name, **style)
 ax.set(yscale="log", xlabel="load", ylabel="nMSE on paths new to the load")
 ax.set_xticks(range(len(loads)), loads)

@@ -18,7 +18,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp.inspection import CoverageDisplay
+from skmtgp.inspection import CoverageDisplay, color_of
 
 rng = np.random.default_rng(7)
 x, task = rng.uniform(0, 8, 318), np.arange(318) % 3
@@ -50,8 +50,8 @@ figure, axes = plt.subplots(1, 2, figsize=(9, 3.5), sharey=True, layout="constra
 seen, new = X_train[:, 1] == 0, X_test[:, 1] == 0
 for ax, (name, model) in zip(axes, models.items(), strict=True):
     lower, upper = model.predict_interval(grid, 0.95)
-    ax.fill_between(grid[:, 0], lower, upper, color="C0", alpha=0.25, lw=0)
-    ax.plot(grid[:, 0], model.predict(grid), color="C0")
+    ax.fill_between(grid[:, 0], lower, upper, color=color_of(model), alpha=0.25, lw=0)
+    ax.plot(grid[:, 0], model.predict(grid), color=color_of(model))
     ax.plot(X_test[new, 0], y_test[new], ".", color="0.5", ms=4)
     ax.plot(X_train[seen, 0], y_train[seen], "o", color="black", ms=5)
     ax.set(title=f"Hyperparameters: {name}", xlabel="x")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace
+from itertools import chain
 from numbers import Integral, Real
 from time import time
 from typing import Self
@@ -11,7 +12,6 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
 from skmtgp._data.dask import is_dask
@@ -23,11 +23,12 @@ from skmtgp._data.trend import NAMED, read_trend
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
+from skmtgp._estimators.named_kernels import DEFAULT, KERNEL, named_kernel
 from skmtgp._estimators.online import OnlineGP
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import Slopes
 from skmtgp._estimators.targets import fit_target
-from skmtgp._estimators.training import Training, default_kernel
+from skmtgp._estimators.training import Training
 from skmtgp._estimators.units import variance_of_means
 from skmtgp._numerics.parallel import at_a_time, limit_threads
 from skmtgp._support.progress import fitting, say
@@ -48,7 +49,8 @@ from skmtgp.inference.engine import (
 from skmtgp.inference.engines import ENGINES, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
-from skmtgp.learning.problem import Budget, Problem
+from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.several import Kernels, terms_of
@@ -67,7 +69,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
-        "kernel": [Kernel, None],
+        "kernel": list(KERNEL),
         "task_feature": [Integral, str],
         "noise": [StrOptions({"auto", "shared", "per_task"})],
         "noise_variance": [Interval(Real, 0.0, None, closed="left")],
@@ -149,11 +151,21 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
-                training, [problems], [modes] = decided
+                training, [problems], [modes] = self._tell(training, *decided)
                 self._store(training, problems, modes)
                 self._warn_of_noise(modes)
                 warn_of_doubts(problems, modes, sampled=self._is_sampled())
         return self
+
+    def _tell(self, before, training, problems, modes):
+        """The same; says if the noise is another than learning began with."""
+        if self.verbose and training.noise != before.noise:
+            say(f"chosen once all is learned: {training.chosen}")
+            for of in zip(chain(*problems), chain(*modes), strict=True):
+                problem, mode = of
+                name = about(problem, problem.prior.task_covariance)
+                say(f"{name}{in_words(problem, mode.value)}")
+        return training, problems, modes
 
     def _foretell(self, problems, n_forms=1):
         """The problems with the pace of learning; where it is slow, that is said."""
@@ -165,7 +177,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             "inference will take"
         )
         if self.verbose and forecast.rows:
-            say(f"{learning} very roughly {forecast} on one processor")
+            say(f"{learning} very roughly {forecast}, on one processor")
         warn_of_duration(learning, forecast.seconds)
         budget = replace(problems[0].budget, pace=forecast.pace)
         return [replace(problem, budget=budget) for problem in problems]
@@ -174,8 +186,15 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """K^rho of the small model that says in which units to learn."""
         return identity(n_tasks, diagonal=True)
 
-    def _default_kernel(self, features):
-        return default_kernel(features)
+    def _named_kernel(self, name, features):
+        """The kernel of a name."""
+        return named_kernel(name, features)
+
+    def _made(self, kernel, features):
+        """A kernel as the user gave it, or that of the name, or the default."""
+        if kernel is None or isinstance(kernel, str):
+            return self._named_kernel(kernel or DEFAULT, features)
+        return clone(kernel)  # the user may change theirs
 
     def _learns_amplitude(self):
         """Whether the model can scale itself to the targets."""
@@ -211,7 +230,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         check = check_partitions if stay else check_training
         training = self._scale(*check(self, X, y), given)
         report = "auto" in (self.normalize_y, self.noise) and progress(
-            "units", 1, lambda _, chosen: f"units and noise of the tasks: {chosen}"
+            "units", 1, lambda _, chosen: f"chosen from the data: {chosen}"
         )
         if report:
             report(0, training.chosen)
@@ -293,10 +312,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         return Kernels(kernels) if len(kernels) > 1 else kernels[0]
 
     def _checked(self, kernel, training):
-        if kernel is None:
-            kernel = self._default_kernel(training.features)
+        kernel = self._made(kernel, training.features)
         check_kernel(kernel, training.features)
-        return clone(kernel)  # the user may change theirs
+        return kernel
 
     def _n_climbs(self, n_ranks):
         """How many climbs over all rows an output has that do not wait for others."""
@@ -326,8 +344,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
                 data=data,
                 engine=engine,
                 budget=self._budget(),
-                name=f"output {j} of {n}" if n > 1 else "the output",
+                name=f"output {j} of {n}" if n > 1 else THE_OUTPUT,
                 weak_priors=self.hyperparameters == "map",
+                log_scales=np.log(training.units.scale[j - 1]),
             )
             for j, (data, trend) in enumerate(zip(of_outputs, trends, strict=True), 1)
         ]

@@ -305,7 +305,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     def _store(self, training, problems, modes):
         """Set the fitted attributes, in the target's own units."""
         if self.verbose and is_large(problems[0]):
-            say(f"the posterior of {len(problems[0].data)} rows begins")
+            say(f"computing the posterior of {len(problems[0].data)} rows")
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
         self.hyperparameters_ = "map" if self.hyperparameters == "map" else "mode"

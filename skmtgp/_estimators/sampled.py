@@ -191,8 +191,9 @@ class SampledMixin:
         if not self.verbose:
             return None
         modes = "one mode" if n_modes == 1 else f"{n_modes} modes"
-        say(f"{name}: sampling {N_CHAINS} chains from {modes}, about {seconds:.0f} s")
-        return lambda k, _: say(f"{name}: chain {k + 1} of {N_CHAINS} is done")
+        drawing = f"drawing hyperparameters of {name}"
+        say(f"{drawing}: {N_CHAINS} chains from {modes}, about {seconds:.0f} s")
+        return lambda k, _: say(f"{drawing}: chain {k + 1} of {N_CHAINS} is done")
 
     def _store_draws(self, thetas, mixtures=None):
         """Predict by draws of theta, (n_draws, n_theta) for each output.

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
+from skmtgp._estimators.named_kernels import KERNELS
+
 LISTS = list, tuple
 OF_TERMS = "rank", "shared", "diagonal"
 
@@ -15,7 +17,7 @@ class Term(NamedTuple):
 
     Attributes
     ----------
-    kernel : Kernel or None
+    kernel : Kernel, str or None
         k^x.
     rank : int or None
         Rank of K^rho.
@@ -25,7 +27,7 @@ class Term(NamedTuple):
         Which diagonal K^rho has.
     """
 
-    kernel: Kernel | None
+    kernel: Kernel | str | None
     rank: int | None
     shared: bool
     diagonal: Any
@@ -55,10 +57,13 @@ def terms_asked_for(model):
             "kernel=[] has no kernel. Give one for each term, or None for the default."
         )
     for kernel in kernels:
-        if not (kernel is None or isinstance(kernel, Kernel)):
+        named = kernel is None or (isinstance(kernel, str) and kernel in KERNELS)
+        if not (named or isinstance(kernel, Kernel)):
+            names = ", ".join(map(repr, KERNELS))
             raise ValueError(
-                f"kernel={model.kernel!r} must have kernels of scikit-learn's kind, or "
-                f"None for the default, and {kernel!r} is neither."
+                f"kernel={model.kernel!r} must have kernels of scikit-learn's kind, "
+                f"names of kernels ({names}), or None for the default, and {kernel!r} "
+                "is none of them."
             )
     values = [_for_each(model, name, len(kernels)) for name in OF_TERMS]
     return [Term(*of) for of in zip(kernels, *values, strict=True)]

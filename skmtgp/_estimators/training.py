@@ -4,9 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp._data.checks import deviation_of, largest_of
 from skmtgp._data.complete import count_missing, design_of
 from skmtgp._data.dask import held
 from skmtgp._data.data import Data
@@ -16,29 +14,9 @@ from skmtgp._data.labels import sorted_tasks
 from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
 from skmtgp._estimators.units import Units, count_tasks, units_of_tasks
-from skmtgp._numerics.linalg import RESOLVED
 from skmtgp.model.trend import Trend
 
 AS_THEY_ARE = slice(None)
-
-
-def default_kernel(features):
-    """A squared exponential scaled to the features.
-
-    Parameters
-    ----------
-    features : ndarray of shape (n_samples, n_features)
-        Training inputs.
-
-    Returns
-    -------
-    kernel : RBF
-        Length-scales start at the square root of n_features times the standard
-        deviation of their feature, between a hundredth and a thousand times that.
-    """
-    deviation, rounding = deviation_of(features), RESOLVED * largest_of(features)
-    scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
-    return RBF(scale, np.outer(scale, [1e-2, 1e3]))
 
 
 @dataclass(frozen=True)
@@ -123,8 +101,11 @@ class Training:
     @property
     def chosen(self):
         """Units and noise, in words."""
-        units = "units of their own" if self.units.per_task else "the same units"
-        noises = {"shared": "one noise variance", "per_task": "a noise variance each"}
+        units = "own units for each task" if self.units.per_task else "the same units"
+        noises = {
+            "shared": "one noise variance for all tasks",
+            "per_task": "a noise variance for each task",
+        }
         return f"{units}, {noises[self.noise]}"
 
     def unexplained(self, per_task):

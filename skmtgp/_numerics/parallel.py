@@ -11,6 +11,7 @@ from sklearn.utils import parallel as sklearn_parallel
 from threadpoolctl import ThreadpoolController
 
 from skmtgp._numerics.one_thread import OneThread
+from skmtgp._support.progress import are_handled, keep_lines, pass_on
 
 SMALL = 600  # rows of a matrix
 
@@ -51,12 +52,14 @@ def run(function, jobs, *, n_jobs=None, report=None):
         In the order of the jobs.
     """
     tools, small = _tools(n_jobs), ONE_THREAD.depth > 0
-    tasks = (tools.delayed(_alone)(function, job, small) for job in jobs)
-    if report is None:
-        return tools.Parallel(n_jobs=n_jobs)(tasks)
+    # What processes of this machine print is seen at once; handlers are here alone.
+    keeps = tools is not joblib and (is_on_dask() or are_handled())
+    tasks = (tools.delayed(_alone)(function, job, small, keeps) for job in jobs)
     results = []
-    for result in tools.Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
-        report(len(results), result)
+    for result, lines in tools.Parallel(n_jobs=n_jobs, return_as="generator")(tasks):
+        pass_on(lines)
+        if report is not None:
+            report(len(results), result)
         results.append(result)
     return results
 
@@ -74,26 +77,32 @@ def _tools(n_jobs):
     return sklearn_parallel
 
 
+def is_on_dask():
+    """Whether pieces of work are shared out to Dask's workers."""
+    backend, _ = get_active_backend()
+    return type(backend).__name__.startswith("Dask")
+
+
 def at_a_time(n_jobs, n_pieces):
     """How many of so many pieces of work share this machine's memory.
 
     Those that Dask does do not: its workers have memory of their own.
     """
-    backend, _ = get_active_backend()
-    if type(backend).__name__.startswith("Dask"):
+    if is_on_dask():
         return 1
     return max(1, min(effective_n_jobs(n_jobs), n_pieces))
 
 
-def _alone(function, job, small):
-    """``function(*job)`` in one process, which shares out nothing of it.
+def _alone(function, job, small, keeps):
+    """``function(*job)`` in one process, which shares out nothing of it; its lines.
 
     The arguments travel together, in a tuple: of large arrays that travel alone Dask
     has one copy, on one worker, and the fit fails or hangs once that worker is dead.
     """
     limit = ONE_THREAD if small else contextlib.nullcontext()
-    with parallel_config(backend="sequential"), limit:
-        return function(*job)
+    lines = keep_lines() if keeps else contextlib.nullcontext(())
+    with parallel_config(backend="sequential"), limit, lines as told:
+        return function(*job), told
 
 
 def count_threads():

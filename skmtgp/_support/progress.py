@@ -1,5 +1,11 @@
-"""What a long fit tells while it goes on: lines, and scikit-learn's callbacks."""
+"""What a long fit tells while it goes on: records of logging, and callbacks.
 
+`verbose` says what is told at all. Its lines are records of the logger "skmtgp". Where
+the user has set up logging, their handlers and levels decide what becomes of them;
+where nobody has, the lines are printed, as those of scikit-learn are.
+"""
+
+import logging
 from contextlib import contextmanager
 from contextvars import ContextVar
 from threading import Lock
@@ -10,8 +16,25 @@ from skmtgp._support.sklearn_compat import begin_callbacks
 # A process has one connection to a progress bar, whose messages threads would mix.
 _TELLING = Lock()
 _PART = ContextVar("part", default="")
-SILENCE = 5.0  # seconds after which a fit that prints lines says how far it is
-_last = 0.0  # when a line was printed, by any fit of this process
+_KEPT = ContextVar("kept", default=None)
+SILENCE = 5.0  # seconds after which a fit that tells lines says how far it is
+_last = 0.0  # when a line was told, by any fit of this process
+
+LOGGER = logging.getLogger("skmtgp")
+if LOGGER.level == logging.NOTSET:  # or the root's, WARNING, would silence `verbose`
+    LOGGER.setLevel(logging.DEBUG)
+
+
+class Console(logging.Handler):
+    """Prints to where output goes now, which notebooks and tests change."""
+
+    def emit(self, record):
+        """Print a line."""
+        print(self.format(record), flush=True)
+
+
+CONSOLE = Console()  # is on no logger: it takes what no handler of the user's would
+CONSOLE.setFormatter(logging.Formatter("[%(name)s] %(message)s"))
 
 
 @contextmanager
@@ -28,15 +51,15 @@ def fitting(estimator, X, y, *, verbose=0):
     X, y : array-like
         Training data, for the callbacks.
     verbose : int, default=0
-        Whether to print lines.
+        Whether to tell lines.
 
     Yields
     ------
     progress : callable
         ``progress(stage, n_jobs, describe)`` gives what is to be called with the
         position and the result of each job of a stage when it is done, or None if
-        nobody listens. ``describe(position, result)`` is the line that is printed, or
-        None.
+        nobody listens. ``describe(position, result)`` is the line that is told, a list
+        of lines, or None.
     """
     with _TELLING:
         context = begin_callbacks(estimator, X, y)
@@ -54,11 +77,55 @@ def fitting(estimator, X, y, *, verbose=0):
         raise
 
 
-def say(line):
-    """Print a line of a fit."""
+def say(line, level=logging.INFO):
+    """Tell a line of a fit.
+
+    Parameters
+    ----------
+    line : str
+        What to tell.
+    level : int, default=logging.INFO
+        Of the record.
+    """
     global _last
     _last = time()
-    print(f"[skmtgp] {_PART.get()}{line}", flush=True)
+    record = LOGGER.makeRecord(
+        LOGGER.name, level, __file__, 0, f"{_PART.get()}{line}", (), None, "say"
+    )
+    kept = _KEPT.get()
+    if kept is None:
+        pass_on([record])
+    else:
+        kept.append(record)
+
+
+def pass_on(records):
+    """Give records to the user's handlers, or print them where there are none."""
+    for record in records:
+        if LOGGER.isEnabledFor(record.levelno):
+            (LOGGER if LOGGER.hasHandlers() else CONSOLE).handle(record)
+
+
+def are_handled():
+    """Whether the user has set up logging."""
+    return LOGGER.hasHandlers()
+
+
+@contextmanager
+def keep_lines():
+    """Context of another process, whose records wait to be taken to the user's.
+
+    Yields
+    ------
+    records : list of LogRecord
+        What is told in it.
+    """
+    records = []
+    token = _KEPT.set(records)
+    try:
+        yield records
+    finally:
+        _KEPT.reset(token)
 
 
 def is_due(since):
@@ -94,8 +161,8 @@ def _reporter(estimator, context, verbose):
                 of_stage.call_on_fit_task_begin(estimator=estimator)
 
         def report(i, result):
-            line = describe(i, result) if verbose and not _PART.get() else None
-            if line:
+            lines = describe(i, result) if verbose and not _PART.get() else None
+            for line in [lines] if isinstance(lines, str) else lines or []:
                 say(line)
             if context:
                 job = of_stage.subcontext(task_name="job")

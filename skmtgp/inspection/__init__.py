@@ -6,6 +6,7 @@ matplotlib: ``pip install "skmtgp[plot]"``.
 """
 
 from skmtgp.inspection._coverage import CoverageDisplay
+from skmtgp.inspection._drawing import COLORS, color_of
 from skmtgp.inspection._kernel_relevance import KernelRelevanceDisplay
 from skmtgp.inspection._learning_curve import TaskLearningCurveDisplay
 from skmtgp.inspection._rank_selection import RankSelectionDisplay
@@ -16,6 +17,7 @@ from skmtgp.inspection._trajectory import TrajectoryDisplay
 from skmtgp.inspection._transfer import TransferDisplay
 
 __all__ = [
+    "COLORS",
     "CoverageDisplay",
     "KernelRelevanceDisplay",
     "RankSelectionDisplay",
@@ -25,4 +27,5 @@ __all__ = [
     "TaskResidualsDisplay",
     "TrajectoryDisplay",
     "TransferDisplay",
+    "color_of",
 ]

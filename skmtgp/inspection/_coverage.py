@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length
 
 from skmtgp._data.labels import rows_by_code
-from skmtgp.inspection._drawing import COLORS, Display
+from skmtgp.inspection._drawing import Display, color_of
 from skmtgp.inspection._models import (
     check_tasks,
     check_vector,
@@ -46,6 +46,9 @@ class CoverageDisplay(Display):
         The mean over tasks, :func:`skmtgp.metrics.coverage`.
     diagonal_ : matplotlib Line2D
         Where a calibrated model is.
+    color : str
+        Of what is predicted. `from_estimator` sets that of the model, see
+        :func:`color_of`.
     ax_ : matplotlib Axes
         Where they are drawn.
     figure_ : matplotlib Figure
@@ -116,7 +119,7 @@ class CoverageDisplay(Display):
         self.task_lines_ = self._draw_tasks(levels, coverages) if several else []
         name = f"mean of {len(coverages)} tasks" if several else "coverage"
         self.line_ = ax.plot(
-            levels, coverages.mean(axis=0), color=COLORS[0], lw=2.4, label=name
+            levels, coverages.mean(axis=0), color=self.color, lw=2.4, label=name
         )[0]
         ax.set(xlim=(0, 1), ylim=(-0.01, 1.01), aspect="equal")
         ax.set(xlabel="nominal level", ylabel="share of targets inside")
@@ -185,7 +188,9 @@ class CoverageDisplay(Display):
         """
         columns = predictions(estimator, X, y, output, learned=True)
         tasks = tasks_of(estimator, X, task_feature)
-        return cls.from_predictions(*columns, tasks=tasks, levels=levels, ax=ax)
+        display = cls._of_predictions(*columns, tasks, levels)
+        display.color = color_of(estimator)
+        return display.plot(ax=ax)
 
     @classmethod
     def from_predictions(
@@ -223,6 +228,10 @@ class CoverageDisplay(Display):
         ValueError
             If a level is not between 0 and 1 or a standard deviation is not positive.
         """
+        return cls._of_predictions(y_true, y_mean, y_std, tasks, levels).plot(ax=ax)
+
+    @classmethod
+    def _of_predictions(cls, y_true, y_mean, y_std, tasks, levels):
         given = {"y_true": y_true, "y_mean": y_mean, "y_std": y_std}
         columns = [check_vector(values, name) for name, values in given.items()]
         labels = check_tasks(tasks, len(columns[0]))
@@ -231,5 +240,4 @@ class CoverageDisplay(Display):
         for rows in rows_by_code(labels.codes)[1]:
             alone = [values[rows] for values in columns]
             found.append([coverage(*alone, level=p) for p in levels.tolist()])
-        display = cls(levels=levels, coverages=np.array(found), tasks=labels.tasks)
-        return display.plot(ax=ax)
+        return cls(levels=levels, coverages=np.array(found), tasks=labels.tasks)

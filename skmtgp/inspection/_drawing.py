@@ -1,15 +1,36 @@
 """What the displays share: axes, colours, names of many things."""
 
-import math
+from __future__ import annotations
 
-# Okabe and Ito's colours, which the colour-blind can tell apart; yellow is too pale.
-COLORS = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#cc79a7", "#999999"
+import math
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sklearn.base import BaseEstimator
+
+# Okabe and Ito's colours, which the colour-blind can tell apart; yellow is too pale,
+# and theirs of purple looks like grey to many of them.
+# This is the palette of the whole project: its figures take their colours from here.
+COLORS = "#0072b2", "#d55e00", "#009e73", "#e69f00", "#56b4e9", "#a64d79", "#999999"
+OF_MODELS = {
+    "MultiTaskGPRegressor": COLORS[1],
+    "RankSearchIC": COLORS[1],  # and WideRegressor, where they are not told of what
+    "WideRegressor": COLORS[1],
+    "SingleTaskGP": COLORS[6],
+    "IndependentGP": COLORS[4],
+    "PooledGP": COLORS[3],
+    "BayesianLinearRegression": COLORS[0],
+    "RigidBodyRegressor": COLORS[2],
+    "SemiparametricRegressor": COLORS[5],
+}
 MARKERS = "osD^vPX"
 LEAST = 6.5  # points; smaller letters cannot be read
 
 
 class Display:
     """Base of the displays."""
+
+    color = COLORS[0]  # of what is predicted; from_estimator sets the model's
 
     def _set_axes(self, ax, figsize=None):
         """The axes to draw on, new ones if None."""
@@ -36,6 +57,35 @@ def check_option(name, value, allowed):
         raise ValueError(
             f"{name}={value!r} must be one of {', '.join(map(repr, allowed))}."
         )
+
+
+def color_of(model: BaseEstimator) -> str:
+    """Colour that the displays, and the figures of this documentation, give a model.
+
+    Parameters
+    ----------
+    model : estimator
+        A model of the package, fitted or not, or a Pipeline or search of one.
+
+    Returns
+    -------
+    color : str
+        As matplotlib takes it. One of `COLORS`, which the colour-blind can tell apart;
+        that of a model that is not the package's is the first of them.
+
+    Examples
+    --------
+    >>> from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC
+    >>> from skmtgp.inspection import color_of
+    >>> color_of(RankSearchIC()) == color_of(MultiTaskGPRegressor())
+    True
+    >>> color_of(IndependentGP())
+    '#56b4e9'
+    """
+    for inside in (getattr(model, "steps", None), getattr(model, "estimator", None)):
+        if inside is not None:
+            return color_of(inside[-1][1] if isinstance(inside, list) else inside)
+    return OF_MODELS.get(type(model).__name__, COLORS[0])
 
 
 def style(k):

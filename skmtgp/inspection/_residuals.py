@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length
 
 from skmtgp._data.labels import rows_by_code
-from skmtgp.inspection._drawing import COLORS, Display, check_option, label_positions
+from skmtgp.inspection._drawing import Display, check_option, color_of, label_positions
 from skmtgp.inspection._models import (
     check_tasks,
     check_vector,
@@ -44,6 +44,9 @@ class TaskResidualsDisplay(Display):
     tasks_ : ndarray of shape (n_tasks,)
         The task of each box, sorted as an estimator's ``tasks_``: numbers by size, text
         by its letters, so that "machine 10" comes before "machine 2".
+    color : str
+        Of what is predicted. `from_estimator` sets that of the model, see
+        :func:`color_of`.
     ax_ : matplotlib Axes
         Where they are drawn.
     figure_ : matplotlib Figure
@@ -124,7 +127,7 @@ class TaskResidualsDisplay(Display):
         edge = ndtri(0.975)
         for level in (-edge, 0.0, edge) if kind == "standardized" else (0.0,):
             ax.axhline(level, color="0.5", lw=0.8, ls="--" if level else "-", zorder=0)
-        self.boxes_ = ax.boxplot(groups, **_box_style(len(groups)))
+        self.boxes_ = ax.boxplot(groups, **_box_style(len(groups), self.color))
         ax.set(xlim=(-0.6, len(groups) - 0.4), xlabel="task")
         ax.set_ylabel("residual" + " / standard deviation" * (kind == "standardized"))
         label_positions(ax.xaxis, [str(task) for task in self.tasks_.tolist()])
@@ -191,7 +194,9 @@ class TaskResidualsDisplay(Display):
         learned = kind == "standardized"
         y_true, mean, std = predictions(estimator, X, y, output, learned=learned)
         tasks = tasks_of(estimator, X, task_feature)
-        return cls.from_predictions(y_true, mean, std, tasks=tasks, ax=ax, kind=kind)
+        display = cls._of_predictions(y_true, mean, std, tasks)
+        display.color = color_of(estimator)
+        return display.plot(ax=ax, kind=kind)
 
     @classmethod
     def from_predictions(
@@ -229,21 +234,27 @@ class TaskResidualsDisplay(Display):
         ValueError
             If `kind` is neither, or if `y_std` is needed and missing or not positive.
         """
-        targets, means = check_vector(y_true, "y_true"), check_vector(y_mean, "y_mean")
-        check_consistent_length(targets, means)
-        display = cls(residuals=targets - means, y_std=y_std, tasks=tasks)
+        display = cls._of_predictions(y_true, y_mean, y_std, tasks)
         return display.plot(ax=ax, kind=kind)
 
+    @classmethod
+    def _of_predictions(cls, y_true, y_mean, y_std, tasks):
+        targets, means = check_vector(y_true, "y_true"), check_vector(y_mean, "y_mean")
+        check_consistent_length(targets, means)
+        return cls(residuals=targets - means, y_std=y_std, tasks=tasks)
 
-def _box_style(n_boxes):
+
+def _box_style(n_boxes, color):
+    from matplotlib.colors import to_rgba
+
     return {
         "positions": range(n_boxes),
         "widths": 0.6,
         "manage_ticks": False,
         "patch_artist": True,
-        "boxprops": {"facecolor": COLORS[4], "edgecolor": COLORS[0]},
+        "boxprops": {"facecolor": to_rgba(color, 0.4), "edgecolor": color},
         "medianprops": {"color": "black"},
-        "whiskerprops": {"color": COLORS[0]},
-        "capprops": {"color": COLORS[0]},
-        "flierprops": {"marker": ".", "ms": 3, "mec": COLORS[0], "alpha": 0.6},
+        "whiskerprops": {"color": color},
+        "capprops": {"color": color},
+        "flierprops": {"marker": ".", "ms": 3, "mec": color, "alpha": 0.6},
     }

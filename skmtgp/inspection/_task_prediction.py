@@ -14,7 +14,7 @@ from sklearn.utils import check_consistent_length
 
 from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
-from skmtgp.inspection._drawing import COLORS, Display, pyplot
+from skmtgp.inspection._drawing import Display, color_of, pyplot
 from skmtgp.inspection._models import (
     intervals,
     select_output,
@@ -54,6 +54,9 @@ class TaskPredictionDisplay(Display):
         Means, intervals and observations, one of each in a panel.
     truths_ : list
         Lines of the truth; None in a panel without one.
+    color : str
+        Of what is predicted. `from_estimator` sets that of the model, see
+        :func:`color_of`.
     ax_ : matplotlib Axes
         The first panel.
     figure_ : matplotlib Figure
@@ -145,17 +148,17 @@ class TaskPredictionDisplay(Display):
     def _draw(self, ax, task):
         """One panel."""
         curve, points = _of(self.curves, task), _of(self.points, task)
-        style = {"color": COLORS[0], "alpha": 0.25, "lw": 0}
+        style = {"color": self.color, "alpha": 0.25, "lw": 0}
         band = ax.fill_between(curve["x"], curve["lower"], curve["upper"], **style)
         band.set_label(f"{100 * self.level:.3g} % interval")
-        style = {"color": COLORS[0], "label": "predicted"}
+        style = {"color": self.color, "label": "predicted"}
         self.lines_ += ax.plot(curve["x"], curve["mean"], **style)
         self.bands_.append(band)
         truth = None if self.truth is None else _of(self.truth, task)
         if truth is None or truth.empty:
             self.truths_.append(None)
         else:
-            style = {"color": COLORS[1], "ls": "--", "lw": 1.2, "label": "truth"}
+            style = {"color": "black", "ls": "--", "lw": 1.0, "label": "truth"}
             self.truths_ += ax.plot(truth["x"], truth["y"], **style)
         style = {"color": "0.35", "ms": 3, "mew": 0, "label": "observed"}
         self.observed_ += ax.plot(points["x"], points["y"], "o", **style)
@@ -246,13 +249,15 @@ class TaskPredictionDisplay(Display):
         elif truth is not None:
             of = _Table.of(estimator, truth[0], feature, task_feature)
             true = of.points(truth[1], output).sort_values("x", kind="stable")
-        return cls(
+        display = cls(
             curves=pd.DataFrame({"task": grid.labels, "x": grid.x(), **curves}),
             points=points,
             truth=None if truth is None else true,
             feature=str(table.frame.columns[table.feature]),
             level=level,
-        ).plot(ax=ax, n_cols=n_cols, sharey=sharey)
+        )
+        display.color = color_of(estimator)
+        return display.plot(ax=ax, n_cols=n_cols, sharey=sharey)
 
 
 class _Table(NamedTuple):

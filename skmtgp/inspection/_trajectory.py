@@ -11,7 +11,7 @@ from scipy.special import ndtri
 from sklearn.base import BaseEstimator
 from sklearn.utils import check_consistent_length, column_or_1d
 
-from skmtgp.inspection._drawing import COLORS, Display
+from skmtgp.inspection._drawing import Display, color_of
 from skmtgp.inspection._models import (
     check_vector,
     fitted_model,
@@ -47,6 +47,9 @@ class TrajectoryDisplay(Display):
         The predictive means.
     band_ : matplotlib PolyCollection
         The central intervals of the predictive normals.
+    color : str
+        Of what is predicted. `from_estimator` sets that of the model, see
+        :func:`color_of`.
     ax_ : matplotlib Axes
         Where they are drawn.
     figure_ : matplotlib Figure
@@ -115,7 +118,7 @@ class TrajectoryDisplay(Display):
         time, y_true, mean, std = self._sorted()
         half = std * ndtri(0.5 + 0.5 * level)
         ax = self._set_axes(ax)
-        style = {"color": COLORS[0], "alpha": 0.25, "lw": 0}
+        style = {"color": self.color, "alpha": 0.25, "lw": 0}
         self.band_ = ax.fill_between(
             time,
             mean - half,
@@ -126,7 +129,7 @@ class TrajectoryDisplay(Display):
         self.observed_ = ax.plot(
             time, y_true, "o", color="0.35", ms=3, mew=0, label="observed"
         )[0]
-        self.line_ = ax.plot(time, mean, color=COLORS[0], label="predicted")[0]
+        self.line_ = ax.plot(time, mean, color=self.color, label="predicted")[0]
         ax.set(xlabel="sample" if self.time is None else "time", ylabel="target")
         ax.legend(loc="lower center", bbox_to_anchor=(0.5, 1), ncols=3, frameon=False)
         return self
@@ -194,7 +197,9 @@ class TrajectoryDisplay(Display):
         """
         _check_one_task(estimator, X)
         y_true, mean, std = predictions(estimator, X, y, output)
-        return cls.from_predictions(y_true, mean, std, time=time, ax=ax, level=level)
+        display = cls(y_true=y_true, y_mean=mean, y_std=std, time=time)
+        display.color = color_of(estimator)
+        return display.plot(ax=ax, level=level)
 
     @classmethod
     def from_predictions(

@@ -14,7 +14,13 @@ from sklearn.utils import check_consistent_length
 from skmtgp._estimators.relations import evidence_of_relations
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import UnidentifiedNoiseWarning
-from skmtgp.inspection._drawing import COLORS, Display, check_option, label_positions
+from skmtgp.inspection._drawing import (
+    COLORS,
+    OF_MODELS,
+    Display,
+    check_option,
+    label_positions,
+)
 from skmtgp.inspection._models import (
     check_output,
     check_tasks,
@@ -27,7 +33,7 @@ from skmtgp.single_task import alone_like
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOR_OF = {"helped": COLORS[2], "harmed": COLORS[1], "neither": COLORS[6]}
+COLOR_OF = {"helped": COLORS[2], "harmed": COLORS[5], "neither": COLORS[6]}
 # Nats of a relation before it counts, beside half the logarithm of the number of rows
 # for each number that it has learned: odds of 20 to 1. benchmarks/transfer.py has the
 # errors of either kind, which 2 and 4 shift from one to the other.
@@ -180,10 +186,10 @@ class TransferDisplay(Display):
 
     def _draw_errors(self, table, place):
         names = {"error_alone": "task alone", "error": "multi-task"}
-        colors = {"error_alone": COLORS[6], "error": COLORS[0]}
+        models = {"error_alone": "SingleTaskGP", "error": "MultiTaskGPRegressor"}
         self.lines_ = []
         for name, label in names.items():
-            style = {"color": colors[name], "marker": "o", "ls": "none"}
+            style = {"color": OF_MODELS[models[name]], "marker": "o", "ls": "none"}
             found = self.ax_.plot(place, table[name], label=label, **style)
             self.lines_ = found + self.lines_
         self.ax_.set_ylim(bottom=0.0)

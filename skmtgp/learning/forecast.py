@@ -42,7 +42,7 @@ class Forecast(NamedTuple):
     def __str__(self):
         levels = zip(self.n_evaluations, self.rows, self.each, strict=True)
         return ", ".join(
-            f"{n} likelihoods of {rows} rows, {seconds:.2g} s each"
+            f"{n} evaluations of {rows} rows at {seconds:.2g} s each"
             for n, rows, seconds in levels
         )
 

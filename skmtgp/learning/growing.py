@@ -93,7 +93,7 @@ def _grown(problems, lower, form, modes, *, n_jobs, progress):
         (*_on_bound(problem, mode, lower, form), mode)
         for problem, mode in zip(problems, modes, strict=True)
     ]
-    of_all = description(problems, [form], stage=", from all rows")
+    of_all = description(problems, [form], stage="grown from a lower rank")
     report = progress("learning a higher rank", len(jobs), of_all)
     return run(grow, jobs, n_jobs=n_jobs, report=report)
 

@@ -1,6 +1,6 @@
 """What is learned: the prior and the data of an output, how, and the modes found."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil, log
 from typing import NamedTuple
 
@@ -13,6 +13,8 @@ from skmtgp.learning.ambiguity import rivals_of
 from skmtgp.learning.penalised import WithHyperprior
 from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.prior import Prior
+
+THE_OUTPUT = "the output"  # the name where there is one
 
 
 @dataclass(frozen=True)
@@ -67,15 +69,18 @@ class Problem:
         Constants.
     weak_priors : bool, default=False
         Whether theta has the priors of `Hyperprior`.
+    log_scales : ndarray of shape (1,) or (n_tasks,)
+        Logarithms of what the targets were divided by, for the lines.
     """
 
     prior: Prior
     data: Data
     engine: Engine
     budget: Budget
-    name: str = "the output"
+    name: str = THE_OUTPUT
     tuning: Tuning = TUNING
     weak_priors: bool = False
+    log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def with_form(self, form):
         """The same with another form of K^rho."""

@@ -25,6 +25,7 @@ from skmtgp.learning.stages import (
     second_stage,
     with_starts,
 )
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.task_covariance import WithDiagonal, identity, ones
 
 
@@ -80,8 +81,10 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     ]
     n_modes = len(jobs) * len(forms)
     n_starts = len(starts[0])
-    each = description(problems, forms, n_starts)
-    shaken = description(problems, forms, stage=", shaken")
+    told = {}
+    each = description(coarse, forms, n_starts, told=told)
+    again = "climbed again from more noise"
+    shaken = description(coarse, forms, stage=again, told=told)
     reporters = (
         partial(progress, "starts", n_starts * n_modes, each),
         partial(progress, "learning", n_modes, shaken),
@@ -96,7 +99,7 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     if not fine:
         return modes
     jobs = _of_each(problems, forms, modes)
-    of_all = description(problems, forms, stage=", from all rows")
+    of_all = description(problems, forms, stage="learned on from all rows")
     report = progress("learning from all rows", len(jobs), of_all)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
@@ -165,27 +168,31 @@ def _better(modes, others, those):
     ]
 
 
-def description(problems, forms, n_starts=1, *, stage=""):
-    """What to say of the mode of each output and form; the stage follows its name.
+def description(problems, forms, n_starts=1, *, stage="", told=None):
+    """What to say of the mode of each output and form, which a stage found.
 
     Of several starts it is said once, when all have come: first those that are the
-    first of an output and form, then all others.
+    first of an output and form, then all others. What was told before, of an earlier
+    stage, is not told again.
     """
-    names = [f"{problem.name}, {form}" for problem in problems for form in forms]
-    stage = f", the best of {n_starts} starts" if n_starts > 1 else stage
-    found = [[] for _ in names]
+    told = {} if told is None else told
+    of = [(problem, form) for problem in problems for form in forms]
+    stage = f"best of {n_starts} starts" if n_starts > 1 else stage
+    stage = stage and f", {stage}"
+    found = [[] for _ in of]
 
     def describe(i, mode):
-        others = i - len(names)  # starts but the first one of each
+        others = i - len(of)  # starts but the first one of each
         j = i if others < 0 else others // (n_starts - 1)
         found[j].append(mode)
         if len(found[j]) < n_starts:
             return None
         best = max(found[j], key=lambda mode: mode.value)
-        return (
-            f"{names[j]}{stage}: log marginal likelihood {best.value:.2f} "
-            f"(scaled) of {best.n_samples} rows after {best.n_iter} iterations"
-        )
+        (problem, form), bound = of[j], best.Z is not None
+        line = f"{about(problem, form)}{in_words(problem, best.value, bound=bound)}"
+        known, told[j] = told.get(j), line
+        steps = f"({best.n_iter} iterations, {best.n_samples} rows)"
+        return None if known == line else f"{line}{stage} {steps}"
 
     return describe
 

@@ -19,6 +19,7 @@ from skmtgp.inference.engines import Dense
 from skmtgp.inference.inducing import greedy_variance, k_means, optimised
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
+from skmtgp.learning.telling import about, in_words
 
 
 def exact_part(problems, forms):
@@ -105,11 +106,11 @@ def learn_bounds(models, modes, *, nest=nest, n_jobs=None, progress=silent):
     jobs = [(*of, nest) for of in zip(models, modes, strict=True)]
 
     def describe(j, modes):
-        values = ", ".join(f"{mode.value:.2f}" for mode in modes)
-        return (
-            f"{models[j][0].name}: bound on the log marginal likelihood {values} "
-            f"(scaled) of {modes[0].n_samples} rows"
-        )
+        return [
+            f"{about(of, of.prior.task_covariance)}"
+            f"{in_words(of, mode.value, bound=True)} of all {mode.n_samples} rows"
+            for of, mode in zip(models[j], modes, strict=True)
+        ]
 
     report = progress("learning from all rows by inducing inputs", len(jobs), describe)
     if not is_dask(first.data.X):
@@ -142,8 +143,8 @@ def climb_bounds(problems, modes, nest=nest):
         problems = [with_gain(*of, last=last) for of in zip(given, modes, strict=True)]
         if problems[-1].budget.verbose:
             say(
-                f"{problems[-1].name}: inducing inputs are chosen from "
-                f"{len(problems[-1].data)} rows"
+                f"{about(problems[-1])}choosing inducing inputs from "
+                f"{len(problems[-1].data)} rows, round {k + 1} of {rounds}"
             )
         Z, n_evaluations = inducing_inputs(problems[-1], modes[-1])
         seconds = perf_counter() - begin

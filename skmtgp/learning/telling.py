@@ -1,13 +1,59 @@
-"""What a climb prints while it goes on."""
+"""What is told of learning, in words, and of a climb while it goes on."""
+
+import logging
+from functools import partial
 
 import numpy as np
 
+from skmtgp._data.dask import map_parts
 from skmtgp._support.progress import is_due, say
 from skmtgp.learning.forecast import is_large
+from skmtgp.learning.problem import THE_OUTPUT
+
+
+def about(problem, *of):
+    """How a line begins: with the output, if there are several, and more."""
+    names = [] if problem.name == THE_OUTPUT else [problem.name]
+    names += map(str, of)
+    return f"{', '.join(names)}: " if names else ""
+
+
+def in_words(problem, value, *, bound=False):
+    """A maximum that was found, in units of y.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the rows that it was found from.
+    value : float
+        Log marginal likelihood of the scaled targets.
+    bound : bool, default=False
+        Whether it is a bound by inducing inputs.
+
+    Returns
+    -------
+    words : str
+        Such as "log likelihood 355.7".
+    """
+    what = "log posterior density" if problem.weak_priors else "log likelihood"
+    what = f"lower bound on the {what}" if bound else what
+    return f"{what} {value + _log_jacobian(problem):.1f}"
+
+
+def _log_jacobian(problem):
+    """Log density of the targets in units of y less that in which they are learned."""
+    log_scales, data, trend = problem.log_scales, problem.data, problem.prior.trend
+    of_trend = 0.0 if trend is None else trend.log_jacobian(data.X, data.tasks)
+    if len(log_scales) == 1:
+        return of_trend - float(log_scales[0] * data.counts.sum())
+    if data.known is not None:
+        return of_trend - float(log_scales @ np.bincount(data.tasks, data.counts))
+    count = partial(np.bincount, minlength=data.n_tasks)
+    return of_trend - float(log_scales @ sum(map_parts(count, data.tasks)))
 
 
 class Teller:
-    """Prints how far a climb is; nothing without `verbose`.
+    """Tells how far a climb is; nothing without `verbose`.
 
     Parameters
     ----------
@@ -29,8 +75,8 @@ class Teller:
             return
         data, pace = self.problem.data, self.problem.budget.pace
         seconds = pace * self.problem.engine.side(data) ** 3
-        each = f", about {seconds:.2g} s for each likelihood" if seconds else ""
-        say(f"{self.name}: a climb with {len(data)} rows begins{each}")
+        each = f", about {seconds:.2g} s for each evaluation" if seconds else ""
+        say(f"{self.begin_of_line}a climb from {len(data)} rows begins{each}")
 
     def told(self, objective):
         """The objective, which says after some seconds how far the climb is."""
@@ -53,26 +99,28 @@ class Teller:
         self.n_iter = n_iter
         if self.verbose >= 2 and n_iter % self.problem.tuning.report_every == 0:
             self.best, self.theta = value, theta
-            self._say()
+            self._say(level=logging.DEBUG)
 
     def end(self, mode):
         """Say where the climb ended, and why, if many lines are asked for."""
         if self.verbose >= 2:
-            why = "no more gain" if mode.converged else "budget spent"
-            why = "no digits left" if mode.stalled else why
+            why = "no more to gain" if mode.converged else "given up"
+            why = "at the limit of rounding" if mode.stalled else why
             self.n_iter, self.best, self.theta = mode.n_iter, mode.value, mode.theta
-            self._say(f": {why}")
+            self._say(f"; done, {why}", level=logging.DEBUG)
 
     @property
-    def name(self):
-        """Of the output, and the form of K^rho."""
-        return f"{self.problem.name}, {self.problem.prior}"
+    def begin_of_line(self):
+        """With the output and the form of K^rho."""
+        return about(self.problem, self.problem.prior)
 
-    def _say(self, why=""):
-        prior = self.problem.prior
+    def _say(self, why="", *, level=logging.INFO):
+        problem, prior = self.problem, self.problem.prior
         noise = np.exp(prior.log_noise_at(self.theta).min()) / prior.scale**2
+        found = in_words(problem, self.best, bound=problem.data.Z is not None)
         say(
-            f"{self.name}, {len(self.problem.data)} rows, iteration {self.n_iter}, "
-            f"{self.n_evaluations} likelihoods: log marginal likelihood "
-            f"{self.best:.2f}, noise variance {noise:.1e} of the target's{why}"
+            f"{self.begin_of_line}iteration {self.n_iter}, {found}, noise {noise:.1e} "
+            f"of the variance ({self.n_evaluations} evaluations of "
+            f"{len(problem.data)} rows){why}",
+            level,
         )

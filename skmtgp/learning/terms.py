@@ -23,6 +23,7 @@ from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import climb, refine, shake
 from skmtgp.learning.problem import Mode, Problem, best_of
 from skmtgp.learning.summarised import exact_part, learn_rest
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.several import terms_of
 
 
@@ -80,7 +81,7 @@ def _learn(learn, problems, n_jobs):
     """The mode of each output, of one list of terms, by exact inference."""
     alone = []
     for q in _distinct(problems[0], range(problems[0].prior.n_terms)):
-        of_term = [_of_terms(problem, [q]) for problem in problems]
+        of_term = [_one_term(problem, q) for problem in problems]
         [modes] = learn(of_term, [of_term[0].prior.task_covariance])
         alone.append(list(map(Grown, of_term, modes, [(q,)] * len(modes))))
     firsts = list(map(_likeliest, zip(*alone, strict=True)))
@@ -149,8 +150,8 @@ def _with_one_more(problem, grown):
     mode = best_of([grown.mode.led_to(mode), same]).counting([grown.mode])
     if more.budget.verbose:
         say(
-            f"{more.name}, {more.prior.task_covariance}: log marginal likelihood "
-            f"{mode.value:.2f} (scaled) of {len(more.data)} rows"
+            f"{about(more, more.prior.task_covariance)}"
+            f"{in_words(more, mode.value)} ({len(more.data)} rows)"
         )
     return best._replace(mode=mode)
 
@@ -280,6 +281,12 @@ def _of_terms(problem, chosen):
     terms = problem.prior.terms
     prior = problem.prior.with_terms([terms[q] for q in chosen])
     return replace(problem, prior=prior)
+
+
+def _one_term(problem, q):
+    """The same of one of them, by whose name its lines begin."""
+    name = about(problem, f"kernel {q + 1} alone").removesuffix(": ")
+    return replace(_of_terms(problem, [q]), name=name)
 
 
 def _distinct(problem, chosen):

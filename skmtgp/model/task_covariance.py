@@ -54,7 +54,10 @@ class FixedTaskCovariance:
         self.n_tasks = len(matrix)
 
     def __str__(self):
-        return "fixed task covariance"
+        if (self._matrix == self._matrix[0, 0]).all():
+            return "all tasks alike"
+        apart = not (self._matrix - np.diag(np.diag(self._matrix))).any()
+        return "tasks apart" if apart else "fixed task covariance"
 
     def bounds(self, scale):
         """Bounds of the parameters: none."""

@@ -157,6 +157,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self.empty_task = empty_task
         self.task_feature = task_feature
 
+    @public
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=True)
     def fit(self, X: ArrayLike, y: ArrayLike) -> Self:

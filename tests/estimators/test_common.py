@@ -21,7 +21,7 @@ SPARSE = {"inference": "sparse", "n_inducing": 10, **FIRST}
 ALONE = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
 STAGED = MultiTaskGPRegressor(learning="staged", **QUICK)
 LAST_COLUMN = [
-    MultiTaskGPRegressor(rank=1, **QUICK),
+    MultiTaskGPRegressor("matern", rank=1, **QUICK),
     *(cls(**QUICK) for cls in ALONE[1:]),
     RankSearchIC(STAGED, ranks=(1, 2)),
     *(BayesianLinearRegression(pooled=pooled) for pooled in (False, True)),

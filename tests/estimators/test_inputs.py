@@ -301,7 +301,7 @@ def test_bad_data(estimator, table, target, match):
 
 NOISE_BOUNDS = "must be a pair of positive numbers, the smaller one first, or 'fixed'"
 BAD_PARAMETERS = {
-    "kernel of another type": ({"kernel": "rbf"}, ValueError, "must be an instance of"),
+    "kernel of another type": ({"kernel": 1.0}, ValueError, "must be an instance of"),
     "kernel class": ({"kernel": RBF}, ValueError, "'kernel' parameter .* must be"),
     "length-scales": (
         {"kernel": RBF([1.0] * 3)},

@@ -337,14 +337,16 @@ def test_a_task_that_joins(data, fitted):
     assert fitted.tasks_.tolist() == [0, 1, 2]
 
 
-def test_what_is_printed(data, capsys):
+def test_what_is_printed(data, told):
     X, y, *_ = data
     model = MultiTaskGPRegressor([SLOW, FAST], rank=1, verbose=1, max_iter=3, **QUICK)
     with pytest.warns(UserWarning, match="still growing"):
         model.fit(X, y)
-    printed = capsys.readouterr().out
-    assert "the output, rank 1 + rank 1: log marginal likelihood" in printed
-    assert "of 90 rows" in printed
+    lines = told()
+    for kernel in ("kernel 1 alone", "kernel 2 alone"):
+        assert any(line.startswith(f"{kernel}, rank 1: log lik") for line in lines)
+    value = model.log_marginal_likelihood_value_
+    assert lines[-1] == f"rank 1 + rank 1: log likelihood {value:.1f} (90 rows)"
 
 
 def test_what_relations_are_worth(data, fitted):

@@ -44,7 +44,7 @@ class TestTable:
     def test_is_that_of_the_predictions(self, compared):
         model, display = compared
         X, y = related()
-        kernel = ConstantKernel(1.0, (1e-3, 1e3)) * model._default_kernel(X[:, :1])
+        kernel = ConstantKernel(1.0, (1e-3, 1e3)) * model._made(None, X[:, :1])
         alone = SingleTaskGP(kernel + ConstantKernel(1.0, "fixed")).fit(X, y)
         table = display.transfer
         assert table.columns.tolist() == [*COLUMNS, "evidence", "related"]

@@ -63,22 +63,22 @@ def test_the_time_is_in_minutes_or_hours(few, monkeypatch):
 @pytest.mark.parametrize(
     "make", [lambda of: of, partial(RankSearchIC, ranks=(0, 1, 2, 3))]
 )
-def test_with_verbose_it_is_said_how_much_there_is_to_do(few, make, capsys):
+def test_with_verbose_it_is_said_how_much_there_is_to_do(few, make, told):
     data = draw(np.ones((3, 3)))
     X = np.column_stack([data.X, data.tasks])
     gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, learning="staged", verbose=1)
     make(gp).fit(X, data.y)
-    lines = capsys.readouterr().out.splitlines()
+    lines = told()
     first = next(line for line in lines if "Learning" in line)
     n_forms = 1 if make(gp) is gp else 4
     assert first.startswith(
-        "[skmtgp] Learning from 36 rows by dense inference will take very roughly "
-        f"{250 * n_forms} likelihoods of 36 rows, "
+        "Learning from 36 rows by dense inference will take very roughly "
+        f"{250 * n_forms} evaluations of 36 rows at "
     )
 
 
 @pytest.mark.parametrize("verbose", [0, 1])
-def test_single_tasks_are_foreseen_together(few, capsys, monkeypatch, verbose):
+def test_single_tasks_are_foreseen_together(few, told, monkeypatch, verbose):
     """Before the first one begins, and once."""
     monkeypatch.setattr(single_task, "FEW", 30)
     data = draw(np.ones((3, 3)), per_task=36)
@@ -94,11 +94,11 @@ def test_single_tasks_are_foreseen_together(few, capsys, monkeypatch, verbose):
     with pytest.warns(LongFitWarning, match="3 tasks of up to 36 rows .* 6 minutes"):
         gp.fit(X[:108], data.y[:108])
     assert begun == [36]
-    lines = capsys.readouterr().out.splitlines()
+    lines = told()
     if not verbose:
         assert lines == []
     else:
         assert lines[0].endswith("will take very roughly 360 s on one processor")
-        assert lines[1].startswith("[skmtgp] task 1 of 3, Learning from 36 rows by")
+        assert lines[1].startswith("task 0 (1 of 3), Learning from 36 rows by")
     gp.set_params(max_iter=0).fit(X, data.y)
     assert begun == [36]

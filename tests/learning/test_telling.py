@@ -1,4 +1,4 @@
-"""What a climb prints while it goes on."""
+"""What is told of learning, and of a climb while it goes on."""
 
 import re
 from dataclasses import replace
@@ -18,9 +18,8 @@ from skmtgp.learning.forecast import is_large
 from skmtgp.learning.telling import Teller
 
 LINE = (
-    r"\[skmtgp\] the output, fixed task covariance, 36 rows, iteration (\d+), "
-    r"(\d+) likelihoods: log marginal likelihood (-?\d+\.\d\d), "
-    r"noise variance \d\.\de[+-]\d\d of the target's"
+    r"tasks apart: iteration (\d+), log likelihood (-?\d+\.\d), "
+    r"noise \d\.\de[+-]\d\d of the variance \((\d+) evaluations of 36 rows\)"
 )
 QUICK = {"learning": "staged", "normalize_y": "shared", "noise": "shared"}
 
@@ -30,41 +29,34 @@ def data():
     return draw(np.eye(3))
 
 
-def lines_of(capsys):
-    return capsys.readouterr().out.splitlines()
-
-
-def test_a_line_after_some_seconds(data, capsys, monkeypatch):
+def test_a_line_after_some_seconds(data, told, monkeypatch):
     monkeypatch.setattr(progress, "SILENCE", 0.0)  # every likelihood takes so long
     problem = pose(data, max_iter=5, verbose=1)
     mode = climb(problem, start_of(problem))
-    found = [re.fullmatch(LINE, line).groups() for line in lines_of(capsys)]
-    assert [int(n) for _, n, _ in found] == list(range(1, mode.n_evaluations + 1))
+    found = [re.fullmatch(LINE, line).groups() for line in told()]
+    assert [int(n) for *_, n in found] == list(range(1, mode.n_evaluations + 1))
     iterations = [int(n) for n, _, _ in found]
     assert iterations[0] == 0
     assert iterations[-1] == mode.n_iter - 1
-    values = [float(value) for _, _, value in found]
+    values = [float(value) for _, value, _ in found]
     assert (np.diff(values) >= 0.0).all()  # the best so far
-    assert values[-1] == pytest.approx(mode.value, abs=0.006)
+    assert values[-1] == pytest.approx(mode.value, abs=0.06)
 
 
 @pytest.mark.parametrize("begun", ["long ago", "just now"])
-def test_a_fit_that_has_just_begun_is_silent(data, capsys, monkeypatch, begun):
+def test_a_fit_that_has_just_begun_is_silent(data, told, monkeypatch, begun):
     monkeypatch.setattr(progress, "_last", 0.0)
     since = time() - 10.0 * (begun == "long ago")
     problem = pose(data, max_iter=5, verbose=1, begun=since)
     climb(problem, start_of(problem))
-    assert len(lines_of(capsys)) == (begun == "long ago")  # the next is not due yet
+    assert len(told()) == (begun == "long ago")  # the next is not due yet
 
 
-def test_a_line_before_a_long_climb(data, capsys, monkeypatch):
+def test_a_line_before_a_long_climb(data, told, monkeypatch):
     monkeypatch.setattr(forecast, "FEW", 30)
-    for pace, each in [(0.0, ""), (1e-3, ", about 47 s for each likelihood")]:
+    for pace, each in [(0.0, ""), (1e-3, ", about 47 s for each evaluation")]:
         Teller(pose(data, verbose=1, pace=pace)).begin()
-        assert lines_of(capsys) == [
-            "[skmtgp] the output, fixed task covariance: a climb with 36 rows begins"
-            + each
-        ]
+        assert told() == ["tasks apart: a climb from 36 rows begins" + each]
 
 
 def test_large_are_those_whose_matrices_are(monkeypatch):
@@ -79,20 +71,20 @@ def test_large_are_those_whose_matrices_are(monkeypatch):
     assert found == [True, False, True]
 
 
-def test_quick_climbs_of_many_rows_are_not_announced(capsys):
+def test_quick_climbs_of_many_rows_are_not_announced(told):
     x = np.linspace(0.0, 6.0, 500)
     X = np.column_stack([np.tile(x, 3), np.repeat([0, 1, 2], 500)])
     y = np.sin(X[:, 0]) * (1.0 + X[:, 1])
     y += 0.1 * np.random.default_rng(0).standard_normal(1500)
     model = MultiTaskGPRegressor(rank=1, verbose=1, tol=10.0, **QUICK).fit(X, y)
     assert model.inference_ == "kronecker"
-    assert "begins" not in capsys.readouterr().out
+    assert not any("begins" in line for line in told())
 
 
-def test_without_verbose_nothing_is_said_nor_done(data, capsys, monkeypatch):
+def test_without_verbose_nothing_is_said_nor_done(data, told, monkeypatch):
     monkeypatch.setattr(progress, "SILENCE", 0.0)
     monkeypatch.setattr(forecast, "FEW", 1)
     problem = pose(data, max_iter=3)
     assert Teller(problem).told(len) is len
     climb(problem, start_of(problem))
-    assert lines_of(capsys) == []
+    assert told() == []

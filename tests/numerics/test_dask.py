@@ -107,13 +107,24 @@ def test_nested_parts_are_not_shared_out(dask):
 
 
 @pytest.mark.parametrize("name", ["outputs", "ranks", "tasks"])
-def test_progress(name, dask, capsys):
+def test_progress(name, dask, told):
     lines = []
     for fit in (alone, lambda model, X, Y: model.fit(X, Y)):
         fit(clone(FITS[name]).set_params(verbose=1), X, Y)
-        lines.append(capsys.readouterr().out)
+        # but for how far a climb is after some seconds, in which a worker began
+        lines.append([line for line in told() if ": iteration " not in line])
     assert lines[0] == lines[1]
-    assert lines[0].startswith("[skmtgp] ")
+    assert lines[0]
+
+
+def test_lines_of_climbs_come_back(dask, told):
+    """They are told in the workers, where the user's handlers are not."""
+    lines = []
+    for fit in (alone, lambda model, X, Y: model.fit(X, Y)):
+        fit(clone(FITS["outputs"]).set_params(verbose=2), X, Y)
+        lines.append(sorted(line for line in told() if "; done, " in line))
+    assert lines[0] == lines[1]
+    assert any(line.startswith("output 2 of 2, ") for line in lines[0])
 
 
 def test_callbacks(dask):

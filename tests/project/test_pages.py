@@ -85,3 +85,10 @@ def test_pictures_are_there_and_have_words(name):
     for words, path in shown:
         assert words.strip()
         assert (DOCS / path).exists()
+
+
+def test_expected_times_are_those_that_were_measured():
+    results = ROOT / "benchmarks" / "results" / "expected_times.txt"
+    rows = [line for line in read(results).splitlines() if line.startswith("|")]
+    assert len(rows) > 3
+    assert "\n".join(rows) in read(DOCS / "guide" / "inference.md")

@@ -58,6 +58,13 @@ def test_it_is_better_than_rigid_bodies_where_joints_stick(puma, sticky, fitted)
     assert np.exp(np.mean(np.log(errors[0] / errors[1]))) < 0.2
 
 
+def test_unknown_arguments_name_the_public_class(puma, moved):
+    for cls in (RigidBodyRegressor, SemiparametricRegressor):
+        match = rf"^{cls.__name__}\.fit\(\) got an unexpected keyword argument 'foo'"
+        with pytest.raises(TypeError, match=match):
+            cls(puma).fit(*moved[:2], foo=1)
+
+
 def test_rigid_bodies_that_are_exact_stay_exact(puma, moved):
     X, Y, loads = moved
     model = SemiparametricRegressor(puma, empty_task=1).fit(X[::4], Y[::4])

@@ -1,4 +1,4 @@
-"""The plots of the page, in the colours of examples/puma560_loads.py."""
+"""The plots of the page, in the colours that every model has in the project."""
 
 from itertools import pairwise
 
@@ -10,21 +10,32 @@ import matplotlib.pyplot as plt
 from matplotlib.ticker import LogLocator, NullFormatter
 from measuring import plan
 
+from skmtgp import (
+    BayesianLinearRegression,
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    SingleTaskGP,
+)
+from skmtgp.inspection import COLORS as PALETTE
+from skmtgp.inspection import color_of
+
 from . import figure4, learning, novel_task, overview, published, table2
 from .markdown import MISSING
 from .summaries import geometric_mean
 
+OURS = color_of(MultiTaskGPRegressor())
 COLORS = {
-    "LR": "#0072b2",
-    "sGP": "#999999",
-    "iGP": "#56b4e9",
-    "pGP": "#e69f00",
-    "mGP-BIC": "#d55e00",
-    "add_task": "#d55e00",
-    "refit": "#009e73",
-    "annealed": "#d55e00",
-    "staged": "#0072b2",
-    "simultaneous": "#cc79a7",
+    "LR": color_of(BayesianLinearRegression()),
+    "sGP": color_of(SingleTaskGP()),
+    "iGP": color_of(IndependentGP()),
+    "pGP": color_of(PooledGP()),
+    "mGP-BIC": OURS,
+    "add_task": OURS,
+    "refit": PALETTE[2],
+    "annealed": OURS,
+    "staged": PALETTE[0],
+    "simultaneous": PALETTE[5],
 }
 MARKERS = {"LR": "x", "sGP": "s", "iGP": "D", "pGP": "^", "refit": "D", "staged": "s"}
 MARKERS["simultaneous"] = "^"

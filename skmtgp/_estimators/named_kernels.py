@@ -1,0 +1,81 @@
+"""Kernels that estimators take by name, scaled to the features as the default is."""
+
+from functools import reduce
+from operator import mul
+
+import numpy as np
+from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
+
+from skmtgp._data.checks import deviation_of, largest_of
+from skmtgp._numerics.linalg import RESOLVED
+from skmtgp._support.sklearn_compat import StrOptions
+from skmtgp.kernels import ARDLinear, Columns
+
+DEFAULT = "rbf"
+BOUNDS = np.array([1e-2, 1e3])  # of a length-scale, relative to where it starts
+# A period starts at half the width of features that are spread evenly.
+PERIOD, PERIODS = np.sqrt(3.0), np.array([5e-2, 1e2])
+
+
+def _rbf(scale, features):
+    return RBF(scale, np.outer(scale, BOUNDS))
+
+
+def _matern(nu):
+    def make(scale, features):
+        return Matern(scale, np.outer(scale, BOUNDS), nu=nu)
+
+    return make
+
+
+def _periodic(scale, features):
+    """A product of one for each feature, for it is a covariance on one alone."""
+    root = np.sqrt(len(scale))
+    periods = PERIOD / root * scale
+    of_features = [
+        ExpSineSquared(root, period, root * BOUNDS, period * PERIODS)
+        for period in periods
+    ]
+    if len(of_features) == 1:
+        return of_features[0]
+    return reduce(mul, (Columns(of, [d]) for d, of in enumerate(of_features)))
+
+
+def _linear(scale, features):
+    """Slopes of the size of a deviation, and what they make of it far from zero."""
+    weights = scale**-2.0
+    bias = 1.0 + float(np.square(largest_of(features) / scale).sum())
+    wide = np.array([1e-7, 1e3])
+    return ARDLinear(weights, bias, np.outer(weights, wide), tuple(bias * wide))
+
+
+KERNELS = {
+    "rbf": _rbf,
+    "exponential": _matern(0.5),
+    "matern": _matern(1.5),
+    "matern52": _matern(2.5),
+    "periodic": _periodic,
+    "linear": _linear,
+}
+KERNEL = Kernel, StrOptions(set(KERNELS)), None  # what a parameter `kernel` may be
+
+
+def named_kernel(name, features):
+    """A kernel scaled to the features.
+
+    Parameters
+    ----------
+    name : str
+        One of `KERNELS`.
+    features : ndarray of shape (n_samples, n_features)
+        Training inputs.
+
+    Returns
+    -------
+    kernel : Kernel
+        Length-scales start at the square root of n_features times the standard
+        deviation of their feature, between a hundredth and a thousand times that.
+    """
+    deviation, rounding = deviation_of(features), RESOLVED * largest_of(features)
+    scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
+    return KERNELS[name](scale, features)

@@ -1,0 +1,151 @@
+"""Kernels by name: scaled to the features, and citizens like any other parameter."""
+
+import pickle
+
+import numpy as np
+import pytest
+from samples import draw
+from sklearn import clone
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ConstantKernel,
+    ExpSineSquared,
+    Matern,
+    Product,
+)
+from sklearn.model_selection import GridSearchCV
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    compile_predictor,
+)
+from skmtgp._estimators.named_kernels import KERNELS, named_kernel
+from skmtgp.kernels import ARDLinear, Columns
+from skmtgp.model_selection import TaskStratifiedKFold
+
+pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+TYPES = {
+    "rbf": RBF,
+    "exponential": Matern,
+    "matern": Matern,
+    "matern52": Matern,
+    "periodic": Product,
+    "linear": ARDLinear,
+}
+SMOOTHNESS = {"exponential": 0.5, "matern": 1.5, "matern52": 2.5}
+GPS = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
+NAMES = pytest.mark.parametrize("name", KERNELS)
+EACH = pytest.mark.parametrize("cls", GPS)
+SHORT = {"max_iter": 3, "tol": 1.0}
+X, y = draw()
+Z = X[:5]
+
+
+@NAMES
+def test_a_length_scale_for_each_feature(name):
+    """It follows the units of the feature."""
+    features, units = X[:, :-1], np.array([1e4, 1e-3])
+    kernel, other = named_kernel(name, features), named_kernel(name, features * units)
+    assert type(kernel) is TYPES[name]
+    assert kernel.n_dims >= 2
+    np.testing.assert_allclose(other(features * units), kernel(features), rtol=1e-9)
+    np.testing.assert_allclose(np.diff(other.bounds), np.diff(kernel.bounds))
+    assert (kernel.bounds[:, 0] <= kernel.theta).all()
+    assert (kernel.theta <= kernel.bounds[:, 1]).all()
+
+
+def test_the_length_scales_are_those_of_the_default():
+    expected = X[:, :2].std(axis=0) * np.sqrt(2)
+    for name in ("rbf", *SMOOTHNESS):
+        kernel = named_kernel(name, X[:, :2])
+        np.testing.assert_allclose(kernel.length_scale, expected)
+        assert getattr(kernel, "nu", None) == SMOOTHNESS.get(name)
+
+
+def test_a_period_of_each_feature():
+    kernel = named_kernel("periodic", X[:, :2])
+    of_features = kernel.k1, kernel.k2
+    assert [of.columns for of in of_features] == [[0], [1]]
+    assert all(type(of) is Columns for of in of_features)
+    assert type(named_kernel("periodic", X[:, :1])) is ExpSineSquared
+
+
+def test_a_line_far_from_zero():
+    """Years, say: the intercept is as far from zero as the slope makes it."""
+    x = np.repeat(np.linspace(2000.0, 2020.0, 15), 2)[:, None]
+    task = np.tile([0, 1], 15)
+    data = np.column_stack([x, task]), (1.0 + task) * (x[:, 0] - 2007.0)
+    model = MultiTaskGPRegressor("linear", rank=1).fit(*data)
+    assert model.score([[2025.0, 0], [2025.0, 1]], [18.0, 36.0]) > 0.999
+
+
+@EACH
+@NAMES
+def test_every_estimator_takes_names(cls, name):
+    model = cls(name, max_iter=0).fit(X, y)
+    assert np.isfinite(model.predict(Z)).all()
+    assert model.kernel == name
+    if cls is MultiTaskGPRegressor:
+        assert type(model.kernel_) is TYPES[name]
+    elif cls is not SingleTaskGP:  # whose amplitude K^rho does not have
+        assert type(model.kernel_.k1) is ConstantKernel
+        assert type(model.kernel_.k2) is TYPES[name]
+
+
+@EACH
+def test_rbf_is_the_default(cls):
+    expected, found = (cls(of, max_iter=20).fit(X, y) for of in (None, "rbf"))
+    np.testing.assert_array_equal(found.predict(Z), expected.predict(Z))
+
+
+def test_in_lists():
+    model = MultiTaskGPRegressor(["linear", RBF(1.0), None], rank=1, **SHORT).fit(X, y)
+    assert [type(of) for of in model.kernel_] == [ARDLinear, RBF, RBF]
+    assert model.kernel_[1].length_scale.shape == ()
+    assert model.kernel_[2].length_scale.shape == (2,)
+
+
+@EACH
+def test_a_name_that_does_not_exist(cls):
+    match = f"'kernel' parameter of {cls.__name__} must be .*'matern52'"
+    with pytest.raises(ValueError, match=match) as caught:
+        cls("matern32").fit(X, y)
+    assert all(f"'{name}'" in str(caught.value) for name in KERNELS)
+
+
+def test_a_name_that_does_not_exist_in_a_list():
+    names = ", ".join(map(repr, KERNELS))
+    match = rf"names of kernels \({names}\), or None .* and 'cubic' is none of them"
+    with pytest.raises(ValueError, match=match):
+        MultiTaskGPRegressor(["rbf", "cubic"]).fit(X, y)
+
+
+def test_grid_search():
+    grid = {"kernel": ["rbf", "matern", ["rbf", "linear"]]}
+    model = MultiTaskGPRegressor(rank=1, **SHORT)
+    search = GridSearchCV(model, grid, cv=TaskStratifiedKFold(2)).fit(X, y)
+    assert np.isfinite(search.cv_results_["mean_test_score"]).all()
+    assert search.best_estimator_.kernel in grid["kernel"]
+
+
+def test_rank_search():
+    search = RankSearchIC(MultiTaskGPRegressor("matern", **SHORT), ranks=(1, 2)).fit(
+        X, y
+    )
+    assert type(search.best_estimator_.kernel_) is Matern
+
+
+@NAMES
+def test_clones_copies_and_compiled_predictors(name):
+    model = MultiTaskGPRegressor(name, rank=1, max_iter=0).fit(X, y)
+    assert clone(model).get_params() == model.get_params()
+    assert f"kernel='{name}'" in repr(model) or name in repr(model)
+    again = pickle.loads(pickle.dumps(model))
+    np.testing.assert_array_equal(again.predict(Z), model.predict(Z))
+    predict = compile_predictor(model, task=Z[0, -1])
+    assert predict(Z[0, :-1]) == pytest.approx(model.predict(Z[:1])[0])

@@ -194,7 +194,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         The noise that was used, chosen if `noise` is "auto".
     log_marginal_likelihood_value_ : float
         Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over the outputs.
+        sparse), summed over the outputs. With `trend` it is that of what the trend
+        leaves of y: models of other trends do not compare.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
@@ -454,7 +455,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         The noise that was used, chosen if `noise` is "auto".
     log_marginal_likelihood_value_ : float
         Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over the outputs.
+        sparse), summed over the outputs. With `trend` it is that of what the trend
+        leaves of y: models of other trends do not compare.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int

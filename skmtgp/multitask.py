@@ -240,7 +240,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         The noise that was used, chosen if `noise` is "auto".
     log_marginal_likelihood_value_ : float
         Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over the outputs.
+        sparse), summed over the outputs. With `trend` it is that of what the trend
+        leaves of y: models of other trends do not compare.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
@@ -249,7 +250,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         p + 1 takes the place of M), 1 of a function that all share, M of a diagonal, 1
         of all levels, and the noise. The scale of the task covariance and an amplitude
         of the kernel count both, as in the paper.
-        Means and deviations that `normalize_y` takes do not count.
+        Means and deviations that `normalize_y` takes do not count, nor do coefficients
+        of a trend.
     theta_ : ndarray of shape (n_theta,)
         All parameters as learned, for each output: the kernel's theta, of several terms
         one after another, then, term by term, the factor of

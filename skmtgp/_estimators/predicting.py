@@ -106,8 +106,8 @@ class PosteriorMixin(RegressorMixin):
         `normalize_y_` is not "per_task": by what all tasks share, and by its
         descriptors. Its uncertainty has what tasks differ by beside these: the
         variances of the levels and, on average, of the rest of `task_covariance_`.
-        Known tasks have the descriptors of `fit`. With noise of each task a new one has
-        the geometric mean of the noise variances.
+        With `trend_per_task` none can be. Known tasks have the descriptors of `fit`.
+        With noise of each task a new one has the geometric mean of the noise variances.
 
         With `target_transform` the first is the inverse of the mean that is learned, as
         that of scikit-learn's TransformedTargetRegressor. It is no mean but the median,

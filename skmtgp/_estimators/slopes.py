@@ -91,8 +91,7 @@ class Slopes:
     @property
     def has_constants(self):
         """Whether a constant of each task is part of the trend."""
-        lost = self.ranks[NOWHERE] - self.ranks[OF_TASKS]
-        return self.per_task and lost == len(self.tasks)
+        return self.ranks[NOWHERE] - self.ranks[OF_TASKS] == len(self.tasks)
 
     def place(self, per_task):
         """Which of the means the columns are taken off, where the targets are.

@@ -14,7 +14,7 @@ units, or others that span the same, do not change it.
 
 import numpy as np
 
-from skmtgp._numerics.linalg import Cholesky
+from skmtgp.exceptions import NotPositiveDefiniteError
 
 
 class Flat:
@@ -29,8 +29,8 @@ class Flat:
 
     Attributes
     ----------
-    B : ndarray of shape (n_samples, rank)
-        C^{-1} Q with orthonormal columns, B^T B = I.
+    B, R : ndarray of shape (n_samples, rank) and (rank, rank)
+        C^{-1} Q = B R with orthonormal columns of B.
     V : ndarray of shape (n_samples, rank)
         C^{-T} B: P = K^{-1} - V V^T.
     log_det : float
@@ -38,10 +38,12 @@ class Flat:
     """
 
     def __init__(self, cholesky, basis):
-        half = cholesky.half_solve(basis.Q)
-        self.of_basis = Cholesky(np.asfortranarray(half.T @ half))
-        self.log_det = self.of_basis.log_det()
-        self.B = np.ascontiguousarray(self.of_basis.half_solve(half.T).T)
+        # no product of half with itself, which would square its condition number
+        self.B, self.R = np.linalg.qr(cholesky.half_solve(basis.Q))
+        pivots = np.abs(np.diagonal(self.R))
+        if not (pivots > 0.0).all():
+            raise NotPositiveDefiniteError("a column of the trend is no column of C")
+        self.log_det = 2.0 * np.log(pivots).sum()
         self.V = cholesky.half_solve(self.B, transposed=True)
 
     def rest(self, half):
@@ -72,10 +74,10 @@ class Coefficients:
 
     def __init__(self, likelihood, flat, cholesky):
         self.trend, self.flat, basis = likelihood.prior.trend, flat, likelihood.basis
-        solve, half = flat.of_basis.half_solve, cholesky.half_solve(likelihood.y)
-        of_basis = solve(flat.B.T @ half, transposed=True)
+        half = cholesky.half_solve(likelihood.y)
+        of_basis = np.linalg.solve(flat.R, flat.B.T @ half)
         self.mean = self.trend.slopes.ravel() + basis.coefficients(of_basis)
-        self.root = basis.coefficients(solve(np.eye(basis.rank), transposed=True))
+        self.root = basis.coefficients(np.linalg.inv(flat.R))
 
     def means(self, X, tasks):
         """What the trend adds to the mean of f, (n_samples,)."""

@@ -157,6 +157,14 @@ def test_own_constants_take_the_place_of_levels():
     np.testing.assert_allclose(np.diff(level), [2.0, 2.0], atol=2.0)
 
 
+def test_the_constant_of_a_single_task_takes_the_place_of_its_level():
+    X, y, _ = draw()
+    X[:, 2] = 0.0
+    fitted = model("constant").fit(X, y)
+    assert fitted.level_variance_ == 0.0
+    assert abs(fitted.coef_[0] - y.mean()) < 3.0 * fitted.coef_std_[0]
+
+
 def test_a_constant_is_an_intercept():
     X, y, Z = draw(slope=2.0)
     bias = PolynomialFeatures(1)
@@ -323,6 +331,20 @@ def test_grid_search_over_trends_and_persistence():
     np.testing.assert_array_equal(again.predict(Z), best.predict(Z))
     forgotten = clone(best).set_params(trend=[0]).fit(X, y).set_params(trend=None)
     assert not hasattr(forgotten.fit(X, y), "coef_")
+
+
+def test_skops(tmp_path):
+    io = pytest.importorskip("skops.io")
+    X, y, Z = draw(slope=2.0)
+    fitted, file = model("linear", trend_per_task=True).fit(X, y), tmp_path / "a.skops"
+    io.dump(fitted, file)
+    found = io.get_untrusted_types(file=file)
+    own = {"model.trend.Trend", "model.trend.Basis", "_data.trend.TrendColumns"}
+    own |= {"inference.flat.Coefficients", "inference.flat.Flat"}
+    assert {f"skmtgp.{name}" for name in own} <= set(found)
+    again = io.load(file, trusted=found)
+    np.testing.assert_array_equal(told(again, Z)[0], told(fitted, Z)[0])
+    np.testing.assert_array_equal(again.coef_, fitted.coef_)
 
 
 def test_the_other_models():

@@ -129,7 +129,8 @@ def of_gaps(n_missing, n):
 
     Four of these, and some vectors of n and of n_missing for each cell.
     """
-    return 7.0 * (n_missing > 0) + 6.0 * n_missing * (n_missing + n) / n**2
+    of_cells = n_missing * (4.0 * n + 1.5 * n_missing) / n**2
+    return of_cells + 4.0 * (n_missing > 0)
 
 
 def check_sparse_memory(demand, tiles, n_inducing, n_exact):

@@ -352,3 +352,22 @@ def test_hidden_cells_are_rows_that_are_not_there(name, seed, levels, per_task):
     ):
         atol = 1e-8 * np.abs(expected).max()
         np.testing.assert_allclose(of, expected, rtol=1e-8, atol=atol)
+
+
+def test_levels_without_noise():
+    """What is filled in is refined: at first it is off by digits that levels lose."""
+    rng = np.random.default_rng(0)
+    x, tasks = np.sort(rng.uniform(0.0, 6.0, 30)), np.repeat(np.arange(4), 30)
+    F = rng.normal(size=(4, 2))
+    Y = np.column_stack([np.sin(x), np.cos(2.0 * x)]) @ F.T
+    X, y = np.tile(x, 4)[:, None], Y.T.ravel()
+    kept = np.delete(np.arange(120), [3, 33, 63, 7, 50, 110])
+    data = X[kept], tasks[kept], y[kept]
+    model = building.kronecker(RBF(1.0), low_rank(4, 2), *data, levels=True)
+    theta = np.r_[0.0, F.ravel(), 0.0, np.log(1e-14)]
+    mean = model.posterior(theta).mean(X, tasks)
+    np.testing.assert_allclose(mean, y, atol=0.05)
+    eigen = model.eigen(theta)
+    rotated = model.rotated(eigen)
+    atol = 1e-6 * np.abs(rotated).max()
+    np.testing.assert_allclose(eigen.completed(rotated), rotated, atol=atol)

@@ -6,7 +6,8 @@ matplotlib: ``pip install "skmtgp[plot]"``.
 """
 
 from skmtgp.inspection._coverage import CoverageDisplay
-from skmtgp.inspection._drawing import COLORS, color_of
+from skmtgp.inspection._drawing import COLORS as COLORS  # no function, no class
+from skmtgp.inspection._drawing import color_of
 from skmtgp.inspection._kernel_relevance import KernelRelevanceDisplay
 from skmtgp.inspection._learning_curve import TaskLearningCurveDisplay
 from skmtgp.inspection._rank_selection import RankSelectionDisplay
@@ -17,7 +18,6 @@ from skmtgp.inspection._trajectory import TrajectoryDisplay
 from skmtgp.inspection._transfer import TransferDisplay
 
 __all__ = [
-    "COLORS",
     "CoverageDisplay",
     "KernelRelevanceDisplay",
     "RankSelectionDisplay",

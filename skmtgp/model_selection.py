@@ -16,6 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_stream
 from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
+from skmtgp._data.known import weighed_rows
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
@@ -230,6 +231,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self
 
     def _fit(self, model, X, y, progress, given):
+        X, y, given = weighed_rows(X, y, given, repeats=not model._takes_known())
         training = model._read(X, y, progress, given)
         if len(model._terms()) > 1:
             self._fit_terms(model, training, progress)

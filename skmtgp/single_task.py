@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_theta, check_training, name_tasks
 from skmtgp._data.data import Data
-from skmtgp._data.known import read_known
+from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
@@ -240,8 +240,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             Fitted estimator.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
-            features, codes, tasks, Y = check_training(self, X, y)
             given = alpha, sample_weight, repeat_variance
+            repeats = self.inference not in ("auto", "dense")
+            X, y, given = weighed_rows(X, y, given, repeats=repeats)
+            features, codes, tasks, Y = check_training(self, X, y)
             known = read_known(*given, Y.reshape(len(Y), -1).shape)
             if known is not None:
                 known.refuse_transform(self.target_transform)

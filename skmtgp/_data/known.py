@@ -16,6 +16,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from sklearn.utils import _safe_indexing
+from sklearn.utils.validation import _num_samples
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,54 @@ def noise_of(known, learned):
     return learned if known is None else known.noise(learned)
 
 
+def weighed_rows(X, y, given, *, repeats):
+    """The rows of some weight, and what is known of their noise.
+
+    A meta-estimator such as bagging counts in `sample_weight` how often it has drawn
+    each row.
+
+    Parameters
+    ----------
+    X, y : array-like
+        All rows.
+    given : tuple of (alpha, sample_weight, repeat_variance)
+        See `fit`.
+    repeats : bool
+        Whether rows are repeated as often as they count, since that is all that is
+        known and the engine takes no counts.
+
+    Returns
+    -------
+    X, y, given
+        Without rows of weight 0. Nothing is known where all weights are 1 then.
+    """
+    alpha, weights, variance = given
+    if weights is None:
+        return X, y, given
+    weights = np.asarray(weights)
+    whole = weights.ndim == 1 and weights.dtype.kind in "biuf" and len(weights)
+    if not whole or len(weights) != _num_samples(X) or not weights.any():
+        return X, y, given  # reading says what is wrong
+    counts = (weights != 0).astype(int)
+    alone = alpha is None and variance is None
+    if (
+        repeats
+        and alone
+        and (weights == np.floor(weights)).all()
+        and weights.min() >= 0
+    ):
+        counts, weights = weights.astype(int), np.ones(len(weights))
+    if (counts != 1).any():
+        rows = np.repeat(np.arange(len(counts)), counts)
+        X, y, weights = (_safe_indexing(of, rows) for of in (X, y, weights))
+        alpha, variance = (
+            of if of is None or np.ndim(of) == 0 else _safe_indexing(of, rows)
+            for of in (alpha, variance)
+        )
+    known = not (alone and (weights == 1).all())
+    return X, y, (alpha, weights if known else None, variance)
+
+
 def read_known(alpha, sample_weight, repeat_variance, shape):
     """What is known, from the arguments of `fit`; None where that is nothing.
 
@@ -126,8 +176,9 @@ def read_known(alpha, sample_weight, repeat_variance, shape):
     if not (counts >= 1.0).all():
         raise ValueError(
             f"sample_weight has {counts.min():g}: it is the number of measurements "
-            "that a row is the mean of, 1 or more. Leave out rows of zero weight; of "
-            "rows that are less exact give the variance in alpha."
+            "that a row is the mean of, 1 or more, or zero weight for rows that do not "
+            "count, but not for all. Of rows that are less exact give the variance in "
+            "alpha."
         )
     variance = _numbers("alpha", alpha, shape, default=0.0)
     spread = _numbers("repeat_variance", repeat_variance, shape, default=0.0)

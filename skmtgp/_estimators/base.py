@@ -16,7 +16,7 @@ from sklearn.base import clone
 from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
 from skmtgp._data.dask import is_dask
 from skmtgp._data.descriptors import locate_descriptors, read_descriptors
-from skmtgp._data.known import read_known
+from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import Labels
 from skmtgp._data.partitions import check_partitions
 from skmtgp._data.trend import NAMED, read_trend
@@ -46,7 +46,7 @@ from skmtgp.inference.engine import (
     check_terms,
     check_trend,
 )
-from skmtgp.inference.engines import ENGINES, choose, leaves_rows
+from skmtgp.inference.engines import ENGINES, Dense, choose, leaves_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
@@ -125,7 +125,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         sample_weight : array-like of shape (n_samples,), default=None
             How many measurements each row is the mean of, 1 or more; of each of them
             the noise variances are. The likelihood and the posterior are those of all
-            measurements. None is 1.
+            measurements. Rows of weight 0 are left out. None is 1.
         repeat_variance : array-like of the shape of y, default=None
             Variance of these measurements about their mean, divided by their number
             and not by one less. None is 0. See
@@ -145,6 +145,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance
+            X, y, given = weighed_rows(X, y, given, repeats=not self._takes_known())
             training = self._read(X, y, progress, given)
             problems = self._problems(training)
             problems = self._foretell(problems, problems[0].prior.n_terms)
@@ -166,6 +167,15 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
                 name = about(problem, problem.prior.task_covariance)
                 say(f"{name}{in_words(problem, mode.value)}")
         return training, problems, modes
+
+    def _takes_known(self):
+        """Whether the engine that is asked for takes what is known of the noise."""
+        engine = (
+            ENGINES.get(self.inference, Dense)
+            if isinstance(self.inference, str)
+            else self.inference
+        )
+        return engine.takes_known
 
     def _foretell(self, problems, n_forms=1):
         """The problems with the pace of learning; where it is slow, that is said."""

@@ -351,7 +351,8 @@ BAD_PARAMETERS = {
             np.array(["a", "b"]),
         ]
     },
-    "no noise": ({"noise_variance": 0.0}, ValueError, r"range \(0.0, inf\)"),
+    "no noise": ({"noise_variance": 0.0}, ValueError, "=0 leaves the noise to alpha"),
+    "negative noise": ({"noise_variance": -1.0}, ValueError, r"range \[0.0, inf\)"),
     "inference": ({"inference": "exact"}, ValueError, "must be a str among"),
     "iterations": ({"max_iter": -1}, ValueError, r"'max_iter' .* range \[0, inf\)"),
     "tolerance": ({"tol": 0.0}, ValueError, r"'tol' .* range \(0.0, inf\)"),
@@ -397,26 +398,24 @@ def test_name_of_the_task_column_of_an_array(estimator):
 
 
 CALLS = {
-    "fit": lambda model: model.fit(frame(), y, sample_weight=1),
-    "predict": lambda model: model.predict(frame(), sample_weight=1),
-    "sample_y": lambda model: model.sample_y(frame(), sample_weight=1),
-    "loo_predict": lambda model: model.loo_predict(sample_weight=1),
-    "log_marginal_likelihood": (
-        lambda model: model.log_marginal_likelihood(sample_weight=1)
-    ),
-    "__init__": lambda model: type(model)(sample_weight=1),
+    "fit": lambda model: model.fit(frame(), y, weights=1),
+    "predict": lambda model: model.predict(frame(), weights=1),
+    "sample_y": lambda model: model.sample_y(frame(), weights=1),
+    "loo_predict": lambda model: model.loo_predict(weights=1),
+    "log_marginal_likelihood": (lambda model: model.log_marginal_likelihood(weights=1)),
+    "__init__": lambda model: type(model)(weights=1),
 }
 
 
 @pytest.mark.parametrize("name", CALLS)
 def test_unknown_arguments_name_the_public_class(estimator, name):
-    match = rf"^{type(estimator).__name__}\.{name}\(\) got an unexpected .* 'sample_w"
+    match = rf"^{type(estimator).__name__}\.{name}\(\) got an unexpected .* 'weights"
     with pytest.raises(TypeError, match=match):
         CALLS[name](estimator)
 
 
 def test_missing_arguments_name_the_public_class():
-    match = r"^PooledGP\.fit\(\) missing a required argument: 'y'\. It takes X, y\.$"
+    match = r"^PooledGP\.fit\(\) missing a required argument: 'y'\. It takes X, y, alp"
     with pytest.raises(TypeError, match=match):
         PooledGP().fit(frame())
 

@@ -335,3 +335,31 @@ def test_dask_rows():
         ValueError, match="alpha and sample_weight need the rows in mem"
     ):
         PooledGP(inference="sparse").fit(rows, y, alpha=0.1)
+
+
+@pytest.mark.parametrize("options", [{}, {"inference": "sparse", "n_inducing": 8}])
+def test_rows_of_zero_weight_are_left_out(options):
+    """As by bagging, which counts how often it has drawn a row."""
+    weights = np.where(np.arange(N) < 6, 0.0, 1.0)
+    options |= {"max_iter": 3}
+    found = PooledGP(**options).fit(X, Y, sample_weight=weights).predict(NEW)
+    expected = PooledGP(**options).fit(X[6:], Y[6:]).predict(NEW)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    search = RankSearchIC(MultiTaskGPRegressor(**options), ranks=(1,))
+    assert len(search.fit(X, Y, sample_weight=weights).best_estimator_.y_train_) == 30
+
+
+def test_engines_that_take_no_counts_repeat_rows():
+    weights = np.where(np.arange(N) < 6, 3, 1)
+    options = {"inference": "sparse", "n_inducing": 8, "max_iter": 3}
+    found = PooledGP(**options).fit(X, Y, sample_weight=weights).predict(NEW)
+    rows = np.repeat(np.arange(N), weights)
+    expected = PooledGP(**options).fit(X[rows], Y[rows]).predict(NEW)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_weights_of_one_say_nothing():
+    rows = np.column_stack([np.repeat(np.arange(12.0), 3), TASK])
+    model = MultiTaskGPRegressor(rank=1, max_iter=2)
+    model.fit(rows, Y, sample_weight=np.ones(N))
+    assert model.inference_ == "kronecker"

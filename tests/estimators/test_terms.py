@@ -285,7 +285,7 @@ class TestRefusals:
         ("params", "match"),
         [
             ({"kernel": []}, r"kernel=\[\] has no kernel"),
-            ({"kernel": [SLOW, 2]}, "kernels of scikit-learn's kind.* 2 is neither"),
+            ({"kernel": [SLOW, 2]}, "kernels of scikit-learn's kind.* 2 is none of"),
             ({"rank": [1, 2]}, r"rank=\[1, 2\] has a value for each term.*is of one"),
             ({"kernel": [SLOW] * 2, "rank": [1]}, r"rank=\[1\] has 1 values, but .* 2"),
             ({"kernel": [SLOW] * 2, "rank": [1, -1]}, "an integer of 0 or more.*-1"),

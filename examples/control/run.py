@@ -44,6 +44,7 @@ from skmtgp.robot import RigidBodyRegressor
 OUTPUT = Path(__file__).parents[1] / "output"
 PHASES = {"before": (-9e9, 0.0), "0.2 s": (0.0, 0.2), "to 1 s": (0.2, 1.0)}
 PHASES["later"] = 1.0, 9e9
+N_STATES, N_SHAKEN = 160, 100  # that models learn from; of these of shaken motions
 FIRST, SECOND = 0, 14  # positions of the loads: c1 of 0.2 kg, c15 of 3 kg
 
 
@@ -63,9 +64,9 @@ LOOKS = {
 STYLES = {"mGP, MOSAIC": "--"}  # it lies upon MMST
 
 
-def learn(loads, make):
+def learn(loads, make, n_shaken):
     """A model of each joint, of all loads, from the same states under each."""
-    states = training_states(60, 100, np.random.default_rng(0))
+    states = training_states(N_STATES - n_shaken, n_shaken, np.random.default_rng(0))
     labels = np.repeat(np.arange(1.0, len(loads) + 1), len(states))
     described = np.repeat(loads, len(states), axis=0)
     X = np.column_stack([np.tile(states, (len(loads), 1)), described, labels])
@@ -90,13 +91,13 @@ LEARNED = {
 }
 
 
-def learned(loads, folder):
+def learned(loads, folder, n_shaken=N_SHAKEN):
     """The models of each kind, read from a folder if they are there."""
     found = {}
     for name, make in LEARNED.items():
         path = folder / f"{name}.pkl"
         if not path.exists():
-            begin, models = time.time(), learn(loads, make)
+            begin, models = time.time(), learn(loads, make, n_shaken)
             print(f"learned {name}: {time.time() - begin:.0f} s", flush=True)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(pickle.dumps(models))
@@ -201,12 +202,15 @@ def main():
     parser.add_argument(
         "--models", type=Path, default=OUTPUT / "control", help="folder of the models"
     )
+    parser.add_argument(
+        "--shaken", type=int, default=N_SHAKEN, help="states of shaken motions, of 160"
+    )
     parser.add_argument("--output", type=Path, help="file of the rows, JSON lines")
     parser.add_argument("--figure", type=Path, default=OUTPUT / "control.png")
     args = parser.parse_args()
     puma = load_puma560(n_per_load=20, descriptors="inertial")
     loads = puma.loads.iloc[:, -10:].to_numpy(float)
-    models = learned(loads[:SECOND], args.models)
+    models = learned(loads[:SECOND], args.models, args.shaken)
     compared = controllers(models, loads, puma.target.std(axis=0))
     compared = {name: compared[name] for name in args.only or compared}
     rng, rows, curves = np.random.default_rng(0), [], {}

@@ -86,7 +86,8 @@ lint: $(VENV)/ready-to-test
 	$(BIN)/ruff format --check .
 
 # The examples first: a page that does not run is not shown. On a terminal Sphinx says
-# where it is; into a file it writes what is wrong alone.
+# where it is; into a file it writes what is wrong alone. All pages are written (-a):
+# of those that are not, the search would forget the words of the index.
 SPHINX := $(ONE_THREAD) $(BIN)/python -m sphinx -W --keep-going -d docs/_build/.cache \
     $$([ -t 1 ] || echo -q)
 HTML := docs/_build/html
@@ -94,7 +95,7 @@ docs: $(VENV)/ready-for-docs
 	@echo 'Running the gallery and the examples of the pages (two or three minutes)'
 	@$(SPHINX) -b doctest docs docs/_build/doctest
 	@echo 'Writing the pages (a minute)'
-	@$(SPHINX) -b html docs $(HTML)
+	@$(SPHINX) -a -b html docs $(HTML)
 	@echo $(HTML)/index.html
 
 test-pages: $(VENV)/ready-for-pages $(HTML)/index.html

@@ -14,5 +14,13 @@ def position(script):
 
 
 def short_warnings(gallery_conf, name):
-    """Examples show what a warning says, not where on this machine the code is."""
-    warnings.formatwarning = lambda text, kind, *where: f"{kind.__name__}: {text}\n"
+    """Examples show once what a warning says, not where on this machine the code is."""
+    shown = set()
+
+    def format_once(text, kind, *where):
+        line = f"{kind.__name__}: {text}\n"
+        new = line not in shown
+        shown.add(line)
+        return line if new else ""
+
+    warnings.formatwarning = format_once

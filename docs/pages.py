@@ -12,7 +12,7 @@ SHARP = "_2_00x"  # what sphinx-gallery adds to the name of a picture of twice t
 INCH = 100  # pixels of the page for an inch of a picture
 PHONE = 620  # pixels: a wider picture cannot be read on a phone unless it scrolls
 NUMBER = re.compile(  # -1,234.5 or 1e-07, one more, and a unit
-    r"\W?\d[\d.,]*(e\W?\d+)?(\s?\W\s?[\d.,]+)?\W?\s?(ms|µ?s|min|h|[KMG]i?B)?"
+    r"\W?\s?\d[\d.,]*(e\W?\d+)?(\s?\W\s?[\d.,]+)?\s?\W?\s?(ms|µ?s|min|h|[KMG]i?B)?"
 )
 
 

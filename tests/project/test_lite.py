@@ -25,8 +25,9 @@ import matplotlib.pyplot
 """
 
 LIKE_PYODIDE = """
-import ctypes.util, os, sys, sysconfig, threading, types
-sysconfig.get_config_vars()  # this and ctypes ask at once which platform it is
+import os, sys, sysconfig, threading, threadpoolctl, types
+sysconfig.get_config_vars()  # before it asks which platform it is
+threadpoolctl.threadpool_info()  # this looks for the C library, there in Pyodide
 
 def refuse(*args, **kwargs):
     raise RuntimeError("can't start new thread")

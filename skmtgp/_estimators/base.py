@@ -336,7 +336,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         engine = choose(self.inference, prior, training, **self._options())
         check_terms(engine, prior)
         check_trend(engine, prior)
-        check_known(engine, training)
+        check_known(engine, prior, training)
         if self.hyperparameters == "sampled" and prior.n_terms > 1:
             raise ValueError(
                 "hyperparameters='sampled' draws those of one term K^rho x k^x, but "

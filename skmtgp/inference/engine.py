@@ -258,8 +258,19 @@ def check_trend(engine, prior):
         )
 
 
-def check_known(engine, data):
-    """Raise a ValueError where an engine cannot take what is known of the noise."""
+def check_known(engine, prior, data):
+    """Raise a ValueError where an engine cannot take what is known of the noise.
+
+    Neither can k^x with noise of its own take rows that stand for several measurements:
+    each of these would have another one.
+    """
+    own = data.known is not None and data.known.counts.max() > 1.0
+    if own and not depends_on_inputs_only(prior.kernel, data.features):
+        raise ValueError(
+            f"sample_weight counts repeats, but kernel={prior.kernel} has noise of its "
+            "own for each sample, such as a WhiteKernel, of which a mean tells too "
+            "little. Leave that noise to noise_variance, or give all rows."
+        )
     if data.known is not None and not engine.takes_known:
         why = {
             "kronecker": "with noise that differs between inputs K is no Kronecker "

@@ -93,6 +93,12 @@ class Problem:
     def likelihood(self):
         """What is maximised."""
         likelihood = self.engine.likelihood(self.prior, self.data)
+        if self.data.known is not None and likelihood.known is None:
+            raise ValueError(
+                f"inference={self.engine.name!r} makes a likelihood without "
+                "`data.known`, what alpha and sample_weight tell. Hand it on, "
+                "or set `takes_known = False` of the engine."
+            )
         return WithHyperprior(likelihood) if self.weak_priors else likelihood
 
     def theta(self, **given):

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
@@ -23,6 +23,7 @@ from skmtgp import (
     SingleTaskGP,
     average_repeats,
 )
+from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.engines import Dense
 from skmtgp.inspection import TransferDisplay
 from skmtgp.model_selection import TaskStratifiedKFold
@@ -363,3 +364,34 @@ def test_weights_of_one_say_nothing():
     model = MultiTaskGPRegressor(rank=1, max_iter=2)
     model.fit(rows, Y, sample_weight=np.ones(N))
     assert model.inference_ == "kronecker"
+
+
+def test_kernels_with_noise_of_their_own_take_no_counts():
+    """A mean of repeats has not their white noise, each of which is another."""
+    kernel = RBF(1.0) + WhiteKernel(0.1)
+    with pytest.raises(
+        ValueError, match=r"sample_weight counts repeats, but kernel=.*W"
+    ):
+        PooledGP(kernel).fit(X, Y, sample_weight=2.0)
+    PooledGP(kernel, max_iter=2).fit(X, Y, alpha=0.1)
+
+
+class Forgetting(Dense):
+    name = "forgetting"
+
+    def likelihood(self, prior, data):
+        return DenseLikelihood(prior, data.X, data.tasks, data.y)
+
+
+def test_engines_that_forget_what_is_known():
+    with pytest.raises(ValueError, match="'forgetting' makes a likelihood without"):
+        PooledGP(inference=Forgetting()).fit(X, Y, alpha=0.1)
+
+
+def test_a_task_that_joins_leaves_the_known_noise(model):
+    joined = model.add_task([[1.0, 7], [2.0, 7], [4.0, 7]], [1.0, 1.1, -0.6])
+    noise = joined._posteriors[0].noise * joined.y_scale_**2
+    learned = joined.noise_variance_
+    expected = (learned + ALPHA)[np.argsort(TASK, kind="stable")]
+    np.testing.assert_allclose(noise[:N], expected, rtol=1e-9)
+    np.testing.assert_allclose(noise[N:], learned, rtol=1e-9)

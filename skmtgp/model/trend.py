@@ -55,9 +55,7 @@ class Trend:
 
         Tasks that were never seen come after the others; they have none of their own.
         """
-        H, centre = self.columns(X), _of_rows(self.centre, tasks)
-        near = np.abs(H - centre) <= RESOLVED * np.abs(centre)
-        H = np.where(near, 0.0, H - centre) / _of_rows(self.scale[:, None], tasks)
+        H = self.own_rows(X, tasks)
         if not self.per_task:
             return H
         found = np.zeros((len(X), self.n_tasks, H.shape[1]))
@@ -65,10 +63,14 @@ class Trend:
         return found.reshape(len(X), -1)
 
     def rows_of(self, task, X):
-        """The columns that rows of a task have a part in, (n_samples, n_columns)."""
-        T = self.rows(X, np.full(len(X), task))
-        n_trend = self.slopes.shape[1]
-        return T[:, task * n_trend :][:, :n_trend] if self.per_task else T
+        """The columns that rows of a task have a part in, (n_samples, n_trend)."""
+        return self.own_rows(X, np.full(len(X), task))
+
+    def own_rows(self, X, tasks):
+        """The columns that each row's task has a part in, (n_samples, n_trend)."""
+        H, centre = self.columns(X), _of_rows(self.centre, tasks)
+        near = np.abs(H - centre) <= RESOLVED * np.abs(centre)
+        return np.where(near, 0.0, H - centre) / _of_rows(self.scale[:, None], tasks)
 
     def basis(self, X, tasks):
         """An orthonormal basis of the columns at some rows."""

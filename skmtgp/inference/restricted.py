@@ -13,6 +13,8 @@ pass b and M are known well enough for columns that are nearly [y - Q b, Q M^{-1
 what is left of them in the second pass says the rest, with all digits.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 from skmtgp._numerics.linalg import Cholesky
@@ -78,6 +80,17 @@ class Columns:
         """The same with columns that are multiplied by an (n_columns, n_columns)."""
         return Columns(self.maps @ turn)
 
+    def turn_to(self, other):
+        """What makes another's columns of these; None if they tell something else.
+
+        Both are of all coefficients of one trend, at other rows.
+        """
+        one, two = self.of_columns, other.of_columns
+        if one.shape != two.shape or len(one) > self.rank:
+            return None
+        size = np.linalg.norm(one, axis=1, keepdims=True)
+        return _turn(np.zeros(self.rank), np.linalg.solve(one / size, two / size))
+
     def of(self, tasks, targets):
         """Those of some rows, from y and the trend's columns side by side.
 
@@ -104,6 +117,41 @@ class Columns:
         """X, tasks and the columns of each block of rows."""
         for X, tasks, targets in blocks:
             yield X, tasks, self.of(tasks, targets)
+
+
+class Means(NamedTuple):
+    """What rows would tell, were the columns Q M^{-1/2} the targets.
+
+    Attributes
+    ----------
+    V : ndarray of shape (rank, n_latent, n_inducing)
+        Mean weights of the latent functions.
+    omega : ndarray of shape (rank, n_tasks, n_features)
+        Those of the tasks.
+    levels : ndarray of shape (rank, n_tasks)
+        Mean levels.
+    """
+
+    V: np.ndarray
+    omega: np.ndarray
+    levels: np.ndarray
+
+    def at(self, phi, tasks):
+        """Mean of f for features in columns and their tasks, (rank, n_samples)."""
+        found = self.levels[:, tasks]
+        for task in np.unique(tasks):
+            rows = tasks == task
+            found[:, rows] += self.omega[:, task] @ phi[:, rows]
+        return found
+
+    def with_unseen(self, omega):
+        """The same with tasks without data, of these weights."""
+        levels = np.zeros(omega.shape[:2])
+        return Means(
+            self.V,
+            np.concatenate([self.omega, omega], axis=1),
+            np.concatenate([self.levels, levels], axis=1),
+        )
 
 
 def _turn(b, root):

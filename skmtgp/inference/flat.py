@@ -78,7 +78,7 @@ class Coefficients:
 
     def means(self, X, tasks):
         """What the trend adds to the mean of f, (n_samples,)."""
-        return self.trend.rows(X, tasks) @ self.mean
+        return self._times(X, tasks, self.mean)
 
     def of_tasks(self, tasks):
         """Coefficients, (n_trend, n_tasks), and constants, (n_tasks,), of tasks."""
@@ -95,7 +95,11 @@ class Coefficients:
 
     def left(self, X, tasks):
         """What the trend adds to the mean of targets as they are learned."""
-        return self.trend.rows(X, tasks) @ self.beside_slopes
+        return self._times(X, tasks, self.beside_slopes)
+
+    def _times(self, X, tasks, coefficients):
+        of_sets = coefficients.reshape(self.trend.slopes.shape)
+        return self.trend.times(X, tasks, of_sets)
 
     def spread(self, X, tasks, explained):
         """What adds its square to the variance of f, of shape (rank, n_samples).

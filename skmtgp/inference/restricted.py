@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._numerics.linalg import Cholesky
-from skmtgp.model.trend import Basis
 
 ROUNDING = 1e-14  # of a number that products are differences of
 
@@ -54,16 +53,12 @@ class Columns:
         tasks : ndarray of shape (n_samples,)
             Tasks.
         """
+        basis = trend.basis_of(H, tasks)
         n_sets, n_trend = trend.slopes.shape
-        sets = np.asarray(tasks) if trend.per_task else np.zeros(len(H), dtype=int)
-        bases = {t: Basis(H[sets == t]) for t in np.unique(sets)}
-        rank = sum(basis.rank for basis in bases.values())
-        maps, k = np.zeros((n_sets, 1 + n_trend, 1 + rank)), 1
+        maps = np.zeros((n_sets, 1 + n_trend, 1 + basis.rank))
         maps[:, 0, 0] = 1.0
-        for t, basis in bases.items():
-            own = slice(k, k + basis.rank)
-            maps[t, 1:, own] = basis.coefficients(np.eye(basis.rank))
-            k = own.stop
+        of_basis = basis.coefficients(np.eye(basis.rank))
+        maps[:, 1:, 1:] = of_basis.reshape(n_sets, n_trend, basis.rank)
         return cls(maps)
 
     @property

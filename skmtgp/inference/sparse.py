@@ -113,8 +113,9 @@ class SparseBound(Likelihood):
 
     def _set_trend(self, trend):
         """Put the trend's columns beside the targets, if they are not all zero."""
-        H = trend.own_rows(np.asarray(self.X, dtype=float), np.asarray(self.tasks))
-        basis = Columns.of_rows(trend, H, self.tasks)
+        tasks = np.asarray(self.tasks)
+        H = trend.own_rows(self.X, tasks)
+        basis = Columns.of_rows(trend, H, tasks)
         if basis.rank:
             self.targets, self.basis = np.column_stack([self.y, H]), basis
 

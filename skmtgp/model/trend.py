@@ -74,7 +74,11 @@ class Trend:
 
     def basis(self, X, tasks):
         """An orthonormal basis of the columns at some rows."""
-        return Basis(self.rows(X, tasks))
+        return self.basis_of(self.own_rows(X, tasks), tasks)
+
+    def basis_of(self, H, tasks):
+        """The same from the columns of rows, see `own_rows`."""
+        return TaskBases(H, tasks, self.n_tasks) if self.per_task else Basis(H)
 
     def log_jacobian(self, X, tasks):
         """What the trend changes in the Jacobian of targets in units of y."""
@@ -84,7 +88,14 @@ class Trend:
 
     def fitted(self, X, tasks):
         """What least squares explain of the targets, (n_samples,)."""
-        return self.rows(X, tasks) @ self.slopes.ravel()
+        return self.times(X, tasks, self.slopes)
+
+    def times(self, X, tasks, coefficients):
+        """The columns of rows times coefficients, of shape (n_sets, n_trend)."""
+        H = self.own_rows(X, tasks)
+        if not self.per_task:
+            return H @ coefficients[0]
+        return np.einsum("ij,ij->i", H, coefficients[tasks])
 
     def with_task(self, position, centre, scale, slopes):
         """The same with one more task; what is None all tasks have in common."""
@@ -141,7 +152,77 @@ class Basis:
         R = self._R[:, independent] * self.length[independent]
         return np.linalg.slogdet(R)[1]
 
+    def least_squares(self, Y):
+        """Coefficients of the columns, in rows, of targets of shape (n_samples, ...)."""
+        return self.coefficients(self.Q.T @ Y)
+
     def coefficients(self, of_basis):
         """Those of the columns, from those of the basis, in rows."""
         found = np.linalg.lstsq(self._R, of_basis, rcond=None)[0]
         return (found.T / self.length).T
+
+
+class TaskBases:
+    """A basis of columns that tasks have of their own, one task's after another's.
+
+    Its methods are those of a Basis. What is zero in the rows of other tasks is
+    neither kept nor decomposed.
+
+    Parameters
+    ----------
+    H : ndarray of shape (n_samples, n_trend)
+        Columns of each row's task.
+    tasks : ndarray of shape (n_samples,)
+        Tasks.
+    n_tasks : int
+        Number of tasks.
+
+    Attributes
+    ----------
+    bases : list of n_tasks Basis
+        Of the rows of each task.
+    dependent : ndarray of int
+        Columns that the others make, of n_tasks times n_trend.
+    """
+
+    def __init__(self, H, tasks, n_tasks):
+        order = np.argsort(tasks, kind="stable")
+        counts = np.bincount(tasks, minlength=n_tasks)
+        self.rows = np.split(order, np.cumsum(counts)[:-1])
+        nothing = np.zeros((1, H.shape[1]))  # of a task without rows
+        self.bases = [Basis(H[rows] if len(rows) else nothing) for rows in self.rows]
+        stops = np.cumsum([basis.rank for basis in self.bases])
+        self.columns = np.split(np.arange(stops[-1]), stops[:-1])
+        of_tasks = H.shape[1] * np.arange(n_tasks)
+        pairs = zip(of_tasks, self.bases, strict=True)
+        self.dependent = np.concatenate([start + of.dependent for start, of in pairs])
+
+    @property
+    def rank(self):
+        """Number of independent columns."""
+        return sum(basis.rank for basis in self.bases)
+
+    @property
+    def Q(self):
+        """The basis, of shape (n_samples, rank)."""
+        Q = np.zeros((sum(map(len, self.rows)), self.rank), order="F")
+        for rows, columns, basis in self._tasks():
+            Q[np.ix_(rows, columns)] = basis.Q
+        return Q
+
+    def log_volume(self):
+        """See Basis."""
+        return sum(basis.log_volume() for basis in self.bases)
+
+    def least_squares(self, Y):
+        """See Basis."""
+        parts = zip(self.rows, self.bases, strict=True)
+        return np.concatenate([of.least_squares(Y[rows]) for rows, of in parts])
+
+    def coefficients(self, of_basis):
+        """See Basis."""
+        found = [of.coefficients(of_basis[at]) for _, at, of in self._tasks()]
+        return np.concatenate(found)
+
+    def _tasks(self):
+        return zip(self.rows, self.columns, self.bases, strict=True)

@@ -422,6 +422,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
             n_missing=training.n_missing if engine.uses_design else 0,
+            n_coefficients=prior.n_coefficients,
         )
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))

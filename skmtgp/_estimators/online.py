@@ -235,7 +235,13 @@ class OnlineGP(FittedGP):
         rank = np.sum(getattr(self, "rank_", 1)) if rank is None else rank
         sizes = len(training.features), len(training.tasks)
         missing = training.n_missing if self._engine.uses_design else 0
-        demand = Demand(*sizes, rank=rank, n_kept=n_kept, n_missing=missing)
+        demand = Demand(
+            *sizes,
+            rank=rank,
+            n_kept=n_kept,
+            n_missing=missing,
+            n_coefficients=self._likelihoods[0].prior.n_coefficients,
+        )
         return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])
 
 

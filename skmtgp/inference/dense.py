@@ -249,7 +249,7 @@ class DensePosterior(Posterior):
         means = of_rows * self.alpha @ cross.T
         halves = [self.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
         halves = np.array(halves).reshape(len(factor.T), *cross.T.shape)
-        if self.flat is not None:  # whose coefficients add what is not explained of them
+        if self.flat is not None:  # whose coefficients add what is left of it
             of_trend = -self.flat.B.T @ halves
             halves = np.concatenate([halves, of_trend], axis=1)
         return means, halves

@@ -36,6 +36,8 @@ class Demand:
         Whether the rows are of one task already.
     n_missing : int
         Cells without a row, where most inputs of all tasks have one.
+    n_coefficients : int
+        Coefficients of a trend.
     """
 
     n_samples: int
@@ -48,6 +50,7 @@ class Demand:
     n_parameters: int = 0
     alone: bool = False
     n_missing: int = 0
+    n_coefficients: int = 0
 
 
 class Engine(ABC):

@@ -6,11 +6,11 @@ bound of :mod:`skmtgp.inference.flat`, V in place of K, and its gradient need
 .. math::
     V^{-1} [y - Q b, Q M^{-1/2}], \quad M = Q^T V^{-1} Q, \quad b = M^{-1} Q^T V^{-1} y
 
-alone: G of the gradient is A A^T - V^{-1} with these columns A, as it is alpha alpha^T -
-V^{-1} without a trend. So all sums over the rows are of several columns of targets, Y =
-[y, Q], and solved for at once. They are *turned* twice, Y becomes Y A: from the first
-pass b and M are known well enough for columns that are nearly [y - Q b, Q M^{-1/2}];
-what is left of them in the second pass says the rest, with all digits.
+alone: G of the gradient is A A^T - V^{-1} with these columns A, as it is alpha alpha^T
+- V^{-1} without a trend. So all sums over the rows are of several columns of targets,
+Y = [y, Q], which are solved for at once. They are *turned* twice, multiplied by a small
+matrix: from the first pass b and M are known well enough for columns that are nearly
+[y - Q b, Q M^{-1/2}]; their residuals in the second say the rest, with all digits.
 """
 
 from typing import NamedTuple
@@ -63,7 +63,7 @@ class Columns:
 
     @property
     def of_columns(self):
-        """By which the trend's columns alone make those of Q, (n_coefficients, rank)."""
+        """What makes the columns of Q of the trend's, (n_coefficients, rank)."""
         return self.maps[:, 1:, 1:].reshape(-1, self.rank)
 
     @property

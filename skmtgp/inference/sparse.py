@@ -265,7 +265,7 @@ class SparseBound(Likelihood):
         return sum_parts(of_part, arguments, parts)
 
     def blocks(self):
-        """X, tasks and y, with the trend's columns beside it, of some rows at a time."""
+        """X, tasks and targets of some rows at a time."""
         return blocks(self.X, self.tasks, self.targets, self.block_size)
 
     def forget_rows(self):

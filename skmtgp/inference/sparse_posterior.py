@@ -282,8 +282,8 @@ class SparsePosterior(WithCoefficients):
         Rasmussen and Williams (2006), eq. 5.12, for the model with the features alone:
         [K^{-1} y]_i = e_i / sigma^2 with the residuals e, and [K^{-1}]_ii =
         (1 - h_i) / sigma^2 with h_i = phi_i^T Sigma_m phi_i / sigma^2. What the
-        features leave of the variance of f is added. With a trend [K^{-1}]_ii is less by
-        the squares of what is left of its columns, over sigma^4.
+        features leave of the variance of f is added. With a trend [K^{-1}]_ii is less
+        by the squares of its columns' residuals over sigma^2.
         """
         parts = [self._left_out(*block) for block in self.bound.blocks()]
         residual, told, rest, prior, noise = np.concatenate(parts, axis=1)

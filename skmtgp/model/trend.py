@@ -135,9 +135,11 @@ class Basis:
     def __init__(self, T):
         length = np.linalg.norm(T, axis=0)
         self.length = np.where(length > 0.0, length, 1.0)
-        Q, R, order = qr(T / self.length, mode="economic", pivoting=True)
+        unit = T / self.length if len(T) else np.zeros((1, T.shape[1]))
+        Q, R, order = qr(unit, mode="economic", pivoting=True)
         rank = int((np.abs(np.diagonal(R)) > INDEPENDENT).sum())
-        self.Q, self.dependent = np.asfortranarray(Q[:, :rank]), np.sort(order[rank:])
+        self.Q = np.asfortranarray(Q[: len(T), :rank])
+        self.dependent = np.sort(order[rank:])
         self._R = np.empty((rank, T.shape[1]))  # of columns of length 1
         self._R[:, order] = R[:rank]
 
@@ -153,7 +155,7 @@ class Basis:
         return np.linalg.slogdet(R)[1]
 
     def least_squares(self, Y):
-        """Coefficients of the columns, in rows, of targets of shape (n_samples, ...)."""
+        """Coefficients of the columns, in rows, that explain most of targets."""
         return self.coefficients(self.Q.T @ Y)
 
     def coefficients(self, of_basis):
@@ -189,8 +191,7 @@ class TaskBases:
         order = np.argsort(tasks, kind="stable")
         counts = np.bincount(tasks, minlength=n_tasks)
         self.rows = np.split(order, np.cumsum(counts)[:-1])
-        nothing = np.zeros((1, H.shape[1]))  # of a task without rows
-        self.bases = [Basis(H[rows] if len(rows) else nothing) for rows in self.rows]
+        self.bases = [Basis(H[rows]) for rows in self.rows]
         stops = np.cumsum([basis.rank for basis in self.bases])
         self.columns = np.split(np.arange(stops[-1]), stops[:-1])
         of_tasks = H.shape[1] * np.arange(n_tasks)

@@ -202,7 +202,7 @@ def test_several_kernels_and_outputs_and_frames():
     np.testing.assert_allclose(fitted.coef_[1], -2.0 * fitted.coef_[0], rtol=0.2)
     terms = fitted.predict_terms(frame)
     predicted = fitted.predict(frame)
-    np.testing.assert_allclose(terms.sum(axis=1), predicted, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(terms.sum(axis=2), predicted, rtol=1e-9, atol=1e-9)
 
 
 def test_the_other_models():

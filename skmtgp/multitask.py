@@ -107,8 +107,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
         of X without that of the task; "linear" is a constant and all columns, and
         "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense. See
-        :doc:`/guide/trend`.
+        integrated out, exactly: universal kriging. Inference is dense, or sparse where
+        that is asked for. See :doc:`/guide/trend`.
     trend_per_task : bool, default=False
         Whether each task has coefficients of its own. Tasks share them otherwise.
     noise : {"auto", "shared", "per_task"}, default="auto"

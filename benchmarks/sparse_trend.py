@@ -32,11 +32,11 @@ def main():
     bounds = [make(arguments, *of) for of in TRENDS]
     with threadpool_limits(1):
         seconds = np.array([turn(bounds) for _ in range(arguments.turns)]).min(axis=0)
-    print("columns                value and gradient      value")
+    print("columns                  value and gradient      value")
     for (p, own), of in zip(TRENDS, seconds, strict=True):
-        kind = " of each task" if own else ""
-        (a, b), times = of, of / seconds[0]
-        print(f"{f'{p}{kind}':22} {a:7.3f} s {times[0]:6.3f}   {b:7.3f} s {times[1]:6.3f}")
+        name, times = f"{p}{' of each task' if own else ''}", of / seconds[0]
+        parts = [f"{a:7.3f} s {b:6.3f}" for a, b in zip(of, times, strict=True)]
+        print(f"{name:22}", *parts, sep="   ")
 
 
 def make(arguments, p, own):

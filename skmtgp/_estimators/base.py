@@ -230,7 +230,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         if stay and getattr(self, "trend", None) is not None:
             raise ValueError(
                 "trend needs the rows in memory, and X is a Dask collection. Give "
-                "arrays, or leave the trend out."
+                "arrays, which may be memory-mapped, or leave the trend out."
             )
         if stay and any(part is not None for part in given):
             raise ValueError(

@@ -78,6 +78,8 @@ class SparseBound(Likelihood):
     more where K^rho has a diagonal; its memory is a few arrays of block_size x m,
     M x m x m and r m x r m, not of n rows. With Q terms there are Q m features, and r
     is the sum of their ranks: O(n Q^2 m^2 + M r^2 m^2 + (r m)^3), and M x Q m x Q m.
+    A trend is integrated out: the bound is on the restricted likelihood, and its p
+    coefficients take O(n p m + p M m^2) more and p x M x m, with p columns of n rows.
 
     The rows are passed over twice. The first pass sums the Gram matrices of whitened
     features, and not those of k^x(Z, x), which would square the condition number of

@@ -233,6 +233,26 @@ def test_rows_that_do_not_tell_the_trend():
             model((0, 1, 2), RBF(), inference=inference).fit(X, y)
 
 
+def test_rows_that_lie_in_partitions_are_refused():
+    da = pytest.importorskip("dask.array")
+    X, y = draw()
+    with pytest.raises(ValueError, match=r"trend needs the rows in memory.*-mapped"):
+        model().fit(da.from_array(X), da.from_array(y))
+
+
+@pytest.mark.parametrize("per_task", [False, True])
+def test_rows_on_disk(tmp_path, per_task):
+    X, y = draw(n=400)
+    np.save(tmp_path / "X.npy", X)
+    mapped = np.load(tmp_path / "X.npy", mmap_mode="r")
+    start = model(trend_per_task=per_task, n_inducing=10, max_iter=0)
+    found, expected = clone(start).fit(mapped, y), start.fit(X, y)
+    assert np.shares_memory(found.X_train_, mapped)
+    np.testing.assert_allclose(found.coef_, expected.coef_, rtol=1e-12)
+    told = [of.predict(NEW, return_std=True) for of in (found, expected)]
+    np.testing.assert_allclose(*told, rtol=1e-10)
+
+
 def test_many_tasks_with_trends_of_their_own():
     n_tasks, n, rng = 40, 800, np.random.default_rng(0)
     F, tasks = rng.uniform(0, 6, (n, 2)), np.arange(n) % n_tasks

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._numerics.linalg import Cholesky
+from skmtgp.exceptions import NotPositiveDefiniteError
 
 ROUNDING = 1e-14  # of a number that products are differences of
 
@@ -171,8 +172,15 @@ def whitening(products, sizes):
     turn : ndarray of shape (n_columns, n_columns)
     log_det : float
         log|M|, as far as `turn` has it right.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If the products are not finite.
     """
     M, of_y = products[1:, 1:], products[1:, 0]
+    if not (np.isfinite(products).all() and sizes[1:].all()):
+        raise NotPositiveDefiniteError("columns of the trend are not finite")
     length = np.sqrt(np.maximum(np.diagonal(M), ROUNDING * sizes[1:]))
     values, vectors = np.linalg.eigh(M / length / length[:, None])
     values = np.maximum(values, ROUNDING * len(M))

@@ -7,6 +7,7 @@ that theta has none of them.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -203,7 +204,7 @@ class TaskBases:
         """Number of independent columns."""
         return sum(basis.rank for basis in self.bases)
 
-    @property
+    @cached_property
     def Q(self):
         """The basis, of shape (n_samples, rank)."""
         Q = np.zeros((sum(map(len, self.rows)), self.rank), order="F")

@@ -332,6 +332,17 @@ def test_pickling_and_rows_that_go():
     np.testing.assert_array_equal(posterior.variance(NEW, OF_NEW), expected)
 
 
+@pytest.mark.parametrize("log_noise", [-800.0, 800.0, np.inf, np.nan])
+def test_steps_too_far_are_rejected(log_noise):
+    bound, theta = make(TERMS["one"], 1, True, make_trend(), Z=MORE)
+    theta[-1] = log_noise
+    with np.errstate(all="ignore"):
+        value, gradient = bound.value_and_grad(theta)
+        assert bound.value(theta) == -np.inf
+    assert value == -np.inf
+    assert np.isnan(gradient).all()
+
+
 def test_a_row_that_tells_a_coefficient_alone():
     alone = make_trend(of=lambda X: X[:, :1] == draw()[0][3, 0])
     alone = replace(alone, centre=np.zeros((1, 1)))

@@ -179,6 +179,20 @@ def test_next_to_no_noise(terms, per_task):
     np.testing.assert_allclose(*told, rtol=1e-8)
 
 
+def test_a_steep_trend_and_next_to_no_noise():
+    # b of the first pass has few digits: the second gives them back
+    (X, tasks, y), trend = draw(n=60), make_trend(True)
+    steep = y + 1e8 * by_hand(trend, X, tasks).sum(axis=1)
+    (plain, theta), (bound, _) = (
+        make(TERMS["one"], 1, True, trend, rows=(X, tasks, of), Z=X)
+        for of in (y, steep)
+    )
+    theta[-1] = np.log(1e-8)
+    np.testing.assert_allclose(bound.value(theta), plain.value(theta), rtol=1e-6)
+    one, two = (of.posterior(theta).coefficients_in_units()[0] for of in (plain, bound))
+    np.testing.assert_allclose(two - one, 1e8, rtol=1e-8)
+
+
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
 def test_the_limit_of_a_wide_prior(terms):
     # the bound by the book with 1e7 of variance along each column, and what that costs

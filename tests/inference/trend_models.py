@@ -21,6 +21,10 @@ TERMS = {
         (RBF([2.0, 3.0]), low_rank(M, 1, shared=True)),
         (Matern(0.4, nu=1.5), low_rank(M, 1)),
     ],
+    "two diagonals": [
+        (RBF([2.0, 3.0]), low_rank(M, 1, diagonal=True)),
+        (Matern(0.4, nu=1.5), low_rank(M, 1, diagonal=True)),
+    ],
 }
 
 

@@ -193,6 +193,23 @@ def test_a_steep_trend_and_next_to_no_noise():
     np.testing.assert_allclose(two - one, 1e8, rtol=1e-8)
 
 
+@pytest.mark.parametrize("levels", [False, True])
+@pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
+def test_weights_are_those_of_each_column_alone(terms, levels):
+    # refined, too: without noise half of their digits are lost before
+    X, tasks, y = draw(n=60)
+    bound, theta = make(terms, 1, levels, make_trend(True), rows=(X, tasks, y), Z=X)
+    theta[-1] = np.log(1e-9)
+    posterior = bound.posterior(theta)
+    left, *others = posterior.columns.of(tasks, bound.targets).T
+    found = [posterior.omega, *posterior.told.omega]
+    for omega, targets in zip(found, [left, *others], strict=True):
+        plain, _ = make(terms, 1, levels, rows=(X, tasks, targets), Z=X)
+        expected = plain.posterior(theta).omega
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(omega, expected, atol=1e-9 * size)
+
+
 @pytest.mark.parametrize("terms", TERMS.values(), ids=TERMS)
 def test_the_limit_of_a_wide_prior(terms):
     # the bound by the book with 1e7 of variance along each column, and what that costs

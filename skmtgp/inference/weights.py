@@ -117,8 +117,9 @@ class Weights:
         sizes = np.einsum("kkm,m->k", sums.squares, 1.0 / noise)
         self.turn, log_det = whitening(products, sizes)
         self.log_det += log_det - (len(sizes) - 1) * np.log(2.0 * np.pi)
-        for name in ("V", "own", "omega", "levels"):
-            setattr(self, name, np.tensordot(self.turn.T, getattr(self, name), 1))
+        means = self.V, self.own, self.omega, self.levels
+        means = [np.tensordot(self.turn.T, of, 1) for of in means]
+        self.V, self.own, self.omega, self.levels = means
 
     def _penalty(self):
         """|v|^2 + |w|^2 + |c|^2 / v: products of the columns of several targets."""

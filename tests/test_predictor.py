@@ -160,8 +160,8 @@ class TestRows:
     def test_equal_inputs_count_once(self, inference):
         model = self.complete(inference)
         predictor = compile_predictor(model)
-        [(_, [(_, mean, _, _)])] = predictor._plans[0]
-        assert len(mean.parts[0].B) == 10
+        [plan] = predictor._plans[0]
+        assert plan.means.parts[0].B.shape[1] == 10
         close(of_rows(predictor, Z)[:, 0], model.predict(Z))
 
     def test_after_a_task_has_joined(self):
@@ -174,8 +174,8 @@ class TestRows:
         small, whole = (
             compile_predictor(model, task=task)._plans for task in (1, None)
         )
-        [(_, [(_, mean, _, _)])] = small[1]
-        assert len(mean.parts[0].B) == 10
+        [plan] = small[1]
+        assert plan.means.parts[0].B.shape[1] == 10
         assert len(pickle.dumps(small)) < len(pickle.dumps(whole))
 
     def test_it_keeps_little(self):

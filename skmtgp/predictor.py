@@ -71,8 +71,9 @@ def compile_predictor(
     Predictions are those of `predict` but for rounding. In memory it is some copies of
     the training inputs, and without `std` nothing else: inputs at which several tasks
     were measured count once, and rows that do not matter to the task are left out. Of
-    sparse inference they are the inducing inputs. Where hyperparameters are sampled a
-    call takes as many times longer as there are draws. Transformers other than
+    sparse inference they are the inducing inputs. Outputs of the same rows whose
+    kernels differ in hyperparameters alone, and draws of these, are computed together,
+    which takes far less time than one after another. Transformers other than
     :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` are called as they are, which
     takes most of the time then.
 

@@ -8,12 +8,24 @@ from streams import close, parts, refitted, told
 
 from skmtgp import IndependentGP, PooledGP
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning"),
+]
 ALONE = {"max_iter": 5}
+
+
+def cube(z):
+    return z**3
+
+
 MODELS = {
     "iGP": IndependentGP(**ALONE),
     "iGP, diagonal": IndependentGP(diagonal=True, noise="per_task", **ALONE),
     "pGP": PooledGP(**ALONE),
+    "sampled": IndependentGP(hyperparameters="sampled", n_draws=4, max_iter=2),
+    "transformed": PooledGP(target_transform=(np.cbrt, cube), **ALONE),
+    "units of each": IndependentGP(normalize_y="per_task", **ALONE),
 }
 NEW = np.array([[0.3, 0.4, 9], [-0.7, 0.1, -4], [1.2, -1.1, 9], [0.1, 0.2, 1]])
 TARGETS = np.array([3.0, -8.0, 11.0, 2.0])
@@ -27,7 +39,7 @@ def complete():
 
 
 @pytest.mark.parametrize("inference", ["dense", "auto", "sparse"])
-@pytest.mark.parametrize("name", ["iGP", "iGP, diagonal", "pGP"])
+@pytest.mark.parametrize("name", MODELS)
 def test_models_that_learn_no_relations(name, inference):
     few = {"n_inducing": 12, "n_exact": 20}
     X, y = complete() if inference == "auto" else parts()[0]

@@ -151,8 +151,7 @@ def check_more(estimator, X, y):
         Numbers.
     """
     features, labels, Y = _check_joining(estimator, X, y)
-    can_join = hasattr(estimator, "add_task")
-    codes = encode_tasks(labels, estimator.tasks_, unseen=can_join)
+    codes = encode_tasks(labels, estimator.tasks_, unseen=True)
     return features, labels, codes, Y
 
 

@@ -23,8 +23,8 @@ from skmtgp._data.trend import NAMED, read_trend
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
+from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import DEFAULT, KERNEL, named_kernel
-from skmtgp._estimators.online import OnlineGP
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import Slopes
 from skmtgp._estimators.targets import fit_target
@@ -65,7 +65,7 @@ NOTHING = None, None, None  # is known of the noise of the rows
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
-class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
+class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {

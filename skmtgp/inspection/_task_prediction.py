@@ -16,6 +16,7 @@ from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
 from skmtgp.inspection._drawing import Display, color_of, pyplot
 from skmtgp.inspection._models import (
+    columns_of_descriptors,
     intervals,
     select_output,
     task_column,
@@ -197,7 +198,7 @@ class TaskPredictionDisplay(Display):
             Targets that were observed.
         feature : int or str, default=None
             Position or name of the feature of the horizontal axis. None is the only
-            one beside the task.
+            one beside the task and its descriptors.
         at : dict, default=None
             Values of other features, by name or position. Those that are not given have
             the median of the task's rows, or, of text, the commonest.
@@ -279,7 +280,9 @@ class _Table(NamedTuple):
         names = list(frame.columns) if dtype is None else None
         column = task_column(estimator, X, task_feature)
         task = locate_task_column(column, frame.shape[1], names)
-        return cls(frame, labels, _position(frame, feature, task), task, dtype)
+        described = columns_of_descriptors(estimator, task, frame.shape[1], names)
+        found = _position(frame, feature, [task, *described])
+        return cls(frame, labels, found, task, dtype)
 
     def x(self):
         """Values of the feature."""
@@ -321,10 +324,10 @@ class _Table(NamedTuple):
         return self._replace(frame=frame, labels=labels)
 
 
-def _position(frame, feature, task):
-    """Position of the feature to draw."""
+def _position(frame, feature, of_tasks):
+    """Position of the feature to draw; some columns are of the tasks."""
     names = list(frame.columns)
-    others = [name for j, name in enumerate(names) if j != task]
+    others = [name for j, name in enumerate(names) if j not in of_tasks]
     if feature is None:
         if len(others) == 1:
             return names.index(others[0])
@@ -333,7 +336,7 @@ def _position(frame, feature, task):
             "the horizontal axis."
         )
     found = names.index(feature) if feature in names else None
-    if found is None or found == task:
+    if found is None or found in of_tasks:
         raise ValueError(f"feature={feature!r} is not one of the features: {others}.")
     return found
 

@@ -127,6 +127,40 @@ def join_described(likelihood, row, position, own_noise, posterior, theta, *, rn
     return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
 
 
+def join_alike(likelihood, position, own_noise, posterior, theta, *, rng=None):
+    """Extend a model whose tasks are all related alike: nothing is learned.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the tasks so far, with a K^rho without a row for each task to learn.
+    position, own_noise, theta
+        See :func:`learn_novel`.
+    posterior, rng
+        Not needed.
+
+    Returns
+    -------
+    prior : Prior
+        Of one more task, whose part of a diagonal is the geometric mean of the others'.
+    mode : Mode
+        All parameters of that model. Its value is not known.
+
+    Raises
+    ------
+    ValueError
+        If the form of K^rho cannot be extended.
+    """
+    prior = likelihood.prior
+    form = prior.task_covariance
+    _check_extensible(form, ["bordered"], "A task that joins")
+    [(_, rho)] = prior.theta_of_terms(theta)
+    log_kappa = rho[len(rho) - form.n_kappa :]
+    own = np.exp(0.5 * log_kappa.mean()) if len(log_kappa) else None
+    prior, theta = prior.bordered(theta, [None], [own], position, own_noise)
+    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
+
+
 def _shares(prior, theta):
     """What tasks have of each term.
 
@@ -150,15 +184,15 @@ def _by_terms(border, x, n_terms):
     return rows, [own.get(q) for q in range(n_terms)]
 
 
-def _check_extensible(form):
+def _check_extensible(form, needed=("columns", "bordered"), what="add_task"):
     """Raise a ValueError where a form of K^rho cannot get one more task."""
     inner = form
     while hasattr(inner, "form"):
         inner = inner.form
-    missing = [name for name in ("columns", "bordered") if not hasattr(inner, name)]
+    missing = [name for name in needed if not hasattr(inner, name)]
     if missing:
         raise ValueError(
-            "add_task adds a row to a factor of the task covariance, but "
+            f"{what} adds a row to a factor of the task covariance, but "
             f"{type(inner).__name__} has no {' and no '.join(missing)}. Fit the model "
             "to all tasks, or give the class these methods."
         )

@@ -140,6 +140,17 @@ def test_scaled_features(named):
     assert shown.lines_[0].get_xdata()[0] == FRAME["b"].min()
 
 
+def test_descriptors_are_no_features():
+    described = np.column_stack([X[:, 0], np.choose(TASKS, [1.0, 2.0, 4.0]), TASKS])
+    model = MultiTaskGPRegressor(rank=1, task_descriptors=[1], max_iter=0)
+    model.fit(described, y)
+    shown = TaskPredictionDisplay.from_estimator(model, described, y, n_points=5)
+    assert shown.feature == "0"
+    assert shown.lines_[0].get_xdata()[0] == X[:, 0].min()
+    with pytest.raises(ValueError, match=r"feature=1 is not one of .* \[0\]"):
+        TaskPredictionDisplay.from_estimator(model, described, y, feature=1)
+
+
 @pytest.mark.parametrize(
     ("options", "match"),
     [

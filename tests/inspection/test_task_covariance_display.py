@@ -38,7 +38,7 @@ class TestTaskCovariance:
 
     @pytest.mark.parametrize("units", ["per_task", "shared"])
     def test_tasks_in_units_of_their_own_are_correlated(self, units):
-        """Their covariances cannot be compared: the largest unit would be all one sees."""
+        """Their covariances cannot be compared: one would see the largest alone."""
         model = MultiTaskGPRegressor(rank=1, normalize_y=units, **QUICK).fit(X, y)
         display = TaskCovarianceDisplay.from_estimator(model)
         kind = "correlation" if units == "per_task" else "covariance"

@@ -13,7 +13,7 @@ from sklearn.utils import (
 )
 
 from skmtgp._data.dask import is_dask, refuse_dask
-from skmtgp._data.labels import encode_tasks
+from skmtgp._data.labels import alike, encode_tasks
 from skmtgp._data.numbers import check_numbers, column_names
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._support.guide import NOISE, PARALLEL
@@ -290,10 +290,25 @@ def warn_of_training(features, tasks, y):
     _warn_of_underflow(
         y.reshape(len(y), -1), "output", ", and standard deviations mean nothing"
     )
+    _warn_of_alike(tasks)
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
         warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? The first tasks are {tasks[:5].tolist()}.",
+            TaskColumnWarning,
+        )
+
+
+def _warn_of_alike(tasks):
+    """Say which labels may be the same task, written in several ways."""
+    groups = alike(tasks.tolist())
+    if groups:
+        first = ", ".join(map(repr, groups[0]))
+        more = f", and {len(groups) - 1} more such groups" * (len(groups) > 1)
+        warn(
+            f"Tasks {first} differ in spaces or case alone{more}: they are learned as "
+            "different tasks. If they are one, give them one label, by .str.strip() "
+            "and .str.lower() of the column for example.",
             TaskColumnWarning,
         )
 

@@ -385,14 +385,17 @@ def warn_of_noise(told, tasks=None):
         return
     outputs, unknown = np.flatnonzero(~told.all(axis=1)) + 1, ~told.all(axis=0)
     which = f" of output {outputs.tolist()}" * (len(told) > 1)
+    same = ""
     if tasks is not None:
         which += f" of {name_tasks(tasks[unknown])}"
+        same = "set noise='shared' if all tasks are measured with the same precision, "
     warn(
         f"The rows do not tell the noise variance{which}: the model follows them so "
         "closely that one many times as large would be as likely. It may be far too "
         "small, and the standard deviations of predictions with it. Give more rows, "
-        "learn fewer hyperparameters, such as those of a lower rank, raise the lower "
-        f"of noise_variance_bounds, or fix what is known of it. {NOISE}",
+        f"{same}learn fewer hyperparameters, such as those of a lower rank, raise the "
+        "lower of noise_variance_bounds, a share of the variance of y, or fix what is "
+        f"known of it. {NOISE}",
         UnidentifiedNoiseWarning,
     )
 

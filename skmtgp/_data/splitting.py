@@ -15,6 +15,7 @@ from sklearn.utils import check_consistent_length, check_random_state
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.task_column import task_labels
 from skmtgp._support.warnings import warn
+from skmtgp.exceptions import TaskColumnWarning
 
 __all__ = ["TaskStratifiedKFold"]
 
@@ -123,7 +124,7 @@ class TaskStratifiedKFold(StratifiedKFold):
 
         Warns
         -----
-        UserWarning
+        TaskColumnWarning
             If a task has one row: it is in every training set.
         """
         tasks, codes = tasks_of_rows(self, X, y)
@@ -172,7 +173,7 @@ def _warn_of_lone(tasks):
         warn(
             f"{which}: it is in every training set and never tested. Where each row "
             "has to be tested, as by cross_val_predict, leave tasks of one row out.",
-            UserWarning,
+            TaskColumnWarning,
         )
 
 

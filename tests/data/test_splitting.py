@@ -18,6 +18,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp import BayesianLinearRegression
+from skmtgp.exceptions import TaskColumnWarning
 from skmtgp.metrics import make_normalized_mse_scorer
 from skmtgp.model_selection import TaskStratifiedKFold
 
@@ -133,7 +134,7 @@ def test_too_few_rows(counts, match):
 @pytest.mark.parametrize("shuffle", [False, True])
 def test_rows_of_tasks_with_no_other_are_never_tested(counts, match, shuffle):
     table, counts = table_of(counts), np.array(counts)
-    with pytest.warns(UserWarning, match=match):
+    with pytest.warns(TaskColumnWarning, match=match):
         found = list(TaskStratifiedKFold(5, shuffle=shuffle).split(table))
     lone = np.flatnonzero(counts[table[:, -1].astype(int)] == 1)
     for train, test in found:
@@ -153,7 +154,7 @@ def test_a_task_of_one_row_does_not_stop_a_search():
         cv=TaskStratifiedKFold(4),
         scoring=make_normalized_mse_scorer(y_var=y_var),
     )
-    with pytest.warns(UserWarning, match="One row alone of task 1"):
+    with pytest.warns(TaskColumnWarning, match="One row alone of task 1"):
         search.fit(table, y)
     assert np.isfinite(search.cv_results_["mean_test_score"]).all()
     assert search.best_params_ == {"pooled": False}
@@ -161,7 +162,7 @@ def test_a_task_of_one_row_does_not_stop_a_search():
 
 def test_name_of_a_task_with_one_row():
     table = pd.DataFrame({"a": range(5), "load": ["u", "u", "v", "u", "u"]})
-    with pytest.warns(UserWarning, match="One row alone of task 'v'"):
+    with pytest.warns(TaskColumnWarning, match="One row alone of task 'v'"):
         next(TaskStratifiedKFold(2).split(table))
 
 

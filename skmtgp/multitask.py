@@ -646,10 +646,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Section 3.3 of the paper, but for the prior, and for levels. A task with
         descriptors is known by them: nothing is learned, its rows join those of the
         others; with `diagonal` it gets the mean of the others'. Where the tasks
-        have noise variances of their own, the new one gets their geometric mean. Where
-        they have units of their own, it is taken off the mean of its samples and
-        divided by their deviation, of one or two samples by the geometric mean of the
-        others'. `n_iter_` and `n_evaluations_` are those of the border.
+        have noise variances of their own, the new one gets their geometric mean, each
+        counted as often as its task has rows. Where they have units of their own, it is
+        taken off the mean of its samples and divided by their deviation, of one or two
+        samples by the geometric mean of the others'. `n_iter_` and `n_evaluations_` are
+        those of the border.
 
         Examples
         --------

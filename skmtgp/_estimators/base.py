@@ -24,7 +24,12 @@ from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.joining import JoiningGP
-from skmtgp._estimators.named_kernels import DEFAULT, KERNEL, named_kernel
+from skmtgp._estimators.named_kernels import (
+    DEFAULT,
+    KERNEL,
+    named_kernel,
+    with_positions,
+)
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import Slopes
 from skmtgp._estimators.targets import fit_target
@@ -204,7 +209,20 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """A kernel as the user gave it, or that of the name, or the default."""
         if kernel is None or isinstance(kernel, str):
             return self._named_kernel(kernel or DEFAULT, features)
-        return clone(kernel)  # the user may change theirs
+        kernel = clone(kernel)  # the user may change theirs
+        return with_positions(kernel, self._names_of_inputs)
+
+    def _names_of_inputs(self):
+        """Those of the columns that the kernel sees; None without names."""
+        given = getattr(self, "feature_names_in_", None)
+        if given is None:
+            return None
+        position, names = locate(self)
+        if self._describes():
+            n = self.n_features_in_
+            columns = locate_descriptors(self.task_descriptors, position, n, given)
+            names = np.delete(names, columns)
+        return names.tolist()
 
     def _learns_amplitude(self):
         """Whether the model can scale itself to the targets."""

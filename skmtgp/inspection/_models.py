@@ -56,6 +56,11 @@ def model_with(attribute, estimator, instead):
     return model
 
 
+def has_own_units(estimator):
+    """Whether a fitted model learned the tasks in units of their own."""
+    return getattr(fitted_model(estimator), "normalize_y_", None) == "per_task"
+
+
 def select_output(values, output, axis=-1):
     """One output of an array that has an axis of outputs.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 MOST = 24  # panels; more cannot be read
 PANEL = 2.4, 1.9  # inches
+LEGIBLE = 12  # a curve needs this part of an axis
 
 
 class TaskPredictionDisplay(Display):
@@ -103,7 +104,7 @@ class TaskPredictionDisplay(Display):
         *,
         ax: Axes | Sequence[Axes] | None = None,
         n_cols: int | None = None,
-        sharey: bool = True,
+        sharey: bool | Literal["auto"] = "auto",
     ) -> Self:
         """Draw the panels.
 
@@ -114,9 +115,10 @@ class TaskPredictionDisplay(Display):
             figure, with a legend; of given axes, ``ax.legend()`` makes one.
         n_cols : int, default=None
             Number of panels side by side. None is at most four.
-        sharey : bool, default=True
-            Whether all panels have the same vertical axis. False suits tasks in units
-            of their own.
+        sharey : bool or "auto", default="auto"
+            Whether all panels have the same vertical axis. "auto" gives each its own
+            where half of them would use less than a twelfth of that axis, as tasks in
+            different units do.
 
         Returns
         -------
@@ -134,6 +136,7 @@ class TaskPredictionDisplay(Display):
                 f"There are {len(tasks)} tasks, more panels than can be read. Choose "
                 f"at most {MOST}: tasks=[...] of from_estimator."
             )
+        sharey = self._is_one_axis_legible() if sharey == "auto" else sharey
         self.axes_ = _panels(ax, len(tasks), n_cols, sharey)
         self.ax_, self.figure_ = self.axes_[0], self.axes_[0].figure
         self.lines_, self.bands_, self.observed_, self.truths_ = [], [], [], []
@@ -145,6 +148,15 @@ class TaskPredictionDisplay(Display):
             style = {"ncols": 4, "frameon": False, "loc": "outside upper center"}
             self.figure_.legend(handles=handles, **style)
         return self
+
+    def _is_one_axis_legible(self):
+        """Whether half of the panels have enough of an axis that all share."""
+        drawn = self.curves[["task", "lower", "upper"]].melt("task", value_name="y")
+        points = self.points[self.points["task"].isin(self.curves["task"])]
+        of_tasks = pd.concat([drawn, points])[["task", "y"]].groupby("task")["y"]
+        lowest, highest = of_tasks.min(), of_tasks.max()
+        of_all = highest.max() - lowest.min()
+        return bool((highest - lowest).median() >= of_all / LEGIBLE)
 
     def _draw(self, ax, task):
         """One panel."""
@@ -164,6 +176,9 @@ class TaskPredictionDisplay(Display):
         style = {"color": "0.35", "ms": 3, "mew": 0, "label": "observed"}
         self.observed_ += ax.plot(points["x"], points["y"], "o", **style)
         ax.set_title(str(task), fontsize="medium")
+        numbers = ax.yaxis.get_major_formatter()
+        if hasattr(numbers, "set_useOffset"):  # it would be written over the title
+            numbers.set_useOffset(False)
         if ax.xaxis.get_tick_params()["labelbottom"]:  # nothing is below
             ax.set_xlabel(self.feature)
 
@@ -177,14 +192,14 @@ class TaskPredictionDisplay(Display):
         feature: int | str | None = None,
         at: Mapping[Any, Any] | None = None,
         truth: Callable[[Any], ArrayLike] | tuple[ArrayLike, ArrayLike] | None = None,
-        tasks: Sequence[Any] | None = None,
+        tasks: Sequence[Any] | str | None = None,
         task_feature: int | str | None = None,
         output: int = 0,
         level: float = 0.95,
         n_points: int = 100,
         ax: Axes | Sequence[Axes] | None = None,
         n_cols: int | None = None,
-        sharey: bool = True,
+        sharey: bool | Literal["auto"] = "auto",
     ) -> Self:
         """Predict each task along a feature, and draw it with what was observed.
 
@@ -205,8 +220,9 @@ class TaskPredictionDisplay(Display):
         truth : callable or (X, y), default=None
             What is true, if that is known: a function of inputs such as X, or inputs
             and targets, which are drawn in the order of the feature.
-        tasks : sequence, default=None
-            Labels of the tasks to draw, in that order. None is all those of X, sorted.
+        tasks : sequence or str, default=None
+            Labels of the tasks to draw, in that order, or one of text. None is all
+            those of X, sorted.
         task_feature : int or str, default=None
             Position or name of the task column, where the estimator does not tell it.
         output : int, default=0
@@ -220,8 +236,8 @@ class TaskPredictionDisplay(Display):
             figure.
         n_cols : int, default=None
             Number of panels side by side. None is at most four.
-        sharey : bool, default=True
-            Whether all panels have the same vertical axis.
+        sharey : bool or "auto", default="auto"
+            Whether all panels have the same vertical axis, see :meth:`plot`.
 
         Returns
         -------
@@ -356,6 +372,7 @@ def _chosen(tasks, labels):
     known = sorted(set(labels.tolist()))
     if tasks is None:
         return known
+    tasks = [tasks] if isinstance(tasks, str) else tasks
     unknown = [label for label in tasks if label not in known]
     if unknown or not len(tasks):
         what = f"has {unknown[0]!r}, which X has not" if unknown else "is empty"

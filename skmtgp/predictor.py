@@ -168,6 +168,13 @@ class CompiledPredictor:
         if std:
             self._deviations = _deviations(sources, list(chosen.values()), labels)
 
+    def __repr__(self) -> str:
+        tasks = f"task={self.task!r}"
+        if self.task is None:
+            tasks = f"tasks=[{_shown(self.tasks)}]"
+        std = f", std={self._deviations is not None}"
+        return f"CompiledPredictor({tasks}, outputs=[{_shown(self.outputs)}]{std})"
+
     def __call__(
         self,
         x: ArrayLike,
@@ -381,11 +388,20 @@ class CompiledPredictor:
         try:
             return plans[self.task if task is None else task]
         except KeyError:
-            known = ", ".join(map(repr, list(plans)[:5]))
+            known = _shown(list(plans))
+            if task is None:
+                raise ValueError(
+                    f"Give the task too, predictor(x, task), one of {known}; or "
+                    "compile the predictor of one, compile_predictor(model, task=...)."
+                ) from None
             raise ValueError(
-                f"task={task!r} is none that the predictor was compiled for: {known}"
-                f"{', ...' if len(plans) > 5 else ''}."
+                f"task={task!r} is none that the predictor was compiled for: {known}."
             ) from None
+
+
+def _shown(values):
+    """Some values, the first of them if they are many."""
+    return ", ".join(map(repr, values[:5])) + ", ..." * (len(values) > 5)
 
 
 class _Source:

@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, helmert
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_new_task, check_training, warn_of_noise
+from skmtgp._data.checks import (
+    check_new_task,
+    check_training,
+    locate,
+    warn_of_noise,
+)
+from skmtgp._data.joints import check_order
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -187,6 +193,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         """
         with fitting(self, X, y):
             training = check_training(self, X, y)
+            check_order(locate(self)[1])
             self._set_columns()
             with limit_threads(self.n_features_in_):
                 self._fit(*training)

@@ -326,3 +326,15 @@ def test_variances_of_what_hardly_shows_have_a_sign(puma, moved):
     mean, std = model.predict(X, return_std=True)
     assert (std >= 0.0).all()
     assert mean.shape == std.shape
+
+
+def test_columns_in_another_order(puma, moved):
+    """Their names tell it."""
+    X, Y, _ = moved
+    names = [f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in range(1, 7)]
+    frame = pd.DataFrame(X, columns=[*names, "load"])
+    assert RigidBodyRegressor(puma).fit(frame, Y).feature_names_in_[0] == "q1"
+    swapped = frame[[*names[6:12], *names[:6], *names[12:], "load"]]
+    for make in (RigidBodyRegressor(puma), RigidBodyFeatures(puma, joint=0)):
+        with pytest.raises(ValueError, match="positions of all joints first"):
+            make.fit(swapped, Y)

@@ -24,11 +24,12 @@ from skmtgp._estimators.compiled import (
 )
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.model_selection import RankSearchIC
+from skmtgp.robot import RigidBodyRegressor
 from skmtgp.single_task import SingleTaskGP
 
 __all__ = ["CompiledPredictor", "compile_predictor"]
 
-MODELS = BaseMultiTaskGP, RankSearchIC, SingleTaskGP
+MODELS = BaseMultiTaskGP, RankSearchIC, SingleTaskGP, RigidBodyRegressor
 
 
 def compile_predictor(
@@ -47,9 +48,10 @@ def compile_predictor(
     Parameters
     ----------
     model : estimator, Pipeline, or a sequence or mapping of them
-        Fitted: a MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP or
-        RankSearchIC, or a Pipeline that ends with one. Several, such as one for each
-        joint of a robot, share their features where these are the same.
+        Fitted: a MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
+        RankSearchIC or a regressor of :mod:`skmtgp.robot`, or a Pipeline that ends with
+        one. Several, such as one for each joint of a robot, share their features where
+        these are the same.
     task : int or str, default=None
         Label of the task that is predicted. None: it comes with each call.
     outputs : sequence, default=None
@@ -205,9 +207,11 @@ class CompiledPredictor:
             return self._predict_described(x, descriptors)
         y = np.empty(len(self.outputs))
         for features, heads in self._of_task(self._plans, task):
-            z = features(x)
+            z, before, values = features(x), None, None
             for place, mean, k, back in heads:
-                value = mean(z)[k]
+                if mean is not before:  # a robot's gives all joints at once
+                    before, values = mean, mean(z)
+                value = values[k]
                 y[place] = value if back is None else back(np.array([value]))[0]
         return y
 
@@ -414,7 +418,8 @@ class _Source:
         if not isinstance(steps[-1][1], MODELS):
             raise TypeError(
                 "model must be a MultiTaskGPRegressor, IndependentGP, PooledGP, "
-                "SingleTaskGP or RankSearchIC, a Pipeline that ends with one of them, "
+                "SingleTaskGP, RankSearchIC or a regressor of skmtgp.robot, a Pipeline "
+                "that ends with one of them, "
                 f"or several of these, not a {type(steps[-1][1]).__name__}."
             )
         *first, self.last = (step for _, step in steps)
@@ -425,12 +430,17 @@ class _Source:
         self.given = getattr(self.model, "_descriptors", None)
         n_descriptors = 0 if self.given is None else len(self.given.names)
         self.n_features = first.n_features_in_ - 1 - n_descriptors
-        self.n_outputs = len(self.model.log_marginal_likelihoods_)
+        self.n_outputs = np.size(
+            self.model.noise_variance_
+            if isinstance(self.model, RigidBodyRegressor)
+            else self.model.log_marginal_likelihoods_
+        )
 
     def code(self, label):
         """The position of a task."""
         options = {"can_join": hasattr(self.last, "add_task")}
-        options["unseen"] = self.model._knows_unseen()
+        if not isinstance(self.model, RigidBodyRegressor):
+            options["unseen"] = self.model._knows_unseen()
         return int(encode_tasks(check_labels([label]), self.model.tasks_, **options)[0])
 
     def features(self, label):
@@ -452,7 +462,10 @@ class _Source:
         codes = [self.code(label) for label in labels]
         columns = getattr(self.model._target, "columns", [None] * self.n_outputs)
         backs = [column and column.back for column in columns]
-        if isinstance(self.model, SingleTaskGP):
+        if isinstance(self.model, RigidBodyRegressor):
+            of_codes = [self.model._compile(code) for code in codes]
+            found = [[(of, j) for j in range(self.n_outputs)] for of in of_codes]
+        elif isinstance(self.model, SingleTaskGP):
             alone = [means_of(self.model.estimators_[code], [0]) for code in codes]
             found = [[(mean, 0) for mean in of_task] for of_task in alone]
         else:

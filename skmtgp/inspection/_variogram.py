@@ -184,7 +184,10 @@ class VariogramDisplay(Display):
             If there is no such task, feature or output, if there are too many tasks,
             or if the model has not kept its rows.
         """
-        instead = "pass a model of all tasks; of a SingleTaskGP one of its estimators_."
+        instead = (
+            "pass a model of all tasks; of a SingleTaskGP one of its estimators_, of a "
+            "WideRegressor its estimator_."
+        )
         model = model_with("task_covariance_", estimator, instead)
         model._check_rows()
         check_scalar(n_bins, "n_bins", int, min_val=1)

@@ -133,6 +133,13 @@ class Dynamics:
             values[i] = whole[of_row]
         return values
 
+    def regressor_at(self, x):
+        """The regressor of all joints' torques for one state, of shape (J, 10 J)."""
+        q, qd, qdd = x.reshape(3, self.n_joints)
+        state = self._configurations(q[None])[0], qd, qdd
+        data = self._model.createData()  # of this call: threads may predict, too
+        return self._pin.computeJointTorqueRegressor(self._model, data, *state)
+
     def random_states(self, n_samples, random_state=0):
         """States at random, in no unit's or limit's particular range."""
         rng = np.random.RandomState(random_state)

@@ -28,6 +28,7 @@ from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.robot._columns import Columns, check_friction
 from skmtgp.robot._dynamics import INERTIAL, Dynamics
+from skmtgp.robot._one_state import Torques
 from skmtgp.robot._solving import METHODS, join, solve, typical
 
 BLIND = 1e-6  # share of a direction that the data do not show, above which it counts
@@ -315,6 +316,10 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         model._blind = block_diag(self._blind, new.blind)
         model._store()
         return model
+
+    def _compile(self, code):
+        """Torques of one state of a task, as a function, see `compile_predictor`."""
+        return Torques(self, code)
 
     @property
     def _side(self):

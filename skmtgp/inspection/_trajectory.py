@@ -197,7 +197,9 @@ class TrajectoryDisplay(Display):
 
         Notes
         -----
-        The band is that of a normal distribution. With a `target_transform`, whose
+        The rows must be a sequence: those that were drawn at random, as in
+        :func:`~skmtgp.datasets.load_puma560`, make a line that jumps. The band is that
+        of a normal distribution. With a `target_transform`, whose
         intervals are not symmetric, draw those of ``predict_interval``.
         """
         _check_one_task(estimator, X)

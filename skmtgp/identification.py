@@ -337,11 +337,7 @@ def _last(estimator):
     """The model at the end of a pipeline, checked."""
     estimator = _best(estimator)
     model = _best(estimator[-1] if isinstance(estimator, Pipeline) else estimator)
-    if not isinstance(model, MultiTaskGPRegressor):
-        raise TypeError(
-            "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that "
-            f"ends with one, or a list or dict of these, not a {type(model).__name__}."
-        )
+    _check_kind(model)
     check_is_fitted(model)
     model._check_rows()
     if isinstance(model.rank_, list):
@@ -360,6 +356,21 @@ def _last(estimator):
             "follow from. Fit the model with normalize_y='shared'."
         )
     return model
+
+
+def _check_kind(model):
+    """Raise a TypeError where a model has no factor."""
+    if isinstance(model, MultiTaskGPRegressor):
+        return
+    advice = (
+        " Of a robot with a description, add_task(X, y).load_parameters_ tells the load "
+        "of samples whose task has a new label."
+    )
+    raise TypeError(
+        "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that ends "
+        f"with one, or a list or dict of these, not a {type(model).__name__}."
+        + advice * hasattr(model, "load_parameters_")
+    )
 
 
 def _check_alike(models):

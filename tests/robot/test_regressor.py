@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.linear_model import BayesianRidge
 
+from skmtgp import TaskIdentifier
 from skmtgp.exceptions import UnidentifiedNoiseWarning
 from skmtgp.robot import RigidBodyFeatures, RigidBodyRegressor
 from skmtgp.robot._dynamics import INERTIAL
@@ -338,3 +339,15 @@ def test_columns_in_another_order(puma, moved):
     for make in (RigidBodyRegressor(puma), RigidBodyFeatures(puma, joint=0)):
         with pytest.raises(ValueError, match="positions of all joints first"):
             make.fit(swapped, Y)
+
+
+def test_which_load_it_is(fitted, moved):
+    """TaskIdentifier does not take it, and says what does."""
+    X, Y, loads = moved
+    with pytest.raises(TypeError, match=r"add_task\(X, y\).load_parameters_ tells"):
+        TaskIdentifier(fitted).predict(X[:5], Y[:5])
+    rows = np.flatnonzero(X[:, -1] == 3)[1::2]
+    unknown = np.column_stack([X[rows, :-1], np.full(len(rows), 99)])
+    found = fitted.add_task(unknown, Y[rows]).load_parameters_.loc[99]
+    expected = loads[INERTIAL].to_numpy()[2] - loads[INERTIAL].to_numpy()[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)

@@ -363,13 +363,14 @@ def _check_kind(model):
     if isinstance(model, MultiTaskGPRegressor):
         return
     advice = (
-        " Of a robot with a description, add_task(X, y).load_parameters_ tells the load "
-        "of samples whose task has a new label."
+        " Of a robot with a description, add_task(X, y).load_parameters_ tells the "
+        "load of samples whose task has a new label."
     )
     raise TypeError(
         "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that ends "
         f"with one, or a list or dict of these, not a {type(model).__name__}."
-        + advice * hasattr(model, "load_parameters_")
+        + advice
+        * hasattr(model, "load_parameters_")
     )
 
 

@@ -24,9 +24,10 @@ from skmtgp._estimators.compiled import (
     means_of,
 )
 from skmtgp.model_selection import RankSearchIC
+from skmtgp.robot import RigidBodyRegressor
 from skmtgp.single_task import SingleTaskGP
 
-MODELS = BaseMultiTaskGP, RankSearchIC, SingleTaskGP
+MODELS = BaseMultiTaskGP, RankSearchIC, SingleTaskGP, RigidBodyRegressor
 
 
 class Plan(NamedTuple):
@@ -73,7 +74,8 @@ class Source:
         if not isinstance(steps[-1][1], MODELS):
             raise TypeError(
                 "model must be a MultiTaskGPRegressor, IndependentGP, PooledGP, "
-                "SingleTaskGP or RankSearchIC, a Pipeline that ends with one of them, "
+                "SingleTaskGP, RankSearchIC or a regressor of skmtgp.robot, a Pipeline "
+                "that ends with one of them, "
                 f"or several of these, not a {type(steps[-1][1]).__name__}."
             )
         *first, self.last = (step for _, step in steps)
@@ -84,12 +86,15 @@ class Source:
         self.given = getattr(self.model, "_descriptors", None)
         n_descriptors = 0 if self.given is None else len(self.given.names)
         self.n_features = first.n_features_in_ - 1 - n_descriptors
-        self.n_outputs = len(self.model.log_marginal_likelihoods_)
+        self.is_robot = isinstance(self.model, RigidBodyRegressor)
+        outputs = "noise_variance_" if self.is_robot else "log_marginal_likelihoods_"
+        self.n_outputs = np.size(getattr(self.model, outputs))
 
     def code(self, label):
         """The position of a task."""
         options = {"can_join": hasattr(self.last, "add_task")}
-        options["unseen"] = self.model._knows_unseen()
+        if not self.is_robot:
+            options["unseen"] = self.model._knows_unseen()
         return int(encode_tasks(check_labels([label]), self.model.tasks_, **options)[0])
 
     def features(self, label):
@@ -116,6 +121,27 @@ class Source:
             return dict(zip(labels, ((means, 0) for means in alone), strict=True))
         means = means_of(self.model, codes)
         return {label: (means, k) for k, label in enumerate(labels)}
+
+
+class Joints:
+    """Some joints' torques of a robot that carries one load, of shape (n_of_these, 1).
+
+    Parameters
+    ----------
+    source : Source
+        The robot.
+    label : str or int
+        The load.
+    joints : tuple of int
+        Which.
+    """
+
+    def __init__(self, source, label, joints):
+        self.torques = source.model._compile(source.code(label))
+        self.joints = np.array(joints)
+
+    def __call__(self, x):
+        return self.torques(x)[self.joints, None]
 
 
 def sources_of(model):
@@ -166,16 +192,39 @@ def common_tasks(sources):
 
 def plans_of(sources, chosen, labels):
     """For each label the plans of all outputs."""
-    used = list(dict.fromkeys(i for i, _ in chosen))
-    means = {i: sources[i].means(labels) for i in used}
-    backs = {i: sources[i].backs() for i in used}
+    places = defaultdict(list)
+    for place, (i, j) in enumerate(chosen):
+        places[sources[i].is_robot].append((place, sources[i], j))
+    plans = _of_processes(places[False], labels)
+    for label in labels:
+        plans[label] += _of_robots(places[True], label)
+    return plans
+
+
+def _of_robots(places, label):
+    """Each computes all of its joints at once."""
+    joints = defaultdict(list)
+    for place, source, j in places:
+        joints[source].append((place, j))
+    plans = []
+    for source, pairs in joints.items():
+        of_these, js = zip(*pairs, strict=True)
+        means = Joints(source, label, js)
+        plans.append(Plan(source.features(label), means, 0, np.array(of_these), None))
+    return plans
+
+
+def _of_processes(places, labels):
+    used = dict.fromkeys(source for _, source, _ in places)
+    means = {source: source.means(labels) for source in used}
+    backs = {source: source.backs() for source in used}
     plans, shared = {}, {}
     for label in labels:
         groups = defaultdict(list)
-        for place, (i, j) in enumerate(chosen):
-            (of_label, k), features = means[i][label], sources[i].features(label)
+        for place, source, j in places:
+            (of_label, k), features = means[source][label], source.features(label)
             group = _share(shared, features), k, len(of_label[j].constant)
-            groups[group].append((place, of_label[j], backs[i][j]))
+            groups[group].append((place, of_label[j], backs[source][j]))
         plans[label] = [
             _plan(features, k, heads, shared)
             for (features, k, _), heads in groups.items()

@@ -97,9 +97,11 @@ class TaskIdentifier(Estimator):
     >>> X = np.column_stack([x, age[machine], machine])
     >>> model = MultiTaskGPRegressor(rank=1, task_descriptors=[1]).fit(X, y)
     >>> identifier = TaskIdentifier(model)
-    >>> probabilities = identifier.predict_proba([[1.0], [2.0]], [5.1, 5.4])
-    >>> identifier.classes_[probabilities.argmax()]
+    >>> identifier.predict([[1.0], [2.0]], [5.1, 5.4])
     2
+    >>> probabilities = identifier.predict_proba([[1.0], [2.0]], [5.1, 5.4])
+    >>> dict(zip(identifier.classes_, probabilities.round(2).tolist()))
+    {0: 0.0, 1: 0.0, 2: 1.0, 3: 0.0, None: 0.0}
     >>> mean, covariance = identifier.estimate([[1.0], [2.0]], [3.8, 4.0])
     >>> print(mean.round(1).to_dict())
     {1: 4.3}
@@ -162,6 +164,28 @@ class TaskIdentifier(Estimator):
         log_density = np.append(known, another)
         weights = np.exp(log_density - log_density.max())
         return weights / weights.sum()
+
+    def predict(self, X: ArrayLike, y: ArrayLike) -> int | str | None:
+        """The most probable task that all samples come from.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, as for `predict_proba`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Targets.
+
+        Returns
+        -------
+        label : int, str or None
+            One of `classes_`; None is none of the known tasks.
+
+        Raises
+        ------
+        TypeError, ValueError
+            As `predict_proba`.
+        """
+        return self.classes_[self.predict_proba(X, y).argmax()]
 
     def estimate(self, X: ArrayLike, y: ArrayLike) -> tuple[pd.Series, pd.DataFrame]:
         """Descriptors of the task that all samples come from.
@@ -313,11 +337,7 @@ def _last(estimator):
     """The model at the end of a pipeline, checked."""
     estimator = _best(estimator)
     model = _best(estimator[-1] if isinstance(estimator, Pipeline) else estimator)
-    if not isinstance(model, MultiTaskGPRegressor):
-        raise TypeError(
-            "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that "
-            f"ends with one, or a list or dict of these, not a {type(model).__name__}."
-        )
+    _check_kind(model)
     check_is_fitted(model)
     model._check_rows()
     if isinstance(model.rank_, list):
@@ -336,6 +356,22 @@ def _last(estimator):
             "follow from. Fit the model with normalize_y='shared'."
         )
     return model
+
+
+def _check_kind(model):
+    """Raise a TypeError where a model has no factor."""
+    if isinstance(model, MultiTaskGPRegressor):
+        return
+    advice = (
+        " Of a robot with a description, add_task(X, y).load_parameters_ tells the "
+        "load of samples whose task has a new label."
+    )
+    raise TypeError(
+        "model must be a MultiTaskGPRegressor, or a RankSearchIC or Pipeline that ends "
+        f"with one, or a list or dict of these, not a {type(model).__name__}."
+        + advice
+        * hasattr(model, "load_parameters_")
+    )
 
 
 def _check_alike(models):
@@ -378,8 +414,15 @@ def _at_samples(model, inputs, Y, rows, noises, floor):
 
 def _targets(y, model, n_outputs):
     """The columns of y, (n_samples, n_outputs)."""
+    if isinstance(y, Mapping):
+        y = pd.DataFrame(dict(y))
     if isinstance(model, Mapping) and hasattr(y, "columns"):
         y = as_frame(y)[list(model)]
+    if np.ndim(y) == 0:
+        raise ValueError(
+            f"y={y!r} is one number, but must have one for each row of X: give one "
+            "sample as predict_proba([x], [y])."
+        )
     Y = check_numbers(y, "y")
     Y = Y.reshape(len(Y), -1) if n_outputs > 1 or Y.ndim > 1 else Y[:, None]
     if Y.shape[1] != n_outputs:

@@ -1,7 +1,7 @@
 """Covariance functions k^x over the inputs, in scikit-learn's language.
 
 Every :class:`sklearn.gaussian_process.kernels.Kernel` can be used; this module adds
-two of its own and builds the kernel of the paper.
+three of its own and builds the kernel of the paper.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.distance import cdist
 from sklearn.gaussian_process.kernels import (
     RBF,
     ConstantKernel,
@@ -30,6 +31,7 @@ from skmtgp._data.joints import (
 __all__ = [
     "ARDLinear",
     "Columns",
+    "Spherical",
     "geometric_inverse_dynamics_kernel",
     "inverse_dynamics_kernel",
 ]
@@ -290,6 +292,86 @@ class Columns(Kernel):
 
     def __repr__(self) -> str:
         return f"Columns({self.kernel!r}, {list(self.columns)})"
+
+
+class Spherical(RBF):
+    r"""Spherical covariance of geostatistics, which is zero beyond its range.
+
+    .. math:: k(x, x') = 1 - \tfrac32 h + \tfrac12 h^3, \qquad
+        h^2 = \sum_d (x_d - x'_d)^2 / a_d^2 \le 1
+
+    and 0 where h > 1.
+
+    Parameters
+    ----------
+    length_scale : float or array-like of shape (n_features,), default=1.0
+        The range a, in units of the features; an array has one for each feature, which
+        is geometric anisotropy along the axes. Unlike the practical range of an
+        exponential covariance, it is where the covariance ends.
+    length_scale_bounds : pair of floats or "fixed", default=(1e-5, 1e5)
+        Bounds of the range.
+
+    See Also
+    --------
+    sklearn.gaussian_process.kernels.Matern : ``nu=0.5`` is the exponential one.
+
+    Notes
+    -----
+    It is a covariance of at most three features. Its derivative by the range is
+    continuous, and its likelihood has many shallow maxima where few pairs of places are
+    as far apart as the range: compare starts. See Chiles and Delfiner, "Geostatistics:
+    Modeling Spatial Uncertainty" (2012), section 2.5.1.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from skmtgp.kernels import Spherical
+    >>> Spherical(2.0)(np.array([[0.0]]), np.array([[0.0], [1.0], [2.0], [3.0]]))
+    array([[1.    , 0.3125, 0.    , 0.    ]])
+    """
+
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Covariance of X and Y, and its gradient with respect to theta.
+
+        Parameters
+        ----------
+        X : ndarray of shape (n_samples_X, n_features)
+            Left argument.
+        Y : ndarray of shape (n_samples_Y, n_features), default=None
+            Right argument; X if None.
+        eval_gradient : bool, default=False
+            Whether to return the gradient with respect to the log of the range too.
+            Only possible if Y is None.
+
+        Returns
+        -------
+        K : ndarray of shape (n_samples_X, n_samples_Y)
+            Covariance.
+        K_gradient : ndarray of shape (n_samples_X, n_samples_X, n_dims)
+            Its gradient. Only if `eval_gradient`.
+        """
+        if eval_gradient and Y is not None:
+            raise ValueError("The gradient can only be evaluated when Y is None.")
+        X = np.atleast_2d(X)
+        Y, scale = X if Y is None else np.atleast_2d(Y), np.asarray(self.length_scale)
+        h = np.minimum(cdist(X / scale, Y / scale), 1.0)
+        K = 1.0 - 1.5 * h + 0.5 * h**3
+        return (K, self._gradient(X / scale, h)) if eval_gradient else K
+
+    def _gradient(self, Z, h):
+        """Dk / d log a_d = 3/2 (1 - h^2) / h (z_d - z'_d)^2."""
+        if self.hyperparameter_length_scale.fixed:
+            return np.empty((*h.shape, 0))
+        slope = 1.5 * (1.0 - h**2)
+        if not self.anisotropic:
+            return (slope * h)[:, :, None]
+        slope = np.divide(slope, h, out=np.zeros_like(h), where=h > 0.0)
+        return slope[:, :, None] * np.square(Z[:, None] - Z[None])
 
 
 def _positions(columns, n_features):

@@ -110,7 +110,7 @@ def add_task(
         advice = " Pass its best_estimator_." * hasattr(model, "best_estimator_")
         raise TypeError(
             "The model must be a MultiTaskGPRegressor, a RankSearchIC or a Pipeline "
-            f"that ends with one of them, not a {type(model).__name__}.{advice}"
+            f"that ends with one of them; {type(model).__name__} is none.{advice}"
         )
     return model.add_task(X, y, prior=prior)
 

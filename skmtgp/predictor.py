@@ -40,9 +40,10 @@ def compile_predictor(
     Parameters
     ----------
     model : estimator, Pipeline, or a sequence or mapping of them
-        Fitted: a MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP or
-        RankSearchIC, or a Pipeline that ends with one. Several, such as one for each
-        joint of a robot, share their features where these are the same.
+        Fitted: a MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
+        RankSearchIC or a regressor of :mod:`skmtgp.robot`, or a Pipeline that ends with
+        one. Several, such as one for each joint of a robot, share their features where
+        these are the same.
     task : int or str, default=None
         Label of the task that is predicted. None: it comes with each call.
     outputs : sequence, default=None
@@ -161,6 +162,13 @@ class CompiledPredictor:
         self._deviations = None
         if std:
             self._deviations = deviations_of(sources, list(chosen.values()), labels)
+
+    def __repr__(self) -> str:
+        tasks = f"task={self.task!r}"
+        if self.task is None:
+            tasks = f"tasks=[{_shown(self.tasks)}]"
+        std = f", std={self._deviations is not None}"
+        return f"CompiledPredictor({tasks}, outputs=[{_shown(self.outputs)}]{std})"
 
     def __call__(
         self,
@@ -362,8 +370,17 @@ class CompiledPredictor:
         try:
             return plans[self.task if task is None else task]
         except KeyError:
-            known = ", ".join(map(repr, list(plans)[:5]))
+            known = _shown(list(plans))
+            if task is None:
+                raise ValueError(
+                    f"Give the task too, predictor(x, task), one of {known}; or "
+                    "compile the predictor of one, compile_predictor(model, task=...)."
+                ) from None
             raise ValueError(
-                f"task={task!r} is none that the predictor was compiled for: {known}"
-                f"{', ...' if len(plans) > 5 else ''}."
+                f"task={task!r} is none that the predictor was compiled for: {known}."
             ) from None
+
+
+def _shown(values):
+    """Some values, the first of them if they are many."""
+    return ", ".join(map(repr, values[:5])) + ", ..." * (len(values) > 5)

@@ -13,12 +13,14 @@ from sklearn.base import TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.checks import locate
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.joints import (
     STANDSTILL,
     check_angles,
     check_joints,
+    check_order,
     columns_of_positions,
 )
 from skmtgp._data.labels import FIRST_INEXACT
@@ -175,6 +177,7 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         )
         self._descriptors = self._locate_descriptors()
         self.n_joints_ = self._count_joints(n_features)
+        check_order(np.delete(locate(self)[1], self._descriptors))
         self._revolute = self._turning()
         self.mean_, self.scale_ = self._units(self._states(self._split(table)[0]))
 

@@ -175,6 +175,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         for name, constraint in BaseMultiTaskGP._parameter_constraints.items()
         if name != "noise"
     }
+    _parameter_hints = BaseMultiTaskGP._parameter_hints
 
     def __init__(
         self,

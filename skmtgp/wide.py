@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.metrics import r2_score
+from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import (
     check_consistent_length,
     check_is_fitted,
@@ -321,6 +322,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
         stacked = self._stack(table, rows, codes)
         self.estimator_ = clone(model).fit(stacked, Y[rows, codes])
+        self._cells, self._shape = (rows, codes), Y.shape
 
     def _table(self, X, *, reset):
         """X as a frame, or as an array where its columns have no names."""
@@ -422,6 +424,47 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If X or `level` cannot be used.
         """
         return self._ask("predict_interval", X, level, include_noise)
+
+    @public
+    def loo_predict(
+        self, include_noise: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Predict each value of `fit` from all the others.
+
+        Other columns of its row are among these. No model is fitted again; see
+        :meth:`MultiTaskGPRegressor.loo_predict`.
+
+        Parameters
+        ----------
+        include_noise : bool, default=False
+            Whether deviations are those of the value that was left out, or of f.
+
+        Returns
+        -------
+        y_mean, y_std : ndarray of shape (n_samples, n_outputs) or (n_samples,)
+            Means and standard deviations, in the units of y; NaN where nothing was
+            measured.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        TypeError
+            If the estimator has no `loo_predict`.
+        """
+        check_is_fitted(self)
+        model = self.estimator_
+        while isinstance(model, Pipeline):
+            model = model[-1]
+        if not hasattr(model, "loo_predict"):
+            raise TypeError(
+                f"{type(model).__name__} has no loo_predict: set `estimator` to a "
+                "Gaussian process of skmtgp, or cross-validate."
+            )
+        found = np.full((2, *self._shape), np.nan)
+        found[:, *self._cells] = model.loo_predict(include_noise)
+        mean, std = found[:, :, 0] if self._single else found
+        return mean, std
 
     @public
     def sample_y(

@@ -90,12 +90,14 @@ def test_known_tasks_are_recognised(model, undescribed, task):
         assert identifier.classes_.tolist() == [*range(M), None]
         assert probabilities.argmax() == task
         assert probabilities[task] > 0.8
+        assert identifier.predict(x, y) == task
 
 
 def test_another_task_is_none_of_them(model, undescribed):
     for of in (model, undescribed):
         probabilities = TaskIdentifier(of).predict_proba(NEW[:, None], Y_NEW)
         assert probabilities[-1] > 0.99
+        assert TaskIdentifier(of).predict(NEW[:, None], Y_NEW) is None
 
 
 def density(model, widening, descriptors):
@@ -211,7 +213,8 @@ class TestModels:
         pipelines = [make_pipeline(FunctionTransformer(), of) for of in each]
         frame = pd.DataFrame(Y_NEW, columns=names)[names[::-1]]
         given = [(each, Y_NEW), (tuple(pipelines), Y_NEW)]
-        given.append((dict(zip(names, each, strict=True)), frame))
+        named = dict(zip(names, each, strict=True))
+        given += [(named, frame), (named, {name: frame[name] for name in frame})]
         for of, y in given[:1] + given[2:]:
             found = TaskIdentifier(of).estimate(NEW[:, None], y)
             np.testing.assert_allclose(found[0], expected[0], rtol=1e-5)
@@ -313,6 +316,7 @@ class TestRefusals:
         [
             (NEW[:, None], Y_NEW[:, 0], "y has 1 columns, but the model has 2"),
             (NEW[:3, None], Y_NEW, "X has 3 rows, but y has 6"),
+            (NEW[:1], 0.5, r"y=0.5 is one number, .* predict_proba\(\[x\], \[y\]\)"),
             (np.ones((6, 2)), Y_NEW, r"must have 4 columns.*or 1, without the task"),
             (NEW[:, None], np.full((6, 2), np.nan), "NaN"),
         ],

@@ -11,7 +11,8 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp.kernels import ARDLinear, Columns, inverse_dynamics_kernel
+from skmtgp import PooledGP
+from skmtgp.kernels import ARDLinear, Columns, Spherical, inverse_dynamics_kernel
 
 FIXED = "fixed"
 KERNELS = [
@@ -28,6 +29,9 @@ KERNELS = [
     Columns(RBF(0.8, FIXED), np.array([1])),
     Columns(ARDLinear([2.0, 1.0], 0.7, bias_bounds=FIXED), [1, 0]),
     Columns(ConstantKernel(2.0) * Columns(RBF([0.8, 1.3]), [1, 0]), [2, 1]),
+    Spherical(2.5),
+    Spherical([2.5, 1.5, 3.0]),
+    Spherical(2.5, FIXED),
     ARDLinear() + ConstantKernel(1.5, FIXED) * Columns(Matern(nu=1.5), [1, 2]),
 ]
 every_kernel = pytest.mark.parametrize("kernel", KERNELS, ids=repr)
@@ -114,7 +118,9 @@ def test_gradient(kernel, X):
 
 @pytest.mark.parametrize(
     ("kernel", "n_dims"),
-    list(zip(KERNELS, [2, 2, 4, 4, 3, 1, 0, 1, 2, 2, 0, 2, 3, 3], strict=True)),
+    list(
+        zip(KERNELS, [2, 2, 4, 4, 3, 1, 0, 1, 2, 2, 0, 2, 3, 1, 3, 0, 3], strict=True)
+    ),
 )
 def test_number_of_free_hyperparameters(kernel, n_dims):
     assert kernel.n_dims == len(kernel.theta) == n_dims
@@ -284,3 +290,31 @@ def test_inverse_dynamics_kernel_starts_within_its_bounds():
 def test_number_of_joints(n_joints):
     with pytest.raises(ValueError, match=f"n_joints={n_joints!r} must be a positive"):
         inverse_dynamics_kernel(n_joints)
+
+
+@pytest.mark.parametrize("scale", [1.7, [1.7, 0.6, 2.4]])
+def test_spherical_value(X, Z, scale):
+    a = np.broadcast_to(scale, 3)
+    h = [[np.sqrt(sum((x - z) ** 2 / a**2)) for z in Z] for x in X]
+    expected = [[1 - 1.5 * r + 0.5 * r**3 if r < 1 else 0.0 for r in row] for row in h]
+    np.testing.assert_allclose(Spherical(scale)(X, Z), expected, rtol=0, atol=1e-14)
+    assert np.count_nonzero(Spherical(scale)(X, Z)) < len(X) * len(Z)
+
+
+def test_spherical_is_the_overlap_of_balls():
+    """Of two balls of diameter a in space: where its name is from."""
+    a, distance = 2.0, 0.7
+    points = np.random.default_rng(0).uniform(-1.0, 1.0, (200_000, 3))
+    inside = np.linalg.norm(points, axis=1) < a / 2
+    both = inside & (np.linalg.norm(points - [distance, 0, 0], axis=1) < a / 2)
+    k = Spherical(a)(np.zeros((1, 3)), np.array([[distance, 0.0, 0.0]]))
+    assert both.sum() / inside.sum() == pytest.approx(k.item(), abs=0.01)
+
+
+def test_spherical_finds_the_range():
+    x = np.arange(400.0)[:, None]
+    K = Spherical(12.0)(x) + 1e-6 * np.eye(400)
+    y = np.linalg.cholesky(K) @ np.random.default_rng(0).standard_normal(400)
+    X = np.column_stack([x, np.zeros(400)])
+    model = PooledGP(Spherical(5.0), normalize_y=False).fit(X, y)
+    assert model.kernel_.length_scale == pytest.approx(12.0, rel=0.2)

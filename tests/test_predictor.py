@@ -247,7 +247,7 @@ class TestTasks:
         predictor = compile_predictor(model)
         with pytest.raises(ValueError, match=r"task=99 is none .* compiled for: 0, 1"):
             predictor([0.0, 0.0], 99)
-        with pytest.raises(ValueError, match=r"task=None is none"):
+        with pytest.raises(ValueError, match=r"Give the task too, .*one of 0, 1"):
             predictor([0.0, 0.0])
         with pytest.raises(ValueError, match=r"task=1 is none"):
             compile_predictor(model, task=0)([0.0, 0.0], 1)
@@ -313,6 +313,7 @@ class TestPipelines:
         names = {f"q{j}": joint for j, joint in enumerate(joints)}
         all_of, x = compile_predictor(names, task=1, std=True), NEW_ROBOT[0, :-1]
         assert all_of.outputs == ["q0", "q1", "q2"]
+        assert "task=1, outputs=['q0', 'q1', 'q2'], std=True" in repr(all_of)
         some = compile_predictor(names, task=1, outputs=["q2", "q0"], std=True)
         assert some.outputs == ["q2", "q0"]
         np.testing.assert_array_equal(some(x), all_of(x)[[2, 0]])

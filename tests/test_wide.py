@@ -198,6 +198,28 @@ def test_intervals_draws_and_noise(fitted):
     np.testing.assert_allclose(draws.mean(axis=2), fitted.predict(NEW), atol=0.1)
 
 
+def test_leaving_one_out(fitted):
+    mean, std = fitted.loo_predict(include_noise=True)
+    assert mean.shape == std.shape == GAPS.shape
+    np.testing.assert_array_equal(np.isnan(mean), np.isnan(GAPS))
+    model, gaps = fitted.estimator_, np.isnan(GAPS)
+    alone = model.loo_predict(include_noise=True)
+    for found, expected in zip((mean, std), alone, strict=True):
+        np.testing.assert_array_equal(found.T[~gaps.T], expected)
+    single = WideRegressor(QUICK).fit(X, Y[:, 0])
+    assert single.loo_predict()[1].shape == (12,)
+    piped = WideRegressor(make_pipeline(clone(QUICK))).fit(X, GAPS)
+    np.testing.assert_allclose(piped.loo_predict(include_noise=True)[0], mean)
+
+
+def test_leaving_one_out_of_other_models():
+    with pytest.raises(NotFittedError):
+        WideRegressor().loo_predict()
+    forest = WideRegressor(RandomForestRegressor(3, random_state=0)).fit(X, GAPS)
+    with pytest.raises(TypeError, match=r"Forest.* has no loo_predict: set `est"):
+        forest.loo_predict()
+
+
 def test_score_leaves_gaps_out(fitted):
     mean = fitted.predict(X)
     expected = [

@@ -106,44 +106,12 @@ pd.DataFrame(rows).T.round(2)
 # ----------
 # The model implies a variogram for each metal and a cross-variogram for each pair. Dots
 # are the experimental ones: half the mean product of differences between two places, by
-# their distance. Nothing was fitted to the dots.
+# their distance. Nothing was fitted to the dots. Here they are those of logarithms, by
+# distance in km.
+from skmtgp.inspection import VariogramDisplay
+
 model = models["cokriging"]
-logs, between = np.log(survey[METALS]).to_numpy(), np.triu_indices(180, 1)
-positions = survey[["east", "north"]].to_numpy()
-apart = np.linalg.norm(positions[:, None] - positions, axis=2)[between]
-bins = np.linspace(0.0, 2.5, 11)  # km
-lags = np.linspace(0.0, 2.5, 100)[:, None]
-at = [kernel(np.zeros((1, 1)), lags)[0] for kernel in model.kernel_]
-noise = np.diag(np.broadcast_to(model.noise_variance_, len(METALS)))
-
-
-def experimental(a, b):
-    """The cross-variogram of two metals, by distance."""
-    first, second = (np.subtract.outer(of, of)[between] for of in logs.T[[a, b]])
-    frame = pd.DataFrame({"distance": apart, "variogram": 0.5 * first * second})
-    return frame.groupby(pd.cut(frame["distance"], bins), observed=True).mean()
-
-
-def modelled(a, b):
-    """The same by the model, of the same logarithms."""
-    pairs = zip(model.task_covariance_, at, strict=True)
-    return sum(K[a, b] * (1.0 - k) for K, k in pairs) + noise[a, b]
-
-
-figure, axes = plt.subplots(3, 3, figsize=(8, 6.4), sharex=True, layout="constrained")
-for a, b in np.ndindex(3, 3):
-    ax = axes[a, b]
-    if b > a:
-        ax.set_axis_off()
-        continue
-    ax.plot("distance", "variogram", "o", ms=4, data=experimental(a, b))
-    ax.plot(lags, modelled(a, b))
-    ax.axhline(0.0, color="gray", lw=0.5)
-    ax.set_title(METALS[a] if a == b else f"{METALS[a]} and {METALS[b]}")
-for ax in axes[-1]:
-    ax.set_xlabel("distance (km)")
-for ax in axes[:, 0]:
-    ax.set_ylabel("variogram")
+VariogramDisplay.from_estimator(model, tasks=METALS, max_distance=2.5)
 
 # %%
 # Two structures relate the metals in two ways. Their sills, by the length in km of each

@@ -1,9 +1,15 @@
 """The joints of a robot: which turn, which slide, and where their features are."""
 
+import re
 from itertools import accumulate
 
 STANDSTILL = 1e-9  # rad/s; slower than this a velocity is rounding noise of either sign
 KINDS = {"revolute": True, "R": True, "prismatic": False, "P": False}
+WORDS = {  # how columns of positions, velocities and accelerations are called
+    **dict.fromkeys(("q", "pos", "position", "angle", "theta"), 0),
+    **dict.fromkeys(("qd", "dq", "qdot", "vel", "velocity"), 1),
+    **dict.fromkeys(("qdd", "ddq", "qddot", "acc", "acceleration"), 2),
+}
 
 
 def are_revolute(joint_types):
@@ -96,3 +102,36 @@ def check_angles(angles):
     """Raise a ValueError if `angles` is neither "radians" nor "trigonometric"."""
     if angles not in ("radians", "trigonometric"):
         raise ValueError(f"angles={angles!r} must be 'radians' or 'trigonometric'.")
+
+
+def check_order(names):
+    """Raise a ValueError where names say that columns are not in the order q, qd, qdd.
+
+    Parameters
+    ----------
+    names : sequence
+        Of the columns of the states, such as "q1", "vel_2" or "joint3_acc". Others say
+        nothing.
+    """
+    found = [_meaning(name) for name in names]
+    if None in found or len(set(found)) < len(found):
+        return
+    joints = [joint for kind, joint in found if kind == 0]
+    wanted = [(kind, joint) for kind in range(3) for joint in joints]
+    if found == wanted or sorted(found) != sorted(wanted):
+        return
+    ordered = [names[found.index(one)] for one in wanted]
+    raise ValueError(
+        f"X has the columns {list(names)}, in this order, but must have the positions "
+        "of all joints first, then all velocities, then all accelerations. Reorder "
+        f"them, X[{ordered} + others] for example."
+    )
+
+
+def _meaning(name):
+    """Kind of a column, 0 to 2, and the number of its joint; or None."""
+    if not isinstance(name, str):
+        return None
+    kind = WORDS.get(re.sub(r"[\d\W_]+|joint", "", name.lower()))
+    numbers = re.findall(r"\d+", name)
+    return None if kind is None or len(numbers) != 1 else (kind, int(numbers[0]))

@@ -156,11 +156,16 @@ def read_table(estimator, X, *, reset):
         If X has one column, in fit, or not those of fit.
     """
     X = as_frame(X)
+    options = {"dtype": None, "ensure_all_finite": False}
     if isinstance(X, pd.DataFrame):
-        table = validate_data(estimator, X, reset=reset, skip_check_array=True)
-    else:
-        options = {"dtype": None, "ensure_all_finite": False}
+        options = {"skip_check_array": True}
+    try:
         table = validate_data(estimator, _keep_types(X), reset=reset, **options)
+    except ValueError as error:
+        advice = "" if reset else _advise_task(estimator, X)
+        if not advice:
+            raise
+        raise ValueError(f"{str(error).rstrip()}\n{advice}") from None
     if reset and table.shape[1] < 2:
         raise ValueError(
             f"X has {table.shape[1]} feature(s) (shape={table.shape}) while a minimum "
@@ -169,6 +174,29 @@ def read_table(estimator, X, *, reset):
             "stack them into rows with a task, or do it by stack_tasks."
         )
     return table
+
+
+def _advise_task(estimator, X):
+    """What to do where X has all columns that `fit` saw but that of the task."""
+    n, names = estimator.n_features_in_, getattr(estimator, "feature_names_in_", None)
+    position = locate_task_column(estimator.task_feature, n, names)
+    label = getattr(estimator, "tasks_", [0])[:1]
+    label = label[0] if isinstance(label, list) else label[0].item()
+    if isinstance(X, pd.DataFrame) and names is not None:
+        name = names[position]
+        others = np.delete(names, position).tolist()
+        if list(X.columns) != others:
+            return ""
+        return (
+            f"X lacks the task column {name!r}. Say which task each row is to be "
+            f"predicted for, X.assign(**{{{name!r}: {label!r}}}) for example."
+        )
+    if np.ndim(X) != 2 or np.shape(X)[1] != n - 1:
+        return ""
+    return (
+        f"Does X lack the task column, column {position}? Say there which task each "
+        f"row is to be predicted for, such as {label!r}."
+    )
 
 
 def _keep_types(X):

@@ -99,6 +99,13 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         "verbose": ["verbose"],
     }
 
+    _parameter_hints = {
+        "trend": "Columns of X are a list, such as ['east', 'north']; a quadratic "
+        "trend is PolynomialFeatures(2) of scikit-learn.",
+        "target_transform": "For logarithms give a function and its inverse, "
+        "(np.log, np.exp).",
+    }
+
     @abstractmethod
     def _learn(self, problems, progress):
         """The problem of each output with its form of K^rho, and its mode."""

@@ -3,11 +3,11 @@
 import inspect
 from collections.abc import Callable
 from functools import wraps
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 from sklearn.base import BaseEstimator
 
-from skmtgp._support.sklearn_compat import CallbackSupportMixin
+from skmtgp._support.sklearn_compat import CallbackSupportMixin, InvalidParameterError
 
 DOCUMENTATION = "https://skmtgp.readthedocs.io/en/stable"
 
@@ -17,8 +17,20 @@ Method = TypeVar("Method", bound=Callable)
 class Estimator(CallbackSupportMixin, BaseEstimator):
     """Estimator that takes callbacks and whose HTML links to its documentation."""
 
+    _parameter_hints: ClassVar[dict[str, str]] = {}  # what to give, for errors
+
     _doc_link_module = "skmtgp"
     _doc_link_template = DOCUMENTATION + "/api/{estimator_name}.html"
+
+    def _validate_params(self):
+        """As scikit-learn does it; errors also say what to give."""
+        try:
+            super()._validate_params()
+        except InvalidParameterError as error:
+            for name, hint in self._parameter_hints.items():
+                if str(error).startswith(f"The {name!r} parameter of "):
+                    raise InvalidParameterError(f"{error} {hint}") from None
+            raise
 
 
 def public(method: Method) -> Method:

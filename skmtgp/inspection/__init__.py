@@ -16,6 +16,7 @@ from skmtgp.inspection._task_covariance import TaskCovarianceDisplay
 from skmtgp.inspection._task_prediction import TaskPredictionDisplay
 from skmtgp.inspection._trajectory import TrajectoryDisplay
 from skmtgp.inspection._transfer import TransferDisplay
+from skmtgp.inspection._variogram import VariogramDisplay
 
 __all__ = [
     "CoverageDisplay",
@@ -27,5 +28,6 @@ __all__ = [
     "TaskResidualsDisplay",
     "TrajectoryDisplay",
     "TransferDisplay",
+    "VariogramDisplay",
     "color_of",
 ]

@@ -21,7 +21,9 @@ from sklearn.utils import check_array
 from skmtgp._data.task_column import locate_task_column
 from skmtgp.inspection._drawing import Display, label_positions, style
 from skmtgp.inspection._models import check_output, model_with
-from skmtgp.kernels import ARDLinear, Columns
+from skmtgp.kernels import ARDLinear, Columns, Spherical
+
+NAMES = {Matern: "Matern", Spherical: "spherical"}
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -251,8 +253,9 @@ def _walk(kernel: Kernel, columns: NDArray[np.intp]) -> Iterator[Part]:
         yield from _walk(kernel.kernel, columns)
     elif isinstance(kernel, Columns):
         yield from _walk(kernel.kernel, columns[np.asarray(kernel.columns, dtype=int)])
-    elif isinstance(kernel, RBF):  # Matern is one of its subclasses
-        name = "Matern" if isinstance(kernel, Matern) else "squared exponential"
+    elif isinstance(kernel, RBF):  # Matern and Spherical are subclasses of it
+        found = (name for kind, name in NAMES.items() if isinstance(kernel, kind))
+        name = next(found, "squared exponential")
         relevances = 1.0 / np.asarray(kernel.length_scale)
         yield Part(f"{name}: 1 / length_scale", relevances, columns)
     elif isinstance(kernel, ARDLinear):

@@ -141,8 +141,13 @@ class TrajectoryDisplay(Display):
         if not (columns[2] >= 0.0).all():
             raise ValueError(f"y_std must not be negative, as {columns[2].min()!s} is.")
         time = np.arange(len(columns[0])) if self.time is None else self.time
-        columns.insert(0, column_or_1d(time))
         check_consistent_length(*columns)
+        columns.insert(0, column_or_1d(time))
+        if len(columns[0]) != len(columns[1]):
+            raise ValueError(
+                f"time has {len(columns[0])} values, but there are {len(columns[1])} "
+                "samples: give one for each."
+            )
         order = np.argsort(columns[0], kind="stable")
         return [column[order] for column in columns]
 
@@ -192,7 +197,9 @@ class TrajectoryDisplay(Display):
 
         Notes
         -----
-        The band is that of a normal distribution. With a `target_transform`, whose
+        The rows must be a sequence: those that were drawn at random, as in
+        :func:`~skmtgp.datasets.load_puma560`, make a line that jumps. The band is that
+        of a normal distribution. With a `target_transform`, whose
         intervals are not symmetric, draw those of ``predict_interval``.
         """
         _check_one_task(estimator, X)

@@ -16,7 +16,7 @@ from sklearn.utils.random import sample_without_replacement
 
 from skmtgp._numerics.linalg import INDEFINITE
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.kernels import Columns
+from skmtgp.kernels import Columns, Spherical
 from skmtgp.model._nodes import UnknownNode, compile_kernel
 from skmtgp.model.several import terms_of
 
@@ -143,6 +143,12 @@ def _parts(kernel, X):
             f"ExpSineSquared is positive semi-definite on one feature, not on "
             f"{X.shape[1]}. Give it one, as Columns(ExpSineSquared(), [0]) does, or "
             "multiply one of each feature."
+        )
+    if isinstance(kernel, Spherical) and X.shape[1] > 3:
+        raise ValueError(
+            "Spherical is positive semi-definite on up to three features, not on "
+            f"{X.shape[1]}. Give it the coordinates, as Columns(Spherical(), [0, 1]) "
+            "does."
         )
     if type(kernel) is Matern:
         _check_nu(kernel.nu)

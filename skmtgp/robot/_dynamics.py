@@ -133,6 +133,13 @@ class Dynamics:
             values[i] = whole[of_row]
         return values
 
+    def regressor_at(self, x):
+        """The regressor of all joints' torques for one state, of shape (J, 10 J)."""
+        q, qd, qdd = x.reshape(3, self.n_joints)
+        state = self._configurations(q[None])[0], qd, qdd
+        data = self._model.createData()  # of this call: threads may predict, too
+        return self._pin.computeJointTorqueRegressor(self._model, data, *state)
+
     def random_states(self, n_samples, random_state=0):
         """States at random, in no unit's or limit's particular range."""
         rng = np.random.RandomState(random_state)
@@ -160,11 +167,18 @@ def _read(pin, model):
             f"model={model!r} must be the path of a URDF, its text or a "
             f"pinocchio.Model, not {type(model).__name__}."
         )
-    if isinstance(model, str) and model.lstrip().startswith("<"):
-        return pin.buildModelFromXML(model)
-    if not Path(model).is_file():
+    is_text = isinstance(model, str) and model.lstrip().startswith("<")
+    if not is_text and not Path(model).is_file():
         raise FileNotFoundError(f"model={str(model)!r}: there is no such URDF.")
-    return pin.buildModelFromUrdf(str(model))
+    build = pin.buildModelFromXML if is_text else pin.buildModelFromUrdf
+    try:
+        return build(str(model))
+    except ValueError as error:
+        given = f"{str(model)[:30]!r}{'...' * (len(str(model)) > 30)}"
+        raise ValueError(
+            f"model={given} cannot be read as a URDF: {error} The lines above, from "
+            "the parser, say where it is wrong. A file of xacro must be expanded first."
+        ) from error
 
 
 def _check(model):

@@ -11,7 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import TransformerMixin
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.checks import locate
 from skmtgp._data.dask import refuse_dask
+from skmtgp._data.joints import check_order
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._support.progress import fitting
@@ -156,6 +158,7 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
             self.n_features_in_,
             getattr(self, "feature_names_in_", None),
         )
+        check_order(locate(self)[1])
         dynamics.states(split_table(table, self._task_position, self)[0])
         self._columns = Columns(dynamics, words, [joint])
         self.nominal_ = self._columns.nominal

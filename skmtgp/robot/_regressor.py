@@ -13,7 +13,13 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, helmert
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_new_task, check_training, warn_of_noise
+from skmtgp._data.checks import (
+    check_new_task,
+    check_training,
+    locate,
+    warn_of_noise,
+)
+from skmtgp._data.joints import check_order
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -22,6 +28,7 @@ from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.robot._columns import Columns, check_friction
 from skmtgp.robot._dynamics import INERTIAL, Dynamics
+from skmtgp.robot._one_state import Torques
 from skmtgp.robot._solving import METHODS, join, solve, typical
 
 BLIND = 1e-6  # share of a direction that the data do not show, above which it counts
@@ -187,6 +194,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         """
         with fitting(self, X, y):
             training = check_training(self, X, y)
+            check_order(locate(self)[1])
             self._set_columns()
             with limit_threads(self.n_features_in_):
                 self._fit(*training)
@@ -308,6 +316,10 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         model._blind = block_diag(self._blind, new.blind)
         model._store()
         return model
+
+    def _compile(self, code):
+        """Torques of one state of a task, as a function, see `compile_predictor`."""
+        return Torques(self, code)
 
     @property
     def _side(self):

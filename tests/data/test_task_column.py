@@ -178,3 +178,30 @@ def test_column_that_cannot_hold_the_tasks(estimator, names):
         estimator().fit(table, [1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match=rf"^Column {column!r} \(task_feature=-1\) "):
         task_labels(table)
+
+
+def test_rows_without_their_task():
+    """What scikit-learn says, and what to do about it."""
+    rows = pd.DataFrame({"x": [0.5, 1.5], "z": [1.0, 0.0], "metal": ["Cd", "Zn"]})
+    model = BayesianLinearRegression().fit(rows, [1.0, 2.0])
+    assert model.predict(rows).shape == (2,)
+    message = (
+        r"now missing:\n- metal\nX lacks the task column 'metal'\. .*'metal': 'Cd'"
+    )
+    with pytest.raises(ValueError, match=message):
+        model.predict(rows[["x", "z"]])
+    with pytest.raises(ValueError, match=r"now missing:\n- metal\n- z\n*$"):
+        model.predict(rows[["x"]])
+    with pytest.raises(
+        ValueError, match=r"in the same order as they were in fit\.\n*$"
+    ):
+        model.predict(rows[["z", "x", "metal"]])
+
+
+def test_arrays_without_their_task():
+    model = BayesianLinearRegression().fit([[0.5, 1.0, 7], [1.5, 0.0, 9]], [1.0, 2.0])
+    message = r"expecting 3 features as input\.\nDoes X lack the .* column 2\? .* as 7"
+    with pytest.raises(ValueError, match=message):
+        model.predict([[0.5, 1.0]])
+    with pytest.raises(ValueError, match=r"expecting 3 features as input\.$"):
+        model.predict([[0.5]])

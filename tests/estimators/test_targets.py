@@ -403,3 +403,11 @@ def test_dask_is_refused():
     model = MultiTaskGPRegressor(inference="sparse", target_transform=LOG)
     with pytest.raises(ValueError, match="target_transform needs the targets in mem"):
         model.fit(array.from_array(X), array.from_array(Y[:, 0]))
+
+
+@pytest.mark.parametrize("model", [MultiTaskGPRegressor, SingleTaskGP])
+@pytest.mark.parametrize("transform", ["log", np.log])
+def test_what_is_no_pair_of_functions(model, transform):
+    message = r"'target_transform' parameter of .* its inverse, \(np.log, np.exp\)"
+    with pytest.raises(ValueError, match=message):
+        model(target_transform=transform).fit(X, np.ones(len(X)))

@@ -402,7 +402,7 @@ REFUSED = {
     "the task": ({"trend": [0, 2]}, r"trend=\[0, 2\] has the task column, 2: a label"),
     "twice": ({"trend": [0, 0]}, r"trend=\[0, 0\] names a column twice"),
     "none": ({"trend": []}, "trend is empty"),
-    "a word": ({"trend": "quadratic"}, "'trend' parameter"),
+    "a word": ({"trend": "quadratic"}, "'trend' parameter .*PolynomialFeatures"),
     "a float": ({"trend": [0.5]}, "element of trend=0.5 must be the position"),
     "no trend": ({"trend": None, "trend_per_task": True}, "needs a trend"),
     "own means": (

@@ -18,6 +18,7 @@ from sklearn.gaussian_process.kernels import (
 from skmtgp.kernels import (
     ARDLinear,
     Columns,
+    Spherical,
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
@@ -34,6 +35,7 @@ KERNELS = {
     "rbf": RBF(1.2),
     "fixed": ConstantKernel(1.3, "fixed") * RBF(ARD, "fixed"),
     "matern": ConstantKernel(0.6) * Matern(ARD, nu=1.5) + DotProduct(0.8),
+    "spherical": Columns(Spherical((2.7, 2.1)), [0, 2]) + RBF(ARD),
     "columns": Columns(RationalQuadratic(1.2, 0.6), [0, 2]) + RBF(ARD),
     "product": RBF(1.2) * ARDLinear(ARD, 0.4) + ConstantKernel(0.3) * ConstantKernel(2),
     "power": Exponentiation(Columns(RBF((0.8, 1.2)), [1, 1]) + DotProduct(0.8), 2.0),

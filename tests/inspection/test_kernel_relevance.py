@@ -9,7 +9,7 @@ from sklearn.pipeline import make_pipeline
 from skmtgp import PooledGP, make_inverse_dynamics_regressor
 from skmtgp.datasets import load_puma560
 from skmtgp.inspection import KernelRelevanceDisplay
-from skmtgp.kernels import ARDLinear, Columns
+from skmtgp.kernels import ARDLinear, Columns, Spherical
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -42,6 +42,12 @@ class TestKernelRelevance:
         assert_allclose(finite_points(display.lines_[1]), [[0.2, 0], [0.25, 2]])
         assert texts(display.ax_.get_yticklabels()) == ["x0", "x1", "x2"]
         assert display.ax_.get_xscale() == "log"
+
+    def test_spherical(self):
+        model = PooledGP(Spherical([2.0, 4.0]), max_iter=0).fit(X, y)
+        display = KernelRelevanceDisplay.from_estimator(model)
+        assert display.parts == ["spherical: 1 / length_scale"]
+        assert_allclose(display.relevances, [[0.5, 0.25]])
 
     def test_output(self, fitted):
         model = fitted["RankSearchIC"]

@@ -48,7 +48,8 @@ class TestTrajectory:
             ({"level": 1.0}, "level=1.0 must be a number between 0 and 1"),
             ({"y_mean": [[1.0], [2.0]]}, r"y_mean has shape \(2, 1\), but must have"),
             ({"y_std": [0.1, -0.1]}, "y_std must not be negative, as -0.1 is"),
-            ({"time": [1.0]}, "inconsistent numbers of samples"),
+            ({"time": [1.0]}, "time has 1 values, but there are 2 samples"),
+            ({"y_mean": [1.0]}, "inconsistent numbers of samples"),
         ],
     )
     def test_errors(self, change, message):

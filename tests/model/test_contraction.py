@@ -18,6 +18,7 @@ from sklearn.gaussian_process.kernels import (
 from skmtgp.kernels import (
     ARDLinear,
     Columns,
+    Spherical,
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
@@ -64,6 +65,9 @@ KNOWN = {
     "rational quadratic": RationalQuadratic(1.2, 0.6),
     "rational quadratic, fixed alpha": RationalQuadratic(1.2, 0.6, alpha_bounds=FIXED),
     "rational quadratic, fixed scale": RationalQuadratic(1.2, 0.6, FIXED),
+    "spherical": Columns(Spherical(2.2), [2, 0, 3]),
+    "spherical ARD": Columns(Spherical((1.7, 2.1, 1.4)), [2, 0, 3]),
+    "spherical, fixed": Columns(Spherical(2.2, FIXED), [1]),
     "power": Exponentiation(RBF(ARD) + ConstantKernel(0.5), 3.0),
     "power of a constant": ConstantKernel(1.3) ** 2,
     "root": (RBF(ARD) + ConstantKernel(0.5)) ** 0.5,

@@ -21,6 +21,7 @@ from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, SingleTaskGP
 from skmtgp.kernels import (
     ARDLinear,
     Columns,
+    Spherical,
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
@@ -399,3 +400,12 @@ def test_rows_of_a_novel_task_are_looked_at():
         model.add_task([[0.1, 0.0, 3.0]], [1.0])
     with pytest.raises(ValueError, match="is not positive semi-definite"):
         model.partial_fit([[0.1, 0.0, X[0, -1]]], [1.0])
+
+
+def test_spherical_of_many_features():
+    X = np.random.default_rng(0).standard_normal((9, 5))
+    y = X[:, 0]
+    X[:, -1] = 0.0
+    with pytest.raises(ValueError, match=r"up to three features, not on 4\. Give it"):
+        PooledGP(1.0 * Spherical()).fit(X, y)
+    PooledGP(1.0 * Columns(Spherical(), [0, 1, 2]), max_iter=0).fit(X, y)

@@ -171,7 +171,7 @@ class Broken:
     [
         ({"model": Broken()}, TypeError, "path of a URDF, its text or a pinocchio.M"),
         ({"model": "none.urdf"}, FileNotFoundError, "'none.urdf': there is no such"),
-        ({"model": "<robot"}, ValueError, "valid URDF"),
+        ({"model": "<robot"}, ValueError, "model='<robot' cannot be read"),
         ({"joint": 6}, ValueError, r"joint=6 is out of range: the model has 6 joints"),
         ({"joint": "elbow"}, ValueError, "joint='elbow' is none of the model's: .'jo"),
         ({"joint": 1.5}, TypeError, "joint=1.5 must be the position .*, not float"),

@@ -10,6 +10,7 @@ from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.linear_model import BayesianRidge
 
+from skmtgp import TaskIdentifier
 from skmtgp.exceptions import UnidentifiedNoiseWarning
 from skmtgp.robot import RigidBodyFeatures, RigidBodyRegressor
 from skmtgp.robot._dynamics import INERTIAL
@@ -326,3 +327,27 @@ def test_variances_of_what_hardly_shows_have_a_sign(puma, moved):
     mean, std = model.predict(X, return_std=True)
     assert (std >= 0.0).all()
     assert mean.shape == std.shape
+
+
+def test_columns_in_another_order(puma, moved):
+    """Their names tell it."""
+    X, Y, _ = moved
+    names = [f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in range(1, 7)]
+    frame = pd.DataFrame(X, columns=[*names, "load"])
+    assert RigidBodyRegressor(puma).fit(frame, Y).feature_names_in_[0] == "q1"
+    swapped = frame[[*names[6:12], *names[:6], *names[12:], "load"]]
+    for make in (RigidBodyRegressor(puma), RigidBodyFeatures(puma, joint=0)):
+        with pytest.raises(ValueError, match="positions of all joints first"):
+            make.fit(swapped, Y)
+
+
+def test_which_load_it_is(fitted, moved):
+    """TaskIdentifier does not take it, and says what does."""
+    X, Y, loads = moved
+    with pytest.raises(TypeError, match=r"add_task\(X, y\).load_parameters_ tells"):
+        TaskIdentifier(fitted).predict(X[:5], Y[:5])
+    rows = np.flatnonzero(X[:, -1] == 3)[1::2]
+    unknown = np.column_stack([X[rows, :-1], np.full(len(rows), 99)])
+    found = fitted.add_task(unknown, Y[rows]).load_parameters_.loc[99]
+    expected = loads[INERTIAL].to_numpy()[2] - loads[INERTIAL].to_numpy()[0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6)

@@ -11,7 +11,7 @@ from sklearn.gaussian_process.kernels import (
     WhiteKernel,
 )
 
-from skmtgp.kernels import ARDLinear
+from skmtgp.kernels import ARDLinear, Spherical
 from skmtgp.model._nodes.differences import Differences, append
 
 
@@ -279,6 +279,13 @@ def _matern52(e):
     return K, np.multiply(linear, decay, out=e)
 
 
+def _spherical(e):
+    h = _root(e, 2.0)
+    K = np.where(h < 1.0, 1.0 - h * (1.5 - 0.5 * h * h), 0.0)
+    slope = np.maximum(1.5 * (1.0 - h * h), 0.0)
+    return K, np.divide(slope, h, out=h, where=h > 0.0)
+
+
 def _root(e, factor):
     """sqrt(-factor e), in the place of e."""
     return np.sqrt(np.multiply(e, -factor, out=e), out=e)
@@ -348,5 +355,6 @@ TERMS = {
     DotProduct: DotProductNode,
     RBF: lambda kernel: StationaryNode(kernel, _rbf),
     RationalQuadratic: lambda kernel: StationaryNode(kernel, _rational_quadratic),
+    Spherical: lambda kernel: StationaryNode(kernel, _spherical, steep=True),
     WhiteKernel: WhiteNode,
 }

@@ -165,11 +165,7 @@ def novel(rows):
     factor = number(there["factor"].min(), 2)
     text = "The paper proposes a way to add a load to a learned model without learning "
     text += "everything again. `add_task` does this. We gave it "
-    text += (
-        f"{novel_task.SAMPLES} samples of a new load. On new motions, a GP of these "
-    )
-    text += (
-        f"samples alone has at least {factor} times the error of `add_task` (joints "
-    )
-    text += "2 to 6)."
+    text += f"{novel_task.SAMPLES} samples of a new load. On new motions, a GP of "
+    text += f"these samples alone has at least {factor} times the error of `add_task` "
+    text += "(joints 2 to 6)."
     return ["## A load that comes later\n", fill(text, 88) + "\n"]

@@ -130,8 +130,7 @@ class TaskIdentifier(Estimator):
         self.switching = switching
 
     def predict_proba(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
-        """Return the probability that all samples come from each of the tasks, or
-        another.
+        """Return the probability that all samples come from each of the tasks.
 
         Parameters
         ----------

@@ -44,19 +44,20 @@ class SampledMixin:
     def task_correlation_interval(
         self, level: float = 0.95
     ) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Between which values the correlations of the tasks are.
+        """Return intervals of the tasks' correlations.
 
-        An interval without zero says that two tasks are related.
+        If an interval does not contain zero, the two tasks are related.
 
         Parameters
         ----------
         level : float, default=0.95
-            Posterior probability of each interval, the same on both sides.
+            Posterior probability of each interval, with equal probabilities below and
+            above it.
 
         Returns
         -------
         lower, upper : DataFrame of n_tasks rows and columns
-            Bounds, labelled as `task_correlation_`.
+            Ends of the intervals, labelled as `task_correlation_`.
 
         Raises
         ------

@@ -241,8 +241,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
 
     See Also
     --------
-    stack_tasks : Makes the stacked table itself, for models and splitters of this
-    package.
+    stack_tasks : Makes the stacked table, for models and splitters of this package.
+    MultiTaskGPRegressor : Takes Y with several columns, and learns each separately.
 
     Notes
     -----

@@ -190,8 +190,9 @@ class TaskIdentifier(Estimator):
         descriptors = self._models()[0]._descriptors
         if descriptors is None:
             raise ValueError(
-                "estimate tells descriptors of a task, and the model has none. Fit it "
-                "with task_descriptors, the columns that describe the tasks."
+                "estimate needs a model with descriptors of the tasks, and this one "
+                "has none. Fit it with task_descriptors, the columns that describe "
+                "the tasks."
             )
         outputs, starts = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
@@ -232,8 +233,8 @@ class TaskIdentifier(Estimator):
         before = getattr(self, "responsibilities_", usual)
         if len(before) != n_classes:
             raise ValueError(
-                f"The model knows {n_classes - 1} tasks, and {len(before) - 1} in the "
-                "last call. Call reset() before a stream that another model follows."
+                f"The model knows {n_classes - 1} tasks, but knew {len(before) - 1} in "
+                "the last call. Call reset() before a stream with another model."
             )
         self.path_ = follow(before, log_densities, usual, self.switching)
         self.responsibilities_ = self.path_[-1]
@@ -334,8 +335,8 @@ def _last(estimator):
         )
     if model._units.per_task:
         raise ValueError(
-            "The tasks have units of their own, which those of an unknown task do not "
-            "follow from. Fit the model with normalize_y='shared'."
+            "The tasks have units of their own, so the unit of an unknown task is not "
+            "known. Fit the model with normalize_y='shared'."
         )
     return model
 
@@ -346,8 +347,8 @@ def _check_alike(models):
     for model in models[1:]:
         if model.tasks_.tolist() != first.tasks_.tolist():
             raise ValueError(
-                f"The models know other tasks: {first.tasks_.tolist()} and "
-                f"{model.tasks_.tolist()}. Fit them to the same."
+                f"The models know different tasks: {first.tasks_.tolist()} and "
+                f"{model.tasks_.tolist()}. Fit them to the same tasks."
             )
         tables = [getattr(of, "task_descriptors_", None) for of in (first, model)]
         same = [
@@ -355,8 +356,8 @@ def _check_alike(models):
         ]
         if same[0] != same[1]:
             raise ValueError(
-                "The models have other descriptors of the tasks, or some have none. "
-                "Fit them with the same task_descriptors."
+                "The models have different descriptors of the tasks, or some have "
+                "none. Fit them with the same task_descriptors."
             )
 
 

@@ -522,9 +522,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise ValueError(f"rank={rank} is above {what}, {most}.")
         if rank == 0 and not (term.shared or isinstance(term.diagonal, str)):
             raise ValueError(
-                "rank=0 leaves tasks nothing in common: set shared=True, for one "
-                "function of all of them, diagonal='equal', for an independent one of "
-                "each, or rank=1 or more."
+                "rank=0 leaves tasks nothing in common. Set shared=True for one "
+                "function of all tasks, diagonal='equal' for an independent function "
+                "of each, or rank=1 or more."
             )
 
     def _forms(self, problem):

@@ -387,8 +387,8 @@ class CompiledPredictor:
         except KeyError:
             known = ", ".join(map(repr, list(plans)[:5]))
             raise ValueError(
-                f"task={task!r} is none that the predictor was compiled for: {known}"
-                f"{', ...' if len(plans) > 5 else ''}."
+                f"task={task!r} is not one of the tasks that the predictor was "
+                f"compiled for: {known}{', ...' if len(plans) > 5 else ''}."
             ) from None
 
 

@@ -205,7 +205,8 @@ def _started(start, known):
     if np.ndim(start) == 0:
         if start not in known.index:
             raise ValueError(
-                f"start={start!r} is no task of the predictor: {list(known.index)[:5]}."
+                f"start={start!r} is not a task of the predictor, such as "
+                f"{list(known.index)[:5]}."
             )
         return known.loc[start].to_numpy(dtype=float)
     start = np.asarray(start, dtype=float)

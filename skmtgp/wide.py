@@ -89,8 +89,8 @@ def stack_tasks(
     features = frame.drop(columns=columns)
     if task in features.columns:
         raise ValueError(
-            f"frame has a column {task!r} that is no task. Choose another name for the "
-            "tasks' column, such as task='variable', or drop that column."
+            f"frame already has a column {task!r}, the name of the new task column. "
+            "Choose another name, such as task='variable', or drop that column."
         )
     Y = _check_wide(frame[columns], columns, "frame")
     codes, rows = np.nonzero(~np.isnan(Y.T))
@@ -155,9 +155,9 @@ def unstack_tasks(
     if keys.has_duplicates:
         row, task = keys[keys.duplicated()][0]
         raise ValueError(
-            f"Task {task!r} has several rows of index {row}. Give each row of the "
-            "table to be its own index: X.reset_index(drop=True) of the table before "
-            "it was stacked."
+            f"Task {task!r} has several rows with the index {row}. Give the rows of "
+            "the table distinct indices before stack_tasks: "
+            "frame.reset_index(drop=True)."
         )
     rows, tasks = X.index.unique(), X[task_feature].unique()
     wide = pd.Series(values, index=keys).unstack().reindex(index=rows, columns=tasks)
@@ -205,8 +205,8 @@ def _check_wide(values, columns, name="y"):
     empty = np.flatnonzero(gaps.all(axis=0))
     if empty.size:
         raise ValueError(
-            f"Column {columns[empty[0]]!r} of {name} has no value: nothing tells what "
-            "this task is. Leave it out."
+            f"Column {columns[empty[0]]!r} of {name} has no value, so this task cannot "
+            "be learned. Leave it out."
         )
     return Y
 
@@ -330,9 +330,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         if isinstance(X, pd.DataFrame) and all(isinstance(c, str) for c in X.columns):
             if self.task in X.columns:
                 raise ValueError(
-                    f"X has a column {self.task!r}, which is how the column of tasks "
-                    "is to be called. Set `task` to another name, or, if X has the "
-                    "tasks already, fit the model itself."
+                    f"X already has a column {self.task!r}, the name of the new task "
+                    "column. Set `task` to another name. If X has the tasks already, "
+                    "fit the model itself."
                 )
             return validate_data(self, X, reset=reset, skip_check_array=True)
         options = {"dtype": None, "ensure_all_finite": False}

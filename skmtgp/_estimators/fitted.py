@@ -475,10 +475,10 @@ def _warn_of_unfinished(modes, max_iter):
     if stalled:
         which = f" of output {stalled}" * (len(modes) > 1)
         warn(
-            f"Learning{which} ended for lack of digits: the prior "
-            "variance is so much larger than the noise variance that the likelihood "
-            "cannot be resolved further. The model is the best one found; a larger "
-            f"lower bound in noise_variance_bounds avoids this. {INFERENCE}",
+            f"Learning{which} ended for lack of digits: the prior variance is so much "
+            "larger than the noise variance that the likelihood has too few correct "
+            "digits to go on. The model is the best one found. A larger lower bound in "
+            f"noise_variance_bounds avoids this. {INFERENCE}",
             PrecisionWarning,
         )
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
@@ -486,6 +486,6 @@ def _warn_of_unfinished(modes, max_iter):
         which = f" of output {unfinished}" * (len(modes) > 1)
         warn(
             f"The likelihood{which} was still growing after "
-            f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
+            f"max_iter={max_iter} iterations. Increase max_iter or tol.",
             ConvergenceWarning,
         )

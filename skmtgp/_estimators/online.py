@@ -148,7 +148,8 @@ class OnlineGP(FittedGP):
         if max_rows < len(self.tasks_):
             raise ValueError(
                 f"max_rows={max_rows} is below the number of tasks, "
-                f"{len(self.tasks_)}: a row of each stays. Give more."
+                f"{len(self.tasks_)}, but each task keeps a row. Give at least "
+                f"{len(self.tasks_)}."
             )
         self._go_on_densely(training, max_rows)
         with limit_threads(self._side):
@@ -251,6 +252,6 @@ def _check_trend(likelihoods):
         if rank < trend.n_coefficients:
             raise ValueError(
                 f"The {len(likelihood.y)} rows that are kept tell {rank} of the "
-                f"{trend.n_coefficients} coefficients of the trend. Give a larger "
-                "max_rows."
+                f"{trend.n_coefficients} coefficients of the trend, too few to go on. "
+                "Give a larger max_rows."
             )

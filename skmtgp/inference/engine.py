@@ -268,8 +268,8 @@ def check_known(engine, prior, data):
     if own and not depends_on_inputs_only(prior.kernel, data.features):
         raise ValueError(
             f"sample_weight counts repeats, but kernel={prior.kernel} has noise of its "
-            "own for each sample, such as a WhiteKernel, of which a mean tells too "
-            "little. Leave that noise to noise_variance, or give all rows."
+            "own for each sample, such as a WhiteKernel. Means do not determine that "
+            "noise. Leave it to noise_variance, or give all rows."
         )
     if data.known is not None and not engine.takes_known:
         why = {

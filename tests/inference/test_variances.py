@@ -54,7 +54,7 @@ class TestWithoutNegatives:
     def test_more_is_told(self):
         variance, prior = np.array([-3e-9, 0.5, -6.0, -1e-9]), np.full(4, 2.0)
         match = (
-            r"^2 of 4 variances of f are negative, down to -3\.0e\+00 of the prior's, "
+            r"^2 of 4 variances of f are negative, down to -3\.0e\+00 of the prior's; "
             r"rounding explains only -1e-09\. .*page 'Speed and large data'"
         )
         with pytest.warns(NegativeVarianceWarning, match=match):

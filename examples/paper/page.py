@@ -1,7 +1,7 @@
 """Make docs/paper.md, docs/paper_details.md and their plots from the results alone.
 
-``python examples/paper/page.py``; what is missing is shown as missing. Results of
-another folder are shown on pages in that folder. What was to be reached goes to
+Run ``python examples/paper/page.py``. Missing results are shown as missing. Results of
+another folder are shown on pages in that folder. The goals go to
 ``examples/paper/README.md``.
 """
 

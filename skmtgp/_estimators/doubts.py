@@ -73,7 +73,7 @@ def _warn_of_rivals(problem, mode):
             "more than two standard deviations of either prediction. The rows do not "
             "tell which mode is right. hyperparameters='sampled' averages over both. "
             "More rows can decide; so can narrower bounds of the kernel or of the "
-            "noise, or a lower rank of a MultiTaskGPRegressor. n_restarts_optimizer "
-            "searches for a still better mode.",
+            "noise, or a lower rank of a MultiTaskGPRegressor, whose "
+            "n_restarts_optimizer also searches for a still better mode.",
             AmbiguousFitWarning,
         )

@@ -30,7 +30,7 @@ help:
 	@echo 'make coverage     all tests, and which lines and branches they miss'
 	@echo 'make test-oldest  make test with the oldest supported versions, on Python 3.11'
 	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
-	@echo 'make lint         check style and formatting'
+	@echo 'make lint         check style, formatting and phrases'
 	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
 	@echo 'make test-pages   open every page of it in Chromium: minutes'
 	@echo 'make dist         what a release is made of, in dist; it is checked and tried'
@@ -84,6 +84,7 @@ fuzz: $(VENV)/ready-to-test
 lint: $(VENV)/ready-to-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/python -m pytest -q tests/project/test_prose.py
 
 # The examples first: a page that does not run is not shown. On a terminal Sphinx says
 # where it is; into a file it writes what is wrong alone. All pages are written (-a):

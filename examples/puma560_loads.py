@@ -2,19 +2,20 @@
 Learn the inverse dynamics of a robot arm under many loads
 ==========================================================
 
-A Puma 560 carries 14 loads, one after another. For each of them 20 samples of joint
-positions, velocities, accelerations and torques are known, from a trajectory common to
-all loads and from another that is the load's own. Four models learn the torques from
-these 280 samples:
+A Puma 560 carries 14 loads, one after another. For each load there are 20 samples of
+joint positions, velocities, accelerations and torques, from a trajectory common to all
+loads and from the load's own trajectory. Four models learn the torques from these 280
+samples:
 
 - sGP, each load alone;
 - iGP, loads that share the kernel only;
 - pGP, loads taken to be one and the same;
 - mGP, the multi-task model, with its rank chosen by BIC,
 
-and predict them on the trajectories that they saw (interpolation) and on all 16
-(extrapolation). Chai, Williams, Klanke and Vijayakumar (2008), section 6, at n = 280,
-with its settings: one mean, one unit and one noise variance for all loads.
+The models predict the torques on the trajectories that they saw (interpolation) and on
+all 16 (extrapolation). This is section 6 of Chai, Williams, Klanke and Vijayakumar
+(2008) at n = 280, with its settings: one mean, one unit and one noise variance for all
+loads.
 
 Run ``python examples/puma560_loads.py``; ``--short`` takes two joints and two ranks.
 """

@@ -51,199 +51,234 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
 
 
 class IndependentGP(_FixedTaskCovarianceGP):
-    r"""Independent Gaussian processes of the tasks that share their kernel, iGP.
+    r"""Independent Gaussian processes of the tasks with a shared kernel, iGP.
 
-    The multi-task model of eq. 6 with :math:`K^\rho = I`, and a level of each task:
-    tasks tell each other nothing but the hyperparameters, which are learned from all of
-    them.
+    This is the multi-task model of eq. 6 with :math:`K^\rho = I`, and a level for each
+    task. The tasks share only the hyperparameters, which are learned from all of them.
 
     Parameters
     ----------
     kernel : Kernel, str or None, default=None
-        Kernel over the columns of X without the task column, with its starting values
-        and bounds. Or the name of one, which gets an amplitude and a length-scale for
-        each feature, started and bounded relative to the feature's standard deviation:
-        "rbf", the squared exponential, which None is too, "exponential", "matern" and
-        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
+        Kernel over the columns of X without the task column. Its values are starting
+        values, and its bounds are kept. A string names a kernel with an amplitude and a
+        length-scale for each feature. Starting values and bounds are then relative to
+        the feature's standard deviation:
+
+        - "rbf": the squared exponential, the same as None;
+        - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
+          5/2;
+        - "periodic" and "linear".
     diagonal : bool, default=False
-        Whether to add a learned diagonal to the task covariance, one variance for each
-        task: how much more the functions of some tasks vary than those of others.
+        Whether to add a learned diagonal to the task covariance, with a variance for
+        each task. The functions of some tasks may then vary more than those of others.
     task_levels : bool, default=True
-        Whether each task has a level: a constant that is added to its function, drawn
-        from N(0, v). The variance v is learned. Levels are integrated out exactly.
+        Whether each task has a level: a constant that is added to its function. Levels
+        have the prior N(0, v) with a learned variance v, and are integrated out
+        exactly.
     task_feature : int or str, default=-1
-        Position or name of the column of X with the task labels (int or str).
+        Position or name of the column of X with the task labels, which are integers or
+        strings.
     trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
-        A trend that is added to the functions of the tasks, of columns of X that stay
-        inputs of :math:`k^x`: their positions or names; or a transformer of
-        scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
-        of X without that of the task; "linear" is a constant and all columns, and
-        "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense, or sparse where
-        that is asked for. See :doc:`/guide/trend`.
+        Trend that is added to the functions of the tasks, also called universal
+        kriging:
+
+        - "constant" is a constant alone;
+        - "linear" is a constant and all features;
+        - a sequence has positions or names of columns of X, such as ``["elevation"]``;
+        - a transformer of scikit-learn, such as PolynomialFeatures, makes the trend's
+          columns from X without the task column. It is cloned.
+
+        The columns remain inputs of :math:`k^x`. The coefficients have a flat prior and
+        are integrated out exactly. Inference is dense, or sparse if you
+        ask for it. See :doc:`/guide/trend`.
     trend_per_task : bool, default=False
-        Whether each task has coefficients of its own. Tasks share them otherwise.
+        Whether each task has its own coefficients of the trend. By default all tasks
+        share them.
     noise : {"auto", "shared", "per_task"}, default="auto"
-        Whether the tasks share one noise variance or have one each. "auto" asks the
-        data, see :class:`MultiTaskGPRegressor`.
+        Whether the tasks share one noise variance or have one each. "auto" decides by
+        the data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target, of each task if
-        they have units of their own.
+        Starting value of the noise variance, relative to the variance of the target. If
+        tasks have their own units, it is relative to the variance of each task.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same. "fixed" with
-        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
+        Bounds of the noise variance, relative to the same variance. "fixed" keeps
+        `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
+        `alpha` of `fit`.
     normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
-        Units in which the targets are learned. "shared", or True, takes an output off
-        the mean of all its targets and divides it by their standard deviation, with
-        `task_levels` by that around the means of the tasks. "per_task" takes each task
-        off its own mean and divides it by its own deviation; one of one or two rows, or
-        of equal targets, by the geometric mean of the others' deviations. "auto" asks
-        the data, see :class:`MultiTaskGPRegressor`. With False the model's mean is
-        zero.
+        Units in which the targets are learned:
+
+        - "shared", or True, subtracts the mean of all targets of an output and divides
+          by their standard deviation. With `task_levels` this is the standard deviation
+          around the means of the tasks.
+        - "per_task" subtracts each task's own mean and divides by its own standard
+          deviation. A task with one or two rows, or with equal targets, is divided by
+          the geometric mean of the other tasks' standard deviations.
+        - "auto" decides between these two by the data, see
+          :class:`MultiTaskGPRegressor`.
+        - False leaves the targets as they are; the model's mean is then zero.
     target_transform : transformer or pair of functions, default=None
-        Is applied to the targets before anything else, to each output by itself: a
+        Transformation that is applied to each output before anything else. It is a
         transformer of scikit-learn with an inverse, which is cloned, or a function and
-        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
-        Predictions, intervals and draws are in units of y; likelihoods and learned
+        its inverse, such as ``(np.log, np.exp)``. It must be strictly monotone.
+        Predictions, intervals and draws are in units of y. Likelihoods and learned
         attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
-        How the likelihood is computed. "dense" decomposes the covariance of all
-        samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
-        complete data: every task observed at the same inputs, once each, with less than
-        half of these cells missing. "auto" is "kronecker" where at most a tenth are,
-        "dense" elsewhere; both are exact.
-        "sparse" approximates, for data too large for them: a lower bound on the
-        likelihood by inducing inputs takes its place.
-        An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
-        method of your own.
+        How the likelihood is computed:
+
+        - "dense" decomposes the covariance of all samples. It is exact.
+        - "kronecker" decomposes the covariances of the inputs and of the tasks. It is
+          exact, too, and much faster. It needs complete data: every task observed at
+          the same inputs, once each. Less than half of these cells may be missing.
+        - "auto" is "kronecker" if at most a tenth of the cells are missing, and "dense"
+          otherwise.
+        - "sparse" approximates, for large data. It maximises a lower bound on the
+          likelihood from a few inducing inputs.
+        - An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is your
+          own method.
     n_inducing : int, default=500
-        Number of inducing inputs, only for "sparse": more are closer to exact, and
-        take time with their square or, many of them, their cube.
+        Number of inducing inputs, only for "sparse". More of them are closer to exact
+        inference. Time grows with the square of their number; with many of them, with
+        the cube.
     inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
-        Which they are, only for "sparse". "greedy" takes training inputs, each the one
-        with the largest variance given those before. "k-means" takes the means of
-        clusters of the standardised training inputs. "optimised" moves those of
-        "greedy" to where the bound is higher, which takes longer and needs a kernel
-        whose derivative by its inputs is known. From more than 20,000 rows the first
-        choice is among as many of them, drawn at random.
+        How the inducing inputs are chosen, only for "sparse":
+
+        - "greedy" chooses training inputs one by one. Each is the one with the largest
+          variance given those before.
+        - "k-means" uses the means of clusters of the standardised training inputs.
+        - "optimised" starts from "greedy" and moves the inputs to increase the bound.
+          It takes longer, and needs a kernel with a known derivative by its inputs.
+
+        With more than 20,000 rows the first choice is among 20,000 of them, drawn at
+        random.
     n_exact : int, default=1100
-        Number of samples, drawn at random, that are learned from exactly before the
-        bound is, only for "sparse". Without noise it is from them that most is learned
-        of the kernel: more take time with the cube of their number, and memory with
-        its square.
+        Number of samples for the first part of learning, only for "sparse". They are
+        drawn at random and learned from exactly, before the bound is maximised. Without
+        noise they determine most of the kernel. Time grows with the cube of their
+        number, memory with its square.
     hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
-        What predictions take for the hyperparameters. "mode" is the maximum of the
-        likelihood. "map" is the maximum of the likelihood times weak priors, which are
-        relative to the sizes of the data. "sampled" averages over draws from that
-        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
-        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
-        else "mode". The attributes are those of the mode all the same, but for the
-        levels of the tasks. With `max_iter` 0 nothing is drawn.
+        Which values of the hyperparameters predictions use:
+
+        - "mode" uses the maximum of the likelihood.
+        - "map" uses the maximum of the likelihood times weak priors, which are relative
+          to the size of the data.
+        - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
+          Its intervals are right even where few rows leave the hyperparameters
+          uncertain. It takes about ten times as long.
+        - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
+          hyperparameter, and "mode" otherwise.
+
+        The attributes are those of the mode in any case, except for the levels of the
+        tasks. With ``max_iter=0`` nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, if there are any. Each takes as much
-        memory as a fitted model. Ten times as many are drawn.
+        Number of draws that predictions average over, only if hyperparameters are
+        sampled. Ten times as many are drawn and thinned. Each takes as much memory as a
+        fitted model.
     max_iter : int, default=2000
-        Most iterations of each maximisation; 0 keeps the starting values.
+        Maximum number of iterations of each maximisation. 0 keeps the starting values.
     tol : float, default=1e-2
-        Gain in the log likelihood, in nats, under which a maximisation ends. For
-        "sparse", climbs of the bound end under 1e-4 nats a row, but at most 10 nats,
-        where this is more.
+        A maximisation ends when the log likelihood gains less than this, in nats. For
+        "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
+        nats.
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each of them and, where one takes long, every few seconds
-        how far it is; 2 more of them during each climb.
+        With 1, learning prints a line for each output, and every few seconds how far a
+        long maximisation is. With 2 it prints more of these. Lines go to the logger
+        "skmtgp"; without handlers they are printed.
 
     Attributes
     ----------
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     kernel_ : Kernel, or list of n_outputs of them
-        The kernel as learned.
+        The learned kernel.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
-        The identity (plus the diagonal) times the squared scale of y, of each task
-        where they have units of their own.
+        Identity matrix (plus the diagonal) times the squared scale of y. If tasks have
+        their own units, each has its own scale.
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
         outputs ``task_correlation_.loc[j]`` is that of output j.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
-        Its factor.
+        Factor of `task_covariance_` without the diagonal: ``L @ L.T``.
     level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Variance of the levels around `y_mean_`, in squared units of y; 0 without
-        `task_levels`. One for each task where they have units of their own.
+        Variance of the levels around `y_mean_`, in squared units of y. 0 without
+        `task_levels`. One for each task if tasks have their own units.
     task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
-        Level of each task given the data, in units of y with `y_mean_` included, and
-        its standard deviation. Without `task_levels` they are `y_mean_` and 0.
+        Level of each task given the data, with `y_mean_` included, and its standard
+        deviation, in units of y. Without `task_levels` they are `y_mean_` and 0.
     coef_, coef_std_ : ndarray of shape ([n_outputs,] [n_tasks,] n_trend)
-        Coefficients of the trend given the data, in units of y for one of their column,
-        and their standard deviations. This and the next two only with `trend`.
+        Coefficients of the trend given the data, and their standard deviations, in
+        units of y per unit of the trend's column. These and the next two exist only
+        with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
         Names of the trend's columns.
     trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
-        What the columns are taken off, as the targets are off `y_mean_`.
+        What is subtracted from the trend's columns, as `y_mean_` is from the targets.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Noise variance in squared units of y. One for each task where they have noise
-        or units of their own.
+        Noise variance in squared units of y. One for each task if tasks have their own
+        noise or units.
     y_mean_, y_scale_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        What was taken off the targets, and what they were divided by. One for each task
-        where they have units of their own. 0 and 1 without `normalize_y`.
+        What was subtracted from the targets, and what they were divided by. One for
+        each task if tasks have their own units. 0 and 1 without `normalize_y`.
     normalize_y_ : {"per_task", "shared"} or False
-        The units that were used, chosen if `normalize_y` is "auto".
+        Units that were used. "auto" has chosen one of them.
     noise_ : {"shared", "per_task"}
-        The noise that was used, chosen if `noise` is "auto".
+        Kind of noise that was used. "auto" has chosen one of them.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over the outputs. With `trend` it is that of what the trend
-        leaves of y: models of other trends do not compare.
+        Log density of y in its own units, summed over the outputs. For sparse inference
+        it is a lower bound. With `trend` it is the density of what the trend leaves of
+        y, so models with different trends cannot be compared by it.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of the kernels, the diagonals, the levels (1 for all
         tasks) and the noise.
     theta_ : ndarray of shape (n_theta,)
-        Theta of the kernel, logarithms of the diagonal, of the levels' variance and of
-        the noise variances of the scaled target, for each output. A target is scaled by
-        `y_scale_`; without `normalize_y`, if the kernel is the default, by its root
-        mean square, with `task_levels` by the deviation around the means of the tasks.
+        For each output: theta of the kernel, and logarithms of the diagonal, of the
+        levels' variance and of the noise variances, all of the scaled target. A target
+        is scaled by `y_scale_`. Without `normalize_y` and with the default kernel it is
+        scaled by its root mean square, or with `task_levels` by the standard deviation
+        around the means of the tasks.
     hyperparameters_ : {"mode", "map", "sampled"}
-        What predictions take for the hyperparameters.
+        Which hyperparameters predictions use. "auto" has chosen one of these.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
-        Draws of `theta_`. This and the next three only if hyperparameters are sampled.
+        Draws of `theta_`. This and the next three exist only if hyperparameters are
+        sampled.
     effective_sample_size_ : float
-        Of how many independent draws all that were drawn, ten for each that is kept,
-        are worth, of the hyperparameter for which that is least.
+        Number of independent draws that are worth as much as all draws made, ten for
+        each that is kept. It is that of the hyperparameter with the smallest number.
     r_hat_ : float
-        How far the chains disagree about the hyperparameter for which that is most; 1
-        is not at all.
+        How much the chains disagree, for the hyperparameter where they disagree most. 1
+        means that they agree.
     n_divergences_ : int
-        Trajectories that left the region where the posterior can be computed.
+        Number of trajectories that left the region where the posterior can be computed.
     n_iter_ : int
-        Iterations on the way to the mode, of the output with most of them.
+        Number of iterations on the way to the mode, for the output with the most.
     n_evaluations_ : int
-        Likelihoods and gradients that learning took, summed over the outputs.
+        Number of evaluations of the likelihood and its gradient during learning, summed
+        over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
     inference_ : str
         How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
-        an engine of your own.
+        your own engine.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
-        The inducing inputs; a list of n_outputs of them where y has two dimensions.
-        Fewer than `n_inducing` where more would add nothing. Only if inference is
-        sparse.
+        The inducing inputs, or a list of n_outputs of them if y has two dimensions.
+        There are fewer than `n_inducing` if more would add nothing. Only for sparse
+        inference.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
-        Training inputs without the task column. Not there, nor are the next two and
-        `complete_`, if X was a Dask collection.
+        Training inputs without the task column. This, the next two and `complete_` do
+        not exist if X was a Dask collection.
     tasks_train_ : ndarray of shape (n_samples,)
-        Position in `tasks_` of each training sample's task.
+        Position in `tasks_` of the task of each training sample.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets, transformed by `target_transform` if there is one.
+        Training targets, after `target_transform` if there is one.
     target_transformer_ : transformer or list of n_outputs transformers
-        The fitted transformers of the outputs. Only with `target_transform`.
+        Fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
@@ -252,8 +287,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
     Notes
     -----
     Chai, Williams, Klanke and Vijayakumar (2008), section 6: "a collection of
-    independent GPs for the contexts, but sharing kernel parameters". The paper's has
-    ``task_levels=False, normalize_y="shared", noise="shared"``.
+    independent GPs for the contexts, but sharing kernel parameters". The paper's model
+    is ``task_levels=False, normalize_y="shared", noise="shared"``.
 
     Examples
     --------
@@ -327,182 +362,211 @@ class IndependentGP(_FixedTaskCovarianceGP):
 class PooledGP(_FixedTaskCovarianceGP):
     r"""One Gaussian process for the samples of all tasks, pGP.
 
-    The multi-task model of eq. 6 with :math:`K^\rho = 1 1^T`: the tasks are taken to be
-    one and the same function. It predicts tasks that `fit` has not seen, too.
+    This is the multi-task model of eq. 6 with :math:`K^\rho = 1 1^T`: all tasks are the
+    same function. It also predicts tasks that `fit` has not seen.
 
     Parameters
     ----------
     kernel : Kernel, str or None, default=None
-        Kernel over the columns of X without the task column, with its starting values
-        and bounds. Or the name of one, which gets an amplitude and a length-scale for
-        each feature, started and bounded relative to the feature's standard deviation:
-        "rbf", the squared exponential, which None is too, "exponential", "matern" and
-        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
+        Kernel over the columns of X without the task column. Its values are starting
+        values, and its bounds are kept. A string names a kernel with an amplitude and a
+        length-scale for each feature. Starting values and bounds are then relative to
+        the feature's standard deviation:
+
+        - "rbf": the squared exponential, the same as None;
+        - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
+          5/2;
+        - "periodic" and "linear".
     diagonal : bool, default=False
-        Whether to add a learned diagonal to the task covariance, one variance for each
-        task: how much its function deviates from the common one.
+        Whether to add a learned diagonal to the task covariance, with a variance for
+        each task. It is how much the task's function deviates from the common one.
     task_feature : int or str, default=-1
-        Position or name of the column of X with the task labels (int or str).
+        Position or name of the column of X with the task labels, which are integers or
+        strings.
     trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
-        A trend that is added to the functions of the tasks, of columns of X that stay
-        inputs of :math:`k^x`: their positions or names; or a transformer of
-        scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
-        of X without that of the task; "linear" is a constant and all columns, and
-        "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense, or sparse where
-        that is asked for. See :doc:`/guide/trend`.
+        Trend that is added to the functions of the tasks, also called universal
+        kriging:
+
+        - "constant" is a constant alone;
+        - "linear" is a constant and all features;
+        - a sequence has positions or names of columns of X, such as ``["elevation"]``;
+        - a transformer of scikit-learn, such as PolynomialFeatures, makes the trend's
+          columns from X without the task column. It is cloned.
+
+        The columns remain inputs of :math:`k^x`. The coefficients have a flat prior and
+        are integrated out exactly. Inference is dense, or sparse if you
+        ask for it. See :doc:`/guide/trend`.
     noise : {"auto", "shared", "per_task"}, default="auto"
-        Whether the tasks share one noise variance or have one each. "auto" asks the
-        data, see :class:`MultiTaskGPRegressor`.
+        Whether the tasks share one noise variance or have one each. "auto" decides by
+        the data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target, of each task if
-        they have units of their own.
+        Starting value of the noise variance, relative to the variance of the target.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same. "fixed" with
-        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
+        Bounds of the noise variance, relative to the same variance. "fixed" keeps
+        `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
+        `alpha` of `fit`.
     normalize_y : {"shared"} or bool, default="shared"
-        Whether to take each output off its mean and to divide it by its standard
-        deviation before learning. "shared" is True. With False the model's mean is
-        zero. One function has one level and one unit: those of all tasks.
+        Whether to subtract the mean of each output and divide by its standard deviation
+        before learning. "shared" is True. With False the model's mean is zero. All
+        tasks are one function here, so they have one level and one unit.
     target_transform : transformer or pair of functions, default=None
-        Is applied to the targets before anything else, to each output by itself: a
+        Transformation that is applied to each output before anything else. It is a
         transformer of scikit-learn with an inverse, which is cloned, or a function and
-        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
-        Predictions, intervals and draws are in units of y; likelihoods and learned
+        its inverse, such as ``(np.log, np.exp)``. It must be strictly monotone.
+        Predictions, intervals and draws are in units of y. Likelihoods and learned
         attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
-        How the likelihood is computed. "dense" decomposes the covariance of all
-        samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
-        complete data: every task observed at the same inputs, once each, with less than
-        half of these cells missing. "auto" is "kronecker" where at most a tenth are,
-        "dense" elsewhere; both are exact.
-        "sparse" approximates, for data too large for them: a lower bound on the
-        likelihood by inducing inputs takes its place.
-        An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
-        method of your own.
+        How the likelihood is computed:
+
+        - "dense" decomposes the covariance of all samples. It is exact.
+        - "kronecker" decomposes the covariances of the inputs and of the tasks. It is
+          exact, too, and much faster. It needs complete data: every task observed at
+          the same inputs, once each. Less than half of these cells may be missing.
+        - "auto" is "kronecker" if at most a tenth of the cells are missing, and "dense"
+          otherwise.
+        - "sparse" approximates, for large data. It maximises a lower bound on the
+          likelihood from a few inducing inputs.
+        - An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is your
+          own method.
     n_inducing : int, default=500
-        Number of inducing inputs, only for "sparse": more are closer to exact, and
-        take time with their square or, many of them, their cube.
+        Number of inducing inputs, only for "sparse". More of them are closer to exact
+        inference. Time grows with the square of their number; with many of them, with
+        the cube.
     inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
-        Which they are, only for "sparse". "greedy" takes training inputs, each the one
-        with the largest variance given those before. "k-means" takes the means of
-        clusters of the standardised training inputs. "optimised" moves those of
-        "greedy" to where the bound is higher, which takes longer and needs a kernel
-        whose derivative by its inputs is known. From more than 20,000 rows the first
-        choice is among as many of them, drawn at random.
+        How the inducing inputs are chosen, only for "sparse":
+
+        - "greedy" chooses training inputs one by one. Each is the one with the largest
+          variance given those before.
+        - "k-means" uses the means of clusters of the standardised training inputs.
+        - "optimised" starts from "greedy" and moves the inputs to increase the bound.
+          It takes longer, and needs a kernel with a known derivative by its inputs.
+
+        With more than 20,000 rows the first choice is among 20,000 of them, drawn at
+        random.
     n_exact : int, default=1100
-        Number of samples, drawn at random, that are learned from exactly before the
-        bound is, only for "sparse". Without noise it is from them that most is learned
-        of the kernel: more take time with the cube of their number, and memory with
-        its square.
+        Number of samples for the first part of learning, only for "sparse". They are
+        drawn at random and learned from exactly, before the bound is maximised. Without
+        noise they determine most of the kernel. Time grows with the cube of their
+        number, memory with its square.
     hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
-        What predictions take for the hyperparameters. "mode" is the maximum of the
-        likelihood. "map" is the maximum of the likelihood times weak priors, which are
-        relative to the sizes of the data. "sampled" averages over draws from that
-        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
-        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
-        else "mode". The attributes are those of the mode all the same, but for the
-        levels of the tasks. With `max_iter` 0 nothing is drawn.
+        Which values of the hyperparameters predictions use:
+
+        - "mode" uses the maximum of the likelihood.
+        - "map" uses the maximum of the likelihood times weak priors, which are relative
+          to the size of the data.
+        - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
+          Its intervals are right even where few rows leave the hyperparameters
+          uncertain. It takes about ten times as long.
+        - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
+          hyperparameter, and "mode" otherwise.
+
+        The attributes are those of the mode in any case, except for the levels of the
+        tasks. With ``max_iter=0`` nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, if there are any. Each takes as much
-        memory as a fitted model. Ten times as many are drawn.
+        Number of draws that predictions average over, only if hyperparameters are
+        sampled. Ten times as many are drawn and thinned. Each takes as much memory as a
+        fitted model.
     max_iter : int, default=2000
-        Most iterations of each maximisation; 0 keeps the starting values.
+        Maximum number of iterations of each maximisation. 0 keeps the starting values.
     tol : float, default=1e-2
-        Gain in the log likelihood, in nats, under which a maximisation ends. For
-        "sparse", climbs of the bound end under 1e-4 nats a row, but at most 10 nats,
-        where this is more.
+        A maximisation ends when the log likelihood gains less than this, in nats. For
+        "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
+        nats.
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each of them and, where one takes long, every few seconds
-        how far it is; 2 more of them during each climb.
+        With 1, learning prints a line for each output, and every few seconds how far a
+        long maximisation is. With 2 it prints more of these. Lines go to the logger
+        "skmtgp"; without handlers they are printed.
 
     Attributes
     ----------
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     kernel_ : Kernel, or list of n_outputs of them
-        The kernel as learned.
+        The learned kernel.
     task_covariance_ : ndarray of shape ([n_outputs,] n_tasks, n_tasks)
-        The matrix of ones (plus the diagonal) times the squared scale of y.
+        Matrix of ones (plus the diagonal) times the squared scale of y.
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
         outputs ``task_correlation_.loc[j]`` is that of output j.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
-        Its factor.
+        Factor of `task_covariance_` without the diagonal: ``L @ L.T``.
     coef_, coef_std_ : ndarray of shape ([n_outputs,] n_trend)
-        Coefficients of the trend given the data, in units of y for one of their column,
-        and their standard deviations. This and the next two only with `trend`.
+        Coefficients of the trend given the data, and their standard deviations, in
+        units of y per unit of the trend's column. These and the next two exist only
+        with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
         Names of the trend's columns.
     trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
-        What the columns are taken off, as the targets are off `y_mean_`.
+        What is subtracted from the trend's columns, as `y_mean_` is from the targets.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Noise variance in squared units of y. One for each task where they have noise
-        of their own.
+        Noise variance in squared units of y. One for each task if tasks have their own
+        noise.
     y_mean_, y_scale_ : float or ndarray of shape (n_outputs,)
-        What was taken off the targets, and what they were divided by. 0 and 1 without
-        `normalize_y`.
+        What was subtracted from the targets, and what they were divided by. 0 and 1
+        without `normalize_y`.
     normalize_y_ : {"shared"} or False
-        The units that were used.
+        Units that were used.
     level_variance_ : float or ndarray of shape (n_outputs,)
-        0: the function has no levels.
+        0, because the function has no levels.
     task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
         `y_mean_` and 0, for each task.
     noise_ : {"shared", "per_task"}
-        The noise that was used, chosen if `noise` is "auto".
+        Kind of noise that was used. "auto" has chosen one of them.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over the outputs. With `trend` it is that of what the trend
-        leaves of y: models of other trends do not compare.
+        Log density of y in its own units, summed over the outputs. For sparse inference
+        it is a lower bound. With `trend` it is the density of what the trend leaves of
+        y, so models with different trends cannot be compared by it.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of the kernels, the diagonals and the noise.
     theta_ : ndarray of shape (n_theta,)
-        Theta of the kernel, logarithms of the diagonal and of the noise variances of
-        the scaled target, for each output. A target is scaled by `y_scale_`; without
-        `normalize_y` it is scaled by its root mean square if the kernel is the default.
+        For each output: theta of the kernel, and logarithms of the diagonal and of the
+        noise variances, all of the scaled target. A target is scaled by `y_scale_`.
+        Without `normalize_y` and with the default kernel it is scaled by its root mean
+        square.
     hyperparameters_ : {"mode", "map", "sampled"}
-        What predictions take for the hyperparameters.
+        Which hyperparameters predictions use. "auto" has chosen one of these.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
-        Draws of `theta_`. This and the next three only if hyperparameters are sampled.
+        Draws of `theta_`. This and the next three exist only if hyperparameters are
+        sampled.
     effective_sample_size_ : float
-        Of how many independent draws all that were drawn, ten for each that is kept,
-        are worth, of the hyperparameter for which that is least.
+        Number of independent draws that are worth as much as all draws made, ten for
+        each that is kept. It is that of the hyperparameter with the smallest number.
     r_hat_ : float
-        How far the chains disagree about the hyperparameter for which that is most; 1
-        is not at all.
+        How much the chains disagree, for the hyperparameter where they disagree most. 1
+        means that they agree.
     n_divergences_ : int
-        Trajectories that left the region where the posterior can be computed.
+        Number of trajectories that left the region where the posterior can be computed.
     n_iter_ : int
-        Iterations on the way to the mode, of the output with most of them.
+        Number of iterations on the way to the mode, for the output with the most.
     n_evaluations_ : int
-        Likelihoods and gradients that learning took, summed over the outputs.
+        Number of evaluations of the likelihood and its gradient during learning, summed
+        over the outputs.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
     inference_ : str
         How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
-        an engine of your own.
+        your own engine.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
-        The inducing inputs; a list of n_outputs of them where y has two dimensions.
-        Fewer than `n_inducing` where more would add nothing. Only if inference is
-        sparse.
+        The inducing inputs, or a list of n_outputs of them if y has two dimensions.
+        There are fewer than `n_inducing` if more would add nothing. Only for sparse
+        inference.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
-        Training inputs without the task column. Not there, nor are the next two and
-        `complete_`, if X was a Dask collection.
+        Training inputs without the task column. This, the next two and `complete_` do
+        not exist if X was a Dask collection.
     tasks_train_ : ndarray of shape (n_samples,)
-        Position in `tasks_` of each training sample's task.
+        Position in `tasks_` of the task of each training sample.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets, transformed by `target_transform` if there is one.
+        Training targets, after `target_transform` if there is one.
     target_transformer_ : transformer or list of n_outputs transformers
-        The fitted transformers of the outputs. Only with `target_transform`.
+        Fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
@@ -512,7 +576,7 @@ class PooledGP(_FixedTaskCovarianceGP):
     -----
     Chai, Williams, Klanke and Vijayakumar (2008), section 6: "a single GP for each
     joint that learns by pooling all training data from all the contexts". The paper's
-    has ``noise="shared"``.
+    model has ``noise="shared"``.
 
     Examples
     --------

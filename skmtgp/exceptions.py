@@ -1,4 +1,4 @@
-"""Numerical failures, each with a class of its own."""
+"""Classes of errors and warnings, one for each kind of numerical failure."""
 
 import numpy as np
 
@@ -22,9 +22,10 @@ __all__ = [
 
 
 class InsufficientMemoryError(MemoryError):
-    """The matrices of a fit cannot be held in the memory that is available.
+    """The matrices of a fit do not fit into the available memory.
 
-    Raised before anything is allocated; the message says how much is needed.
+    It is raised before anything is allocated. The message says how much memory is
+    needed.
 
     Examples
     --------
@@ -37,7 +38,7 @@ class InsufficientMemoryError(MemoryError):
 class NotPositiveDefiniteError(np.linalg.LinAlgError):
     """A covariance matrix is not positive definite in floating point.
 
-    Raised where adding to its diagonal does not help either.
+    It is raised if adding to the diagonal does not help, either.
 
     Examples
     --------
@@ -50,11 +51,11 @@ class NotPositiveDefiniteError(np.linalg.LinAlgError):
 class AmbiguousFitWarning(UserWarning):
     """Another mode is nearly as likely as the learned one, and predicts differently.
 
-    The rows do not say which of them is right, and standard deviations of predictions
-    do not have the doubt about it. The message says how many nats the modes are apart,
-    and how far their predictions are. ``hyperparameters="sampled"`` averages over both.
-    More rows tell them apart; so may another kernel, a lower rank or narrower bounds.
-    `n_restarts_optimizer` looks for a better mode still.
+    The rows do not determine which mode is right, and standard deviations of
+    predictions ignore this doubt. The message says how many nats the modes differ, and
+    how far apart their predictions are. ``hyperparameters="sampled"`` averages over
+    both. More rows can decide; so can another kernel, a lower rank or narrower bounds.
+    `n_restarts_optimizer` searches for a still better mode.
 
     Examples
     --------
@@ -67,7 +68,8 @@ class AmbiguousFitWarning(UserWarning):
 class ConstantTargetWarning(RuntimeWarning):
     """A Gaussian process was fitted to an output that is constant over many rows.
 
-    It cannot tell how much the output varies, and is certain of it everywhere.
+    It cannot know how much the output varies, and is certain of its predictions
+    everywhere.
 
     Examples
     --------
@@ -80,15 +82,15 @@ class ConstantTargetWarning(RuntimeWarning):
 class CorrelatedResidualsWarning(UserWarning):
     """Noise is correlated between neighbouring rows, in the order that fit was given.
 
-    This is common where rows are a time series. Learning takes the noise of all rows
-    for independent, so that some of it is learned as if it were a function of the
-    inputs: the noise variance and standard deviations of predictions are too small, and
-    scores of random folds, and of leaving out one row, too good. A misfit of
-    rows that are sorted by an input looks the same.
+    This is common if rows are a time series. Learning assumes that the noise of
+    different rows is independent. So it learns some of the noise as if it were a
+    function of the inputs. The noise variance and standard deviations of predictions
+    are then too small. Scores of random folds, and of leaving out one row, are too
+    good. A misfit looks the same if the rows are sorted by an input.
 
-    What helps are folds that keep stretches of rows together,
-    :class:`~skmtgp.model_selection.TaskStratifiedGroupKFold`; a higher lower bound in
-    `noise_variance_bounds`, chosen by these folds; and fewer rows, farther apart.
+    Use folds that keep stretches of rows together,
+    :class:`~skmtgp.model_selection.TaskStratifiedGroupKFold`. Choose a higher lower
+    bound in `noise_variance_bounds` by these folds, or use fewer rows, farther apart.
 
     Examples
     --------
@@ -99,12 +101,12 @@ class CorrelatedResidualsWarning(UserWarning):
 
 
 class DescriptorWarning(UserWarning):
-    """The tasks are too few, or too alike, to tell what each of their descriptors does.
+    """The tasks are too few, or too alike, to determine the effect of each descriptor.
 
-    Some descriptor is the same for all tasks, follows from the others, or there are as
-    many descriptors as tasks. The model explains the tasks that it has; one that fit
-    has not seen is predicted by the smallest coefficients that do. More tasks help, or
-    fewer descriptors.
+    A descriptor is the same for all tasks or follows from the others, or there are as
+    many descriptors as tasks. The model explains the tasks that it has. It predicts a
+    task that `fit` has not seen with the smallest coefficients that do so. More tasks
+    or fewer descriptors help.
 
     Examples
     --------
@@ -115,11 +117,11 @@ class DescriptorWarning(UserWarning):
 
 
 class IncompleteDataWarning(RuntimeWarning):
-    """Data that would be complete have repeated or too few cells, and many rows.
+    """Large data are almost complete, but have repeated or too many missing cells.
 
-    Dense inference is exact for them too, but takes far more time and memory than
-    inference by Kronecker products, for which no cell may be observed repeatedly and
-    few may be missing. The message says how many are.
+    Dense inference is exact for them, too, but takes far more time and memory than
+    inference by Kronecker products. That needs data where no cell is observed
+    repeatedly and few are missing. The message says how many are.
 
     Examples
     --------
@@ -145,7 +147,8 @@ class JitterWarning(RuntimeWarning):
 class LongFitWarning(UserWarning):
     """A fit will take minutes.
 
-    Given before it begins, with about how long, and what takes less.
+    It is given before learning begins. The message says about how long it will take,
+    and what takes less time.
 
     Examples
     --------
@@ -158,10 +161,10 @@ class LongFitWarning(UserWarning):
 class NegativeVarianceWarning(RuntimeWarning):
     """Variances of predictions are negative, by more than rounding explains.
 
-    They are taken for zero, and so are no measure of any error. The kernel is not
+    They are set to zero, and do not measure any error. Either the kernel is not
     positive semi-definite at these inputs, or its `diag` is not the diagonal of its
-    values; or the noise variance is so small that no digits are left. The message says
-    how many variances it concerns.
+    values. Or the noise variance is so small that no correct digits are left. The
+    message says how many variances are concerned.
 
     Examples
     --------
@@ -174,7 +177,7 @@ class NegativeVarianceWarning(RuntimeWarning):
 class PrecisionWarning(RuntimeWarning):
     """Learning ended because the likelihood has too few correct digits to go on.
 
-    It happens where the prior variance has grown to some 1e14 times the noise variance.
+    It happens if the prior variance has grown to about 1e14 times the noise variance.
 
     Examples
     --------
@@ -185,11 +188,11 @@ class PrecisionWarning(RuntimeWarning):
 
 
 class SamplingWarning(UserWarning):
-    """Draws of the hyperparameters do not tell their posterior well.
+    """Draws of the hyperparameters represent their posterior poorly.
 
-    Chains move slowly, or lie around modes that they do not leave, so that the draws
-    are worth few independent ones and intervals may be too narrow. The message gives
-    the effective sample size, R-hat and the number of divergent trajectories.
+    Chains move slowly, or stay near modes that they do not leave. The draws are then
+    worth few independent ones, and intervals may be too narrow. The message gives the
+    effective sample size, R-hat and the number of divergent trajectories.
 
     Examples
     --------
@@ -200,11 +203,11 @@ class SamplingWarning(UserWarning):
 
 
 class TaskColumnWarning(UserWarning):
-    """The column that is taken for the tasks may be another one, or need tidying.
+    """The column that counts as the task column may be the wrong one, or need tidying.
 
     It has more tasks than half of the rows, or labels that differ in spaces or case
-    alone, or, in cross-validation, a task of one row. Or it is the last column, by
-    default, and the one before it looks more like labels, as where something was
+    alone, or, in cross-validation, a task of one row. Or it is the last column by
+    default, and the one before it looks more like labels, as if something had been
     appended to X. The message says what to do.
 
     Examples
@@ -218,9 +221,9 @@ class TaskColumnWarning(UserWarning):
 class UnderflowWarning(RuntimeWarning):
     """A feature or target is so small that squares of its values may vanish.
 
-    Where they do, it counts as constant; where they only lose digits, which begins at
-    some 1e-158, predictions do too. Standard deviations in units of such a target mean
-    nothing. Other units avoid this.
+    If they vanish, the feature or target counts as constant. From about 1e-158 on they
+    lose digits, and predictions do, too. Standard deviations in units of such a target
+    mean nothing. Use other units to avoid this.
 
     Examples
     --------
@@ -231,12 +234,12 @@ class UnderflowWarning(RuntimeWarning):
 
 
 class UnidentifiedNoiseWarning(RuntimeWarning):
-    """The rows do not tell a noise variance that was learned from them.
+    """The rows do not determine the noise variance that was learned from them.
 
-    The model follows them so closely that they leave less than one degree of freedom
-    to it. This is common with a few rows of each task. The noise variance may be too
-    small by many orders of magnitude, and the standard deviations of predictions with
-    it.
+    The model follows the rows so closely that less than one degree of freedom is left
+    for the noise. This is common with a few rows for each task. The noise variance may
+    be too small by many orders of magnitude, and with it the standard deviations of
+    predictions.
 
     Examples
     --------

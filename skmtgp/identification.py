@@ -1,4 +1,4 @@
-"""Which task is it? Samples of a task whose label is not known."""
+"""Which task is it? Identifies the unknown task of samples."""
 
 from __future__ import annotations
 
@@ -30,36 +30,37 @@ RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks 
 
 
 class TaskIdentifier(Estimator):
-    r"""Which task samples come from, and what describes it.
+    r"""Identify the task that samples come from, and its descriptors.
 
-    It asks a fitted model: one of several outputs, or one model for each of them, such
-    as for each joint of a robot. All outputs count together. A task may be one of those
-    that the model knows, or none of them; where tasks have descriptors, samples tell
-    those of another one, such as the mass of a load that has just been picked up.
+    It uses a fitted model with one or several outputs, or one model for each output,
+    such as for each joint of a robot. All outputs count together. The task may be one
+    that the model knows, or none of them. If tasks have descriptors, the samples also
+    determine those of an unknown task, such as the mass of a load that has just been
+    picked up.
 
     Parameters
     ----------
     model : MultiTaskGPRegressor, RankSearchIC or Pipeline, or a list or dict of them
-        Fitted; a search is asked for its best model. Several models know the same
-        tasks; the columns of y are their outputs, in their order. A dict has names of
-        the outputs, by which they are found in frames.
+        Fitted. Of a search the best model is used. Several models must know the same
+        tasks; the columns of y are their outputs, in the same order. A dict has names
+        of the outputs, which find their columns in frames.
     noise : float or array-like of shape (n_outputs,), default=None
-        Standard deviation of noise that the samples have beside the model's, in units
-        of y.
+        Standard deviation of noise that the samples have in addition to the model's
+        noise, in units of y.
     widening : float, default=2.0
-        Deviation of the descriptors of another task from the mean of the known tasks',
-        in units of their deviation.
+        Standard deviation of an unknown task's descriptors around the mean of the known
+        tasks', in units of their standard deviation.
     floor : float, default=3e-4
-        The model's own error: the deviation of a function of its own that each task
-        has beside what the model knows, relative to that of the tasks' functions.
-        However many samples there are, and however exact, it stays.
+        Size of the model's own error: each task deviates from the model by an unknown
+        function with this standard deviation, relative to that of the tasks' functions.
+        It does not vanish with many or exact samples.
     switching : float, default=0.02
-        Probability that the task switches between two samples of a stream.
+        Probability that the task switches between two consecutive samples of a stream.
 
     Attributes
     ----------
     classes_ : ndarray of shape (n_tasks + 1,)
-        Labels of the known tasks, and None for none of them.
+        Labels of the known tasks, followed by None for none of them.
     responsibilities_ : ndarray of shape (n_tasks + 1,)
         Probability of each class after the last sample of `partial_fit`.
     path_ : ndarray of shape (n_samples, n_tasks + 1)
@@ -67,21 +68,21 @@ class TaskIdentifier(Estimator):
 
     See Also
     --------
-    MultiTaskGPRegressor.add_task : A model with the task that samples come from.
+    MultiTaskGPRegressor.add_task : Adds the task that samples come from to the model.
 
     Notes
     -----
-    With the rows :math:`f_j` of the factors, which are linear in the descriptors d, the
-    samples of output j are normal with mean :math:`\sum_a f_{ja} \mu_a(x)` and a
-    covariance that depends on :math:`f_j`, too: latent functions are not known exactly.
-    Descriptors have a normal prior, that of the known tasks, widened. Their mode is
-    found by Fisher scoring with a line search, from the mean and the likeliest task,
-    after three linear steps with the covariance of the step before;
-    the covariance is the inverse of the Fisher information. "None of them" has the
-    density of the samples with the descriptors integrated out by Laplace's method.
-    Without descriptors the rows have a normal prior themselves.
+    Let :math:`f_j` be the task's row of the factor, which is linear in the descriptors
+    d. Then the samples of output j are normal with mean :math:`\sum_a f_{ja} \mu_a(x)`.
+    Their covariance depends on :math:`f_j`, too, because the latent functions are not
+    known exactly. Descriptors have a normal prior: that of the known tasks, widened.
+    Fisher scoring with a line search finds their mode, starting from the mean and from
+    the likeliest task. Three linear steps come first, each with the covariance of the
+    step before. The covariance is the inverse of the Fisher information. For "none of
+    them", the density of the samples has the descriptors integrated out by Laplace's
+    method. Without descriptors the rows of the factor themselves have a normal prior.
 
-    Responsibilities of a stream are those of a hidden Markov model, whose samples are
+    Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.
 
     Examples
@@ -131,28 +132,28 @@ class TaskIdentifier(Estimator):
         self.switching = switching
 
     def predict_proba(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
-        """Probability that all samples come from each of the tasks, or from another.
+        """Return the probability that all samples come from each of the tasks.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
             Inputs, as the model takes them. Columns of the task and of descriptors are
-            not looked at, and may be left out.
+            ignored, and may be left out.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
 
         Returns
         -------
         probabilities : ndarray of shape (n_tasks + 1,)
-            In the order of `classes_`, the last one for none of the known tasks. Before
-            any sample all are equally probable.
+            Probabilities in the order of `classes_`; the last one is for none of the
+            known tasks. With no sample all are equal.
 
         Raises
         ------
         TypeError
-            If the model is none that has a factor.
+            If the model has no factor of a task covariance.
         ValueError
-            If X or y cannot be used, or the models do not know the same tasks.
+            If X or y cannot be used, or if the models do not know the same tasks.
         """
         outputs, starts = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
@@ -188,7 +189,7 @@ class TaskIdentifier(Estimator):
         return self.classes_[self.predict_proba(X, y).argmax()]
 
     def estimate(self, X: ArrayLike, y: ArrayLike) -> tuple[pd.Series, pd.DataFrame]:
-        """Descriptors of the task that all samples come from.
+        """Estimate the descriptors of the task that all samples come from.
 
         Parameters
         ----------
@@ -200,20 +201,22 @@ class TaskIdentifier(Estimator):
         Returns
         -------
         mean : Series of shape (n_descriptors,)
-            The most probable ones.
+            Most probable descriptors.
         covariance : DataFrame of shape (n_descriptors, n_descriptors)
             Their covariance.
 
         Raises
         ------
         ValueError
-            If the model was fitted without `task_descriptors`; or as `predict_proba`.
+            If the model was fitted without `task_descriptors`, or for the reasons of
+            `predict_proba`.
         """
         descriptors = self._models()[0]._descriptors
         if descriptors is None:
             raise ValueError(
-                "estimate tells descriptors of a task, and the model has none. Fit it "
-                "with task_descriptors, the columns that describe the tasks."
+                "estimate needs a model with descriptors of the tasks, and this one "
+                "has none. Fit it with task_descriptors, the columns that describe "
+                "the tasks."
             )
         outputs, starts = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
@@ -225,7 +228,7 @@ class TaskIdentifier(Estimator):
         return mean, pd.DataFrame(covariance, index=names, columns=names)
 
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Follow a stream of samples, whose task may switch at any of them.
+        """Follow a stream of samples whose task may switch at any of them.
 
         Parameters
         ----------
@@ -237,14 +240,14 @@ class TaskIdentifier(Estimator):
         Returns
         -------
         self : TaskIdentifier
-            With `responsibilities_` after the last sample. The first call begins with
-            equal ones.
+            Updated, with `responsibilities_` after the last sample. The first call
+            begins with equal ones.
 
         Raises
         ------
         ValueError
-            If the model knows other tasks than in the last call, which `reset` forgets;
-            or as `predict_proba`.
+            If the model knows other tasks than in the last call; `reset` forgets them.
+            Or for the reasons of `predict_proba`.
         """
         outputs, _ = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
@@ -254,8 +257,8 @@ class TaskIdentifier(Estimator):
         before = getattr(self, "responsibilities_", usual)
         if len(before) != n_classes:
             raise ValueError(
-                f"The model knows {n_classes - 1} tasks, and {len(before) - 1} in the "
-                "last call. Call reset() before a stream that another model follows."
+                f"The model knows {n_classes - 1} tasks, but knew {len(before) - 1} in "
+                "the last call. Call reset() before a stream with another model."
             )
         self.path_ = follow(before, log_densities, usual, self.switching)
         self.responsibilities_ = self.path_[-1]
@@ -267,7 +270,7 @@ class TaskIdentifier(Estimator):
         Returns
         -------
         self : TaskIdentifier
-            As before the first `partial_fit`.
+            In the state before the first `partial_fit`.
         """
         for name in ("responsibilities_", "path_"):
             vars(self).pop(name, None)
@@ -275,7 +278,7 @@ class TaskIdentifier(Estimator):
 
     @property
     def classes_(self) -> NDArray[np.object_]:
-        """Labels of the known tasks, and None for none of them."""
+        """Labels of the known tasks, followed by None for none of them."""
         return np.array([*self._models()[0].tasks_.tolist(), None], dtype=object)
 
     # what the models are asked
@@ -352,8 +355,8 @@ def _last(estimator):
         )
     if model._units.per_task:
         raise ValueError(
-            "The tasks have units of their own, which those of an unknown task do not "
-            "follow from. Fit the model with normalize_y='shared'."
+            "The tasks have units of their own, so the unit of an unknown task is not "
+            "known. Fit the model with normalize_y='shared'."
         )
     return model
 
@@ -380,8 +383,8 @@ def _check_alike(models):
     for model in models[1:]:
         if model.tasks_.tolist() != first.tasks_.tolist():
             raise ValueError(
-                f"The models know other tasks: {first.tasks_.tolist()} and "
-                f"{model.tasks_.tolist()}. Fit them to the same."
+                f"The models know different tasks: {first.tasks_.tolist()} and "
+                f"{model.tasks_.tolist()}. Fit them to the same tasks."
             )
         tables = [getattr(of, "task_descriptors_", None) for of in (first, model)]
         same = [
@@ -389,8 +392,8 @@ def _check_alike(models):
         ]
         if same[0] != same[1]:
             raise ValueError(
-                "The models have other descriptors of the tasks, or some have none. "
-                "Fit them with the same task_descriptors."
+                "The models have different descriptors of the tasks, or some have "
+                "none. Fit them with the same task_descriptors."
             )
 
 

@@ -1,7 +1,7 @@
 """Covariance functions k^x over the inputs, in scikit-learn's language.
 
-Every :class:`sklearn.gaussian_process.kernels.Kernel` can be used; this module adds
-three of its own and builds the kernel of the paper.
+You can use every :class:`sklearn.gaussian_process.kernels.Kernel`. This module adds
+three kernels of its own and builds the kernel of the paper.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class ARDLinear(Kernel):
     Parameters
     ----------
     weights : float or array-like of shape (n_features,), default=1.0
-        Prior variances :math:`w_d` of the coefficients, in units of one over the
-        square of the feature. A float is shared by all features.
+        Prior variances :math:`w_d` of the coefficients, in units of 1 / feature^2. All
+        features share a float.
     bias : float, default=1.0
-        Prior variance b of the intercept. It is not learned where `bias_bounds` is
-        "fixed"; 0 with fixed bounds gives the homogeneous linear kernel.
+        Prior variance b of the intercept. It is not learned if `bias_bounds` is
+        "fixed". 0 with fixed bounds gives the homogeneous linear kernel.
     weights_bounds, bias_bounds : pair of floats or "fixed", default=(1e-7, 1e3)
         Bounds of the hyperparameters.
 
@@ -155,16 +155,16 @@ class ARDLinear(Kernel):
 
 
 class Columns(Kernel):
-    """A kernel that sees some of the features only.
+    """A kernel on some of the features only.
 
     Parameters
     ----------
     kernel : Kernel
-        The kernel of the selected features. Its hyperparameters are this kernel's.
+        Kernel of the selected features. Its hyperparameters are this kernel's.
     columns : sequence of int or str
-        Indices of the features that it sees, the task column not counted. Negative ones
-        count from the end. Or names of columns, in the kernel of an estimator that is
-        fitted to a frame; its `kernel_` has their indices.
+        Indices of the features that it uses, without counting the task column. Negative
+        ones count from the end. Or names of columns, in the kernel of an estimator that
+        is fitted to a frame; its `kernel_` has their indices.
 
     Examples
     --------
@@ -257,7 +257,7 @@ class Columns(Kernel):
         return self.kernel(self.select(X), Y, eval_gradient=eval_gradient)
 
     def select(self, X: ArrayLike) -> NDArray[Any]:
-        """Cut the features that the kernel sees.
+        """Select the features that the kernel uses.
 
         Parameters
         ----------
@@ -408,47 +408,47 @@ def inverse_dynamics_kernel(
         k^x(x, x') = b + \sum_{d=1}^{D+J} w_d u_d u'_d
         + a \exp\Bigl(-\tfrac12 \sum_{d=1}^{D} (x_d - x'_d)^2 / \ell_d^2\Bigr)
 
-    where x = (q, qd, qdd) are the D = 3 J standardised positions, velocities and
-    accelerations and u = (x, sgn(qd)).
+    Here x = (q, qd, qdd) are the D = 3 J standardised positions, velocities and
+    accelerations, and u = (x, sgn(qd)).
 
     Parameters
     ----------
     n_joints : int
         Number of joints J of the robot.
     angles : {"radians", "trigonometric"}, default="radians"
-        Whether x has the positions of joints that turn, as the paper's has, or their
-        cosines and sines, which makes D one larger for each of them: what a
-        configuration is near to then does not depend on where its angles are cut.
+        Whether x has the positions of joints that turn, as in the paper, or their
+        cosines and sines. With cosines and sines D is one larger for each of them, and
+        it does not matter where angles jump by a full turn.
     joint_types : sequence of str, default=None
-        "revolute" (or "R") or "prismatic" (or "P") for each joint; None: all revolute.
-        It matters to trigonometric angles only.
+        "revolute" (or "R") or "prismatic" (or "P") for each joint. None means that all
+        are revolute. It only matters to trigonometric angles.
 
     Returns
     -------
     kernel : Kernel
         Kernel on the D + J features that
         :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` makes with the same
-        `angles` and `joint_types`, with D + J weights, a bias, an amplitude and D
-        length-scales, all of them equal to start with.
+        `angles` and `joint_types`. It has D + J weights, a bias, an amplitude and D
+        length-scales. All start at the same value.
 
     Raises
     ------
     TypeError
-        If `joint_types` is no sequence.
+        If `joint_types` is not a sequence.
     ValueError
-        If `n_joints` is not a positive integer, `angles` is neither, or `joint_types`
-        are not the types of so many joints.
+        If `n_joints` is not a positive integer, `angles` is neither word, or
+        `joint_types` do not fit `n_joints`.
 
     See Also
     --------
-    geometric_inverse_dynamics_kernel : The polynomials that rigid bodies' torques are.
+    geometric_inverse_dynamics_kernel : Polynomials, for rigid bodies.
 
     Notes
     -----
     Chai, Williams, Klanke and Vijayakumar (2008), section 6: "a sum of an inhomogeneous
     linear kernel on (x, sgn(qd)), a squared exponential kernel on x, and an independent
-    noise component", the first two with automatic relevance determination. The noise is
-    the estimator's, not the kernel's.
+    noise component". The first two have automatic relevance determination. Here the
+    noise belongs to the estimator, not to the kernel.
 
     Examples
     --------
@@ -469,7 +469,7 @@ def inverse_dynamics_kernel(
 
 
 def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
-    r"""Polynomials that torques of rigid bodies are, of positions, speeds and so on.
+    r"""Kernel of the polynomials that describe torques of rigid bodies.
 
     .. math::
         k^x(x, x') = \sum_{d=1}^{2J} f_d z_d z'_d
@@ -478,9 +478,10 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
         + \bigl(\sum_{i=1}^J v_i \dot q_i \dot q'_i\bigr)^2\Bigr)
         \prod_{i=1}^J \Bigl(1 + \sum_{d \in i} w_d p_d p'_d\Bigr)^2
 
-    where :math:`p_d, d \in i` is the position of joint i, (cos q_i, sin q_i) if it
-    turns and q_i if it slides, and z = (qd, sgn(qd)). The three terms are friction,
-    viscous and Coulomb's; gravity; inertia with centrifugal and Coriolis forces.
+    Here :math:`p_d, d \in i` is the position of joint i: (cos q_i, sin q_i) if it turns
+    and q_i if it slides. z = (qd, sgn(qd)). The first term is viscous and Coulomb
+    friction, the second gravity, the third inertia with centrifugal and Coriolis
+    forces.
 
     Parameters
     ----------
@@ -493,34 +494,32 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     kernel : Kernel
         Kernel on the features that
         :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` makes with
-        ``angles="trigonometric"`` and these `joint_types`, made of :class:`ARDLinear`
-        and :class:`Columns`.
+        ``angles="trigonometric"`` and these `joint_types`. It is made of
+        :class:`ARDLinear` and :class:`Columns`.
 
     Raises
     ------
     TypeError
-        If `joint_types` is no sequence.
+        If `joint_types` is not a sequence.
     ValueError
-        If it is empty, or a joint is neither revolute nor prismatic.
+        If it is empty, or if a joint is neither revolute nor prismatic.
 
     See Also
     --------
-    inverse_dynamics_kernel : The paper's, for torques of any form.
+    inverse_dynamics_kernel : The paper's kernel, for torques of any form.
 
     Notes
     -----
     Dalla Libera and Carli (2020) show that the torque of a rigid robot is a polynomial
-    in these features, of at most degree 2 in the position of each joint, whatever the
-    lengths of its links and their inertias, and take a product of polynomial kernels,
-    one for each joint. Functions of this kernel are such polynomials and nothing else:
-    it extrapolates where a squared exponential falls back to the mean, and what is no
-    such polynomial, such as Stribeck friction or elastic joints, is noise to it; add a
-    squared exponential for that.
+    in these features. Its degree in the position of each joint is at most 2, whatever
+    the lengths and inertias of the links. They use a product of polynomial kernels, one
+    for each joint. This kernel has such polynomials only. So it extrapolates where a
+    squared exponential falls back to the mean. Anything else, such as Stribeck friction
+    or elastic joints, is noise to it. To learn that, add a squared exponential.
 
-    Here gravity has a product of its own. The potential energy of a rigid robot is of
-    degree 1 in the position of each joint and its kinetic energy of degree 2
-    (Giacomuzzo, Carli, Romeres and Dalla Libera, 2024), so that gravity needs fewer
-    polynomials than inertia does.
+    Here gravity has its own product. The potential energy of a rigid robot has degree 1
+    in the position of each joint, and its kinetic energy degree 2 (Giacomuzzo, Carli,
+    Romeres and Dalla Libera, 2024). So gravity needs fewer polynomials than inertia.
 
     References
     ----------

@@ -22,27 +22,29 @@ __all__ = ["BayesianLinearRegression"]
 
 
 class BayesianLinearRegression(PosteriorMixin, Estimator):
-    r"""Bayesian linear regression of its own for each task, LR.
+    r"""Separate Bayesian linear regression for each task, LR.
 
-    For each task and output, with the covariates x and the constant in the rows of D,
+    For each task and output, with the covariates x and the constant 1 in the rows of D,
+    the model is
 
     .. math::
         y \sim \mathcal N(D \beta, \sigma^2 I), \qquad
         p(\beta, \sigma^2) = \mathcal N(\beta \mid 0, \sigma^2 v I)\,
         \mathcal{IG}(\sigma^2 \mid a_0, b_0)
 
-    with the parameters of the prior given, not learned. Nothing is scaled: the prior is
-    in the units of X and y.
+    The parameters of the prior are given, not learned. Nothing is scaled, so the prior
+    is in the units of X and y.
 
     Parameters
     ----------
     pooled : bool, default=False
-        Whether one regression is learned from the samples of all tasks, rather than one
+        Whether to learn one regression from the samples of all tasks, instead of one
         for each task.
     task_feature : int or str, default=-1
-        Position or name of the column of X with the task labels (int or str).
+        Position or name of the column of X with the task labels, which are integers or
+        strings.
     fit_intercept : bool, default=True
-        Whether a constant is one of the covariates. Its weight has the same prior.
+        Whether to add a constant to the covariates. Its weight has the same prior.
     weight_variance : float, default=1e8
         Prior variance v of the weights relative to the noise variance, in inverse
         squared units of the features.
@@ -57,26 +59,26 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     coef_ : ndarray of shape ([n_outputs,] n_tasks, n_features - 1)
-        Posterior mean of the weights, in units of y per unit of the feature; equal rows
-        if `pooled`.
+        Posterior mean of the weights, in units of y per unit of the feature. All rows
+        are equal if `pooled`.
     intercept_ : ndarray of shape ([n_outputs,] n_tasks)
-        Posterior mean of the constant's weight, in units of y; 0 without
+        Posterior mean of the constant's weight, in units of y. 0 without
         `fit_intercept`.
     noise_variance_ : ndarray of shape ([n_outputs,] n_tasks)
-        Posterior mean of the noise variance, in squared units of y; infinite where
+        Posterior mean of the noise variance, in squared units of y. It is infinite if
         `degrees_of_freedom_` is 2 or less.
     degrees_of_freedom_ : ndarray of shape (n_tasks,)
-        Degrees of freedom of the Student-t predictions, 2 `noise_shape` plus the number
+        Degrees of freedom of the Student-t predictions: 2 `noise_shape` plus the number
         of samples of the regression.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units, the weights and the noise variances
-        integrated out, summed over regressions and outputs.
+        Log density of y in its own units, summed over regressions and outputs. The
+        weights and the noise variances are integrated out.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
@@ -87,9 +89,9 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
     Notes
     -----
     Section 6 of [1]_ has this model for each context and each joint, with covariates
-    :math:`(x, \mathrm{sgn}(\dot q), 1)`, :math:`v = 10^8` and :math:`a_0 = b_0 = 1`, as
-    here by default. The posterior has the form of the prior (section 7.6.3 of [2]_);
-    after n samples
+    :math:`(x, \mathrm{sgn}(\dot q), 1)`. Its prior is the default here: :math:`v =
+    10^8` and :math:`a_0 = b_0 = 1`. The posterior has the form of the prior (section
+    7.6.3 of [2]_). After n samples
 
     .. math::
         V_n^{-1} &= D^T D + v^{-1} I, & \beta_n &= V_n D^T y, \\
@@ -97,21 +99,21 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         b_n &= b_0 + \tfrac12 (|y - D \beta_n|^2 + v^{-1} |\beta_n|^2).
 
     Then f at covariates x has a Student-t distribution with :math:`2 a_n` degrees of
-    freedom, mean :math:`x^T \beta_n` and squared scale :math:`x^T V_n x\, b_n / a_n`;
-    for an observation, 1 is added to :math:`x^T V_n x`. Its standard deviation, which
-    `predict` gives, is the scale times :math:`\sqrt{a_n / (a_n - 1)}`; it is infinite
-    where :math:`a_n \le 1`: one sample of the task and an :math:`a_0` of 0.5 or less.
-    Predictions by different regressions have no covariance. A draw has weights and a
-    noise variance of its own for each regression and output: its values lie on a plane.
-    The mean depends neither on :math:`a_0` nor on :math:`b_0`. The evidence is
+    freedom, mean :math:`x^T \beta_n` and squared scale :math:`x^T V_n x\, b_n / a_n`.
+    For an observation, 1 is added to :math:`x^T V_n x`. `predict` returns its standard
+    deviation, the scale times :math:`\sqrt{a_n / (a_n - 1)}`. It is infinite if
+    :math:`a_n \le 1`: for a task with one sample and an :math:`a_0` of 0.5 or less.
+    Predictions by different regressions have no covariance. Each draw has its own
+    weights and noise variance for each regression and output, so its values lie on a
+    plane. The mean depends neither on :math:`a_0` nor on :math:`b_0`. The evidence is
 
     .. math::
         \log p(y) = \log\frac{\Gamma(a_n)\, b_0^{a_0}}{\Gamma(a_0)\, b_n^{a_n}}
         + \tfrac12 \log\frac{|V_n|}{v^p} - \tfrac n2 \log 2\pi
 
-    for p covariates. All is computed from a QR decomposition of D above the root of the
-    prior's precision, so that covariates may be constant or collinear or more than
-    samples. Time is linear in the number of samples.
+    for p covariates. A QR decomposition of D, with the square root of the prior's
+    precision below it, gives all of this. So covariates may be constant or collinear,
+    and there may be more of them than samples. Time is linear in the number of samples.
 
     References
     ----------

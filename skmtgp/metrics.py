@@ -38,7 +38,7 @@ def normalized_mean_squared_error(
     y_var: Variances | None = None,
     multioutput: Literal["raw_values", "uniform_average"] = "uniform_average",
 ) -> float | NDArray[np.float64]:
-    r"""Mean squared error over the variance of the targets, averaged over tasks.
+    r"""Mean squared error divided by the variance of the targets, averaged over tasks.
 
     .. math::
         \mathrm{nMSE} = \frac1M \sum_{m=1}^M
@@ -54,21 +54,21 @@ def normalized_mean_squared_error(
         Task of each sample. None is one task.
     y_var : mapping of task to float or to array of shape (n_outputs,), default=None
         Variance by which the errors of each task are divided, such as the Series or
-        DataFrame ``y.groupby(tasks).var(ddof=0)``. None is that of `y_true`. Only with
-        `tasks`.
+        DataFrame ``y.groupby(tasks).var(ddof=0)``. None takes the variance of `y_true`.
+        Only with `tasks`.
     multioutput : {"raw_values", "uniform_average"}, default="uniform_average"
         Whether to return one number for each output or their mean.
 
     Returns
     -------
     nmse : float or ndarray of shape (n_outputs,)
-        0 is perfect, 1 is what the mean of each task's own test targets reaches.
+        0 is perfect. Predicting the mean of each task's own test targets has 1.
 
     Raises
     ------
     ValueError
-        If the targets of a task are constant, as one sample is, so that nothing can be
-        normalised, or if `y_var` has no positive variance of a task.
+        If the targets of a task are constant or a single sample, which cannot be
+        normalised, or if `y_var` has no positive variance for a task.
 
     Notes
     -----
@@ -102,23 +102,23 @@ def mean_standardized_log_loss(
     tasks: ArrayLike | None = None,
     multioutput: Literal["raw_values", "uniform_average"] = "uniform_average",
 ) -> float | NDArray[np.float64]:
-    r"""Negative log predictive density, less that of a trivial model.
+    r"""Negative log predictive density, minus that of a trivial model.
 
     .. math::
         \tfrac12 \log 2 \pi s^2 + \frac{(y - \hat y)^2}{2 s^2}
 
-    for a sample with predictive standard deviation s, less the same with the mean and
-    the standard deviation of the training targets, averaged within each task and then
-    over tasks.
+    is the loss of a sample with predictive standard deviation s. The loss with the mean
+    and the standard deviation of the training targets is subtracted. The result is
+    averaged within each task and then over tasks.
 
     Parameters
     ----------
     y_true, y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Targets and predictive means.
     y_std : array-like of shape (n_samples,) or (n_samples, n_outputs)
-        Predictive standard deviations of the targets (noise included), positive.
+        Positive standard deviations of the predicted targets, noise included.
     y_train : array-like of shape (n_train,) or (n_train, n_outputs)
-        Training targets, the trivial model.
+        Training targets, which define the trivial model.
     tasks : array-like of shape (n_samples,), default=None
         Task of each sample. None is one task.
     multioutput : {"raw_values", "uniform_average"}, default="uniform_average"
@@ -127,12 +127,13 @@ def mean_standardized_log_loss(
     Returns
     -------
     msll : float or ndarray of shape (n_outputs,)
-        In nats: 0 is the trivial model, less is better.
+        In nats. 0 is as good as the trivial model; lower is better.
 
     Raises
     ------
     ValueError
-        If a standard deviation is not positive, or an output is constant in training.
+        If a standard deviation is not positive, or if an output is constant in
+        training.
 
     Notes
     -----
@@ -180,7 +181,7 @@ def coverage(
     y_true, y_pred : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Targets and predictive means.
     y_std : array-like of shape (n_samples,) or (n_samples, n_outputs)
-        Predictive standard deviations of the targets (noise included), positive.
+        Positive standard deviations of the predicted targets, noise included.
     level : float, default=0.95
         Probability p of the interval, between 0 and 1.
     tasks : array-like of shape (n_samples,), default=None
@@ -191,8 +192,8 @@ def coverage(
     Returns
     -------
     share : float or ndarray of shape (n_outputs,)
-        0 to 1, averaged within each task and then over tasks. About `level` where the
-        model knows its errors, less where it is overconfident.
+        0 to 1, averaged within each task and then over tasks. It is about `level` if
+        the model knows its errors, and less if it is overconfident.
 
     Raises
     ------
@@ -224,21 +225,21 @@ def make_normalized_mse_scorer(
         Position or name of the task column of X.
     y_var : mapping of task to float or to array of shape (n_outputs,), default=None
         Variance by which the errors of each task are divided, such as the Series or
-        DataFrame ``y.groupby(tasks).var(ddof=0)`` of all targets. None is that of the
-        targets that are scored.
+        DataFrame ``y.groupby(tasks).var(ddof=0)`` of all targets. None takes the
+        variance of the scored targets.
 
     Returns
     -------
     scorer : callable
-        ``scorer(estimator, X, y)`` returns minus
-        :func:`normalized_mean_squared_error` of ``estimator.predict(X)``, so that
-        greater is better and 0 is perfect. Pass it as `scoring`.
+        ``scorer(estimator, X, y)`` returns minus :func:`normalized_mean_squared_error`
+        of ``estimator.predict(X)``. Greater is better and 0 is perfect. Pass it as
+        `scoring`.
 
     Notes
     -----
-    Without `y_var` every task in a test fold must have at least two different targets:
-    split the rows within tasks, into no more folds than half of the rows of the
-    smallest task.
+    Without `y_var`, every task in a test fold must have at least two different targets.
+    So split the rows within tasks, into at most half as many folds as the smallest task
+    has rows.
 
     Examples
     --------
@@ -273,8 +274,8 @@ def make_standardized_log_loss_scorer(
     Parameters
     ----------
     y_train : array-like of shape (n_train,) or (n_train, n_outputs)
-        Targets whose mean and variance are the trivial model. All targets will do for
-        cross-validation: they move the scores of all models alike.
+        Targets whose mean and variance define the trivial model. In cross-validation
+        all targets may be used, because they shift the scores of all models equally.
     task_feature : int or str, default=-1
         Position or name of the task column of X.
 
@@ -282,8 +283,8 @@ def make_standardized_log_loss_scorer(
     -------
     scorer : callable
         ``scorer(estimator, X, y)`` returns minus :func:`mean_standardized_log_loss` of
-        what ``estimator.predict(X, return_std=True, include_noise=True)`` returns, in
-        nats: greater is better and 0 is the trivial model. Pass it as `scoring`.
+        ``estimator.predict(X, return_std=True, include_noise=True)``, in nats. Greater
+        is better and 0 is the trivial model. Pass it as `scoring`.
 
     Raises
     ------
@@ -320,10 +321,9 @@ def make_coverage_scorer(
     Returns
     -------
     scorer : callable
-        ``scorer(estimator, X, y)`` returns minus the difference between `level` and
-        :func:`coverage` of what ``estimator.predict(X, return_std=True,
-        include_noise=True)`` returns, without its sign: 0 is perfect. Pass it as
-        `scoring`.
+        ``scorer(estimator, X, y)`` returns minus the absolute difference between
+        `level` and :func:`coverage` of ``estimator.predict(X, return_std=True,
+        include_noise=True)``. 0 is perfect. Pass it as `scoring`.
 
     Examples
     --------

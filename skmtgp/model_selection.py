@@ -51,83 +51,97 @@ TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     r"""Multi-task GP whose rank is chosen by an information criterion.
 
-    By default simpler models are candidates too: independent tasks, tasks that are
-    equally alike, a model for each task. One of the candidates is chosen for all
-    outputs, the one that minimises
+    By default simpler models are candidates, too: independent tasks, tasks that are
+    equally alike, and a model for each task. One candidate is chosen for all outputs.
+    It minimises the criterion, by default
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
         + \Bigl(\sum_j d_j + \tfrac J2 r (2 M + 1 - r) + J e\Bigr) \log n
 
-    over J outputs and M tasks, with :math:`L_{jr}` the likelihood learned for output j
-    at rank r, :math:`d_j` the number of hyperparameters of its kernel, e the number of
-    the others that each output has (1 or M of the noise, 1 of levels, 1 of a function
-    that all tasks share, 1 or M of a diagonal) and n the number of observations, those
-    of all outputs counted. "aic" and "hqc" (Hannan-Quinn) have 2
-    and 2 log log n in place of log n. "loo" is
-    :math:`-2 \sum_i \log p(y_i | y_{-i})`, what each observation's density is given all
-    the others, in the units of y and in closed form: it counts no parameters.
-    "laplace" is -2 log p(y), the hyperparameters integrated out by Laplace's method
-    under a weak prior.
+    for J outputs and M tasks. Here :math:`L_{jr}` is the likelihood learned for output
+    j at rank r, and :math:`d_j` is the number of hyperparameters of its kernel. e is
+    the number of the other hyperparameters of an output: 1 or M of the noise, 1 of
+    levels, 1 of a function that all tasks share, 1 or M of a diagonal. n is the number
+    of observations, summed over the outputs. "aic" and "hqc" (Hannan-Quinn) have 2 and
+    2 log log n in place of log n. "loo" is :math:`-2 \sum_i \log p(y_i | y_{-i})`, the
+    density of each observation given all others, in units of y and in closed form; it
+    counts no parameters. "laplace" is -2 log p(y), with the hyperparameters integrated
+    out by Laplace's method under a weak prior.
 
     Parameters
     ----------
     estimator : MultiTaskGPRegressor, default=None
-        The model, whose own rank does not matter. None is ``MultiTaskGPRegressor()``.
+        Model whose rank is chosen; its own rank does not matter. None is
+        ``MultiTaskGPRegressor()``.
     ranks : sequence of int, or of tuples of int, default=None
-        Ranks to compare. Those above the number of tasks, or above that of descriptors
-        by more than one, count as the highest. 0 is one
-        function of all tasks, ``rank=0, shared=True``. Where the estimator's kernel is
-        a list, a tuple has the rank of each term, a shorter one of the first terms
-        alone, ``[(2,), (1, 1), (2, 1)]``, and an int that of each term. None is then
-        equal ranks of one term, of two, and so on, whose sum is at most 6; of a
-        single kernel it is 0, 1, 2, ... up to 6 or
-        the number of tasks, as long as four samples come on each free parameter of a
-        task covariance, and, of sparse inference, until two in a row are worse than a
-        lower one; the paper has (2, 4, 5, 6, 8, 10).
+        Ranks to compare. Ranks above the highest possible one count as that: the number
+        of tasks, or one more than the number of descriptors. 0 is one function of all
+        tasks, ``rank=0, shared=True``.
+
+        None tries 0, 1, 2, ... up to 6 or the number of tasks, as long as there are
+        four samples for each free parameter of the task covariance. Sparse inference
+        stops when two ranks in a row are worse than a lower one. The paper has (2, 4,
+        5, 6, 8, 10).
+
+        If the estimator's kernel is a list, a tuple has the rank of each term, and an
+        int stands for the same rank of each. A shorter tuple has the first terms alone,
+        such as ``[(2,), (1, 1), (2, 1)]``. None is then equal ranks of one term, of
+        two, and so on, with a sum of at most 6.
     simpler : {"auto"} or bool, default="auto"
-        Whether these are candidates, too: "independent", independent tasks that share
-        their kernel, ``rank=0, diagonal="equal"``; "compound symmetry", a function of
-        all tasks and an independent deviation of each, ``rank=0, shared=True,
-        diagonal="equal"``; "single tasks", a SingleTaskGP, if inference is exact and
-        each task has twice as many samples as hyperparameters. "auto" is True where
-        `ranks` is None and inference is exact; with several kernels it is False.
+        Whether simpler models are candidates, too:
+
+        - "independent": independent tasks that share their kernel, ``rank=0,
+          diagonal="equal"``.
+        - "compound symmetry": a function of all tasks and an independent deviation of
+          each, ``rank=0, shared=True, diagonal="equal"``.
+        - "single tasks": a SingleTaskGP, if inference is exact and each task has at
+          least twice as many samples as hyperparameters.
+
+        "auto" is True if `ranks` is None and inference is exact. With several kernels
+        it is False.
     criterion : {"bic", "aic", "hqc", "loo", "laplace"}, default="bic"
-        Which criterion chooses. "loo" takes one more decomposition for each candidate
-        and output, and needs the rows: it refuses Dask collections. "laplace" takes two
-        more gradients for each hyperparameter of each candidate.
+        Criterion that chooses. "loo" takes one more decomposition for each candidate
+        and output. It needs the rows, so Dask collections are an error. "laplace" takes
+        two more gradients for each hyperparameter of each candidate.
     keep_estimators : bool, default=False
-        Whether all models are kept, not the best one alone.
+        Whether to keep all models, not only the best one.
     n_jobs : int, default=None
         Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each output and rank and, where one takes long, every few
-        seconds how far it is; 2 more of them during each climb.
+        With 1, learning prints a line for each output and rank, and every few seconds
+        how far a long one is. With 2 it prints more of these. Lines go to the logger
+        "skmtgp"; without handlers they are printed.
 
     Attributes
     ----------
     best_rank_ : int, or tuple of int
-        The chosen rank, 0 for each of the simpler models: how many functions the tasks
-        share each in a way of its own. With several kernels that of each term.
+        The chosen rank, 0 for each of the simpler models. With several kernels the rank
+        of each term.
     best_model_ : str
-        The name of the chosen candidate: "rank 2", "shared" for rank 0, or that of a
+        Name of the chosen candidate: "rank 2", "shared" for rank 0, or the name of a
         simpler model, see `simpler`.
     best_estimator_ : MultiTaskGPRegressor or SingleTaskGP
         The chosen model, fitted.
     results_ : DataFrame of n_candidates rows
-        rank, model (its name), log_marginal_likelihood (of y in its own units, summed
-        over outputs), n_hyperparameters, bic, aic, hqc, loo or laplace if that is the
-        criterion, fit_time: seconds of computing spent on it, the first stage that they
-        share counted for each, and chosen: whether it is `best_model_`. With several
-        outputs, output0_log_marginal_likelihood and so on too.
+        A row for each candidate, with the columns
+
+        - rank and model (its name);
+        - log_marginal_likelihood, of y in its own units, summed over outputs; with
+          several outputs also output0_log_marginal_likelihood and so on;
+        - n_hyperparameters;
+        - bic, aic, hqc, and loo or laplace if that is the criterion;
+        - fit_time: seconds of computing spent on it, including the first stage that all
+          share;
+        - chosen: whether it is `best_model_`.
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_candidates estimators
         The model of each row of `results_`, fitted. Only if `keep_estimators`.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
@@ -136,20 +150,21 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     Notes
     -----
     Section 4 and eq. 8 of Chai, Williams, Klanke and Vijayakumar (2008). The stages of
-    learning that do not depend on the rank are done once, and all ranks have the same
-    units and noise. Where the estimator's `learning` is "annealed" no rank ends below a
-    lower one, see :mod:`skmtgp.learning`. Where rank 0 or compound symmetry is chosen,
-    tasks that `fit` has not seen are predicted too, if the units are shared.
+    learning that do not depend on the rank are done once. All ranks have the same units
+    and noise. If the estimator's `learning` is "annealed", no rank has a lower
+    likelihood than a lower rank, see :mod:`skmtgp.learning`. If rank 0 or compound
+    symmetry is chosen and the units are shared, tasks that `fit` has not seen can be
+    predicted, too.
 
-    A single task is taken off the mean of its samples. With `task_levels` it has a
-    level around that, with the prior of unit information; without, the mean is not
-    counted. All other hyperparameters of the tasks are. Where single tasks are chosen,
-    `summary`, `add_task` and what shows how tasks are related say that there is nothing
-    of the kind.
+    For single tasks the mean of each task's samples is subtracted. With `task_levels` a
+    task has a level around this mean, with the prior of unit information. Without
+    levels the mean does not count as a parameter. All other hyperparameters of the
+    tasks count. If single tasks are chosen, `summary`, `add_task` and the displays of
+    how tasks are related raise an error.
 
-    For "loo" the hyperparameters have seen the observation that is left out, so that it
-    may take larger ranks than needed; where ranks predict all but alike, BIC takes the
-    smallest of them.
+    With "loo" the hyperparameters have seen the observation that is left out, so it may
+    choose a larger rank than needed. If several ranks predict nearly equally well, BIC
+    chooses the smallest of them.
 
     Examples
     --------
@@ -212,7 +227,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets. Outputs are learned separately and share the rank.
         alpha, sample_weight, repeat_variance : array-like, default=None
-            What is known of the noise of each row, see `fit` of the estimator. BIC
+            What is known about the noise of each row, see `fit` of the estimator. BIC
             counts all measurements that rows are means of.
 
         Returns
@@ -369,32 +384,33 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def loo_predict(
         self, include_noise: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict each training sample from all the others with the best model.
+        """Predict each training sample from all others with the best model.
 
         Parameters
         ----------
         include_noise : bool, default=False
-            Whether the uncertainty is that of the observation that was left out rather
+            Whether the uncertainty is that of the observation that was left out, rather
             than that of f.
 
         Returns
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given.
+            Mean of f at each training sample given the others, in units of y and in the
+            order of the rows in `fit`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 
         Raises
         ------
         NotFittedError
-            If no rank was chosen yet.
+            If the search was not fitted.
 
         Notes
         -----
-        Rasmussen and Williams (2006), eqs. 5.10 to 5.12, see
-        :meth:`MultiTaskGPRegressor.loo_predict`, also for scores. The rank is kept as
-        are the hyperparameters: it was chosen with the sample that is left out.
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12. See
+        :meth:`MultiTaskGPRegressor.loo_predict`, also for scores. The rank and the
+        hyperparameters stay as they are, although they were chosen with the sample that
+        is left out.
 
         Examples
         --------
@@ -413,7 +429,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self.best_estimator_.loo_predict(include_noise)
 
     def predict_terms(self, X: ArrayLike) -> NDArray[np.float64]:
-        """Predict each term of the best model by itself, and the level.
+        """Predict each term of the best model separately, and the level.
 
         Parameters
         ----------
@@ -428,27 +444,27 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Raises
         ------
         NotFittedError
-            If no rank was chosen yet.
+            If the search was not fitted.
         TypeError
-            If single tasks were chosen, or X is a Dask collection.
+            If single tasks were chosen, or if X is a Dask collection.
         ValueError
             If a task was not seen in fit and cannot be predicted.
         """
         return self._joint("predict_terms").predict_terms(X)
 
     def summary(self) -> pd.DataFrame:
-        """A table of the tasks: what the best model has learned of each.
+        """Return what the best model has learned of each task, as a table.
 
         Returns
         -------
         summary : DataFrame of n_tasks rows
             Number of rows, level, noise, share of the variance explained and closest
-            task, in units of y: see :meth:`MultiTaskGPRegressor.summary`.
+            task, see :meth:`MultiTaskGPRegressor.summary`.
 
         Raises
         ------
         NotFittedError
-            If no rank was chosen yet.
+            If the search was not fitted.
         TypeError
             If single tasks were chosen.
         """
@@ -457,7 +473,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def task_correlation_interval(
         self, level: float = 0.95
     ) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Between which values the correlations of the tasks are, by the best model.
+        """Return intervals of the tasks' correlations, by the best model.
 
         Parameters
         ----------
@@ -467,12 +483,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Returns
         -------
         lower, upper : DataFrame of n_tasks rows and columns
-            See :meth:`MultiTaskGPRegressor.task_correlation_interval`.
+            Ends of the intervals, see
+            :meth:`MultiTaskGPRegressor.task_correlation_interval`.
 
         Raises
         ------
         NotFittedError
-            If no rank was chosen yet.
+            If the search was not fitted.
         TypeError
             If single tasks were chosen.
         ValueError
@@ -484,7 +501,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:
-        """The best model with one more task, at the rank that was chosen.
+        """Return the search with one more task in the best model, at the chosen rank.
 
         Parameters
         ----------
@@ -499,8 +516,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Returns
         -------
         model : RankSearchIC
-            A new fitted estimator with another `best_estimator_`; `results_` are those
-            of the search, without the new task. This one stays as it is.
+            A new fitted search with another `best_estimator_`. Its `results_` do not
+            have the new task. The present search does not change.
 
         Raises
         ------
@@ -517,7 +534,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def partial_fit(
         self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
     ) -> Self:
-        """Let rows join the best model, at the rank that was chosen.
+        """Add rows to the best model, at the chosen rank.
 
         The first call is `fit`.
 
@@ -533,7 +550,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Returns
         -------
         self : object
-            With another `best_estimator_`; `results_` are those of the search.
+            With another `best_estimator_`. Its `results_` do not have the new rows.
 
         Raises
         ------
@@ -564,14 +581,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Parameters
         ----------
         theta : array-like of shape (n_theta,), default=None
-            Parameters, as in ``best_estimator_.theta_``. None is the learned ones.
+            Parameters, as in ``best_estimator_.theta_``. None means the learned
+            parameters.
         eval_gradient : bool, default=False
-            Whether to return the gradient too.
+            Whether to return the gradient, too.
 
         Returns
         -------
         log_likelihood : float
-            Summed over the outputs.
+            Sum over the outputs.
         gradient : ndarray of shape (n_theta,)
             Its gradient. Only if `eval_gradient`.
         """
@@ -580,7 +598,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     @property
     def results_(self) -> pd.DataFrame:
-        """A table of the ranks, made anew."""
+        """Table of the candidates, computed anew."""
         check_is_fitted(self)
         return pd.DataFrame(self._table)
 
@@ -592,7 +610,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     @property
     def n_features_in_(self) -> int:
-        """Number of columns of X, the task column counted."""
+        """Number of columns of X, including the task column."""
         check_is_fitted(self)
         return self.best_estimator_.n_features_in_
 

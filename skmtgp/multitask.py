@@ -42,271 +42,316 @@ FEW = 8  # rows of a task on average: fewer may tell no more than what all share
 class MultiTaskGPRegressor(BaseMultiTaskGP):
     r"""Multi-task Gaussian process regression with a learned task covariance.
 
-    The tasks are related functions of the same inputs; one column of X says which task
-    a row belongs to. For each output alone,
+    The tasks are related functions of the same inputs. One column of X says which task
+    a row belongs to. Each output is modelled separately:
 
     .. math::
         \mathrm{cov}(f^m(x), f^{m'}(x'))
         = v\, \delta_{mm'} + K^\rho_{mm'}\, k^x(x, x'), \qquad
         t^m(x) \sim \mathcal N(f^m(x), \sigma_m^2)
 
-    with levels of the tasks of variance v, a positive semi-definite task covariance
-    :math:`K^\rho` of the given rank, a kernel :math:`k^x` over the inputs and noise
-    variances, all of them learned by maximising the marginal likelihood. Any task may
-    be observed at any inputs.
+    Here v is the variance of the tasks' levels, :math:`K^\rho` is a positive
+    semi-definite task covariance of the given rank, :math:`k^x` is a kernel over the
+    inputs, and :math:`\sigma_m^2` are noise variances. All of them are learned by
+    maximising the marginal likelihood. Each task may be observed at any inputs.
 
     Parameters
     ----------
     kernel : Kernel, str or None, or list of them, default=None
-        :math:`k^x` over the columns of X without the task column: any kernel of
-        :mod:`sklearn.gaussian_process.kernels` or :mod:`skmtgp.kernels`. Its values are
-        where learning starts, its bounds are kept. Or the name of one, which gets a
-        length-scale for each feature, started and bounded relative to the feature's
-        standard deviation: "rbf", the squared exponential, which None is too,
-        "exponential", "matern" and "matern52" (Matern's of nu = 1/2, 3/2 and 5/2),
-        "periodic" or "linear". The task covariance is its amplitude. A list has the
-        kernel of each of several terms, see Notes.
+        Kernel :math:`k^x` over the columns of X without the task column. It is a kernel
+        of :mod:`sklearn.gaussian_process.kernels` or :mod:`skmtgp.kernels`. Its values
+        are starting values, and its bounds are kept. The task covariance is its
+        amplitude. A string names a kernel with a length-scale for each feature.
+        Starting values and bounds are then relative to the feature's standard
+        deviation:
+
+        - "rbf": the squared exponential, the same as None;
+        - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
+          5/2;
+        - "periodic" and "linear".
+
+        A list has a kernel for each of several terms, see Notes.
     rank : int or list of int or None, default=None
-        Rank of the task covariance, 0 to the number of tasks, with `task_descriptors`
-        to one more than there are of them if that is less. None is full rank, or
-        the highest that leaves four rows for each number of the task covariance, of the
-        `n_exact` rows where inference is sparse. Where tasks have fewer than eight of
-        those on average, BIC chooses between that rank, one function that all tasks
-        share (rank 0) and, if inference is exact, compound symmetry, see `diagonal`;
-        `rank_` and `diagonal_` tell. Rank 0 needs ``shared=True``, one function of all
-        tasks and, with `task_levels`, a level of each, for many tasks of a handful of
-        rows; or ``diagonal="equal"``. With a list of kernels a list has the rank of
-        each term; None is then never left to BIC.
+        Rank of the task covariance: the number of functions that the tasks mix. It is
+        at most the number of tasks, with `task_descriptors` at most one more than the
+        number of descriptors.
+
+        None is full rank, as far as there are at least four rows for each number of the
+        task covariance. For sparse inference the `n_exact` rows count. With fewer than
+        eight rows per task, BIC chooses between this rank and two simpler models: one
+        function that all tasks share (rank 0) and, with exact inference, compound
+        symmetry (see `diagonal`). `rank_` and `diagonal_` have the choice.
+
+        Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
+        tasks have one function, and with `task_levels` each has its own level. That
+        suits many tasks with a handful of rows.
+
+        With several kernels a list has the rank of each term. BIC does not choose then.
     shared : bool or list of bool, default=False
-        Whether all tasks share one function alike, and differ from it by functions of
-        the given rank: :math:`K^\rho = a 1 1^T + L L^T`. A task that `fit` has not
-        seen is then predicted by what all share. Of several terms a list has one value
-        for each.
+        Whether all tasks share one function in equal amounts: :math:`K^\rho = a 1 1^T +
+        L L^T`. They differ from it by functions of the given rank. A task that `fit`
+        has not seen is then predicted by the shared function. With several terms a list
+        has one value for each.
     diagonal : bool or "equal", or list of them, default=False
-        Whether to add a learned diagonal to the task covariance: variation that a task
-        shares with no other, with a variance of its own or, "equal", one that is the
-        same for all. ``rank=0, diagonal="equal"`` has independent tasks, and with
-        ``shared=True`` too it is compound symmetry: any two tasks are equally alike.
-        Of several terms a list has one value for each.
+        Whether to add a learned diagonal to the task covariance. It is variation that a
+        task shares with no other. True has a variance for each task, and "equal" has
+        one variance for all. ``rank=0, diagonal="equal"`` makes the tasks independent.
+        With ``shared=True``, too, it is compound symmetry: any two tasks are equally
+        alike. With several terms a list has one value for each.
     task_levels : bool, default=True
-        Whether each task has a level: a constant that is added to its function, drawn
-        from N(0, v). The variance v is learned. Levels are integrated out exactly.
+        Whether each task has a level: a constant that is added to its function. Levels
+        have the prior N(0, v) with a learned variance v, and are integrated out
+        exactly.
     task_feature : int or str, default=-1
-        Position or name of the column of X with the task labels (int or str).
+        Position or name of the column of X with the task labels, which are integers or
+        strings.
     task_descriptors : sequence of int or str, default=None
-        Positions or names of columns of X with numbers that describe the tasks, and are
-        constant within each: a machine's age, the mass of a robot's load. They are no
-        inputs of :math:`k^x`, but :math:`K^\rho = D B B^\top D^\top` with a row
-        [1, descriptors] of D for each task, and B of the given rank learned in its
-        place. A task that `fit` has not seen is then predicted from its descriptors.
+        Positions or names of columns of X with numbers that describe the tasks, such as
+        a machine's age or the mass of a robot's load. They are constant within a task,
+        and are not inputs of :math:`k^x`. Instead :math:`K^\rho = D B B^\top D^\top`,
+        where D has a row [1, descriptors] for each task, and B of the given rank is
+        learned. A task that `fit` has not seen is then predicted from its descriptors.
         See :doc:`/guide/descriptors`.
     trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
-        A trend that is added to the functions of the tasks, of columns of X that stay
-        inputs of :math:`k^x`: their positions or names; or a transformer of
-        scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
-        of X without that of the task; "linear" is a constant and all columns, and
-        "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense, or sparse where
-        that is asked for. See :doc:`/guide/trend`.
+        Trend that is added to the functions of the tasks, also called universal
+        kriging:
+
+        - "constant" is a constant alone;
+        - "linear" is a constant and all features;
+        - a sequence has positions or names of columns of X, such as ``["elevation"]``;
+        - a transformer of scikit-learn, such as PolynomialFeatures, makes the trend's
+          columns from X without the task column. It is cloned.
+
+        The columns remain inputs of :math:`k^x`. The coefficients have a flat prior and
+        are integrated out exactly. Inference is dense, or sparse if you
+        ask for it. See :doc:`/guide/trend`.
     trend_per_task : bool, default=False
-        Whether each task has coefficients of its own. Tasks share them otherwise.
+        Whether each task has its own coefficients of the trend. By default all tasks
+        share them.
     noise : {"auto", "shared", "per_task"}, default="auto"
-        Whether the tasks share one noise variance or have one each. "auto" asks the
-        data, see Notes.
+        Whether the tasks share one noise variance or have one each. "auto" decides by
+        the data, see Notes.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the target, of each task if
-        they have units of their own.
+        Starting value of the noise variance, relative to the variance of the target. If
+        tasks have their own units, it is relative to the variance of each task.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same. "fixed" with
-        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
+        Bounds of the noise variance, relative to the same variance. "fixed" keeps
+        `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
+        `alpha` of `fit`.
     normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
-        Units in which the targets are learned. "shared", or True, takes an output off
-        the mean of all its targets and divides it by their standard deviation, with
-        `task_levels` by that around the means of the tasks. "per_task" takes each task
-        off its own mean and divides it by its own deviation; one of one or two rows, or
-        of equal targets, by the geometric mean of the others' deviations. "auto" asks
-        the data, see Notes. With False the model's mean is zero.
+        Units in which the targets are learned:
+
+        - "shared", or True, subtracts the mean of all targets of an output and divides
+          by their standard deviation. With `task_levels` this is the standard deviation
+          around the means of the tasks.
+        - "per_task" subtracts each task's own mean and divides by its own standard
+          deviation. A task with one or two rows, or with equal targets, is divided by
+          the geometric mean of the other tasks' standard deviations.
+        - "auto" decides between these two by the data, see Notes.
+        - False leaves the targets as they are; the model's mean is then zero.
     target_transform : transformer or pair of functions, default=None
-        Is applied to the targets before anything else, to each output by itself: a
+        Transformation that is applied to each output before anything else. It is a
         transformer of scikit-learn with an inverse, which is cloned, or a function and
-        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
-        Predictions, intervals and draws are in units of y; likelihoods and learned
+        its inverse, such as ``(np.log, np.exp)``. It must be strictly monotone.
+        Predictions, intervals and draws are in units of y. Likelihoods and learned
         attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
-        How the likelihood is computed. "dense" decomposes the covariance of all
-        samples. "kronecker" decomposes those of the inputs and of the tasks, and needs
-        complete data: every task observed at the same inputs, once each, with less than
-        half of these cells missing. "auto" is "kronecker" where at most a tenth are,
-        "dense" elsewhere; both are exact.
-        "sparse" approximates, for data too large for them: a lower bound on the
-        likelihood by inducing inputs takes its place.
-        An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is a
-        method of your own.
+        How the likelihood is computed:
+
+        - "dense" decomposes the covariance of all samples. It is exact.
+        - "kronecker" decomposes the covariances of the inputs and of the tasks. It is
+          exact, too, and much faster. It needs complete data: every task observed at
+          the same inputs, once each. Less than half of these cells may be missing.
+        - "auto" is "kronecker" if at most a tenth of the cells are missing, and "dense"
+          otherwise.
+        - "sparse" approximates, for large data. It maximises a lower bound on the
+          likelihood from a few inducing inputs.
+        - An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is your
+          own method.
     n_inducing : int, default=500
-        Number of inducing inputs, only for "sparse": more are closer to exact, and
-        take time with their square or, many of them, their cube.
+        Number of inducing inputs, only for "sparse". More of them are closer to exact
+        inference. Time grows with the square of their number; with many of them, with
+        the cube.
     inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
-        Which they are, only for "sparse". "greedy" takes training inputs, each the one
-        with the largest variance given those before. "k-means" takes the means of
-        clusters of the standardised training inputs. "optimised" moves those of
-        "greedy" to where the bound is higher, which takes longer and needs a kernel
-        whose derivative by its inputs is known. From more than 20,000 rows the first
-        choice is among as many of them, drawn at random.
+        How the inducing inputs are chosen, only for "sparse":
+
+        - "greedy" chooses training inputs one by one. Each is the one with the largest
+          variance given those before.
+        - "k-means" uses the means of clusters of the standardised training inputs.
+        - "optimised" starts from "greedy" and moves the inputs to increase the bound.
+          It takes longer, and needs a kernel with a known derivative by its inputs.
+
+        With more than 20,000 rows the first choice is among 20,000 of them, drawn at
+        random.
     n_exact : int, default=1100
-        Number of samples, drawn at random, that are learned from exactly before the
-        bound is, only for "sparse". Without noise it is from them that most is learned
-        of the kernel: more take time with the cube of their number, and memory with
-        its square. Ranks for which they are less than four for each number of the task
-        covariance are learned from all rows alone, from the mode of a lower rank.
+        Number of samples for the first part of learning, only for "sparse". They are
+        drawn at random and learned from exactly, before the bound is maximised. Without
+        noise they determine most of the kernel. Time grows with the cube of their
+        number, memory with its square. Ranks with fewer than four of these samples for
+        each number of the task covariance are learned from all rows alone. They start
+        at the mode of a lower rank.
     learning : {"annealed", "staged", "simultaneous"}, default="annealed"
-        How the mode is searched for. "annealed" finds the best ones; "staged" is the
-        heuristic of the paper's section 3 to the letter; "simultaneous" learns all
-        parameters at once from a random task covariance, which the paper argues
-        against.
+        How the mode is searched for. "annealed" finds the best modes. "staged" follows
+        section 3 of the paper to the letter. "simultaneous" learns all parameters at
+        once from a random task covariance, which the paper advises against.
     truncation : {"eigen", "cholesky"}, default="eigen"
-        How the first estimate of the task covariance gets its rank, section 3.2: by its
-        leading eigenvectors, or by an incomplete Cholesky decomposition.
+        How the first estimate of the task covariance gets its rank (section 3.2): by
+        its leading eigenvectors, or by an incomplete Cholesky decomposition.
     n_restarts_optimizer : int, default=0
-        Number of additional starts. The first truncates a fit of full rank, the others
-        are random; with "simultaneous" all are.
+        Number of additional starts. The first starts from a fit of full rank, truncated
+        to the given rank; the others are random. With "simultaneous" all are random.
     hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
-        What predictions take for the hyperparameters. "mode" is the maximum of the
-        likelihood. "map" is the maximum of the likelihood times weak priors, which are
-        relative to the sizes of the data. "sampled" averages over draws from that
-        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
-        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
-        else "mode". The attributes are those of the mode all the same, but for the
-        levels of the tasks. With `max_iter` 0 nothing is drawn.
+        Which values of the hyperparameters predictions use:
+
+        - "mode" uses the maximum of the likelihood.
+        - "map" uses the maximum of the likelihood times weak priors, which are relative
+          to the size of the data.
+        - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
+          Its intervals are right even where few rows leave the hyperparameters
+          uncertain. It takes about ten times as long.
+        - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
+          hyperparameter, and "mode" otherwise.
+
+        The attributes are those of the mode in any case, except for the levels of the
+        tasks. With ``max_iter=0`` nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, if there are any. Each takes as much
-        memory as a fitted model. Ten times as many are drawn.
+        Number of draws that predictions average over, only if hyperparameters are
+        sampled. Ten times as many are drawn and thinned. Each takes as much memory as a
+        fitted model.
     max_iter : int, default=2000
-        Most iterations of each maximisation; 0 keeps the starting values.
+        Maximum number of iterations of each maximisation. 0 keeps the starting values.
     tol : float, default=1e-2
-        Gain in the log likelihood, in nats, under which a maximisation ends. For
-        "sparse", climbs of the bound end under 1e-4 nats a row, but at most 10 nats,
-        where this is more.
+        A maximisation ends when the log likelihood gains less than this, in nats. For
+        "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
+        nats.
     n_jobs : int, default=None
         Number of outputs learned at the same time, see :term:`n_jobs`.
     random_state : int, RandomState instance or None, default=None
-        Source of the random starts. Not used if `n_restarts_optimizer` is 0, unless
+        Source of the random starts. Used only if `n_restarts_optimizer` is not 0 or
         `learning` is "simultaneous".
     verbose : int, default=0
-        1 prints a line for each output and stage of learning and, where one takes
-        long, every few seconds how far it is; 2 more of them during each climb.
+        With 1, learning prints a line for each output and stage, and every few seconds
+        how far a long stage is. With 2 it prints more of these. Lines go to the logger
+        "skmtgp"; without handlers they are printed.
 
     Attributes
     ----------
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     kernel_ : Kernel, or list of n_outputs of them
-        :math:`k^x` as learned; of several terms a list in its place.
+        The learned kernel :math:`k^x`. With several terms a list has the kernel of
+        each.
     task_covariance_ : ndarray of shape ([n_outputs,] [n_terms,] n_tasks, n_tasks)
-        :math:`K^\rho` as learned, in squared units of y: those of either task where
-        they have units of their own.
+        The learned :math:`K^\rho`, in squared units of y. If tasks have their own
+        units, an entry is in the product of the units of both tasks.
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
-        outputs ``task_correlation_.loc[j]`` is that of output j, with several terms
-        ``task_correlation_.loc[q]`` that of term q.
+        outputs ``task_correlation_.loc[j]`` is that of output j. With several terms
+        ``task_correlation_.loc[q]`` is that of term q.
     task_descriptors_ : DataFrame of n_tasks rows
-        The descriptors of each task. Only with `task_descriptors`.
+        Descriptors of each task. Only with `task_descriptors`.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
-        Its lower trapezoidal factor: ``L @ L.T``, without the diagonal and without the
-        function that all share. Of several terms a list of theirs, of other ranks.
+        Lower trapezoidal factor of `task_covariance_`: ``L @ L.T``, without the
+        diagonal and the shared function. With several terms it is a list, because their
+        ranks may differ.
     level_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Variance of the levels around `y_mean_`, in squared units of y; 0 without
-        `task_levels`. One for each task where they have units of their own.
+        Variance of the levels around `y_mean_`, in squared units of y. 0 without
+        `task_levels`. One for each task if tasks have their own units.
     task_level_, task_level_std_ : ndarray of shape ([n_outputs,] n_tasks)
-        Level of each task given the data, in units of y with `y_mean_` included, and
-        its standard deviation. Without `task_levels` they are `y_mean_` and 0.
+        Level of each task given the data, with `y_mean_` included, and its standard
+        deviation, in units of y. Without `task_levels` they are `y_mean_` and 0.
     coef_, coef_std_ : ndarray of shape ([n_outputs,] [n_tasks,] n_trend)
-        Coefficients of the trend given the data, in units of y for one of their column,
-        and their standard deviations. This and the next two only with `trend`.
+        Coefficients of the trend given the data, and their standard deviations, in
+        units of y per unit of the trend's column. These and the next two exist only
+        with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
         Names of the trend's columns.
     trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
-        What the columns are taken off, as the targets are off `y_mean_`.
+        What is subtracted from the trend's columns, as `y_mean_` is from the targets.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        Noise variance in squared units of y. One for each task where they have noise
-        or units of their own.
+        Noise variance in squared units of y. One for each task if tasks have their own
+        noise or units.
     y_mean_, y_scale_ : float or ndarray of shape ([n_outputs,] [n_tasks])
-        What was taken off the targets, and what they were divided by. One for each task
-        where they have units of their own. 0 and 1 without `normalize_y`.
+        What was subtracted from the targets, and what they were divided by. One for
+        each task if tasks have their own units. 0 and 1 without `normalize_y`.
     normalize_y_ : {"per_task", "shared"} or False
-        The units that were used, chosen if `normalize_y` is "auto".
+        Units that were used. "auto" has chosen one of them.
     noise_ : {"shared", "per_task"}
-        The noise that was used, chosen if `noise` is "auto".
+        Kind of noise that was used. "auto" has chosen one of them.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over the outputs. With `trend` it is that of what the trend
-        leaves of y: models of other trends do not compare.
+        Log density of y in its own units, summed over the outputs. For sparse inference
+        it is a lower bound. With `trend` it is the density of what the trend leaves of
+        y, so models with different trends cannot be compared by it.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters as eq. 8 counts them, summed over the outputs: those
-        of the kernel, r (2 M + 1 - r) / 2 of the task covariance (with p descriptors
-        p + 1 takes the place of M), 1 of a function that all share, M of a diagonal, 1
-        of all levels, and the noise. The scale of the task covariance and an amplitude
-        of the kernel count both, as in the paper.
-        Means and deviations that `normalize_y` takes do not count, nor do coefficients
-        of a trend.
+        of the kernel, r (2 M + 1 - r) / 2 of a task covariance of rank r for M tasks, 1
+        of a shared function, M of a diagonal, 1 of all levels, and the noise. With p
+        descriptors p + 1 takes the place of M. As in the paper, the scale of the task
+        covariance and an amplitude of the kernel both count. What `normalize_y` takes
+        from the data does not count, nor do coefficients of a trend.
     theta_ : ndarray of shape (n_theta,)
-        All parameters as learned, for each output: the kernel's theta, of several terms
-        one after another, then, term by term, the factor of
-        the task covariance row by row, the logarithm of the variance a of the function
-        that all share, logarithms of the diagonal, the logarithm of the levels'
-        variance, logarithms of the noise variances, each if the model has it. All are
-        of the scaled output. It is scaled by `y_scale_`; without `normalize_y` by its
-        root mean square, with `task_levels` by the deviation around the means of the
-        tasks. The factor is a rotation of `task_factor_`: ``L @ Q``, with the same
-        ``L @ L.T``. With `task_descriptors` it is that of their coefficients, in
-        units in which they are independent.
+        All learned parameters, output by output:
+
+        - theta of the kernel, or of the kernels of all terms;
+        - for each term the factor of the task covariance, row by row, the logarithm of
+          the variance a of the shared function, and logarithms of the diagonal;
+        - the logarithm of the levels' variance, and logarithms of the noise variances.
+
+        Parts that the model does not have are left out. All are those of the scaled
+        output. It is scaled by `y_scale_`; without `normalize_y` by its root mean
+        square, or with `task_levels` by the standard deviation around the means of the
+        tasks. The factor is a rotation of `task_factor_`: ``L @ Q`` has the same ``L @
+        L.T``. With `task_descriptors` it is the factor of their coefficients, in units
+        in which they are independent.
     rank_ : int, or list of int
-        Rank of the task covariance, a function that all share not counted; of several
-        terms that of each.
+        Rank of the task covariance, without the shared function. With several terms the
+        rank of each.
     diagonal_ : bool or "equal", or list of them
-        Which diagonal the task covariance has; of several terms that of each.
+        Which diagonal the task covariance has. With several terms that of each.
     hyperparameters_ : {"mode", "map", "sampled"}
-        What predictions take for the hyperparameters.
+        Which hyperparameters predictions use. "auto" has chosen one of these.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
-        Draws of `theta_`. This and the next three only if hyperparameters are sampled.
+        Draws of `theta_`. This and the next three exist only if hyperparameters are
+        sampled.
     effective_sample_size_ : float
-        Of how many independent draws all that were drawn, ten for each that is kept,
-        are worth, of the hyperparameter for which that is least.
+        Number of independent draws that are worth as much as all draws made, ten for
+        each that is kept. It is that of the hyperparameter with the smallest number.
     r_hat_ : float
-        How far the chains disagree about the hyperparameter for which that is most; 1
-        is not at all.
+        How much the chains disagree, for the hyperparameter where they disagree most. 1
+        means that they agree.
     n_divergences_ : int
-        Trajectories that left the region where the posterior can be computed.
+        Number of trajectories that left the region where the posterior can be computed.
     n_iter_ : int
-        Iterations on the way to the mode, of the output with most of them.
+        Number of iterations on the way to the mode, for the output with the most.
     n_evaluations_ : int
-        Likelihoods with their gradients that learning took, those of modes that were
-        not kept counted, summed over the outputs. In a RankSearchIC what the ranks
-        share counts for each of them. What "auto" asks a small model does not count.
+        Number of evaluations of the likelihood and its gradient during learning, summed
+        over the outputs. Modes that were not kept count, too. In a RankSearchIC, what
+        the ranks share counts for each of them. The small model that "auto" uses does
+        not count.
     complete_ : bool
         Whether every task was observed at the same inputs, once each.
     inference_ : str
         How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
-        an engine of your own.
+        your own engine.
     inducing_inputs_ : ndarray of shape (n_inducing, n_features - 1)
-        The inducing inputs; a list of n_outputs of them where y has two dimensions.
-        Fewer than `n_inducing` where more would add nothing. Only if inference is
-        sparse.
+        The inducing inputs, or a list of n_outputs of them if y has two dimensions.
+        There are fewer than `n_inducing` if more would add nothing. Only for sparse
+        inference.
     X_train_ : ndarray of shape (n_samples, n_features - 1)
-        Training inputs without the task column, nor the descriptors. Not there, nor are
-        the next two and `complete_`, if X was a Dask collection.
+        Training inputs without the task column and the descriptors. This, the next two
+        and `complete_` do not exist if X was a Dask collection.
     tasks_train_ : ndarray of shape (n_samples,)
-        Position in `tasks_` of each training sample's task.
+        Position in `tasks_` of the task of each training sample.
     y_train_ : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-        Training targets, transformed by `target_transform` if there is one.
+        Training targets, after `target_transform` if there is one.
     target_transformer_ : transformer or list of n_outputs transformers
-        The fitted transformers of the outputs. Only with `target_transform`.
+        Fitted transformers of the outputs. Only with `target_transform`.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
@@ -317,45 +362,49 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     Notes
     -----
-    The model is eq. 6 of [1]_, the rank-constrained model of its section 3, with levels
-    and units of the tasks. ``task_levels=False, normalize_y="shared", noise="shared"``
-    is the paper's. It is learned in stages as there, with additions that
-    :mod:`skmtgp.learning` describes. In units of y and for tasks t, t' of the samples,
-    ``y - y_mean_[t]`` is normal with mean zero and covariance
-    ``level_variance_ * (t == t') + task_covariance_[t, t'] * kernel_(X, X')``, plus
-    ``noise_variance_`` for a sample with itself. Where one of these has a number for
-    each task, it is that of t. With a trend of columns H it is ``y - y_mean_[t] -
-    (H - trend_mean_) @ coef_`` that is normal, with coefficients of any size. Time
-    grows with the cube of the number of samples, memory with its square.
+    The model is eq. 6 of [1]_, the rank-constrained model of its section 3, with
+    additional levels and units of the tasks. The paper's model is ``task_levels=False,
+    normalize_y="shared", noise="shared"``. Learning follows the paper's stages, with
+    additions that :mod:`skmtgp.learning` describes.
 
-    With a list of kernels the covariance has a term for each,
-    :math:`\sum_q K^{\rho_q}_{mm'}\, k_q(x, x')`: the linear model of coregionalisation,
-    with ranks 1 the semiparametric latent factor model. `predict_terms` takes
-    predictions apart. Inference is then "dense" or, where asked for, "sparse", and
-    hyperparameters are those of the mode. A list of one kernel is that kernel. See
-    :doc:`/guide/terms`.
+    Let t and t' be the tasks of two samples. In units of y, ``y - y_mean_[t]`` is
+    normal with mean zero and covariance ``level_variance_ * (t == t') +
+    task_covariance_[t, t'] * kernel_(X, X')``, plus ``noise_variance_`` for a sample
+    with itself. If an attribute has a number for each task, the one of t counts. With a
+    trend of columns H, the normal quantity is ``y - y_mean_[t] - (H - trend_mean_) @
+    coef_``, with coefficients of any size. Time grows with the cube of the number of
+    samples, memory with its square.
 
-    What "auto" means for `normalize_y` and `noise`, the data say before learning. A
-    small model is asked: tasks that have nothing in common but :math:`k^x`, with an
-    amplitude and a level each, learned from a few hundred rows. Its likelihoods of y,
-    in shared units and in those of each task, with shared noise and with noise of each
-    task, are compared after half the logarithm of the number of rows was taken off for
-    each parameter; for one that a task has, of the number of its own rows. Units
-    are shared without asking if the deviations of the tasks' targets differ by no more
-    than chance. Noise of each task is only tried if it promises to gain; where exact
-    inference has learned with shared noise, it is asked once more of what was learned.
-    With `max_iter` 0 both are shared, and noise that is "fixed" is.
+    With a list of kernels the covariance has a term for each, :math:`\sum_q
+    K^{\rho_q}_{mm'}\, k_q(x, x')`. This is the linear model of coregionalisation. With
+    ranks 1 it is the semiparametric latent factor model. `predict_terms` predicts each
+    term separately. Inference is then "dense" or, if asked for, "sparse", and
+    hyperparameters are those of the mode. A list of one kernel is the same as that
+    kernel. See :doc:`/guide/terms`.
 
-    With complete data of N inputs and M tasks they grow with :math:`N^3` and
-    :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra,
-    which pays from two tasks on, also with up to a tenth of the cells missing. It stays
-    when `add_task` makes the data incomplete.
-    A kernel with a WhiteKernel, whose noise is each sample's own, is left to "dense".
+    The data decide what "auto" means for `normalize_y` and `noise`, before learning
+    begins. A small model is fitted to a few hundred rows. Its tasks share only
+    :math:`k^x`, and each has its own amplitude and level. It is fitted with shared
+    units and with units of each task, with shared noise and with noise of each task.
+    The criterion is BIC: each parameter costs half the logarithm of the number of rows.
+    For a parameter of one task, these are the rows of this task.
 
-    Results do not depend on `n_jobs`, to the bit below 600 samples. From there on the
-    processes share the threads of linear algebra, and other numbers of threads round
-    differently: results then are the same to about the digits that `tol` asks for, or
-    to the bit if there is one thread only (``OMP_NUM_THREADS=1``).
+    Three rules shorten this. If the standard deviations of the tasks' targets differ by
+    no more than chance, units are shared. Noise of each task is only tried if it
+    promises a gain. With ``max_iter=0`` units and noise are shared, and "fixed" noise
+    is always shared. After exact inference with shared noise, the choice of the noise
+    is checked once more with the learned model.
+
+    With complete data of N inputs and M tasks, time and memory grow with :math:`N^3`
+    and :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra.
+    This is faster from two tasks on, even if up to a tenth of the cells are missing. It
+    remains in use when `add_task` makes the data incomplete. A kernel with a
+    WhiteKernel, whose noise differs between samples, needs "dense".
+
+    Below 600 samples, results do not depend on `n_jobs`, to the last bit. With more
+    samples, processes share the threads of linear algebra, and other numbers of threads
+    round differently. Results then agree to about the digits that `tol` asks for. With
+    one thread (``OMP_NUM_THREADS=1``) they agree to the last bit.
 
     References
     ----------
@@ -473,9 +522,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise ValueError(f"rank={rank} is above {what}, {most}.")
         if rank == 0 and not (term.shared or isinstance(term.diagonal, str)):
             raise ValueError(
-                "rank=0 leaves tasks nothing in common: set shared=True, for one "
-                "function of all of them, diagonal='equal', for an independent one of "
-                "each, or rank=1 or more."
+                "rank=0 leaves tasks nothing in common. Set shared=True for one "
+                "function of all tasks, diagonal='equal' for an independent function "
+                "of each, or rank=1 or more."
             )
 
     def _forms(self, problem):
@@ -555,7 +604,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         return replace(super()._budget(), truncation=self.truncation)
 
     def predict_terms(self, X: ArrayLike) -> NDArray[np.float64]:
-        r"""Predict each term of f by itself, and the level: they sum to `predict`.
+        r"""Predict each term of f, the trend and the level; their sum is `predict`.
 
         Parameters
         ----------
@@ -565,10 +614,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Returns
         -------
         y_terms : ndarray of shape (n_samples, [n_outputs,] n_terms + 1)
-            Predictive means of the terms :math:`K^\rho_q \times k_q`, in the order of
-            `kernel_`, and last of the task's level, with `y_mean_`. With `trend` there
-            is one more, that of the trend, before the level. In the units of y; with
-            `target_transform` in those of the transformed targets, in which they sum.
+            Predictive means. First come the terms :math:`K^\rho_q \times k_q` in the
+            order of `kernel_`, then the trend if there is one, and last the task's
+            level, with `y_mean_`. They are in units of y. With `target_transform` they
+            are in units of the transformed targets, in which they add up.
 
         Raises
         ------
@@ -608,13 +657,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:
-        """The model with one more task, of which a few samples are enough.
+        """Return the model with one more task, from a few samples of it.
 
-        The kernel, the variances of noise and levels, the units and the covariance of
-        the tasks so far are kept; only the new border of the task covariance is
-        learned, from the marginal likelihood of all samples: as many numbers as the
-        rank, and one more if that is full or with `diagonal`. The level of the new
-        task follows from its samples and the levels' variance.
+        Everything learned so far is kept: the kernel, the variances of noise and
+        levels, the units, and the covariance of the known tasks. Only the new row of
+        the task covariance is learned, from the marginal likelihood of all samples. It
+        has as many numbers as the rank, and one more with full rank or `diagonal`. The
+        level of the new task follows from its samples and the levels' variance.
 
         Parameters
         ----------
@@ -623,34 +672,36 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Its targets.
         prior : {"tasks"} or None, default="tasks"
-            "tasks" takes the new task to be drawn from the same population as the
-            others, whose rows of the factor give a prior of its row. None is the
-            paper's maximum likelihood, which one or two samples do not determine.
+            "tasks" assumes that the new task is drawn from the same population as the
+            known tasks. Their rows of the factor then give a prior of the new row. None
+            is the paper's maximum likelihood, which one or two samples do not
+            determine.
 
         Returns
         -------
         model : MultiTaskGPRegressor
-            A new fitted estimator, which knows the new task too. This one stays as it
-            is.
+            A new fitted estimator, which also knows the new task. The present estimator
+            does not change.
 
         Raises
         ------
         TypeError
             If X or y is a Dask collection.
         ValueError
-            If the task is known already, if X has several tasks, other features than in
-            `fit` or values that cannot be used, or if y has other outputs.
+            If the task is already known. If X has several tasks, features other than in
+            `fit`, or values that cannot be used. If y has other outputs.
 
         Notes
         -----
-        Section 3.3 of the paper, but for the prior, and for levels. A task with
-        descriptors is known by them: nothing is learned, its rows join those of the
-        others; with `diagonal` it gets the mean of the others'. Where the tasks
-        have noise variances of their own, the new one gets their geometric mean, each
-        counted as often as its task has rows. Where they have units of their own, it is
-        taken off the mean of its samples and divided by their deviation, of one or two
-        samples by the geometric mean of the others'. `n_iter_` and `n_evaluations_` are
-        those of the border.
+        This is section 3.3 of the paper, with a prior and levels added. A task with
+        descriptors is known by them: nothing is learned, and its rows join the others.
+        With `diagonal` its variance is then the mean of the others'. If tasks have
+        their own noise variances, the new task gets their geometric mean, each counted
+        as often as its task has rows. If they have their own units, the new task's
+        targets are centred and divided by their standard deviation; with one or two
+        samples, by the geometric mean of the other tasks' standard deviations.
+        `n_iter_` and `n_evaluations_` are those of learning
+        the new row.
 
         Examples
         --------

@@ -1,4 +1,4 @@
-"""Pipelines: the model of a robot; tasks and rows that join; intervals."""
+"""Pipelines: the paper's model of a robot; tasks and rows that join; intervals."""
 
 from __future__ import annotations
 
@@ -50,23 +50,23 @@ def add_task(
     *,
     prior: Literal["tasks"] | None = "tasks",
 ) -> Model:
-    """A fitted model with one more task, of which a few samples are enough.
+    """Return a fitted model with one more task, from a few samples of it.
 
-    The model's own method ``add_task``, after the transformers of a Pipeline, which
-    stay as they were fitted.
+    This calls the model's own method ``add_task``. For a Pipeline, the data first pass
+    its transformers, which stay as they were fitted.
 
     Parameters
     ----------
     model : MultiTaskGPRegressor, RankSearchIC, or Pipeline that ends with one
-        Fitted. A model of :mod:`skmtgp.robot` will do too.
+        Fitted. A model of :mod:`skmtgp.robot` works, too.
     X : array-like of shape (n_samples, n_features)
         Inputs of the new task, with its label, as `model` takes them.
     y : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Its targets.
     prior : {"tasks"} or None, default="tasks"
-        Whether the other tasks tell where the new one lies among them, or maximum
-        likelihood, see :meth:`MultiTaskGPRegressor.add_task`. Models of
-        :mod:`skmtgp.robot` have one way only, and take no notice of it.
+        "tasks" lets the known tasks say where the new one lies among them. None is
+        maximum likelihood. See :meth:`MultiTaskGPRegressor.add_task`. Models of
+        :mod:`skmtgp.robot` ignore it.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def add_task(
     TypeError
         If the model cannot add a task.
     ValueError
-        If the task is known already, or X or y cannot be used.
+        If the task is already known, or if X or y cannot be used.
 
     Notes
     -----
@@ -118,22 +118,23 @@ def add_task(
 def partial_fit(
     model: Model, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
 ) -> Model:
-    """Let rows join a model, which may be the last step of a Pipeline.
+    """Add rows to a model, which may be the last step of a Pipeline.
 
-    The model's own method ``partial_fit``, after the transformers of a Pipeline. The
-    first call fits all steps; from then on the transformers stay as they are.
+    This calls the model's own method ``partial_fit``. For a Pipeline, the data first
+    pass its transformers. The first call fits all steps. From then on the transformers
+    stay as they are.
 
     Parameters
     ----------
     model : estimator, or Pipeline that ends with one
-        A MultiTaskGPRegressor, an IndependentGP, a PooledGP or a RankSearchIC. It is
-        changed.
+        A MultiTaskGPRegressor, IndependentGP, PooledGP or RankSearchIC. It is changed
+        in place.
     X : array-like of shape (n_samples, n_features)
         Inputs, with the task labels, as `model` takes them.
     y : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Targets.
     max_rows : int, default=None
-        How many rows are kept, see :meth:`MultiTaskGPRegressor.partial_fit`.
+        Number of rows to keep, see :meth:`MultiTaskGPRegressor.partial_fit`.
 
     Returns
     -------
@@ -255,64 +256,67 @@ def make_inverse_dynamics_regressor(
     task_feature: int | str = -1,
     task_descriptors: Sequence[int | str] | None = None,
 ) -> Pipeline:
-    """Pipeline of the inverse dynamics features, a kernel of them and a model.
+    """Make a pipeline of inverse dynamics features, a kernel and a model.
 
     Parameters
     ----------
     estimator : estimator, default=None
         The model: MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
-        BayesianLinearRegression, or a RankSearchIC of one of the first. None is
-        the paper's mGP-BIC: ``RankSearchIC(MultiTaskGPRegressor(task_levels=False,
-        normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10))``. An
-        estimator that is given keeps its own settings. It is cloned; where it has a
-        kernel that is None it gets `kernel`, and its own `task_feature` becomes -1,
-        where the features put the load.
+        BayesianLinearRegression, or a RankSearchIC of the first. None is the paper's
+        mGP-BIC: ``RankSearchIC(MultiTaskGPRegressor(task_levels=False,
+        normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10))``. The
+        estimator is cloned and keeps its own settings, with two exceptions. If its
+        kernel is None, it gets `kernel`. Its `task_feature` becomes -1, because the
+        features put the load there.
     kernel : {"paper", "geometric", "trigonometric", "rigid-body"}, default="paper"
-        Which kernel, and the features that it is of. "paper" and "trigonometric" are
-        :func:`~skmtgp.kernels.inverse_dynamics_kernel`, of the joints' positions or of
-        their cosines and sines; "geometric" is
-        :func:`~skmtgp.kernels.geometric_inverse_dynamics_kernel`, polynomials of these,
-        which extrapolates best where links and joints are rigid. "rigid-body" is
-        :func:`~skmtgp.robot.make_semiparametric_regressor` for a `robot` that is
-        described, with `estimator`, a MultiTaskGPRegressor or None, for what rigid
-        bodies leave; it has no features of its own, and takes the torques of all joints
-        at once.
+        Kernel and its features:
+
+        - "paper" is :func:`~skmtgp.kernels.inverse_dynamics_kernel` of the joints'
+          positions.
+        - "trigonometric" is the same of their cosines and sines.
+        - "geometric" is :func:`~skmtgp.kernels.geometric_inverse_dynamics_kernel`, a
+          polynomial in cosines and sines. It extrapolates best if links and joints are
+          rigid.
+        - "rigid-body" is :func:`~skmtgp.robot.make_semiparametric_regressor` for a
+          `robot` with a known description. Its `estimator`, a MultiTaskGPRegressor or
+          None, learns what rigid bodies leave. It has no other features, and takes the
+          torques of all joints at once.
     n_joints : int, default=6
         Number of joints J.
     joint_types : sequence of str, default=None
-        "revolute" (or "R") or "prismatic" (or "P") for each joint. None: all revolute.
-        It does not matter to the paper's kernel.
+        "revolute" (or "R") or "prismatic" (or "P") for each joint. None means that all
+        are revolute. It does not matter to the paper's kernel.
     robot : str, path or pinocchio.Model, default=None
-        For "rigid-body" alone: file of a URDF, its text, or a Pinocchio model, which
-        say how many joints there are and what they do.
+        Only for "rigid-body": file of a URDF, its text, or a Pinocchio model. It
+        defines the joints.
     joint : int, str or None, default=None
-        For "rigid-body" alone: position from 0, or name, of the only joint whose torque
-        y is.
+        Only for "rigid-body": position from 0, or name, of the joint whose torque is y.
+        None means that y has all joints.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
     task_descriptors : sequence of int or str, default=None
-        Positions or names of columns that describe the load, such as its mass. They
-        are no features, but the `task_descriptors` of the model, which has to be a
-        MultiTaskGPRegressor, or a RankSearchIC of one. None: those of the model.
+        Positions or names of columns that describe the load, such as its mass. They are
+        not features, but the `task_descriptors` of the model, which must be a
+        MultiTaskGPRegressor or a RankSearchIC of one. None means those of the model.
 
     Returns
     -------
     pipeline : Pipeline
-        Of the steps "features" and "regressor"; of the second alone for "rigid-body".
-        It is fitted on X of shape (n_samples, 3 J + 1): positions in rad, velocities in
-        rad/s, accelerations in rad/s^2 and the load, with any descriptors beside these;
-        and on torques y in N m, of shape
-        (n_samples,) or (n_samples, n_outputs).
+        Pipeline with the steps "features" and "regressor"; with "regressor" only for
+        "rigid-body". It is fitted to X of shape (n_samples, 3 J + 1): positions in rad,
+        velocities in rad/s, accelerations in rad/s^2 and the load, and also any
+        descriptors. y are torques in N m, of shape (n_samples,) or (n_samples,
+        n_outputs).
 
     Raises
     ------
     TypeError
-        If `estimator` is none of these, or takes no `task_descriptors` that are given,
-        or if `joint_types` is no sequence.
+        If `estimator` is none of these, if it does not take the given
+        `task_descriptors`, or if `joint_types` is not a sequence.
     ValueError
-        If `kernel` is none of these words, `n_joints` is not a positive integer,
-        `joint_types` are not the types of so many joints, or `robot` or `joint` is
-        given to another kernel than "rigid-body", or `robot` is not given to that.
+        If `kernel` is none of these, if `n_joints` is not a positive integer, or if
+        `joint_types` do not fit it. If `robot` is missing for "rigid-body", or `robot`
+        or `joint` is given for another kernel.
 
     Notes
     -----

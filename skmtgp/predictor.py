@@ -31,31 +31,34 @@ def compile_predictor(
     *,
     std: bool = False,
 ) -> CompiledPredictor:
-    """A fitted model as a function of one state, for predictions that are due.
+    """Compile a fitted model into a fast function of one state.
 
-    Features, units and the sums over training rows are prepared once. What is left for
-    each call is the kernel between the state and those rows: no frames, no pipelines,
-    and no checks but for the length of the state.
+    It is meant for control loops, where predictions are due in time. Features, units
+    and the sums over training rows are prepared once. Each call only computes the
+    kernel between the state and those rows. It uses no frames and no pipelines, and
+    checks only the length of the state.
 
     Parameters
     ----------
     model : estimator, Pipeline, or a sequence or mapping of them
-        Fitted: a MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
+        Fitted model: a MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
         RankSearchIC or a regressor of :mod:`skmtgp.robot`, or a Pipeline that ends with
-        one. Several, such as one for each joint of a robot, share their features where
-        these are the same.
+        one. There may be several, such as one for each joint of a robot. They share
+        their features if these are the same.
     task : int or str, default=None
-        Label of the task that is predicted. None: it comes with each call.
+        Label of the task to predict. None means that each call gives it.
     outputs : sequence, default=None
-        Which outputs are predicted, in this order: their positions among those of all
-        models, or the keys of a mapping. None is all of them.
+        Outputs to predict, in this order: their positions among the outputs of all
+        models, or the keys of a mapping. None means all.
     std : bool, default=False
-        Whether the standard deviation can be asked for. It needs the whole model.
+        Whether the predictor can compute the standard deviation. It then keeps the
+        whole model.
 
     Returns
     -------
     predictor : CompiledPredictor
-        Can be pickled. It knows the model as it is now; see its method ``refresh``.
+        Function of one state, which can be pickled. Later changes of the model reach it
+        only through its method ``refresh``.
 
     Raises
     ------
@@ -64,19 +67,20 @@ def compile_predictor(
     TypeError
         If a model is none of these.
     ValueError
-        If the task or an output is not known, or if it cannot be told which column of
-        X has the task.
+        If the task or an output is not known, or if it is unclear which column of X has
+        the task.
 
     Notes
     -----
-    Predictions are those of `predict` but for rounding. In memory it is some copies of
-    the training inputs, and without `std` nothing else: inputs at which several tasks
-    were measured count once, and rows that do not matter to the task are left out. Of
-    sparse inference they are the inducing inputs. Outputs of the same rows whose
-    kernels differ in hyperparameters alone, and draws of these, are computed together,
-    which takes far less time than one after another. Transformers other than
-    :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` are called as they are, which
-    takes most of the time then.
+    Predictions agree with `predict` up to rounding. The predictor keeps a few copies of
+    the training inputs and, without `std`, nothing else. Inputs at which several tasks
+    were measured are kept once. Rows that do not matter to the task are left out. For
+    sparse inference it keeps the inducing inputs instead. Outputs of the
+    same rows whose kernels differ only in hyperparameters, and draws of
+    hyperparameters, are computed together. This takes far less time than one after
+    another. Transformers other than
+    :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` are called as they are, and
+    then take most of the time.
 
     Examples
     --------
@@ -95,32 +99,33 @@ def compile_predictor(
 
 
 class CompiledPredictor:
-    """What :func:`compile_predictor` makes.
+    """Fast function of one state, made by :func:`compile_predictor`.
 
     Parameters
     ----------
     model : estimator, Pipeline, or a sequence or mapping of them
-        Fitted.
+        Fitted model.
     task : int or str, default=None
-        Label of the task that is predicted.
+        Label of the task to predict.
     outputs : sequence, default=None
-        Which outputs are predicted.
+        Outputs to predict.
     std : bool, default=False
-        Whether the standard deviation can be asked for.
+        Whether it can compute the standard deviation.
 
     Attributes
     ----------
     task : int, str or None
-        The task that is predicted; None where it comes with each call.
+        The task that is predicted; None if each call gives it.
     outputs : list
         The outputs, in the order in which they are predicted.
     tasks : list
-        Labels that it was compiled for.
+        Labels of the tasks that it can predict.
     n_features_in : int
-        Length of a state: the columns of X without the task and its descriptors.
+        Length of a state: the number of columns of X without the task and its
+        descriptors.
     descriptors : DataFrame of shape (n_tasks, n_descriptors) or None
-        Those of the tasks, where all models have the same `task_descriptors` and it was
-        compiled for all tasks.
+        Descriptors of the tasks, if all models have the same `task_descriptors` and
+        were compiled for all tasks.
 
     Examples
     --------
@@ -184,16 +189,16 @@ class CompiledPredictor:
         x : array-like of shape (n_features_in,)
             The columns of X in their order, without the task and its descriptors.
         task : int or str, default=None
-            Label of the task, if the predictor is not of one.
+            Label of the task, if the predictor is not compiled for one task.
         descriptors : array-like of shape (n_descriptors,), default=None
-            Those of a task that the model need not know, in place of a label. Only of
-            models with `task_descriptors`, in whose order they are, and compiled for
-            all tasks.
+            Descriptors of a task that the model need not know, instead of a label. They
+            are in the order of `task_descriptors`. The models must have
+            `task_descriptors` and be compiled for all tasks.
 
         Returns
         -------
         y : ndarray of shape (n_outputs,)
-            What `predict` says, in the units of y.
+            Predictions as of `predict`, in units of y.
         """
         x = self._check(x)
         if descriptors is not None:
@@ -215,7 +220,7 @@ class CompiledPredictor:
         Returns
         -------
         y : ndarray of shape (n_tasks, n_outputs)
-            In the order of `tasks`, in the units of y.
+            Predictions in the order of `tasks`, in units of y.
         """
         x, found = self._check(x), {}
         y = np.empty((len(self.tasks), len(self.outputs)))
@@ -230,11 +235,11 @@ class CompiledPredictor:
     def by_descriptors(
         self, x: ArrayLike
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """The outputs for one state, as a linear function of the descriptors.
+        """Return the outputs for one state as a linear function of the descriptors.
 
-        What is predicted for a task with descriptors d is ``constants + slopes @ d``.
-        A measured y is thus a linear equation for d: see
-        :class:`~skmtgp.DescriptorTracker`.
+        The prediction for a task with descriptors d is ``constants + slopes @ d``. So a
+        measured y gives linear equations for d, which
+        :class:`~skmtgp.DescriptorTracker` uses.
 
         Parameters
         ----------
@@ -244,15 +249,15 @@ class CompiledPredictor:
         Returns
         -------
         constants : ndarray of shape (n_outputs,)
-            In the units of y.
+            Constants in units of y.
         slopes : ndarray of shape (n_outputs, n_descriptors)
-            In units of y per unit of each descriptor.
+            Slopes in units of y per unit of each descriptor.
 
         Raises
         ------
         ValueError
             If the models do not have the same `task_descriptors`, or have a
-            `target_transform`, through which nothing is linear.
+            `target_transform`, after which predictions are not linear.
         """
         x, plans = self._check(x), self._of_descriptors()[1]
         constants = np.empty(len(self.outputs))
@@ -296,22 +301,22 @@ class CompiledPredictor:
     def std(
         self, x: ArrayLike, task: int | str | None = None, include_noise: bool = False
     ) -> NDArray[np.float64]:
-        """Standard deviations of the outputs for one state.
+        """Return the standard deviations of the outputs for one state.
 
         Parameters
         ----------
         x : array-like of shape (n_features_in,)
             The columns of X in their order, without the task and its descriptors.
         task : int or str, default=None
-            Label of the task, if the predictor is not of one.
+            Label of the task, if the predictor is not compiled for one task.
         include_noise : bool, default=False
-            Whether they are those of a new observation, f plus noise, rather than
-            those of f.
+            Whether they are those of a new observation, f plus noise, rather than those
+            of f.
 
         Returns
         -------
         y_std : ndarray of shape (n_outputs,)
-            In the units of y. It takes O(n^2) for each output.
+            Standard deviations in units of y. Each output takes O(n^2).
 
         Raises
         ------
@@ -338,7 +343,7 @@ class CompiledPredictor:
         | Sequence[BaseEstimator]
         | Mapping[Hashable, BaseEstimator],
     ) -> Self:
-        """Learn, in place, what a model has learned since.
+        """Take over, in place, what a model has learned since.
 
         Parameters
         ----------
@@ -348,8 +353,8 @@ class CompiledPredictor:
         Returns
         -------
         self : CompiledPredictor
-            Another thread that predicts meanwhile has the old or the new model, never
-            a part of each.
+            The same predictor. Other threads that predict meanwhile use either the old
+            or the new model, never a mixture.
         """
         std = self._deviations is not None
         other = CompiledPredictor(model, self.task, self._asked, std=std)
@@ -377,7 +382,8 @@ class CompiledPredictor:
                     "compile the predictor of one, compile_predictor(model, task=...)."
                 ) from None
             raise ValueError(
-                f"task={task!r} is none that the predictor was compiled for: {known}."
+                f"task={task!r} is not one of the tasks that the predictor was "
+                f"compiled for: {known}."
             ) from None
 
 

@@ -43,34 +43,34 @@ BY_PARTITIONS = (
 
 
 class InverseDynamicsFeatures(TransformerMixin, Estimator):
-    r"""Standardised state, signs of the velocities and task, from state and task.
+    r"""Standardised states, signs of the velocities, and the task.
 
     The states x = (q, qd, qdd) of a robot with J joints are scaled to zero mean and
-    unit variance on the training data. The signs sgn(qd) of the velocities, which
-    Coulomb friction depends on, are added, and the task becomes the last column.
+    unit variance on the training data. The signs sgn(qd) of the velocities are added,
+    because Coulomb friction depends on them. The task becomes the last column.
 
-    With ``angles="trigonometric"`` the cosine and the sine of the position of each
-    joint that turns take the place of the position. Zero stays zero: cosines and sines
-    are as they are, velocities and accelerations are divided by their root mean square.
-    Torques of rigid bodies are polynomials in these features.
+    With ``angles="trigonometric"``, the position of each joint that turns is replaced
+    by its cosine and its sine. Nothing is shifted then, so zero remains zero. Cosines
+    and sines are not scaled, and velocities and accelerations are divided by their root
+    mean square. Torques of rigid bodies are polynomials in these features.
 
     Parameters
     ----------
     n_joints : int, default=None
         Number of joints J. None takes it from the number of columns, 3 J + 1.
     angles : {"radians", "trigonometric"}, default="radians"
-        What stands for the position of a joint that turns: itself, standardised, or its
-        cosine and its sine.
+        How the position of a joint that turns is represented: by itself, standardised,
+        or by its cosine and its sine.
     joint_types : sequence of str, default=None
         "revolute" (or "R") for each joint that turns, "prismatic" (or "P") for each
-        that slides, such as ``"RRPRRR"``. None: all turn. It matters to trigonometric
-        angles only: the position of a joint that slides is standardised.
+        that slides, such as ``"RRPRRR"``. None means that all turn. It only matters to
+        trigonometric angles: the position of a joint that slides is standardised.
     task_feature : int or str, default=-1
         Position or name of the task column.
     task_descriptors : sequence of int or str, default=None
         Positions or names of columns that describe the tasks, such as the mass of a
-        load. They are passed on as they are, in front of the task. The other columns
-        are, from left to right, positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and
+        load. They are passed on unchanged, before the task. The other columns are, from
+        left to right, positions q1..qJ (rad), velocities qd1..qdJ (rad/s) and
         accelerations qdd1..qddJ (rad/s^2).
 
     Attributes
@@ -78,17 +78,17 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
     n_joints_ : int
         Number of joints J.
     mean_ : ndarray of shape (n_states,)
-        What is taken off each column of x, in its own units: its mean in training, or 0
-        where zero stays zero. n_states is 3 J, and with trigonometric angles one more
-        for each joint that turns.
+        What is subtracted from each column of x, in its own units: the mean of the
+        training data, or 0 with trigonometric angles. n_states is 3 J, and with
+        trigonometric angles one more for each joint that turns.
     scale_ : ndarray of shape (n_states,)
-        What each column of x is divided by, in its own units: its standard deviation
-        in training, its root mean square where zero stays zero, 1 for cosines and sines
-        and where that is 0.
+        What each column of x is divided by, in its own units. It is the standard
+        deviation of the training data. With trigonometric angles it is the root mean
+        square, and 1 for cosines and sines. Where it would be 0 it is 1.
     n_features_in_ : int
-        Number of columns seen in `fit`, 3 J + 1 and the descriptors.
+        Number of columns in `fit`, 3 J + 1 plus the descriptors.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of the columns seen in `fit`, if they had any.
+        Names of the columns in `fit`, if they had names.
 
     See Also
     --------
@@ -98,10 +98,10 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
 
     Notes
     -----
-    Chai, Williams, Klanke and Vijayakumar (2008), section 6. A velocity of at most
-    1e-9 rad/s counts as standstill, whose sign is 0: a joint at rest otherwise gets the
-    sign of a rounding error, and friction with it. Signs are taken of the velocities
-    themselves, not of the standardised ones, and are not scaled.
+    Chai, Williams, Klanke and Vijayakumar (2008), section 6. A velocity of at most 1e-9
+    rad/s counts as standstill, whose sign is 0. Otherwise a joint at rest would get the
+    sign, and the friction, of a rounding error. Signs are those of the velocities
+    before scaling, and are not scaled.
 
     Examples
     --------
@@ -156,12 +156,12 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         Raises
         ------
         TypeError
-            If `n_joints`, `joint_types` or `task_feature` is of another type, or X a
-            Dask collection.
+            If `n_joints`, `joint_types` or `task_feature` has a wrong type, or if X is
+            a Dask collection.
         ValueError
-            If X does not have 3 J + 1 columns or no column `task_feature`, if `angles`
-            or `joint_types` are not such, if a number is missing or infinite, or if a
-            task label is missing or fractional. The transformer is then as it was
+            If X does not have 3 J + 1 columns or has no column `task_feature`. If
+            `angles` or `joint_types` are not valid, a number is missing or infinite, or
+            a task label is missing or fractional. The transformer is then as it was
             before.
         """
         with fitting(self, X, y):
@@ -230,19 +230,19 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         Returns
         -------
         features : ndarray or DataFrame of shape (n_samples, n_features_out)
-            The scaled states, the J signs -1, 0 or 1, the descriptors and the task,
-            which are n_states + J + n_descriptors + 1 columns. The states are 3 J
-            columns; with trigonometric angles the cosine and then the sine of a joint
-            that turns stand where its position was. As an array, float64 where the
-            labels are numbers, else object. As a frame (after
-            ``set_output(transform="pandas")``), with the labels as they were.
+            The scaled states, the J signs -1, 0 or 1, the descriptors and the task:
+            n_states + J + n_descriptors + 1 columns. The states are 3 J columns. With
+            trigonometric angles, the cosine and the sine of a joint that turns take the
+            place of its position. An array has float64 if the labels are numbers, else
+            objects. A frame (after ``set_output(transform="pandas")``) has the labels
+            as they were.
 
         Raises
         ------
         TypeError
             If X is a Dask collection.
         ValueError
-            If X has other columns than in `fit`, or as for `fit`.
+            If X has other columns than in `fit`, or for the reasons of `fit`.
         """
         check_is_fitted(self)
         refuse_dask("X", X, BY_PARTITIONS)
@@ -267,20 +267,20 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         Parameters
         ----------
         input_features : array-like of str, default=None
-            Names of the columns of the input; None takes those seen in `fit`, or x0,
-            x1, ... where there were none.
+            Names of the columns of the input. None means those of `fit`, or x0, x1, ...
+            if they had no names.
 
         Returns
         -------
         names : ndarray of shape (n_features_out,)
-            The names of the states, ``"cos(q1)"`` and ``"sin(q1)"`` for trigonometric
+            Names of the states, ``"cos(q1)"`` and ``"sin(q1)"`` for trigonometric
             angles, ``"sgn(qd1)"`` for a velocity ``"qd1"``, and the names of the
             descriptors and of the task column.
 
         Raises
         ------
         ValueError
-            If `input_features` are not those seen in `fit`.
+            If `input_features` differ from those of `fit`.
         """
         check_is_fitted(self)
         names = check_feature_names_in(self, input_features)

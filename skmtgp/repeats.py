@@ -17,16 +17,16 @@ def average_repeats(
     NDArray[np.float64],
     NDArray[np.float64],
 ]:
-    """One row for all measurements of a task at the same inputs.
+    """Average all measurements of a task at the same inputs into one row.
 
-    A Gaussian process needs no more of them than their mean, their number and their
-    variance: ``fit(X, y, sample_weight=..., repeat_variance=...)`` has the likelihood
-    and the posterior of all rows, in less time.
+    A Gaussian process needs only the mean, the number and the variance of repeated
+    measurements. ``fit(X, y, sample_weight=..., repeat_variance=...)`` has the same
+    likelihood and posterior as a fit to all rows, and takes less time.
 
     Parameters
     ----------
     X : array-like of shape (n_samples, n_features)
-        Inputs, with the task column. Rows are repeats where all columns are equal.
+        Inputs, with the task column. Rows are repeats if all columns are equal.
     y : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Targets.
 
@@ -39,7 +39,7 @@ def average_repeats(
     sample_weight : ndarray of shape (n_distinct,)
         How many rows each stands for.
     repeat_variance : ndarray of the shape of y
-        Variance of their targets, divided by their number.
+        Variance of their targets, the sum of squares divided by their number.
 
     Raises
     ------

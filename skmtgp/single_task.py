@@ -40,114 +40,136 @@ from skmtgp.model.task_covariance import ones
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
-    """A Gaussian process of its own for each task, sGP.
+    """A separate Gaussian process for each task, sGP.
 
-    Each task and output has its own hyperparameters, learned from its samples alone;
-    predictions for different tasks have no covariance.
+    Each task and output has its own hyperparameters, learned from its own samples.
+    Predictions for different tasks have no covariance.
 
     Parameters
     ----------
     kernel : Kernel, str or None, default=None
-        Kernel over the columns of X without the task column, with its starting values
-        and bounds. Or the name of one, which gets an amplitude and a length-scale for
-        each feature, started and bounded relative to the feature's standard deviation:
-        "rbf", the squared exponential, which None is too, "exponential", "matern" and
-        "matern52" (Matern's of nu = 1/2, 3/2 and 5/2), "periodic" or "linear".
+        Kernel over the columns of X without the task column. Its values are starting
+        values, and its bounds are kept. A string names a kernel with an amplitude and a
+        length-scale for each feature. Starting values and bounds are then relative to
+        the feature's standard deviation:
+
+        - "rbf": the squared exponential, the same as None;
+        - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
+          5/2;
+        - "periodic" and "linear".
     task_feature : int or str, default=-1
-        Position or name of the column of X with the task labels (int or str).
+        Position or name of the column of X with the task labels, which are integers or
+        strings.
     noise_variance : float, default=1e-2
-        Where learning starts, relative to the variance of the task's target. Each task
-        has a noise variance of its own.
+        Starting value of each task's noise variance, relative to the variance of the
+        task's target.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
-        Bounds of the noise variance, relative to the same. "fixed" with
-        ``noise_variance=0`` leaves all noise to the `alpha` of `fit`.
+        Bounds of the noise variance, relative to the same variance. "fixed" keeps
+        `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
+        `alpha` of `fit`.
     normalize_y : {"auto", "per_task", "shared"} or bool, default=True
-        Whether to take each output off its mean and to divide it by its standard
-        deviation before learning, for each task separately: each has its own level and
-        unit. "auto", "per_task" and "shared" are True. With False the model's mean is
-        zero.
+        Whether to subtract the mean of each output and divide by its standard deviation
+        before learning, for each task separately. "auto", "per_task" and "shared" mean
+        the same as True. With False the model's mean is zero.
     target_transform : transformer or pair of functions, default=None
-        Is applied to the targets before anything else, to each output by itself: a
+        Transformation that is applied to each output before anything else. It is a
         transformer of scikit-learn with an inverse, which is cloned, or a function and
-        its inverse, such as ``(np.log, np.exp)``. It has to be strictly monotone.
-        Predictions, intervals and draws are in units of y; likelihoods and learned
+        its inverse, such as ``(np.log, np.exp)``. It must be strictly monotone.
+        Predictions, intervals and draws are in units of y. Likelihoods and learned
         attributes are those of the transformed targets. See :doc:`/guide/intervals`.
     inference : {"auto", "dense", "kronecker", "sparse"} or Engine, default="auto"
-        How the likelihood is computed. "auto" is "dense", a Cholesky decomposition of
-        each task's covariance; "kronecker" is an eigen-decomposition, which takes
-        longer for one task alone and needs distinct inputs. Both are exact. "sparse"
-        approximates, for tasks too large for them: a lower bound on the likelihood by
-        inducing inputs takes its place. An instance of a subclass of
-        :class:`~skmtgp.inference.engine.Engine` is a method of your own.
+        How the likelihood is computed:
+
+        - "dense" is a Cholesky decomposition of each task's covariance. It is exact.
+        - "kronecker" is an eigen-decomposition. It is exact, too, but takes longer for
+          one task alone, and needs distinct inputs.
+        - "auto" is "dense".
+        - "sparse" approximates, for large tasks. It maximises a lower bound on the
+          likelihood from a few inducing inputs.
+        - An instance of a subclass of :class:`~skmtgp.inference.engine.Engine` is your
+          own method.
     n_inducing : int, default=500
         Number of inducing inputs of each task, only for "sparse".
     inducing_inputs : {"greedy", "k-means", "optimised"}, default="greedy"
-        Which they are, only for "sparse". "greedy" takes training inputs, each the one
-        with the largest variance given those before. "k-means" takes the means of
-        clusters of the standardised training inputs. "optimised" moves those of
-        "greedy" to where the bound is higher, which takes longer and needs a kernel
-        whose derivative by its inputs is known. From more than 20,000 rows the first
-        choice is among as many of them, drawn at random.
+        How the inducing inputs are chosen, only for "sparse":
+
+        - "greedy" chooses training inputs one by one. Each is the one with the largest
+          variance given those before.
+        - "k-means" uses the means of clusters of the standardised training inputs.
+        - "optimised" starts from "greedy" and moves the inputs to increase the bound.
+          It takes longer, and needs a kernel with a known derivative by its inputs.
+
+        With more than 20,000 rows the first choice is among 20,000 of them, drawn at
+        random.
     n_exact : int, default=1100
-        Number of samples of each task, drawn at random, that are learned from exactly
-        before the bound is, only for "sparse". Without noise it is from them that most
-        is learned of the kernel: more take time with the cube of their number, and
-        memory with its square.
+        Number of samples of each task for the first part of learning, only for
+        "sparse". They are drawn at random and learned from exactly, before the bound is
+        maximised. Without noise they determine most of the kernel. Time grows with the
+        cube of their number, memory with its square.
     hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
-        What predictions take for the hyperparameters. "mode" is the maximum of the
-        likelihood. "map" is the maximum of the likelihood times weak priors, which are
-        relative to the sizes of the data. "sampled" averages over draws from that
-        posterior, by Hamiltonian Monte Carlo: its intervals hold where few rows leave
-        the hyperparameters in doubt, and it takes some ten times as long. "auto" is
-        "sampled" up to 500 rows, if they are at most 16 for each hyperparameter, and
-        else "mode". The attributes are those of the mode all the same, but for the
-        levels of the tasks. With `max_iter` 0 nothing is drawn.
+        Which values of the hyperparameters predictions use:
+
+        - "mode" uses the maximum of the likelihood.
+        - "map" uses the maximum of the likelihood times weak priors, which are relative
+          to the size of the data.
+        - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
+          Its intervals are right even where few rows leave the hyperparameters
+          uncertain. It takes about ten times as long.
+        - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
+          hyperparameter, and "mode" otherwise.
+
+        The attributes are those of the mode in any case, except for the levels of the
+        tasks. With ``max_iter=0`` nothing is drawn.
     n_draws : int, default=100
-        How many draws predictions average over, if there are any. Each takes as much
-        memory as a fitted model. Ten times as many are drawn.
+        Number of draws that predictions average over, only if hyperparameters are
+        sampled. Ten times as many are drawn and thinned. Each takes as much memory as a
+        fitted model.
     max_iter : int, default=2000
-        Most iterations of each maximisation; 0 keeps the starting values.
+        Maximum number of iterations of each maximisation. 0 keeps the starting values.
     tol : float, default=1e-2
-        Gain in the log likelihood, in nats, under which a maximisation ends. For
-        "sparse", climbs of the bound end under 1e-4 nats a row, but at most 10 nats,
-        where this is more.
+        A maximisation ends when the log likelihood gains less than this, in nats. For
+        "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
+        nats.
     n_jobs : int, default=None
         Number of tasks learned at the same time, see :term:`n_jobs`.
     verbose : int, default=0
-        1 prints a line for each of them and, where one takes long, every few seconds
-        how far it is; 2 more of them during each climb.
+        With 1, learning prints a line for each task, and every few seconds how far a
+        long maximisation is. With 2 it prints more of these. Lines go to the logger
+        "skmtgp"; without handlers they are printed.
 
     Attributes
     ----------
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_tasks PooledGP
-        The model of each task, fitted on features followed by a constant column, and
-        on transformed targets if there is a `target_transform`, fitted to all tasks.
+        Model of each task. It was fitted to the features followed by a constant column.
+        If there is a `target_transform`, it was fitted to the targets of all tasks, and
+        the models to the transformed targets.
     tasks_train_ : ndarray of shape (n_samples,)
-        Position in `tasks_` of each training sample's task.
+        Position in `tasks_` of the task of each training sample.
     log_marginal_likelihood_value_ : float
-        Log density of y in its own units (a lower bound of it where inference is
-        sparse), summed over tasks and outputs.
+        Log density of y in its own units, summed over tasks and outputs. For sparse
+        inference it is a lower bound.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
     target_transformer_ : transformer or list of n_outputs transformers
-        The fitted transformers of the outputs. Only with `target_transform`.
+        Fitted transformers of the outputs. Only with `target_transform`.
     theta_ : ndarray of shape (n_theta,)
         The `theta_` of each of `estimators_`, one after another.
     n_iter_ : int
-        Iterations on the way to the mode, of the output with most of them.
+        Number of iterations on the way to the mode, for the output with the most.
     n_evaluations_ : int
-        Likelihoods and gradients that learning took, summed over tasks and outputs.
+        Number of evaluations of the likelihood and its gradient during learning, summed
+        over tasks and outputs.
     inference_ : str
         How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
-        an engine of your own.
+        your own engine.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
@@ -233,7 +255,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets. Outputs are learned separately.
         alpha, sample_weight, repeat_variance : array-like, default=None
-            What is known of the noise of each row, see `fit` of
+            What is known about the noise of each row, see `fit` of
             :class:`~skmtgp.MultiTaskGPRegressor`.
 
         Returns
@@ -429,20 +451,20 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def loo_predict(
         self, include_noise: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict each training sample from all the others of its task.
+        """Predict each training sample from all others of its task.
 
         Parameters
         ----------
         include_noise : bool, default=False
-            Whether the uncertainty is that of the observation that was left out, f
-            plus noise, rather than that of f.
+            Whether the uncertainty is that of the observation that was left out, f plus
+            noise, rather than that of f.
 
         Returns
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given. With `target_transform` it
-            is no mean but the median, as of `predict`.
+            Mean of f at each training sample given the others, in units of y and in the
+            order of the rows in `fit`. With `target_transform` it is the median, as in
+            `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 
@@ -453,14 +475,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
         Notes
         -----
-        Rasmussen and Williams (2006), eqs. 5.10 to 5.12, for each task alone; see
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12, for each task alone. See
         :meth:`MultiTaskGPRegressor.loo_predict`, also for scores. The hyperparameters,
-        the mean and the scale of each task are kept, which have seen the sample that is
-        left out.
+        the mean and the scale of each task stay as they are, although they were learned
+        with the sample that is left out.
 
-        The only sample of a task gets the prior. With `normalize_y` the prior's mean is
-        the task's `y_mean_`, which is that sample itself: its error is zero and tells
-        nothing, and its `y_scale_` is 1, so that the standard deviation is the kernel's
+        A task with a single sample gets the prior. With `normalize_y` the mean of the
+        prior is the task's `y_mean_`, which is the sample itself. Its error is zero and
+        says nothing. Its `y_scale_` is 1, so the standard deviation is the kernel's
         own. Leave such tasks out of scores. Without `normalize_y` the mean is 0.
 
         Examples
@@ -491,19 +513,19 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
 
-        Of the transformed ones, if there is a `target_transform`.
+        With `target_transform` it is that of the transformed targets.
 
         Parameters
         ----------
         theta : array-like of shape (n_theta,), default=None
-            Parameters, as in the attribute `theta_`. None is the learned ones.
+            Parameters, as in the attribute `theta_`. None means the learned parameters.
         eval_gradient : bool, default=False
-            Whether to return the gradient too.
+            Whether to return the gradient, too.
 
         Returns
         -------
         log_likelihood : float
-            Summed over tasks and outputs; minus infinity where a covariance of the
+            Sum over tasks and outputs. It is minus infinity if a covariance of the
             targets cannot be factorised.
         gradient : ndarray of shape (n_theta,)
             Its gradient. Only if `eval_gradient`.

@@ -1,4 +1,4 @@
-"""What describes the task now: descriptors, followed sample by sample."""
+"""Descriptors of the present task, followed sample by sample."""
 
 from __future__ import annotations
 
@@ -13,44 +13,45 @@ RIDGE = 1e-6  # of the variance of a descriptor, where the known tasks do not di
 
 
 class DescriptorTracker:
-    r"""Descriptors of a task that may change at any time, sample by sample.
+    r"""Track the descriptors of a task that may change at any time.
 
-    A robot picks up a load that nobody told it of. Each period it measures a state and
-    the torques that made it, and asks what it carries. Where a model has
-    `task_descriptors`, such as the load's mass and moments, its predictions are linear
-    in them: each sample is a few linear equations, and a Kalman filter solves them as
-    they come, in microseconds. A sample that no small change of the descriptors
-    explains says that the task is another one: what was known is then forgotten.
+    A robot picks up an unknown load. In each period it measures its state and its
+    torques, and asks what it carries. If a model has `task_descriptors`, such as the
+    load's mass and moments, its predictions are linear in them. So each sample gives a
+    few linear equations. A Kalman filter solves them as they come, in microseconds. If
+    no small change of the descriptors explains a sample, the task must be another one,
+    and the tracker forgets what it knew.
 
     Parameters
     ----------
     predictor : CompiledPredictor
-        Of models with `task_descriptors`, compiled for all tasks; or what has its
-        method `by_descriptors` and its attribute `descriptors`.
+        Models with `task_descriptors`, compiled for all tasks. Any object with the
+        method `by_descriptors` and the attribute `descriptors` will do.
     noise : float or array-like of shape (n_outputs,)
-        Standard deviation by which a sample is off the model: noise and the model's own
-        error, in units of y.
+        Standard deviation of the samples around the model, in units of y. It includes
+        noise and the model's own error.
     start : int, str or array-like of shape (n_descriptors,), default=None
-        The task at first: a label that the predictor knows, or descriptors, which are
-        then known exactly. None: any task.
+        First task: a label that the predictor knows, or descriptors, which then count
+        as known exactly. None means that any task is possible.
     widening : float, default=3.0
-        Deviation of the descriptors of another task from the known tasks', in units of
-        their deviation.
+        Standard deviation of an unknown task's descriptors around those of the known
+        tasks, in units of their standard deviation.
     surprise : float, default=10.0
-        Root mean square over the outputs, in deviations, by which a sample must be off
-        for the task to be another one.
+        How large the error of a sample must be for the task to count as another one: a
+        root mean square over the outputs, in standard deviations.
     memory : float, default=1000.0
-        Samples after which what was learned has faded to 1 / e. Infinite: never.
+        Number of samples after which what was learned has faded to 1 / e. With infinity
+        it does not fade.
 
     Attributes
     ----------
     descriptors : ndarray of shape (n_descriptors,)
-        As they are known now.
+        Present estimate of the descriptors.
     covariance : ndarray of shape (n_descriptors, n_descriptors)
-        Theirs. Samples that follow each other closely tell the same, and so do the
-        errors of the model: it is rather too small.
+        Its covariance. It is rather too small, because consecutive samples tell nearly
+        the same, and the model's errors do, too.
     n_changes : int
-        How often the task was found to be another one.
+        How many times the tracker has found another task.
 
     Raises
     ------
@@ -59,20 +60,21 @@ class DescriptorTracker:
 
     See Also
     --------
-    TaskIdentifier : From samples of a task, which one it is, with a model's own
+    TaskIdentifier : Finds which task samples come from. It uses the model's own
         uncertainty; slower.
 
     Notes
     -----
-    With the constants c and slopes A of `by_descriptors`, deviations R of a sample and
-    :math:`\lambda = 1 - 1 / memory` it is the information filter
+    Let c and A be the constants and slopes of `by_descriptors`, R the standard
+    deviations of a sample, and :math:`\lambda = 1 - 1 / memory`. The tracker is the
+    information filter
 
     .. math::
         \Lambda \leftarrow \lambda \Lambda + (1 - \lambda) \Lambda_0 + A^T R^{-2} A,
         \quad d \leftarrow d + \Lambda^{-1} A^T R^{-2} (y - c - A d).
 
-    :math:`\Lambda_0^{-1}` is the covariance of the known tasks' descriptors, widened:
-    what fades is forgotten as far as that, and no further.
+    :math:`\Lambda_0^{-1}` is the widened covariance of the known tasks' descriptors.
+    What fades approaches it, so the tracker never forgets more than that.
 
     Examples
     --------
@@ -134,7 +136,7 @@ class DescriptorTracker:
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        """That of the descriptors, of shape (n_descriptors, n_descriptors)."""
+        """Covariance of the descriptors, of shape (n_descriptors, n_descriptors)."""
         scaled = np.linalg.inv(self._information)
         return scaled * np.outer(self._scale, self._scale)
 
@@ -146,18 +148,18 @@ class DescriptorTracker:
         x : array-like of shape (n_features_in,)
             A state, as the predictor takes it.
         y : array-like of shape (n_outputs,)
-            What was measured there. NaN for outputs that were not, or that are not to
-            be trusted.
+            Measurements at this state. NaN for outputs that were not measured, or
+            cannot be trusted.
 
         Returns
         -------
         descriptors : ndarray of shape (n_descriptors,)
-            As they are known now.
+            Present estimate of the descriptors.
 
         Raises
         ------
         ValueError
-            If x or y has another length, or y is infinite.
+            If x or y has a wrong length, or y is infinite.
         """
         y = np.asarray(y, dtype=float)
         if y.shape != self._variances.shape:
@@ -211,7 +213,8 @@ def _started(start, known):
     if np.ndim(start) == 0:
         if start not in known.index:
             raise ValueError(
-                f"start={start!r} is no task of the predictor: {list(known.index)[:5]}."
+                f"start={start!r} is not a task of the predictor, such as "
+                f"{list(known.index)[:5]}."
             )
         return known.loc[start].to_numpy(dtype=float)
     start = np.asarray(start, dtype=float)

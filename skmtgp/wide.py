@@ -41,23 +41,24 @@ def stack_tasks(
     columns : sequence
         Names of the columns that are tasks. The others are features.
     task : str, default="task"
-        Name of the column that will say which task a row is of.
+        Name of the new column that says which task a row belongs to.
 
     Returns
     -------
     X : DataFrame of shape (n_values, n_features + 1)
         Features and, in the last column, the task: the name of its column in `frame`.
-        One task comes after another. The index is that of `frame`.
+        Tasks follow each other in the order of `columns`. The index is that of `frame`.
     y : Series of shape (n_values,)
-        What was measured, without NaN. It has the index of X.
+        Measurements, without NaN. It has the index of X.
 
     Raises
     ------
     TypeError
-        If `frame` is no frame, or `columns` one name in place of a sequence.
+        If `frame` is not a DataFrame, or `columns` is a single name instead of a
+        sequence.
     ValueError
-        If a column is missing, given twice, holds no value, or one that is infinite or
-        no number, or if there is a column `task` already.
+        If a column is missing or given twice, or has no value at all, an infinite
+        value, or something that is not a number. If there is already a column `task`.
 
     See Also
     --------
@@ -89,8 +90,8 @@ def stack_tasks(
     features = frame.drop(columns=columns)
     if task in features.columns:
         raise ValueError(
-            f"frame has a column {task!r} that is no task. Choose another name for the "
-            "tasks' column, such as task='variable', or drop that column."
+            f"frame already has a column {task!r}, the name of the new task column. "
+            "Choose another name, such as task='variable', or drop that column."
         )
     Y = _check_wide(frame[columns], columns, "frame")
     codes, rows = np.nonzero(~np.isnan(Y.T))
@@ -106,24 +107,25 @@ def unstack_tasks(
     Parameters
     ----------
     X : DataFrame of shape (n_values, n_features)
-        Rows, as :func:`stack_tasks` makes them: those that share their index were one.
+        Rows as :func:`stack_tasks` makes them. Values with the same index belong to the
+        same row of the result.
     values : array-like of shape (n_values,)
-        What is to be arranged: targets, predictions or standard deviations.
+        Values to arrange: targets, predictions or standard deviations.
     task_feature : str, default="task"
         Name of the column with the tasks.
 
     Returns
     -------
     frame : DataFrame of shape (n_samples, n_tasks)
-        The values, with NaN where there is no row. Rows and columns come in the order
-        in which X first has them.
+        The values, with NaN where X has no row. Rows and columns are in the order in
+        which they first occur in X.
 
     Raises
     ------
     TypeError
-        If X is no frame.
+        If X is not a DataFrame.
     ValueError
-        If there is no such column, if the lengths differ, or if a task has two rows of
+        If the column is missing, if the lengths differ, or if a task has two rows with
         the same index.
 
     Examples
@@ -154,9 +156,9 @@ def unstack_tasks(
     if keys.has_duplicates:
         row, task = keys[keys.duplicated()][0]
         raise ValueError(
-            f"Task {task!r} has several rows of index {row}. Give each row of the "
-            "table to be its own index: X.reset_index(drop=True) of the table before "
-            "it was stacked."
+            f"Task {task!r} has several rows with the index {row}. Give the rows of "
+            "the table distinct indices before stack_tasks: "
+            "frame.reset_index(drop=True)."
         )
     rows, tasks = X.index.unique(), X[task_feature].unique()
     wide = pd.Series(values, index=keys).unstack().reindex(index=rows, columns=tasks)
@@ -204,49 +206,49 @@ def _check_wide(values, columns, name="y"):
     empty = np.flatnonzero(gaps.all(axis=0))
     if empty.size:
         raise ValueError(
-            f"Column {columns[empty[0]]!r} of {name} has no value: nothing tells what "
-            "this task is. Leave it out."
+            f"Column {columns[empty[0]]!r} of {name} has no value, so this task cannot "
+            "be learned. Leave it out."
         )
     return Y
 
 
 class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
-    """A model of tasks, for targets with a column for each task.
+    """Model of tasks for targets with a column for each task.
 
-    For those who think in outputs: X without a column of tasks, Y with NaN where
-    nothing was measured. The columns of Y are stacked into rows with a task, which the
-    model learns together; what it predicts is arranged in columns again.
+    Use this if your table has X without a task column, and Y with a column for each
+    task and NaN where nothing was measured. The columns of Y are stacked into rows with
+    a task, and the model learns them together. Its predictions are arranged in columns
+    again.
 
     Parameters
     ----------
     estimator : estimator, default=None
-        The model of the rows, whose task is in their last column: a
+        Model of the stacked rows, with the task in the last column: a
         MultiTaskGPRegressor, another model of this package, or a pipeline that ends
         with one. None is ``MultiTaskGPRegressor()``.
     task : str, default="task"
-        Name of that column, where X is a frame.
+        Name of the task column, if X is a frame.
 
     Attributes
     ----------
     estimator_ : estimator
-        The fitted model. Its tasks are `outputs_`, or their positions where X is an
-        array.
+        The fitted model. Its tasks are `outputs_`, or their positions if X is an array.
     outputs_ : ndarray of shape (n_outputs,)
         Names of the columns of Y, or their positions.
     n_features_in_ : int
         Number of columns of X.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
-    stack_tasks : The stacked table itself, for models and splitters of this package.
-    MultiTaskGPRegressor : Takes Y of several columns too, but learns each by itself.
+    stack_tasks : Makes the stacked table, for models and splitters of this package.
+    MultiTaskGPRegressor : Takes Y with several columns, and learns each separately.
 
     Notes
     -----
-    Without gaps the rows are complete data, whose likelihood is computed much faster,
-    and nearly as fast where up to a tenth of the values are missing; see
+    Without gaps the rows are complete data. Their likelihood is computed much faster,
+    and nearly as fast with up to a tenth of the values missing. See
     :doc:`/guide/inference`.
 
     Examples
@@ -289,15 +291,15 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         Returns
         -------
         self : WideRegressor
-            Fitted.
+            Fitted estimator.
 
         Raises
         ------
         TypeError
             If X or y is a Dask collection.
         ValueError
-            If a column of y has no value, or an infinite one, or if the model cannot
-            use X or y. The estimator is then as it was before.
+            If a column of y has no value or an infinite one, or if the model cannot use
+            X or y. The estimator is then as it was before.
         """
         with fitting(self, X, y):
             self._fit(X, y)
@@ -330,9 +332,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         if isinstance(X, pd.DataFrame) and all(isinstance(c, str) for c in X.columns):
             if self.task in X.columns:
                 raise ValueError(
-                    f"X has a column {self.task!r}, which is how the column of tasks "
-                    "is to be called. Set `task` to another name, or, if X has the "
-                    "tasks already, fit the model itself."
+                    f"X already has a column {self.task!r}, the name of the new task "
+                    "column. Set `task` to another name. If X has the tasks already, "
+                    "fit the model itself."
                 )
             return validate_data(self, X, reset=reset, skip_check_array=True)
         options = {"dtype": None, "ensure_all_finite": False}
@@ -375,16 +377,16 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         X : array-like of shape (n_samples, n_features)
             Inputs.
         return_std : bool, default=False
-            Whether to return standard deviations too.
+            Whether to return standard deviations, too.
         include_noise : bool, default=False
-            Whether they are those of new observations rather than of f.
+            Whether they are those of new observations, rather than of f.
 
         Returns
         -------
         y_mean : ndarray of shape (n_samples, n_outputs) or (n_samples,)
-            In the units of y.
+            Predictive mean, in units of y.
         y_std : ndarray of the shape of y_mean
-            Only if `return_std`.
+            Standard deviation. Only if `return_std`.
 
         Raises
         ------
@@ -400,21 +402,21 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def predict_interval(
         self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Interval that holds each output with a given probability.
+        """Predict an interval that contains each output with a given probability.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
             Inputs.
         level : float, default=0.95
-            Probability.
+            Probability of the interval.
         include_noise : bool, default=True
-            Whether it is that of a new observation, or that of f.
+            Whether the interval is that of a new observation, rather than of f.
 
         Returns
         -------
         lower, upper : ndarray of shape (n_samples, n_outputs) or (n_samples,)
-            Bounds, in the units of y.
+            Ends of the interval, in units of y.
 
         Raises
         ------
@@ -483,14 +485,14 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         n_samples : int, default=1
             Number of draws.
         random_state : int, RandomState or None, default=0
-            Of the draws.
+            Source of randomness.
         include_noise : bool, default=False
-            Whether noise is added.
+            Whether to add noise to the draws.
 
         Returns
         -------
         y : ndarray of shape (n_rows, n_outputs, n_samples) or (n_rows, n_samples)
-            Draws, in the units of y.
+            Draws, in units of y.
 
         Raises
         ------
@@ -505,7 +507,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def score(
         self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
     ) -> float:
-        """R² of each output, averaged; NaN are left out.
+        """Return the R² of each output, averaged; NaN are left out.
 
         Parameters
         ----------
@@ -519,7 +521,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         Returns
         -------
         score : float
-            1 is best; the mean of each column has 0.
+            1 is perfect. Predicting the mean of each column has 0.
 
         Raises
         ------

@@ -304,11 +304,11 @@ class TestRefusals:
         some = X[:, -1] < M - 1
         options = DESCRIBED | {"max_iter": 0}
         other = MultiTaskGPRegressor(**options).fit(X[some], Y[some])
-        with pytest.raises(ValueError, match="The models know other tasks"):
+        with pytest.raises(ValueError, match="The models know different tasks"):
             TaskIdentifier([model, other]).predict_proba(NEW[:, None], Y_NEW)
         table = X * np.array([1.0, 2.0, 1.0, 1.0])
         other = MultiTaskGPRegressor(**options).fit(table, Y)
-        with pytest.raises(ValueError, match="other descriptors"):
+        with pytest.raises(ValueError, match="different descriptors"):
             TaskIdentifier([model, other]).predict_proba(NEW[:, None], Y_NEW)
 
     @pytest.mark.parametrize(
@@ -416,7 +416,9 @@ class TestStream:
     def test_another_model_needs_a_reset(self, model):
         identifier = TaskIdentifier(model).partial_fit(NEW[:, None], Y_NEW)
         identifier.model = model.add_task(with_task(NEW, *ANOTHER, 9), Y_NEW)
-        with pytest.raises(ValueError, match="knows 7 tasks, and 6 in the last call"):
+        with pytest.raises(
+            ValueError, match="knows 7 tasks, but knew 6 in the last call"
+        ):
             identifier.partial_fit(NEW[:, None], Y_NEW)
         identifier.reset().partial_fit(NEW[:, None], Y_NEW)
         assert identifier.responsibilities_.shape == (M + 2,)

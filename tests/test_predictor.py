@@ -245,11 +245,13 @@ class TestTasks:
         with pytest.raises(ValueError, match="Unknown task 99: the model knows 0, 1"):
             compile_predictor(model, task=99)
         predictor = compile_predictor(model)
-        with pytest.raises(ValueError, match=r"task=99 is none .* compiled for: 0, 1"):
+        with pytest.raises(
+            ValueError, match=r"task=99 is not one .* compiled for: 0, 1"
+        ):
             predictor([0.0, 0.0], 99)
         with pytest.raises(ValueError, match=r"Give the task too, .*one of 0, 1"):
             predictor([0.0, 0.0])
-        with pytest.raises(ValueError, match=r"task=1 is none"):
+        with pytest.raises(ValueError, match=r"task=1 is not one"):
             compile_predictor(model, task=0)([0.0, 0.0], 1)
 
 
@@ -404,7 +406,7 @@ class TestRefresh:
         model = clone(MODELS["paper"]).fit(*draw())
         predictor = compile_predictor(model)
         model.partial_fit([[0.1, 0.2, 5]], [3.0])
-        with pytest.raises(ValueError, match="task=5 is none"):
+        with pytest.raises(ValueError, match="task=5 is not one"):
             predictor([0.1, 0.2], 5)
         predictor.refresh(model)
         close(predictor([0.1, 0.2], 5), model.predict([[0.1, 0.2, 5]]))

@@ -84,9 +84,9 @@ def test_picture(search):
 @pytest.mark.parametrize(
     ("params", "match"),
     [
-        ({"ranks": [(1, 1, 1)]}, r"each of the 2 kernels.*\(1, 1, 1\) is none"),
-        ({"ranks": [(1, -1)]}, r"rank of 0 or more.*\(1, -1\) is none"),
-        ({"ranks": [()]}, r"\(\) is none"),
+        ({"ranks": [(1, 1, 1)]}, r"candidate \(1, 1, 1\).*each of the 2 kernels"),
+        ({"ranks": [(1, -1)]}, r"candidate \(1, -1\).*rank of 0 or more"),
+        ({"ranks": [()]}, r"has the candidate \(\)"),
         ({"ranks": []}, r"ranks=\[\] has no candidate"),
         ({"criterion": "laplace"}, "criterion='laplace' integrates .*'bic' or 'loo'"),
         ({"simpler": True}, "simpler=True adds candidates of one kernel"),

@@ -167,7 +167,7 @@ def test_it_follows_a_fitted_model(predictor):
         ({"widening": 0.0}, "widening=0.0 must be above 0"),
         ({"surprise": np.nan}, "surprise=nan must be above 0"),
         ({"memory": 1.0}, "memory=1.0 must be above 1"),
-        ({"start": "e"}, "start='e' is no task of the predictor: .*'a'"),
+        ({"start": "e"}, "start='e' is not a task of the predictor, such as .*'a'"),
         ({"start": [1.0]}, r"one for each of \['m', 'c'\]"),
         ({"start": [1.0, np.inf]}, "must be finite numbers"),
     ],

@@ -112,7 +112,7 @@ def test_frames_of_polars():
         (TABLE, ["tin", "tin"], ValueError, "has 'tin' twice"),
         (TABLE, [], ValueError, "must name one column or more"),
         (TABLE, list(TABLE), ValueError, "leave one or more as features"),
-        (TABLE.assign(task=1), ["tin"], ValueError, "has a column 'task' that is no"),
+        (TABLE.assign(task=1), ["tin"], ValueError, "already has a column 'task'"),
         (TABLE.assign(tin=np.nan), ["tin"], ValueError, "'tin' of frame has no value"),
         (
             TABLE.assign(tin=np.inf),
@@ -142,7 +142,7 @@ LONG, LONG_Y = stack_tasks(TABLE, ["zinc", "lead"])
             LONG_Y,
             "task",
             ValueError,
-            "Task 'zinc' has several rows of index 0",
+            "Task 'zinc' has several rows with the index 0",
         ),
     ],
 )
@@ -269,7 +269,7 @@ def test_pickles(fitted):
     [
         (X, np.where([True, True, False], Y, np.nan), "Column 2 of y has no value"),
         (X, np.where(np.eye(12, 3), np.inf, Y), "inf"),
-        (FRAME.assign(task=1), WIDE, "X has a column 'task'"),
+        (FRAME.assign(task=1), WIDE, "X already has a column 'task'"),
         (X[:5], Y, "inconsistent numbers of samples"),
     ],
 )

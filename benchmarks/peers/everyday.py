@@ -71,7 +71,8 @@ def tables(rows):
     for data in there(rows):
         fits = of_set(rows, data)
         for test in tests(fits):
-            title = f"{SETS[data].capitalize()}, n = {fits[0]['n']}, "
+            name = SETS[data]
+            title = f"{name[0].upper()}{name[1:]}, n = {fits[0]['n']}, "
             title += f"{fits[0]['tasks']} tasks, predicted: {test}\n"
             text += [title, one_table(fits, test, fits[0]["measure"])]
     return text or ["Not measured."]

@@ -114,8 +114,9 @@ def likelihood_words(fits):
         rows = [r for r in against_ours(fits) if r["settings"] == "best"]
         yield (
             f"**Likelihood.** skmtgp ends higher than all others on {won} of {of} "
-            "problems. It passes another package's best after 1/"
-            f"{median(r['times'] for r in rows):.0f} of its time (median)."
+            "problems. It needs 1/"
+            f"{median(r['times'] for r in rows):.0f} of another package's time "
+            "(median) to pass that package's highest likelihood."
         )
 
 
@@ -128,15 +129,15 @@ def error_words(fits, rows):
         for (_, joint, _), ratio in ratios.items():
             by_joint.setdefault(joint, []).append(ratio)
         words.append(
-            "On a simulated robot's new motions, the best other package has "
-            f"{median(map(median, by_joint.values())):.1f} times skmtgp's error."
+            "On new motions of a simulated robot, the error of the best other package "
+            f"is {median(map(median, by_joint.values())):.1f} times skmtgp's."
         )
     of_data = [row for row in rows if row.everyday]
     if of_data:
         close = sum(row.ours <= CLOSE * row.least for row in of_data)
         words.append(
             f"On {close} of {len(of_data)} tests with everyday data, skmtgp is the "
-            f"best or within {100 * (CLOSE - 1):.0f} % of the best; on "
+            f"best or within {100 * (CLOSE - 1):.0f} % of the best. On the other "
             f"{len(of_data) - close} another model is better."
         )
     if words:
@@ -285,14 +286,14 @@ def listed(words):
 def caveats(results):
     """What the numbers do not say."""
     yield (
-        "The simulated robot's torques have next to no noise. There, better "
-        "hyperparameters change errors by factors. Where there is noise, the "
-        "multi-task models of all packages are close, as the heights of boys show."
+        "The simulated robot's torques have almost no noise. There, better "
+        "hyperparameters lower the error several times. With noise, the multi-task "
+        "models of all packages have similar errors, as for the heights of boys."
     )
     yield from fits_caveats(results.fits)
     yield (
-        "All was measured on a processor with two cores. GPyTorch, BoTorch and GPflow "
-        "can use a GPU; skmtgp cannot."
+        "All times are those of two cores. GPyTorch, BoTorch and GPflow can use a GPU; "
+        "skmtgp cannot."
     )
     yield from sparse_caveat(results.sparse)
     yield from drawn_caveat(results.folder)
@@ -304,16 +305,16 @@ def fits_caveats(fits):
     if rows:
         ended = sum(r["stop"] == "budget" for r in rows)
         yield (
-            f"{ended} of {len(rows)} fits of the other packages ran into their time "
+            f"{ended} of {len(rows)} fits of the other packages reached their time "
             "limit. With more time some would end higher. At 280 rows their times are "
-            "by the clock, while other work went on, which favours skmtgp; at 896 rows "
-            "all times are the processor's."
+            "wall-clock time beside other work, which favours skmtgp. At 896 rows all "
+            "times are processor time."
         )
     behind = shipped_behind(fits)
     if behind:
         yield (
-            "Here skmtgp's task covariance has a diagonal, as that of the others has. "
-            "Without it, which is the default, another package ends higher on "
+            "Here skmtgp's task covariance has a diagonal, as in the other packages. "
+            "By default it has none. Another package then ends higher on "
             f"{len(behind)} of {len({problem_of(r) for r in rows})} problems."
         )
 
@@ -323,8 +324,8 @@ def sparse_caveat(sparse):
     for goal, measured, _ in sparse.speed_goals():
         if goal.endswith("m points"):
             yield (
-                "With 56,000 rows and 500 inducing points, the next package takes only "
-                f"{measured} as long for an evaluation."
+                "The lead is small with 56,000 rows and 500 inducing points: an "
+                f"evaluation of the next package takes {measured} as long."
             )
 
 
@@ -338,8 +339,8 @@ def drawn_caveat(folder):
     line = next(x.split() for x in lines if x.startswith("ALL "))
     found = dict(zip(names, line[1:], strict=True))
     yield (
-        f"On {found['fits']} drawn problems, the median error is {found['/best of 3']} "
-        "times that of the best of three simpler models. The 95 % intervals cover "
-        f"{100 * float(found['coverage']):.0f} % there, less where rows are few: see "
-        "[Intervals](guide/intervals.md)."
+        f"On {found['fits']} randomly drawn problems, the median error is "
+        f"{found['/best of 3']} times that of the best of three simpler models. The "
+        f"95 % intervals cover {100 * float(found['coverage']):.0f} % of the targets, "
+        "less with few rows: see [Intervals](guide/intervals.md)."
     )

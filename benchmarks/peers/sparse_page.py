@@ -19,46 +19,46 @@ ERRORS = "nmse_interpolation", "nmse_extrapolation"
 INTRODUCTION = """\
 ## The whole training set
 
-14 loads x 4000 samples, n = 56,000, by `inference="sparse"`: a lower bound on the
-likelihood from m inducing inputs, chosen among the samples. In GPyTorch (SGPR) and
-GPflow (SGPR) an inducing point is an input of one task. They get as many points as
-skmtgp has inputs (*m points*), and skmtgp's inputs with as many tasks each as the rank
-(*m inputs, r tasks*), which makes their bound the same as skmtgp's. Errors are those on
-the whole interpolation and extrapolation sets. Times are the processor's where there is
-one thread.
+The whole training set has 14 loads with 4000 samples each: n = 56,000. Here skmtgp uses
+`inference="sparse"`: a lower bound on the likelihood from m inducing inputs, chosen
+among the samples. In GPyTorch (SGPR) and GPflow (SGPR) an inducing point is an input of
+one task. They run twice. With *m points* they get as many points as skmtgp has inputs.
+With *m inputs, r tasks* they get each of skmtgp's inputs for as many tasks as the rank.
+Their bound is then the same as skmtgp's. Errors are those on the whole interpolation
+and extrapolation sets. With one thread, times are processor time.
 """
 
 FITS = """\
-Fits of skmtgp, from the data to the model, and exact inference (dense) at n = 2800 with
-the rank that BIC chooses. Of several ranks that were searched the one of the lowest BIC
-is shown, with the time of all. *Exact* is `n_exact`, 1100 by default. The bound is of
-the scaled targets. Fewer than m inducing inputs are used where the others have no
-variance left in double precision; a larger m then changes nothing:
+Whole fits of skmtgp, beside exact inference (dense) at n = 2800 with the rank that BIC
+chooses. Where several ranks were searched, the table shows the one with the lowest BIC
+and the time of all. *Exact* is `n_exact`, 1100 by default. The bound is that of the
+scaled targets. A fit uses fewer than m inducing inputs where more would have no
+variance left in double precision. A larger m then changes nothing:
 """
 
 MORE_ROWS = """\
-Whether more rows lower the errors: those of exact inference from some of the rows, at
-the parameters that sparse inference has learned from all"""
+Do more rows lower the errors? Exact inference from some of the rows, at the parameters
+that sparse inference has learned from all rows"""
 
 TIMES = """\
-One evaluation of the bound and its gradient, seconds, on random data at rank 4; a dash
-where it failed or was not tried:
+Seconds of one evaluation of the bound and its gradient, on random data at rank 4. A
+dash means that it failed or was not tried:
 """
 
-MEMORY = "Its peak memory, MiB over what the loaded package takes:\n"
+MEMORY = "Peak memory of this evaluation, MiB beyond what the loaded package takes:\n"
 
 PEERS = """\
-Fits for a budget of time, from the same start: the mode of exact inference on 1100 of
-the samples, which the peers get for nothing and which counts in skmtgp's time. Their
-noise variance begins at 2e-10 at least: bounds are higher where it is lower, and tell
-little of the fits. The peers' bounds and errors are those of a plain implementation at
-their parameters. All choose their inducing points twice, the peers after half of the
-time. skmtgp ends by itself:
+Fits with a time limit, all from the same start: the mode of exact inference on 1100 of
+the samples. Finding it counts in skmtgp's time only. The noise variance of the other
+packages starts at 2e-10 or above. Bounds are higher with less noise, so they say little
+about the fits. A plain implementation computes the other packages' bounds and errors at
+their parameters. All packages choose their inducing points twice, the other packages
+after half of the time. skmtgp ends by itself:
 """
 
 CHECKS = """\
-The packages' own bounds at a start, less those of a plain implementation; with all
-inputs inducing (m = n), less the exact likelihood:
+The packages' own bounds at a start, minus those of a plain implementation. With all
+inputs inducing (m = n), minus the exact likelihood:
 """
 
 
@@ -90,7 +90,7 @@ class SparseResults:
             *self.failures(),
         ]
         if (self.folder / "sparse_growth.csv").exists():
-            parts.append("From 10,000 samples to all 960,000 of the data:\n")
+            parts.append("From 10,000 samples to all 960,000 samples of the data:\n")
             parts.append("![time and memory against n](images/sparse-growth.png)\n")
         return [INTRODUCTION, *parts] if parts else []
 

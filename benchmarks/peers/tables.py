@@ -19,24 +19,27 @@ from compare import (
 from markup import DASH, number, printed, table
 
 OWN = {
-    "likelihood": "One evaluation over its floor, LAPACK's potrf and potri",
-    "memory": "Peak memory of a whole fit over the data",
-    "prediction": "Time and memory of means",
+    "likelihood": "Time of one evaluation, relative to LAPACK's potrf and potri",
+    "memory": "Peak memory of a whole fit, beyond the data",
+    "prediction": "Time and memory of predicting means",
     "large_fit": "One fit to many samples",
-    "kronecker": "One evaluation of complete data over one eigh of its N inputs",
-    "digits": "Digits lost where there is next to no noise",
+    "kronecker": (
+        "Time of one evaluation with complete data, relative to eigh of its N inputs"
+    ),
+    "digits": "Digits lost where there is almost no noise",
     "modes": "Likelihoods found, and the time to find them",
     "noisy_modes": "Likelihoods found for small and noisy data",
-    "ordinary": "Drawn problems in 26 classes, beside simpler models",
+    "ordinary": "Drawn problems in 26 classes, compared with simpler models",
     "levels_and_units": "Tasks with different levels, units and precisions",
-    "defaults": "What each choice of the defaults costs, where",
+    "defaults": "Where each default costs or gains accuracy",
 }
 
 JITTER = """\
-At the parameters of {n} of {of} fits of the peers at their best, K is not positive
-definite in double precision. The reference then adds jitter, at most {most:.1g}, which
-lowers their likelihood by up to {cost:.0f} nats. Where we count who has the highest
-likelihood, a peer's own score counts if it is higher; the tables have the reference's.
+For {n} of {of} fits of the other packages at their best, K is not positive definite in
+double precision at the final parameters. The reference then adds jitter, at most
+{most:.1g}. This lowers their likelihood by up to {cost:.0f} nats. The tables show these
+likelihoods. The count of the highest likelihoods uses a package's own value if it is
+higher.
 """
 
 
@@ -63,10 +66,10 @@ def timings_section(timings):
     text.append("![seconds against n](images/benchmark-evaluation.png)\n")
     columns = {
         "Milliseconds:\n": lambda r: number(1e3 * r["seconds"]),
-        "Over the floor, LAPACK's potrf and potri in the same process:\n": lambda r: (
-            number(r["seconds"] / r["floor_seconds"])
+        "Relative to LAPACK's potrf and potri in the same process:\n": lambda r: number(
+            r["seconds"] / r["floor_seconds"]
         ),
-        "Peak memory, MiB over what the loaded package takes:\n": lambda r: number(
+        "Peak memory in MiB, beyond what the loaded package takes:\n": lambda r: number(
             r["memory_mib"]
         ),
     }
@@ -136,7 +139,7 @@ def medians_table(fits, n):
     ]
     text = "Medians over joints and draws"
     if budgets:
-        text += f"; a peer may take {span(budgets)} s"
+        text += f". The time limit of the other packages is {span(budgets)} s"
     return f"{text}:\n\n" + table(head.split(","), rows)
 
 
@@ -181,7 +184,10 @@ def errors_section(fits):
     joints = sorted({joint for _, joint, _ in ratios})
     cells = [[v for (_, j, _), v in ratios.items() if j == joint] for joint in joints]
     rows = [["median of the draws", *(number(median(c)) for c in cells)]]
-    title = f"The peers' lowest nMSE in extrapolation over skmtgp's, n = {SMALL_N}:\n"
+    title = (
+        "The lowest nMSE in extrapolation of the other packages, divided by skmtgp's, "
+    )
+    title += f"n = {SMALL_N}:\n"
     return [title, table(["", *(f"joint {j}" for j in joints)], rows)]
 
 
@@ -206,10 +212,11 @@ def checks_section(checks):
     if not rows:
         return []
     return [
-        "The likelihood at the start by the reference, and the package's own less it. "
-        "GPyTorch as shipped computes in single precision. BoTorch as shipped counts a "
-        "prior of the noise and of the tasks' correlations, and starts at |F|, because "
-        "it has no negative correlations between tasks.\n",
+        "The table has the likelihood at the start by the reference, and how much the "
+        "package's own value differs from it. GPyTorch as shipped computes in single "
+        "precision. BoTorch as shipped adds a prior of the noise and of the tasks' "
+        "correlations. It starts at |F|, because it has no negative correlations "
+        "between tasks.\n",
         table(["package", "reference", "difference"], rows),
     ]
 
@@ -238,8 +245,8 @@ def machine_section(folder, rows):
     words = {"memory_gib": "memory, GiB"}
     lines = [f"- {words.get(key, key)}: {value}" for key, value in machine.items()]
     lines += [
-        f"- {run['begun']}: `{run['command']}` at {run['commit']}, "
-        f"beside it: {run['beside']}"
+        f"- {run['begun']}: `{run['command']}` at {run['commit']}; running at the same "
+        f"time: {run['beside']}"
         for run in runs
     ]
     versions = sorted({(r["package"], r["version"]) for r in rows if "version" in r})

@@ -1,9 +1,9 @@
 """The arm that picks up a load, as a short animation.
 
-``python examples/control/animate.py`` follows one of the paper's paths twice, by the
-model of the nearest known load and by the load that it tracks, and draws the arm, as it
+``python examples/control/animate.py`` follows one of the paper's paths twice: by the
+model of the nearest known load, and by the load that it tracks. It draws the arm, as it
 should be and as it is, beside the errors, into examples/output/control.gif. Run run.py
-first: the learned models are read from its folder, if they are there.
+first: its folder has the learned models, which are used if they are there.
 """
 
 import argparse

@@ -1,9 +1,9 @@
 """Controllers of the robot: feed-forward torques of a model, and a soft spring.
 
-Each period a controller is asked for the torque of the reference (`torque`), which has
-to be there in time, and is then told what was measured (`observe`). What it does with
-that may take longer: it gives a job, a function without arguments, whose result is
-installed (`install`) when the time that it took has passed.
+In each period a controller must return the torque of the reference in time (`torque`).
+Then it gets the measurement (`observe`). Processing that may take longer: the
+controller returns a job, a function without arguments. Its result is installed
+(`install`) when the time that it took has passed.
 """
 
 import copy

@@ -1,15 +1,15 @@
-"""A robot arm picks up a load that nobody has told it of, and keeps to its path.
+"""A robot arm picks up an unknown load and stays on its path.
 
 ``python examples/control/run.py`` learns the inverse dynamics of a simulated Puma 560
 under 14 loads, in 160 states each, with the loads' inertial parameters as descriptors.
-Then the arm follows the paper's paths at 1 kHz. Somewhere on the way the light load in
-its hand becomes one of 3 kg, which the model has never seen. The controllers differ in
-the torques that they send ahead; a soft spring does the rest.
+Then the arm follows the paper's paths at 1 kHz. Halfway, the light load in its hand
+becomes one of 3 kg, which the model has never seen. The controllers differ in the
+torques that they send ahead; a soft spring corrects what is left.
 
-It prints, for each controller, root mean square errors of the joints' positions (the
-norm over six joints, in mrad): before the pick-up, in the 0.2 s after it, from 0.2 to
-1 s after it, and later; and the time of a period of 1 ms that was needed, on one core.
-The figure has the errors of one path. It needs Pinocchio and matplotlib.
+For each controller it prints root mean square errors of the joints' positions (the norm
+over six joints, in mrad): before the pick-up, in the 0.2 s after it, from 0.2 to 1 s
+after it, and later. It also prints the computing time for a period of 1 ms, on one
+core. The figure has the errors of one path. It needs Pinocchio and matplotlib.
 """
 
 import argparse

@@ -2,15 +2,15 @@
 Are the intervals right?
 ========================
 
-A 90 % interval should hold 90 % of the targets, for each task. Two displays tell
-whether it does. A noise variance for each task helps where the tasks differ in noise.
+A 90 % interval should contain 90 % of the targets of each task. Two displays show
+whether it does. Where tasks have different noise, a noise variance for each task helps.
 """
 
 # %%
 # Three instruments
 # -----------------
-# They measure related functions. The second has four times the noise of the first, the
-# third ten times.
+# They measure related functions. The second instrument has four times the noise of the
+# first, and the third has ten times the noise of the first.
 import numpy as np
 
 rng = np.random.default_rng(0)
@@ -33,7 +33,7 @@ X_test, y_test = measure(300)
 # %%
 # One noise for all, and one for each
 # -----------------------------------
-# The default, ``noise="auto"``, leaves it to the data.
+# The default, ``noise="auto"``, would decide by the data.
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.metrics import coverage
 
@@ -52,11 +52,11 @@ for kind, model in models.items():
         print(f"{kind:8}  {task:6}  noise {sigma:.2f}  inside 90 %: {share:.2f}")
 
 # %%
-# With one noise variance for all, the intervals are too wide for two instruments and
-# too narrow for the coarse one, although the mean of the three at 90 % looks right.
-# With one noise variance for each, all come near the diagonal; those of the fine
-# instrument are still a little too narrow, for 40 samples tell its noise roughly. The
-# grey lines are the instruments, the blue line is their mean.
+# With one noise variance for all, the intervals of two instruments are too wide and
+# those of the coarse one too narrow. The mean of the three at 90 % hides this. With one
+# noise variance for each, all curves come near the diagonal. The intervals of the fine
+# instrument are still a little too narrow, because 40 samples determine its noise only
+# roughly. The grey lines are the instruments, and the blue line is their mean.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import CoverageDisplay, TaskResidualsDisplay
@@ -67,8 +67,8 @@ for ax, (kind, model) in zip(axes, models.items(), strict=True):
     ax.set_title(f'noise="{kind}"')
 
 # %%
-# Which instrument is which, the residuals tell. Divided by their predictive standard
-# deviation, 95 % of them should lie between the dashed lines, whatever the instrument.
+# The residuals show which instrument is which. Divided by their predictive standard
+# deviation, 95 % of them should lie between the dashed lines, for each instrument.
 figure, axes = plt.subplots(1, 2, figsize=(9, 4), sharey=True, layout="constrained")
 for ax, (kind, model) in zip(axes, models.items(), strict=True):
     TaskResidualsDisplay.from_estimator(

@@ -2,16 +2,17 @@
 Which rank should the task covariance have?
 ===========================================
 
-The rank says how many functions the tasks share. Too small a rank cannot tell the tasks
-apart; too large a rank has parameters that few samples cannot tell. Here the truth is
-known, and two ways to find it are compared: information criteria and cross-validation.
+The rank is the number of functions that the tasks share. With too small a rank the
+model cannot tell the tasks apart. With too large a rank it has more parameters than the
+samples can determine. Here the truth is known, and we compare two ways to find the
+rank: information criteria and cross-validation.
 """
 
 # %%
 # Eight tasks made of two functions
 # ---------------------------------
-# Each task is a mixture of the same two functions, seen at 15 inputs of its own with a
-# little noise.
+# Each task is a mixture of the same two functions. It is measured at 15 inputs of its
+# own, with little noise.
 import numpy as np
 
 rng = np.random.default_rng(0)
@@ -26,8 +27,8 @@ X = np.column_stack([x, task])
 # %%
 # Information criteria
 # --------------------
-# :class:`~skmtgp.RankSearchIC` learns all ranks together and keeps the one that BIC
-# prefers; the other criteria come with it.
+# :class:`~skmtgp.RankSearchIC` learns all ranks together and keeps the one with the
+# lowest BIC. It computes the other criteria, too.
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 
 ranks = [1, 2, 3, 4, 5]
@@ -40,8 +41,9 @@ print(table[columns].round(1).to_string())
 # %%
 # Cross-validation
 # ----------------
-# The rank is a parameter as any other. Every fold must have samples of every task, and
-# :class:`~skmtgp.model_selection.TaskStratifiedKFold` sees to it.
+# The rank is an ordinary parameter, so scikit-learn's grid search can choose it. Every
+# fold must have samples of every task.
+# :class:`~skmtgp.model_selection.TaskStratifiedKFold` takes care of that.
 from sklearn.model_selection import GridSearchCV
 
 from skmtgp.metrics import make_normalized_mse_scorer
@@ -60,10 +62,10 @@ for rank, error in zip(ranks, errors, strict=True):
 # %%
 # The two side by side
 # --------------------
-# All three criteria choose rank 2, the truth, BIC most clearly. The likelihood hardly
-# grows from there on, so that higher ranks predict the same, and cross-validation
-# cannot tell them from rank 2. It took 25 fits of parts of the data, the criteria one
-# search.
+# All three criteria choose rank 2, which is the truth; BIC does so most clearly. The
+# likelihood hardly grows beyond rank 2. Higher ranks predict equally well, so
+# cross-validation cannot tell them from rank 2. It took 25 fits to parts of the data,
+# the criteria took one search.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import RankSelectionDisplay

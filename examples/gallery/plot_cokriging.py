@@ -2,21 +2,21 @@
 Cokriging: a map of one metal with the help of two others
 =========================================================
 
-Cadmium in the soil is dear to measure, zinc and nickel are cheap. There are 60
-measurements of cadmium and 180 of the other two. Kriging makes a map from the 60 alone;
-cokriging makes it from all 420. The metals are tasks of one model.
+Cadmium in the soil is expensive to measure, zinc and nickel are cheap. There are 60
+measurements of cadmium and 180 of each of the other two. Kriging makes a map from the
+60 measurements alone. Cokriging makes it from all 420. The metals are tasks of one
+model.
 
-The survey is simulated, so that the true map is known. The
-:doc:`tutorial </tutorials/cokriging>` goes through the same steps more slowly, in a
-geostatistician's words.
+The survey is simulated, so the true map is known. The :doc:`tutorial
+</tutorials/cokriging>` takes the same steps more slowly, in the words of geostatistics.
 """
 
 # %%
 # The survey
 # ----------
-# Two things put metals into this soil: the rock, which changes over kilometres, and
-# what people spilled, which changes over some hundred metres. The column "task" will
-# name the metal, with one row for each measurement.
+# Two sources put metals into this soil. The rock changes over kilometres, and spills
+# change over a few hundred metres. We turn the survey into one row for each
+# measurement. The column "task" names the metal.
 import pandas as pd
 
 from skmtgp import stack_tasks
@@ -30,10 +30,11 @@ pd.concat([X, y], axis=1).groupby("task").head(2).round(2)
 # %%
 # Kriging and cokriging
 # ---------------------
-# Both work on logarithms (``target_transform``) with exponential covariances, which are
+# Both work on logarithms (``target_transform``) with exponential covariances,
 # ``Matern(nu=0.5)``. Kriging of cadmium alone is a ``SingleTaskGP``. Cokriging is a
-# linear model of coregionalisation with two structures, one of each scale. The lengths
-# are starts: everything is learned by maximum likelihood.
+# linear model of coregionalisation with two structures, one for each scale. The
+# length-scales are only starting values, because everything is learned by maximum
+# likelihood.
 import numpy as np
 from sklearn.gaussian_process.kernels import Matern
 
@@ -78,9 +79,9 @@ def draw(images, label, **limits):
 draw(maps, "cadmium (ppm)", vmin=0.0, vmax=np.quantile(maps["the truth"], 0.99))
 
 # %%
-# How uncertain the maps are: by what factor the truth may be off, up or down, at one
-# standard deviation of the logarithm. Kriging is sure where cadmium was measured;
-# cokriging is also sure where zinc was.
+# How uncertain are the maps? The colours show the factor between prediction and truth
+# at one standard deviation of the logarithm. Kriging is certain where cadmium was
+# measured. Cokriging is also certain where only zinc was measured.
 factors = {}
 for name, model in models.items():
     lower, upper = model.predict_interval(places, 0.683, include_noise=False)
@@ -89,7 +90,8 @@ for name, model in models.items():
 draw(factors, "uncertain by a factor of", vmin=1.0, vmax=1.7, cmap="magma")
 
 # %%
-# Errors over the whole map, and how often 90 % intervals hold the truth:
+# The table has the errors over the whole map, and how often 90 % intervals contain the
+# truth:
 rows = {}
 for name, model in models.items():
     lower, upper = model.predict_interval(places, 0.9, include_noise=False)
@@ -104,19 +106,19 @@ pd.DataFrame(rows).T.round(2)
 # %%
 # Variograms
 # ----------
-# The model implies a variogram for each metal and a cross-variogram for each pair. Dots
-# are the experimental ones: half the mean product of differences between two places, by
-# their distance. Nothing was fitted to the dots. Here they are those of logarithms, by
-# distance in km.
+# The model implies a variogram for each metal and a cross-variogram for each pair of
+# metals. Dots are the experimental variograms: half the mean product of differences
+# between two places, against their distance in km. They are those of logarithms. The
+# fit did not use the dots.
 from skmtgp.inspection import VariogramDisplay
 
 model = models["cokriging"]
 VariogramDisplay.from_estimator(model, tasks=METALS, max_distance=2.5)
 
 # %%
-# Two structures relate the metals in two ways. Their sills, by the length in km of each
-# structure: all three metals have a part in the long one, nickel has next to none in
-# the short one.
+# The two structures relate the metals in different ways. The table has their sills,
+# with the length of each structure in km. All three metals take part in the long
+# structure, and nickel hardly takes part in the short one.
 names = [f"{kernel.length_scale:.1f} km" for kernel in model.kernel_]
 sills = {
     name: pd.DataFrame(K, METALS, METALS)

@@ -2,9 +2,8 @@
 Complete data, and what they save
 =================================
 
-Eight stations report at the same times. Data in which every task has the same inputs,
-once each, are called complete. How much faster are they learned, and is anything given
-up?
+Eight stations report at the same times. Data are called complete if every task has the
+same inputs, once each. How much faster is learning then? Do the results change?
 """
 
 # %%
@@ -30,12 +29,13 @@ def report(n_times):
 X, y = report(50)
 
 # %%
-# Found by itself
-# ---------------
-# ``inference="auto"``, the default, sees that the data are complete, in whatever order
-# the rows are. The covariance of all samples is then a Kronecker product, of that of
-# the stations and that of the times, and need not be made. Without a single row it must
-# be.
+# Found automatically
+# -------------------
+# ``inference="auto"``, the default, notices that the data are complete, whatever the
+# order of the rows. The covariance of all samples is then a Kronecker product of two
+# small matrices: one of the stations, one of the times. The large matrix is never
+# computed. Up to a tenth of the measurements may be missing, such as the first one
+# here.
 from skmtgp import MultiTaskGPRegressor
 
 model = MultiTaskGPRegressor(rank=2, task_feature="station")
@@ -46,8 +46,8 @@ print("one less:", model.fit(X[1:], y[1:]).inference_)
 # %%
 # The same model
 # --------------
-# Both ways are exact: the same likelihood to many digits and, as far as learning goes,
-# the same predictions.
+# Both ways are exact. They have the same likelihood to many digits, and nearly the same
+# predictions. Predictions can differ as much as the tolerance of learning allows.
 from time import perf_counter
 
 from sklearn.base import clone
@@ -70,9 +70,9 @@ print(f"time to learn, dense over kronecker: {ratio:.1f}")
 # %%
 # More times
 # ----------
-# Learning is a few hundred likelihoods with their gradients. For many samples the time
-# of one grows with the cube of the number of all samples, or, for complete data, with
-# the cube of the number of times alone.
+# Learning takes a few hundred evaluations of the likelihood and its gradient. In
+# general the time of one evaluation grows with the cube of the number of all samples.
+# For complete data it grows with the cube of the number of times only.
 
 
 def time_of_likelihood(inference, X, y):
@@ -96,9 +96,8 @@ table["dense over kronecker"] = table["dense"] / table["kronecker"]
 print(table["dense over kronecker"].round(1).to_string())
 
 # %%
-# On the left the predictions for three stations, both ways, and on the right the times.
-# Where large data lack a few measurements, it can be better to leave out their hours
-# for all stations.
+# The left plot has the predictions for three stations, both ways. The right plot has
+# the times.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import COLORS

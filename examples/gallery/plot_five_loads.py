@@ -2,16 +2,16 @@
 A path that a load has not followed
 ===================================
 
-A robot arm has carried five loads along a few paths. Which torque does it need on the
-others? This draws the pictures of the tutorial :doc:`/tutorials/robot`, which goes more
-slowly.
+A robot arm has carried five loads along a few paths. Which torque does it need to carry
+them along the other paths? This example draws the pictures of the tutorial
+:doc:`/tutorials/robot`, which goes more slowly.
 """
 
 # %%
 # Five loads
 # ----------
-# 20 samples of each, and the torque of joint 2. The test set has all 16 trajectories;
-# each load has been seen on two of them.
+# There are 20 samples of each load. The target is the torque of joint 2. The test set
+# has all 16 trajectories, and each load has been seen on two of them.
 from skmtgp.datasets import load_puma560
 
 loads = range(1, 6)
@@ -22,7 +22,7 @@ X, tau = robot.data, robot.target["tau2"]
 # %%
 # Two models
 # ----------
-# Both share the kernel of the paper among the loads. The second also learns how the
+# Both models share the paper's kernel among the loads. The second also learns how the
 # loads are related, with a rank that BIC chooses. Both have the paper's settings: one
 # mean, one unit and one noise variance for all loads.
 from skmtgp import (
@@ -44,8 +44,8 @@ for model in models.values():
 # %%
 # Which rank
 # ----------
-# The criterion falls by hundreds from rank 2 to rank 4. A fifth function adds
-# nothing to the likelihood, and one parameter more.
+# From rank 2 to rank 4, BIC falls by hundreds. A fifth function adds one parameter and
+# nothing to the likelihood.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import RankSelectionDisplay
@@ -56,7 +56,7 @@ display = RankSelectionDisplay.from_estimator(models["mGP-BIC"][-1], ax=ax)
 # %%
 # Errors of each load
 # -------------------
-# Torques less their predictions, on the paths of the test set.
+# These are the torques minus their predictions, on the paths of the test set.
 from skmtgp.inspection import TaskResidualsDisplay
 
 figure, axes = plt.subplots(1, 2, figsize=(10, 4), sharey=True, layout="constrained")
@@ -67,9 +67,10 @@ for ax, (name, model) in zip(axes, models.items(), strict=True):
 # %%
 # How the loads are related
 # -------------------------
-# The arm itself is in all torques, and all correlations are near 1. Less the average of
-# the loads they show what the loads do: the light ones, c1 to c3, differ from it in one
-# direction, the heavier ones in the other.
+# The arm's own weight is in all torques, so all correlations are near 1. Subtract the
+# average of the loads, and the correlations show the effect of the loads. The light
+# ones, c1 to c3, differ from the average in one direction, the heavier ones in the
+# other.
 from skmtgp.inspection import TaskCovarianceDisplay
 
 _, ax = plt.subplots(figsize=(6, 4), layout="constrained")

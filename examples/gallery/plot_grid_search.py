@@ -2,15 +2,15 @@
 Kernel and rank by grid search
 ==============================
 
-A frame has the task in a column of strings, and features of different units. Which
-kernel and which rank predict best? The whole pipeline goes through scikit-learn's
-``GridSearchCV``.
+A data frame names the task in a column of strings, and its features have different
+units. Which kernel and which rank predict best? scikit-learn's ``GridSearchCV`` tunes
+the whole pipeline.
 """
 
 # %%
 # Four sites
 # ----------
-# The growth of a crop depends on temperature and soil moisture, in another way at each
+# The growth of a crop depends on temperature and soil moisture, and differently at each
 # site.
 import numpy as np
 import pandas as pd
@@ -32,8 +32,8 @@ y = a * warm * wet + b * wet + 0.1 * rng.standard_normal(80)
 # %%
 # The pipeline
 # ------------
-# The scaler must not touch the sites. With ``remainder="passthrough"`` their column
-# moves to the end, which is where ``task_feature=-1``, the default, looks.
+# The scaler must not change the column of sites. With ``remainder="passthrough"`` this
+# column moves to the end. There ``task_feature=-1``, the default, finds it.
 from sklearn.compose import make_column_transformer
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import StandardScaler
@@ -48,8 +48,8 @@ pipeline = Pipeline([("scale", scale), ("gp", MultiTaskGPRegressor())])
 # %%
 # The search
 # ----------
-# The folds and the errors are those of each site, so both are told the name of its
-# column.
+# The folds contain all sites, and the errors are averaged over the sites. So both need
+# the name of the column.
 from sklearn.gaussian_process.kernels import RBF, Matern
 from sklearn.model_selection import GridSearchCV
 
@@ -82,8 +82,8 @@ print(table.round(3))
 # %%
 # The best of them
 # ----------------
-# ``best_estimator_`` is the pipeline learned from all rows. The rank matters much, and
-# two functions are what these sites are made of. The kernel matters less.
+# ``best_estimator_`` is the pipeline learned from all rows. The rank matters much: the
+# data were made of two functions. The kernel matters less.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TaskCovarianceDisplay

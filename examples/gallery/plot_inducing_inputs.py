@@ -2,16 +2,16 @@
 Where should inducing inputs lie?
 =================================
 
-``inference="sparse"`` summarises the samples by a few inducing inputs. By default they
-are training inputs, chosen greedily. ``inducing_inputs`` takes the means of clusters
-instead, or moves the greedy ones to where the bound on the likelihood is higher, which
-costs more evaluations of it. Is that worth it?
+``inference="sparse"`` summarises the samples by a few inducing inputs. By default these
+are training inputs, chosen greedily. ``inducing_inputs="k-means"`` uses the means of
+clusters instead. ``"optimised"`` moves the greedy ones to increase the bound on the
+likelihood, which takes more evaluations. Is that worth it?
 """
 
 # %%
 # A slow wave with a fast one on it
 # ---------------------------------
-# Three sensors measure multiples of it with noise, 2000 times.
+# Three sensors measure multiples of this function with noise, 2000 times in all.
 import numpy as np
 
 rng = np.random.default_rng(0)
@@ -36,7 +36,7 @@ X_test, _, truth = measure(1000)
 # %%
 # Three ways to choose them
 # -------------------------
-# All sensors measure multiples of one function: rank 1.
+# All sensors measure multiples of one function, so the rank is 1.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor
@@ -67,8 +67,8 @@ print(table.round(4).to_string())
 # %%
 # Twelve of them
 # --------------
-# Where they are scarce it matters: only when they are moved do 12 find the fast wave.
-# What is shown is the first sensor, and where the inducing inputs lie.
+# With few inducing inputs the choice matters: 12 of them find the fast wave only if
+# they are moved. The plots show the first sensor and where the inducing inputs lie.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import color_of
@@ -89,9 +89,9 @@ figure.legend(lines, names, loc="outside upper center", ncols=3, frameon=False)
 # %%
 # More of them
 # ------------
-# 20 need not be moved, and predict better than 12 that were: where more inducing inputs
-# can be afforded, more are the first thing to try. :ref:`How many are enough
-# <sphx_glr_auto_examples_plot_large_data.py>` is a question of its own.
+# With 20 inducing inputs none need be moved, and they predict better than 12 that were
+# moved. So try more inducing inputs first, if you can afford them. :ref:`Another
+# example <sphx_glr_auto_examples_plot_large_data.py>` shows how many are enough.
 errors = table["nMSE"].unstack()
 _, ax = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
 errors.plot(ax=ax, marker="o", logy=True, xticks=errors.index)

@@ -2,16 +2,16 @@
 Which joint states matter
 =========================
 
-The torque of a joint depends on the positions, velocities and accelerations of all
-joints, 18 numbers. Which of them does a model use?
+The torque of a joint depends on 18 numbers: the positions, velocities and accelerations
+of all joints. Which of them does a model use?
 """
 
 # %%
 # Ten loads
 # ---------
-# 15 samples of each, and the torque of joint 2. The names of the columns of a frame
-# become those of the features. The model has the paper's settings: one mean, one unit
-# and one noise variance for all loads.
+# There are 15 samples of each load. The target is the torque of joint 2. The features
+# are named after the columns of the frame. The model has the paper's settings: one
+# mean, one unit and one noise variance for all loads.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -27,10 +27,11 @@ model.fit(X, tau)
 # %%
 # The relevance of each
 # ---------------------
-# The kernel is a sum of a linear part and a squared exponential, with a relevance for
-# each feature: position q, velocity qd and acceleration qdd of each joint, and the
-# signs of the velocities, which friction needs. Compare features within a part, not the
-# two parts. Dots in a column at the left are at their bound: the kernel does without.
+# The kernel is a sum of a linear part and a squared exponential. Each part has a
+# relevance for each feature: position q, velocity qd and acceleration qdd of each
+# joint, and the signs of the velocities, which model friction. Compare features within
+# a part, but not between the parts. A dot at the left edge marks a feature at its
+# bound, which the kernel does not use.
 from skmtgp.inspection import KernelRelevanceDisplay
 
 display = KernelRelevanceDisplay.from_estimator(model)
@@ -38,10 +39,10 @@ display = KernelRelevanceDisplay.from_estimator(model)
 # %%
 # The most relevant
 # -----------------
-# The squared exponential listens to q2 and q3 most, the angles on which gravity acts.
+# The squared exponential depends most on q2 and q3, the angles on which gravity acts.
 # The largest linear weight is that of q1, on which gravity does not depend. On a few
-# paths the joint states go together, and one can stand in for another: relevances tell
-# what a model uses, not what causes the torque.
+# paths the joint states are correlated, so one of them can replace another. Relevances
+# show what a model uses, not what causes the torque.
 table = pd.DataFrame(display.relevances.T, display.feature_names, display.parts)
 for part, column in table.items():
     print(f"{part}\n{column.nlargest(4).to_string(float_format='{:.2g}'.format)}\n")

@@ -2,14 +2,14 @@
 Large data: how many inducing inputs?
 =====================================
 
-Exact inference ends at some thousand samples. ``inference="sparse"`` summarises them by
-a few inducing inputs. How many are enough, and how would one know?
+Exact inference is limited to a few thousand samples. ``inference="sparse"`` summarises
+them by a few inducing inputs. How many are enough, and how can you tell?
 """
 
 # %%
 # Three sensors, 2000 samples
 # ---------------------------
-# Few enough that exact inference can still tell the truth.
+# With so few samples, exact inference can still provide the truth.
 import numpy as np
 
 rng = np.random.default_rng(0)
@@ -29,11 +29,11 @@ X_test, _, truth = measure(1000)
 # %%
 # From 10 to 40 inducing inputs
 # -----------------------------
-# What a sparse model maximises is a lower bound on the log marginal likelihood. For the
-# same parameters, ``theta_``, the likelihood itself comes from a model whose inference
-# is exact; it need not learn anything (``max_iter=0``). All sensors measure multiples
-# of one function: rank 1. Units and noise are said, not left to the data, so that all
-# models have the same parameters.
+# A sparse model maximises a lower bound on the log marginal likelihood. We also want
+# the likelihood itself at the same parameters, ``theta_``. It comes from a model with
+# exact inference that need not learn anything (``max_iter=0``). All sensors measure
+# multiples of one function, so the rank is 1. We set units and noise explicitly, so
+# that all models have the same parameters.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor
@@ -58,11 +58,12 @@ table = pd.DataFrame(rows).set_index("inducing")
 print(table.round(4).to_string())
 
 # %%
-# With 10 the model cannot follow the fast wave and takes it for noise, of which it
-# finds more than the true 0.3. Its bound is near the likelihood all the same, for it
-# has chosen a kernel that 10 inputs can resolve: a small gap proves nothing. What tells
-# is the bound itself. From 10 to 20 it grows by hundreds of nats, from 20 to 40 by a
-# few, so that 20 were nearly enough. No exact likelihood is needed to see that.
+# With 10 inducing inputs the model cannot follow the fast wave. It treats the wave as
+# noise, and so finds more noise than the true 0.3. Its bound is still near the
+# likelihood, because it has chosen a kernel that 10 inputs can resolve. So a small gap
+# proves nothing. Look at the bound itself instead. From 10 to 20 it grows by hundreds
+# of nats, from 20 to 40 by a few. So 20 are nearly enough, and you need no exact
+# likelihood to see that.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import color_of
@@ -89,11 +90,12 @@ axes[2].legend()
 # %%
 # As many for more samples
 # ------------------------
-# How many are enough depends on the function, and hardly on the number of samples: 20
-# are enough for 30,000 again, and the error is a tenth of what it was. The exact
-# covariance of 30,000 would take 7 GB. The time of a bound grows with their number, and
-# not with its cube. :ref:`Where the inducing inputs should lie
-# <sphx_glr_auto_examples_plot_inducing_inputs.py>` is a question of its own.
+# The number that is enough depends on the function, and hardly on the number of
+# samples. For 30,000 samples 20 are enough again, and the error is a tenth of what it
+# was. The exact covariance of 30,000 samples would take 7 GB. The time of a bound grows
+# in proportion to the number of samples, not with its cube. :ref:`Another example
+# <sphx_glr_auto_examples_plot_inducing_inputs.py>` shows where the inducing inputs
+# should lie.
 from time import perf_counter
 
 X, y, _ = measure(30_000)

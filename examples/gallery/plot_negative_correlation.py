@@ -3,16 +3,16 @@ Tasks that are each other's opposite
 ====================================
 
 Where one task goes up, the other goes down. Can a sample of one help to predict the
-other? A multi-task model learns the sign: an entry of the task covariance may be
-negative. Models that share only the kernel, or take the tasks for one function, cannot
-say so.
+other? A multi-task model can: it learns the sign, because an entry of the task
+covariance may be negative. Models that share only the kernel cannot express this, nor
+can a model that treats both tasks as one function.
 """
 
 # %%
 # Two tasks, each seen in one half
 # --------------------------------
-# The second task is minus 0.8 times the first. The first is measured on the left, the
-# second on the right; seven inputs in the middle are common to both.
+# The second task is -0.8 times the first. The first is measured on the left, the second
+# on the right. Seven inputs in the middle are common to both.
 import numpy as np
 
 
@@ -50,9 +50,9 @@ for name, model in models.items():
 # %%
 # What each of them predicts
 # --------------------------
-# Dots are samples, dashed lines the truth, bands 95 % intervals. The independent tasks
-# know nothing where they have no samples; the pooled model draws one curve through
-# both.
+# Dots are samples, dashed lines the truth, and bands 95 % intervals. The independent
+# tasks know nothing where they have no samples. The pooled model draws one curve
+# through both tasks.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import COLORS

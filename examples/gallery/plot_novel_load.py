@@ -2,20 +2,20 @@
 A load that the robot never carried
 ===================================
 
-A robot arm has carried seven loads, and now picks up an eighth. How many samples of it
-are needed before the torques can be predicted?
+A robot arm has carried seven loads, and now picks up an eighth. How many samples of the
+new load does it need to predict the torques?
 
-Two answers are compared: the new load joins the model of the others
+We compare two ways. Either the new load joins the model of the others
 (:func:`skmtgp.add_task`), or it is learned alone from the same samples.
 """
 
 # %%
 # The seven loads
 # ---------------
-# 20 samples of each, and the torque of joint 2 alone. It is linear in the mass of a
-# load and its first moments, four numbers; with the torque of the arm itself that makes
-# rank 5. The model is learned once, with the paper's settings: one mean, one unit and
-# one noise variance for all loads.
+# There are 20 samples of each load. The target is the torque of joint 2. It is linear
+# in four numbers of a load: its mass and its three first moments. Together with the
+# torque of the arm itself this makes rank 5. The model is learned once, with the
+# paper's settings: one mean, one unit and one noise variance for all loads.
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
 from skmtgp.datasets import load_puma560
 
@@ -29,9 +29,9 @@ fleet.fit(X, tau[:, JOINT])
 # %%
 # The new load
 # ------------
-# Load 15 is the heaviest, 3 kg. It ran two trajectories, and is tested on all 16. Only
-# the new row of the factor of the task covariance is learned, five numbers; kernel and
-# noise are kept.
+# Load 15 is the heaviest, 3 kg. Its samples come from two trajectories, and it is
+# tested on all 16. Only its row of the factor of the task covariance is learned, five
+# numbers. Kernel and noise stay as they are.
 from skmtgp import SingleTaskGP, add_task
 from skmtgp.metrics import normalized_mean_squared_error
 
@@ -56,9 +56,9 @@ for name, error in errors(slice(5)).items():
 # %%
 # More samples, and fewer
 # -----------------------
-# Four draws of each number of samples. A line is their median, a band goes from the
-# best to the worst of them. Two samples for a load that joins the others are worth more
-# than twelve for one that is learned alone.
+# There are four random draws of each number of samples. A line is their median, and a
+# band goes from the best to the worst. Two samples of a load that joins the others are
+# worth more than twelve samples of a load learned alone.
 import pandas as pd
 
 from skmtgp.inspection import TaskLearningCurveDisplay

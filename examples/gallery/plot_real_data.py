@@ -2,23 +2,23 @@
 Real data: spectra of meat, from 15 of 100 wavelengths
 ======================================================
 
-A spectrometer sends light through chopped meat and measures, at 100 wavelengths, how
-much of it is absorbed. Suppose that it had been in a hurry and had measured each sample
-at 15 wavelengths only, others for each sample. What were the other 85?
+A spectrometer sends light through chopped meat and measures how much of it is absorbed,
+at 100 wavelengths. Suppose that it had measured each sample at only 15 wavelengths,
+different ones for each sample. Can we predict the other 85?
 
-Each sample of meat is a task, a function of the wavelength. Light is absorbed by water,
-fat and protein, each with a spectrum of its own, and a sample is nearly a mixture of
-these: a case for a task covariance of low rank.
+Each sample of meat is a task, a function of the wavelength. Water, fat and protein
+absorb the light, each with its own spectrum. A sample is nearly a mixture of these
+three, so a task covariance of low rank should fit.
 
 The data were recorded on a Tecator Infratec Food and Feed Analyzer. Tecator has put
-them in the public domain, with the wish to be named; they come with the package fdars.
+them in the public domain and asks to be named. They come with the package fdars.
 """
 
 # %%
 # Twenty samples
 # --------------
-# The first twenty that differ in their contents: some meat was measured twice, and a
-# copy would tell too much.
+# We take the first twenty samples with different contents. Some meat was measured
+# twice, and a copy would make the task too easy.
 import numpy as np
 import pandas as pd
 from fdars.datasets import load_tecator
@@ -42,8 +42,8 @@ def draw(seed):
 
 
 # %%
-# The spectra, coloured by fat from blue (1 %) to yellow (46 %), and what is left of
-# them.
+# The spectra, coloured by fat from blue (1 %) to yellow (46 %), and the part of them
+# that the models see.
 import matplotlib.pyplot as plt
 
 figure, axes = plt.subplots(1, 2, figsize=(9.5, 4), sharey=True, layout="constrained")
@@ -58,13 +58,13 @@ axes[1].set(title="what was measured", xlabel="wavelength (nm)")
 # %%
 # Four models, and two simple ways
 # --------------------------------
-# Each sample alone; samples that share a kernel; one function for all samples; and the
-# multi-task model, of rank 3 for the three constituents, with ``diagonal=True`` for
-# what a sample shares with no other.
+# The models are: each sample alone; samples that share a kernel; one function for all
+# samples; and the multi-task model. The last has rank 3 for the three constituents, and
+# ``diagonal=True`` for what a sample shares with no other.
 #
-# A simple way is to draw straight lines between what was measured. Another takes the
-# other samples into account: it completes the table of spectra, beginning with those
-# lines, by its average and three principal components, again and again.
+# A simple way draws straight lines between the measured points. Another also uses the
+# other samples. It starts from these lines and completes the table of spectra by its
+# average and three principal components, again and again.
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 
 models = {
@@ -92,9 +92,9 @@ def components(known):
 
 
 # %%
-# Three times 15 wavelengths of each sample are drawn, and the other 85 are predicted.
-# The numbers are root mean squared errors, in thousandths of the unit of absorbance;
-# the standard deviation of all spectra is 405 of them.
+# We draw 15 wavelengths of each sample three times, and predict the other 85. The
+# numbers are root mean squared errors in thousandths of the unit of absorbance. For
+# comparison, the standard deviation of all spectra is 405 of these.
 from skmtgp.metrics import coverage
 
 
@@ -121,17 +121,17 @@ for seed in (2, 1, 0):
 print(pd.DataFrame(errors).round(1).to_string())
 
 # %%
-# The multi-task model errs least in every draw; the best of the others errs two to five
-# times as much. To choose the rank instead, see :class:`skmtgp.RankSearchIC`: of 1 to 4
-# it takes 4 in draw 0, and errs a little more.
+# The multi-task model has the smallest error in every draw. The best of the others has
+# two to five times this error. :class:`skmtgp.RankSearchIC` chooses the rank instead.
+# Among 1 to 4 it chooses 4 in draw 0, with a slightly larger error.
 
 # %%
 # Two samples
 # -----------
-# The leanest and the fattest, as the shared kernel and the multi-task model see them
-# from the 15 wavelengths of draw 0 (circles). Dots are the truth. Where the shared
-# kernel has to guess, the multi-task model knows how spectra of meat go on. It misses
-# the dip that fat makes near 940 nm, where little is known of the fattest samples.
+# The plots have the leanest and the fattest sample. Circles are the 15 wavelengths of
+# draw 0, and dots are the truth. Where the shared kernel has to guess, the multi-task
+# model knows how spectra of meat continue. It misses the dip that fat makes near 940
+# nm, because few wavelengths of the fattest samples were measured there.
 from skmtgp.inspection import TrajectoryDisplay
 
 figure, axes = plt.subplots(
@@ -153,7 +153,7 @@ for ax in axes[1]:
 # %%
 # How sure it should be
 # ---------------------
-# The share of the values left out that the 95 % intervals hold. Those of the multi-task
-# model are narrower by far, and somewhat too narrow: its many hyperparameters were
-# learned from 300 values, and are taken for certain.
+# The curves show the share of hidden values inside the intervals. At 95 % the intervals
+# of the multi-task model are by far the narrowest, and somewhat too narrow. It has
+# learned many hyperparameters from 300 values and treats them as known.
 print(pd.DataFrame(inside).map("{:.0%}".format).to_string())

@@ -2,16 +2,17 @@
 A robot arm under six loads
 ===========================
 
-The torques that move a robot arm depend on the load in its hand. 20 samples of each
-load are little to learn them from. Does it help to learn the loads together?
+The torques that move a robot arm depend on the load in its hand. We have only 20
+samples of each load. Does it help to learn the loads together?
 """
 
 # %%
 # Six loads, from 0.2 kg to 2.8 kg
 # --------------------------------
-# Half of the samples of a load are from a trajectory common to all, half from one of
-# its own. The torque is that of joint 3. The test set has all 16 trajectories: each
-# load is asked for paths that it never followed, but some of the others did.
+# Half of the samples of a load are from a trajectory common to all loads, half from its
+# own trajectory. The target is the torque of joint 3. The test set has all 16
+# trajectories: each load is predicted on paths that it never followed, but some other
+# load did.
 from skmtgp.datasets import load_puma560
 
 JOINT = 2  # counted from 0
@@ -23,10 +24,11 @@ print(f"{len(X)} samples to learn from, {len(X_test)} to be predicted")
 # %%
 # Four models
 # -----------
-# All have the paper's kernel, and all but the first one mean, one unit and one noise
-# variance for all loads, as in the paper. They differ in what the loads share: nothing,
-# the kernel, everything, or as much as the data say. A torque is linear in the mass of
-# a load and its first moments; with that of the arm itself this makes rank 5.
+# All models have the paper's kernel. All but the first also have the paper's settings:
+# one mean, one unit and one noise variance for all loads. They differ in what the loads
+# share: nothing, the kernel, everything, or as much as the data show. A torque is
+# linear in the mass of a load and its three first moments. With the torque of the arm
+# itself this makes rank 5.
 import pandas as pd
 
 from skmtgp import (
@@ -65,10 +67,10 @@ print(table.T.to_string(float_format="{:.1e}".format))
 # %%
 # Errors of each load
 # -------------------
-# They are mean squared errors over the variance of the torques. A shared kernel helps
-# little, and to take the loads for one does not help at all. Told by the others how the
-# arm moves where a load never was, the multi-task model errs less by factors of tens to
-# a thousand.
+# The errors are mean squared errors divided by the variance of the torques. A shared
+# kernel helps little, and treating all loads as one does not help at all. The
+# multi-task model learns from the other loads how the arm moves on paths that are new
+# to a load. Its errors are tens to a thousand times smaller.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import color_of

@@ -2,17 +2,17 @@
 Intervals of a few rows
 =======================
 
-A Gaussian process is sure of itself where its hyperparameters are right. Six rows of
-each of three tasks do not tell them. This example compares the intervals of their
-likeliest values with those of an average over what they may be.
+A Gaussian process treats its hyperparameters as known. But six rows of each of three
+tasks do not determine them well. This example compares the intervals of the most likely
+hyperparameters with those of an average over plausible ones.
 """
 
 # %%
 # The data
 # --------
 #
-# Three related tasks, drawn from the model: six rows of each to learn from, and a
-# hundred to be predicted.
+# Three related tasks are drawn from the model. Each has six rows to learn from and a
+# hundred rows to predict.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -42,8 +42,8 @@ for model in models.values():
 # The first task
 # --------------
 #
-# Lines are predictions, bands are intervals of 95 % for new measurements, and small
-# dots are these.
+# Lines are predictions, bands are 95 % intervals for new measurements, and small dots
+# are new measurements.
 
 grid = np.column_stack([np.linspace(0, 8, 200), np.zeros(200)])
 figure, axes = plt.subplots(1, 2, figsize=(9, 3.5), sharey=True, layout="constrained")
@@ -59,13 +59,13 @@ axes[0].set_ylabel("y of task 0")
 plt.show()
 
 # %%
-# The mode's bands miss half of the measurements. The average over the draws says where
-# it does not know.
+# The bands of the mode, the most likely hyperparameters, miss half of the measurements.
+# The average over the draws is wider where little is known.
 #
 # All tasks, and all levels
 # -------------------------
 #
-# On the diagonal as many measurements lie inside as should.
+# On the diagonal, as many measurements lie inside as should.
 
 figure, axes = plt.subplots(1, 2, figsize=(9, 4), layout="constrained")
 for ax, (name, model) in zip(axes, models.items(), strict=True):
@@ -74,5 +74,5 @@ for ax, (name, model) in zip(axes, models.items(), strict=True):
 plt.show()
 
 # %%
-# How it works, what it costs, and what else there is, says the guide's page on
-# `intervals <../guide/intervals.html>`_.
+# The page `Intervals <../guide/intervals.html>`_ of the user guide explains how
+# sampling works, what it costs, and which alternatives there are.

@@ -2,16 +2,16 @@
 A site with six measurements
 ============================
 
-Four sites have measured how a crop grows; a fifth is new and has six measurements. Can
-the others tell what it has not seen? This draws the pictures of the tutorial
-:doc:`/tutorials/sensors`, which goes more slowly.
+Four sites have measured how a crop grows. A fifth site is new and has six measurements.
+Can the other sites help to predict what it has not seen? This example draws the
+pictures of the tutorial :doc:`/tutorials/sensors`, which goes more slowly.
 """
 
 # %%
 # Five sites
 # ----------
-# Growth depends on temperature and soil moisture. What it owes to warmth and what to
-# moisture alone is mixed at each site in amounts of its own.
+# Growth depends on temperature and soil moisture. It has two parts: one needs warmth
+# and moisture, the other moisture alone. Each site mixes them in its own amounts.
 import numpy as np
 import pandas as pd
 
@@ -49,7 +49,8 @@ X_test, y_test = test.drop(columns="growth"), test["growth"]
 # %%
 # Two models
 # ----------
-# Each site alone, and all sites together with a rank that BIC chooses.
+# The first model learns each site alone. The second learns all sites together, with a
+# rank that BIC chooses.
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 
 search = RankSearchIC(MultiTaskGPRegressor(task_feature="site"))
@@ -61,10 +62,11 @@ print(f"BIC chooses rank {search.best_rank_}")
 # %%
 # The new site
 # ------------
-# Growth at site e against temperature, at a moisture of 0.4: as it is, as predicted,
-# and the band where a new measurement lies with probability 0.95. Its six measurements,
-# made at other moistures, are nothing to learn a curve from; with the other sites they
-# say which mixture site e is.
+# The plots show growth at site e against temperature, at a moisture of 0.4. They have
+# the truth, the prediction, and the band that contains a new measurement with
+# probability 0.95. The six measurements at site e were made at other moistures. Alone
+# they are too few to learn a curve. Together with the other sites they show which
+# mixture site e is.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TaskPredictionDisplay
@@ -84,9 +86,9 @@ axes[0].legend(frameon=False)
 # %%
 # How the sites are related
 # -------------------------
-# All correlations are high, for all sites like warmth. Less the average of the sites
-# they show who differs in which direction: a and c owe more to warmth, d owes more to
-# moisture alone.
+# All correlations are high, because the crop likes warmth at all sites. Subtract the
+# average of the sites, and the correlations show the differences. Warmth matters more
+# than on average at sites a and c, and less at site d.
 from skmtgp.inspection import TaskCovarianceDisplay
 
 figure, axes = plt.subplots(1, 2, figsize=(11, 4), layout="constrained")
@@ -96,9 +98,10 @@ display.plot(kind="correlation", deviations=True, ax=axes[1])
 # %%
 # Whether the bands are right
 # ---------------------------
-# The share of 200 new measurements of each site inside intervals, against what it
-# should be. The bands are too narrow, most at site e: the model takes its parameters
-# for certain, and those of site e come from six measurements.
+# The plot shows the share of 200 new measurements of each site inside intervals,
+# against the level of the intervals. The bands are too narrow, most of all at site e.
+# The model treats its hyperparameters as known, and those of site e come from six
+# measurements.
 from skmtgp.inspection import CoverageDisplay
 
 display = CoverageDisplay.from_estimator(search, X_test, y_test)

@@ -2,16 +2,17 @@
 Reading the task covariance
 ===========================
 
-A model has learned the torques of a robot arm under ten loads, and was told nothing
-about them. What does its task covariance say of the loads?
+A model has learned the torques of a robot arm under ten loads. It was told nothing
+about the loads. What does its task covariance say about them?
 """
 
 # %%
 # Ten loads
 # ---------
-# 15 samples of each, the torque of joint 2, rank 5. The loads go from 0.2 kg (load 1)
-# to 2.8 kg (load 14). As in the paper they have one mean, one unit and one noise
-# variance: all that tells them apart is in the task covariance.
+# There are 15 samples of each load, the target is the torque of joint 2, and the rank
+# is 5. The loads go from 0.2 kg (load 1) to 2.8 kg (load 14). As in the paper they have
+# one mean, one unit and one noise variance. So only the task covariance tells them
+# apart.
 import pandas as pd
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -26,9 +27,9 @@ model.fit(pd.DataFrame(robot.data, columns=robot.feature_names), robot.target[:,
 # %%
 # All loads are alike, at first sight
 # -----------------------------------
-# Most of a torque is for the arm itself, whatever it carries, so that all correlations
-# are near 1. The covariance of the loads' deviations from their average, on the right,
-# says more: the light loads go together, and so do the heavy ones.
+# Most of a torque moves the arm itself, whatever it carries. So all correlations are
+# near 1. The right plot has the covariance of the loads' deviations from their average,
+# which tells more: the light loads are alike, and so are the heavy ones.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TaskCovarianceDisplay
@@ -42,7 +43,7 @@ for ax in (left, right):
 # %%
 # What the deviations follow
 # --------------------------
-# The model was told which row is of which load, and no mass. The leading eigenvector
+# The model knew which row belongs to which load, but no mass. The leading eigenvector
 # of the covariance of deviations is the direction in which the loads differ most.
 import numpy as np
 

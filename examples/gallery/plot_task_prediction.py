@@ -2,17 +2,17 @@
 A few rows of a task
 ====================
 
-Five sites measure the same thing, each on a level and a scale of its own. One has 30
-measurements, another four. A model of all of them borrows from the many for the few; a
-model of each site has its own alone.
+Five sites measure the same thing, each with a level and a scale of its own. One has 30
+measurements, another only four. In a model of all sites, those with many measurements
+help those with few. A model of each site has only its own measurements.
 """
 
 # %%
 # The data
 # --------
 #
-# They are simulated: a table with a row for each measurement, and a column that says
-# where it was made. `truth` is known, as it never is in practice.
+# The data are simulated. The table has a row for each measurement, and a column that
+# names the site. `truth` is known here; in practice it never is.
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -30,8 +30,8 @@ X.groupby("site", sort=False).size()
 # One model of all sites
 # ----------------------
 #
-# `task_feature` names the column of the sites; all else is default. The model learns
-# how the sites are related from the data alone.
+# `task_feature` names the column of the sites. All other parameters have their
+# defaults. From the data alone the model learns how the sites are related.
 
 together = MultiTaskGPRegressor(task_feature="site").fit(X, y)
 shown = {"truth": truth, "tasks": sites, "n_cols": 5}
@@ -50,7 +50,7 @@ plt.show()
 # How much the few rows gain
 # --------------------------
 #
-# Root mean squared errors of what is predicted, over the whole day:
+# These are the root mean squared errors of the predictions over the whole day:
 
 rows = [(site, hour) for site in sites for hour in np.arange(0, 24, 0.5)]
 day = pd.DataFrame(rows, columns=["site", "hour"])

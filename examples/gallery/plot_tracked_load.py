@@ -2,9 +2,9 @@
 What does the robot carry? A load tracked sample by sample
 ==========================================================
 
-A robot arm puts down one load and picks up another. Nobody says so. From the torques
-that its motors need, sample by sample, a model of other loads tells the mass of this
-one, and when it changes.
+A robot arm puts down one load and picks up another, and nobody tells it. A model of
+other loads finds the mass of the new load, sample by sample, from the torques that its
+motors need. It also finds when the load changes.
 """
 
 # %%
@@ -12,9 +12,8 @@ one, and when it changes.
 # ----------------------
 # A simulated Puma 560 moves 14 loads along eight trajectories, in the same 80 states
 # each. Ten numbers describe a load: its mass, three first moments and six moments of
-# inertia. They are columns of X, the ``task_descriptors``. Torques are linear in them,
-# which makes K^rho a linear function of the descriptors. Three of the six joints are
-# enough here; each has a model.
+# inertia. They are columns of X, the ``task_descriptors``. Torques are linear in them.
+# Three of the six joints are enough here, and each has its own model.
 from sklearn.base import clone
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -44,9 +43,9 @@ models = {
 # %%
 # A stream of measurements
 # ------------------------
-# The arm moves along another trajectory, of 7 s. It carries load c3 of 0.6 kg, then the
-# unknown c15 of 3 kg, then c8 of 1.6 kg. Torques are measured with an error of 1 % of
-# their deviation.
+# The arm moves along another trajectory for 7 s. It carries load c3 of 0.6 kg, then the
+# unknown c15 of 3 kg, then c8 of 1.6 kg. The measurement error of a torque is 1 % of
+# its standard deviation.
 import numpy as np
 import pandas as pd
 
@@ -63,10 +62,10 @@ torques = torques + 0.01 * deviations * rng.standard_normal(torques.shape)
 # %%
 # Track the load
 # --------------
-# ``compile_predictor`` makes a fast function of the models, and ``DescriptorTracker``
-# solves for the descriptors: each sample is a linear equation for each joint. Where no
-# small change of the descriptors explains a sample the load is another one, and what
-# was known is forgotten.
+# ``compile_predictor`` makes a fast function of the models. ``DescriptorTracker`` uses
+# it to solve for the descriptors: each sample gives one linear equation for each joint.
+# If no small change of the descriptors explains a sample, the load must be another one.
+# The tracker then forgets what it knew.
 from skmtgp import DescriptorTracker, compile_predictor
 
 tracker = DescriptorTracker(compile_predictor(models), 0.01 * deviations, start="c3")
@@ -80,9 +79,10 @@ path["truth"] = test.loads.loc[carried, "mass"].to_numpy()
 path.iloc[[199, 200, 201, 205, 220, 599, 600, 601, 605, 620, 999]].round(3)
 
 # %%
-# One sample is enough to know the new load within some 30 g, and a second of motion
-# within a few grams. The deviations are too small later on: they count on errors that
-# differ from sample to sample, but those of the model change slowly along a motion.
+# One sample is enough to find the mass of a new load within some 30 g. After a second
+# of motion it is known within a few grams. Later on the standard deviations are too
+# small. They assume that errors are independent from sample to sample, but the errors
+# of the model change slowly along a motion.
 import matplotlib.pyplot as plt
 
 seconds = np.arange(1000) * 7e-3

@@ -3,16 +3,16 @@ Torque along a trajectory, with its band
 ========================================
 
 A robot arm has to follow a path that it never followed with the load in its hand. Which
-torque will joint 2 need, and how sure is the prediction? Other loads have seen the
-path; does that help?
+torque will joint 2 need, and how certain is the prediction? Other loads have followed
+the path. Does that help?
 """
 
 # %%
 # Six loads
 # ---------
-# 15 samples of each, from a trajectory common to all loads, p2s3, and from one of its
-# own. Load 3 has not followed the common one yet. The torque sensor has an error of 1 N
-# m.
+# There are 15 samples of each load, from its own trajectory and from one common to all
+# loads, p2s3. Load 3 has not followed the common one yet. The torque sensor has an
+# error of 1 N m.
 import numpy as np
 
 from skmtgp.datasets import load_puma560
@@ -32,9 +32,9 @@ y = robot.target[known, JOINT] + NOISE * rng.standard_normal(len(known))
 # %%
 # Two models
 # ----------
-# :class:`~skmtgp.IndependentGP` shares the kernel among the loads,
+# :class:`~skmtgp.IndependentGP` shares the kernel among the loads.
 # :class:`~skmtgp.MultiTaskGPRegressor` also learns how the loads are related. As in the
-# paper the loads have one mean, one unit and one noise variance.
+# paper, the loads have one mean, one unit and one noise variance.
 from skmtgp import (
     IndependentGP,
     MultiTaskGPRegressor,
@@ -56,8 +56,8 @@ for model in models.values():
 # %%
 # Load 3 on the path that is new to it
 # ------------------------------------
-# The rows are in random order and have no clock. But the path is a figure of eight: the
-# base swings to and fro once, and its angle and velocity tell the phase.
+# The rows are in random order and have no time. But the path is a figure of eight: the
+# base swings to and fro once, so its angle and velocity give the phase.
 new = load_puma560(subset="interpolation", loads=[LOAD])
 on_path = new.trajectory == "p2s3"
 X_path, clean = new.data[on_path], new.target[on_path, JOINT]
@@ -67,8 +67,8 @@ swing = angle - (angle.max() + angle.min()) / 2
 phase = np.arctan2(swing / swing.max(), velocity / velocity.max())
 
 # %%
-# The band is where a new measurement lies with probability 0.95. The jumps are
-# friction, where the velocity of the joint changes its sign.
+# The band contains a new measurement with probability 0.95. The torque jumps where the
+# velocity of the joint changes its sign: that is friction.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TrajectoryDisplay
@@ -80,9 +80,9 @@ for ax, (name, model) in zip(axes, models.items(), strict=True):
     ax.set_title(name, pad=28)
 
 # %%
-# The multi-task model has the smaller errors and the narrower band, which holds nearly
-# as many measurements as it should. Its standard deviation is about that of the sensor:
-# the other loads have told the rest.
+# The multi-task model has smaller errors and a narrower band, which contains nearly as
+# many measurements as it should. Its standard deviation is about that of the sensor.
+# The other loads have determined the rest.
 from skmtgp.metrics import coverage
 
 for name, model in models.items():

@@ -2,15 +2,16 @@
 Which tasks help each other, and which one does not belong
 ==========================================================
 
-Six pumps of a plant were run at different speeds and their power was measured. Five are
-of one make, worn to different degrees; the sixth is of another. Nobody remembers which.
-Does learning them together help each of them?
+Six pumps of a plant were run at different speeds, and their power was measured. Five
+are of the same make, worn to different degrees. The sixth is of another make, but
+nobody remembers which one that is. Does each pump gain from learning them together?
 """
 
 # %%
 # Six pumps
 # ---------
-# Power in kilowatts, for 20 settings of speed and opening of the valve each.
+# The target is the power in kilowatts, at 20 settings of speed and valve opening for
+# each pump.
 import numpy as np
 import pandas as pd
 
@@ -38,7 +39,7 @@ X, y = data.drop(columns="power"), data["power"]
 # %%
 # One model
 # ---------
-# All pumps are multiples of one function, a model of rank 1 says.
+# A model of rank 1 assumes that all pumps are multiples of one function.
 from skmtgp import MultiTaskGPRegressor
 
 model = MultiTaskGPRegressor(rank=1, task_feature="pump").fit(X, y)
@@ -47,9 +48,9 @@ print(model.summary().round(2).to_string())
 # %%
 # What each pump gains
 # --------------------
-# Each measurement is predicted from all the others: by the model, and by one that knows
-# the same pump alone. Left the gain in log density with its 95 % interval, right the
-# errors.
+# Each measurement is predicted twice from the others: by the model, and by a model of
+# the same pump alone. The left plot has the gain in log density with its 95 % interval,
+# the right plot the errors.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TransferDisplay
@@ -61,8 +62,8 @@ columns = ["gain", "gain_std", "verdict", "evidence", "related"]
 print(display.transfer[columns].round(2).to_string())
 
 # %%
-# Pump 6 is harmed, and is not related to the others. So it is learned alone, and the
-# others without it.
+# Learning together harms pump 6, and it is not related to the others. So we learn it
+# alone, and the others without it.
 own = X["pump"] != "p6"
 others = MultiTaskGPRegressor(rank=1, task_feature="pump").fit(X[own], y[own])
 without = TransferDisplay.from_estimator(others).transfer
@@ -70,8 +71,8 @@ errors = {"with pump 6": display.transfer["error"], "without": without["error"]}
 print(pd.DataFrame(errors).round(2).to_string())
 
 # %%
-# Or the data choose the rank. With two functions, pump 6 has one to itself: no harm is
-# done to it or by it, and it still is not related to the others.
+# Alternatively, the data choose the rank. With two functions, pump 6 has one to itself.
+# It then neither helps nor harms the others, and it is still not related to them.
 from skmtgp import RankSearchIC
 
 search = RankSearchIC(MultiTaskGPRegressor(task_feature="pump")).fit(X, y)

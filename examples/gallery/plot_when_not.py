@@ -2,10 +2,10 @@
 Where straight lines do better: the sea off Peru
 ================================================
 
-Not every set of related functions asks for a multi-task model. The surface of the
-Pacific off Peru and Ecuador is warm in March and cool in September, but no two years
-are the same: El Niño years are warmer by several degrees. Suppose that only four months
-of each year had been measured. What were the other eight?
+Not every set of related functions needs a multi-task model. The surface of the Pacific
+off Peru and Ecuador is warm in March and cool in September, but no two years are the
+same: El Niño years are warmer by several degrees. Suppose that only four months of each
+year had been measured. Can we predict the other eight?
 
 Each year is a task, a function of the month. The data are NOAA's monthly means
 (ERSST.V3B, region Niño 1+2, degrees Celsius), in the public domain, and come with
@@ -15,7 +15,7 @@ statsmodels.
 # %%
 # Thirty years
 # ------------
-# 1981 to 2010, a normal period of climatology.
+# We use the years 1981 to 2010, a standard reference period in climatology.
 import numpy as np
 from statsmodels.datasets import elnino
 
@@ -28,12 +28,12 @@ X, y = sea[["year", "month"]], sea["sst"]
 # %%
 # Four models
 # -----------
-# Each year alone; years that share a kernel; one function for all years; and the
-# multi-task model. Rank 1 with ``diagonal=True`` reads: a year is the course that all
-# years share, in an amount of its own, and something that no other year knows.
+# The models are: each year alone; years that share a kernel; one function for all
+# years; and the multi-task model. It has rank 1 and ``diagonal=True``: each year is a
+# multiple of one course that all years share, plus a part of its own.
 #
-# Three times, four months of each year are drawn at random, and the other eight are
-# predicted. The numbers are root mean squared errors in degrees.
+# We draw four months of each year at random, three times, and predict the other eight.
+# The numbers are root mean squared errors in degrees.
 import pandas as pd
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
@@ -67,11 +67,11 @@ for seed in (2, 1, 0):
 print(pd.DataFrame(errors).round(2).to_string())
 
 # %%
-# The multi-task model errs least in every draw. Its rival is another: these years
-# follow each other, and their months are one record in time. Straight lines between the
-# known months, in degrees above or below the average of each month, do somewhat better.
-# The model knows nothing of the order of years. It is for tasks that have none: sites,
-# machines, patients.
+# The multi-task model has the smallest error of the four in every draw. But a simpler
+# method does somewhat better: straight lines between the known months, in degrees above
+# or below the average of each month. It can, because the years follow each other and
+# make one long record. The multi-task model ignores the order of its tasks. It is made
+# for tasks without an order: sites, machines, patients.
 normal = sea.loc[known].groupby("month")["sst"].mean()
 anomaly = sea["sst"] - sea["month"].map(normal)
 between = np.interp(left_out, known, anomaly[known])
@@ -81,10 +81,9 @@ print(f"straight lines in time, draw 0: {rmse(filled):.2f}")
 # %%
 # Two years
 # ---------
-# 1985, a cool year, and 1997, an El Niño, as the shared kernel and the multi-task model
-# see them from the four months of draw 0 (circles). What the years share narrows the
-# band of 1985. How 1997 ended no other year could tell; the band is wide there, and
-# January of that year is outside.
+# The plots have 1985, a cool year, and 1997, an El Niño year. Circles are the four
+# months of draw 0. What the years share narrows the band of 1985. No other year could
+# tell how 1997 ended: the band is wide there, and January of that year is outside.
 import matplotlib.pyplot as plt
 
 from skmtgp.inspection import TrajectoryDisplay
@@ -105,8 +104,8 @@ for row, name in zip(axes, ("a shared kernel", "multi-task"), strict=True):
 # %%
 # How sure it should be
 # ---------------------
-# The price: 95 % intervals of the multi-task model hold too few of the months that were
-# left out. It has many hyperparameters for its samples, and takes them for certain.
+# The weakness: 95 % intervals of the multi-task model contain too few of the hidden
+# months. It has many hyperparameters for its samples and treats them as known.
 from skmtgp.metrics import coverage
 
 for name in ("a shared kernel", "multi-task"):

@@ -1,9 +1,9 @@
 """Figure 4: sGP, iGP, pGP and mGP of several ranks on loads c1 to c14.
 
 Every joint is learned from n / 14 samples of each load. The paper selects the samples
-of each n independently; here those of a small n are among those of a larger one of the
-same draw, and draws differ in their samples and in their loads. The common rank, eq. 8,
-is left to those who read the likelihoods: ``page.py``.
+of each n independently. Here, within a draw, a larger n includes the samples of a
+smaller one, and draws differ in their samples and in their loads. ``page.py`` chooses
+the common rank, eq. 8, from the likelihoods.
 """
 
 from measuring import plan

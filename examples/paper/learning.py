@@ -1,8 +1,8 @@
 """Section 3: learning in stages, all at once, and as the package does it.
 
-The same data, model and starting values; "staged" is the paper's heuristic to the
-letter, "simultaneous" learns all parameters at once from a random task covariance, and
-"annealed" is what `MultiTaskGPRegressor` does unless told otherwise.
+All three have the same data, model and starting values. "staged" is the paper's
+heuristic to the letter, "simultaneous" learns all parameters at once from a random task
+covariance, and "annealed" is the default of `MultiTaskGPRegressor`.
 """
 
 from measuring import plan

@@ -1,9 +1,9 @@
 """Section 3.3: load c15 joins a model of c1 to c14 with a few samples.
 
-`add_task` learns the new border of the task covariance alone. It is compared with sGP,
-which knows the samples of c15 and nothing else, and with learning all 15 loads anew.
-The rank is chosen by BIC over the joints, eq. 8; `add_task` is measured at every rank
-of the search, so that the choice can be left to the end, and the refit at that rank.
+`add_task` learns only the new row and column of the task covariance. It is compared
+with sGP, which only knows the samples of c15, and with learning all 15 loads again. BIC
+over the joints, eq. 8, chooses the rank. `add_task` is measured at every rank of the
+search, so that the choice can come last, and the refit at the chosen rank.
 """
 
 from functools import partial

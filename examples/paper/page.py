@@ -1,7 +1,7 @@
 """Make docs/paper.md, docs/paper_details.md and their plots from the results alone.
 
-``python examples/paper/page.py``; what is missing is shown as missing. Results of
-another folder are shown on pages in that folder. What was to be reached goes to
+Run ``python examples/paper/page.py``. Missing results are shown as missing. Results of
+another folder are shown on pages in that folder. The goals go to
 ``examples/paper/README.md``.
 """
 
@@ -28,36 +28,40 @@ BEGIN, END = "<!-- goals: made by page.py -->", "<!-- end of goals -->"
 INTRODUCTION = """\
 # The paper's experiments in detail
 
-Section 6 of Chai, Williams, Klanke and Vijayakumar, *Multi-task Gaussian Process
-Learning of Robot Inverse Dynamics* (NIPS 2008), done again with this package, and two
-claims of its section 3 that it gives no experiments for. [The short page](paper.md) has
-the paper's numbers beside ours. `make paper` measures everything; `make paper-page`
-makes these pages from `examples/paper/results` alone.
+This page repeats the experiments in section 6 of Chai, Williams, Klanke and
+Vijayakumar, *Multi-task Gaussian Process Learning of Robot Inverse Dynamics* (NIPS
+2008). It also tests two claims of section 3 for which the paper has no experiments.
+[The short page](paper.md) has the paper's numbers beside ours. `make paper` measures
+everything, and `make paper-page` makes these pages from `examples/paper/results` alone.
 
-nMSE is the mean squared error over the variance of the test targets, averaged over
-loads. Interpolation is tested on 4000 samples of each load, from the trajectories that
-it was trained on; extrapolation on 60,000 from all 16.
+The nMSE is the mean squared error divided by the variance of the test targets, averaged
+over loads. Interpolation is tested on 4000 samples of each load, from the trajectories
+of its training data. Extrapolation is tested on 60,000 samples of each load from all 16
+trajectories.
 """
 DATA = """\
 ## Where the data differ from the paper's
 
-The paper's data are not published, so that numbers can be compared in size only.
+The paper's data are not published, so only orders of magnitude can be compared.
 
-- **Loads.** Masses are the paper's, 0.2 to 3.0 kg; sizes and places of the cuboids are
-  not given there and are drawn at random. A draw, `random_state` of `fetch_puma560`,
-  draws them and the training samples.
-- **Subsets.** The paper selects the samples of each n independently. Here those of a
-  small n are among those of a larger one of the same draw; only draws are independent.
-- **Trajectories.** Places, rotations and speeds of the four paths are the paper's; the
-  shape of the eight and the direction of the tool, which stays the same, are chosen.
-  With a tool that does not turn, a load shows by its mass and its first moments only.
-- **Torques.** Computed by Pinocchio from the Puma 560's published parameters, with
-  viscous and Coulomb friction against the motion. The toolbox of 2008 takes the gear
-  ratio with its sign, which turns friction around at joints 1 and 3, and only once,
-  which makes viscous friction far weaker.
-- **Noise.** None. The paper names none; its errors down to 3e-9 leave little room.
-- **Learning.** Same model, kernel and criterion; the search for the mode goes further
-  than the paper's, see *Learning in stages*.
+- **Loads.** The masses are the paper's, 0.2 to 3.0 kg. The paper does not give the
+  sizes and places of the cuboids, so we draw them at random. A *draw*, the
+  `random_state` of `fetch_puma560`, determines them and the training samples.
+- **Subsets.** The paper selects the samples of each n independently. Here, within a
+  draw, a larger n includes the samples of a smaller one. Only draws are independent.
+- **Trajectories.** Places, rotations and speeds of the four paths are the paper's. We
+  chose the shape of the figure eight and the direction of the tool, which stays the
+  same. With a tool that does not turn, only a load's mass and its first moments change
+  the torques.
+- **Torques.** Pinocchio computes them from the published parameters of the Puma 560,
+  with viscous and Coulomb friction against the motion. The toolbox of 2008 handles
+  friction differently. It uses the sign of the gear ratio, which reverses friction at
+  joints 1 and
+  3. It applies the ratio only once, which makes viscous friction far weaker.
+- **Noise.** There is none. The paper mentions none, and its errors down to 3e-9 leave
+  little room for it.
+- **Learning.** Model, kernel and criterion are the paper's. The search for the mode is
+  more thorough, see *Learning in stages*.
 """
 
 
@@ -119,7 +123,8 @@ def units_section(everything):
         failed = len(store.failed(units))
         lines.append([name, len(units), failed, f"{hours:.2f}", words or "-"])
     head = ["experiment", "units", "failed", "hours of one core", "units that warned"]
-    return ["## What was measured\n", table(head, lines)]
+    note = "A unit is one fit or one search over ranks, with its tests.\n"
+    return ["## What was measured\n", note, table(head, lines)]
 
 
 def failures_section(everything):
@@ -151,7 +156,7 @@ def machine_section(results):
         f"machine {machines.index(machine_words(run)) + 1}"
         for name, run in every
     ]
-    note = "A commit with a plus: the package differed from it.\n"
+    note = "A plus after a commit means that the package differed from this commit.\n"
     text = "\n".join(lines) + "\n" if lines else f"{MISSING}\n"
     return ["## Where it was measured\n", text, note]
 

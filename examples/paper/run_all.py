@@ -1,7 +1,7 @@
 """All of the paper's experiments, in an order that soon gives something to look at.
 
-Steps take what earlier ones have measured as it is. After each of them the page is made
-anew. Stop at any time: the next run goes on where this one ended.
+Each step uses what earlier ones have measured, and then makes the page again. Stop at
+any time: the next run continues where this one stopped.
 """
 
 import sys

@@ -110,8 +110,8 @@ def check_new_task(estimator, X, y):
     known = estimator.tasks_
     if len(tasks) != 1:
         raise ValueError(
-            f"The task column holds {len(tasks)} labels, {tasks[:5].tolist()}; add one "
-            "task after another."
+            f"The task column holds {len(tasks)} labels, {tasks[:5].tolist()}. Call "
+            "add_task once for each new task."
         )
     label = tasks[0].item()
     if (tasks.dtype.kind == "U") != (known.dtype.kind == "U"):
@@ -121,8 +121,8 @@ def check_new_task(estimator, X, y):
         )
     if label in known.tolist():  # not as floats
         raise ValueError(
-            f"Task {label!r} is known already; partial_fit takes more samples of it, "
-            "add_task takes new ones."
+            f"Task {label!r} is known already. add_task takes new tasks; for more "
+            "samples of a known one use partial_fit."
         )
     return features, label, Y
 
@@ -353,8 +353,8 @@ def _warn_of_underflow(values, kind, more=""):
         which = f"{kind} {(small + 1).tolist()}" if len(largest) > 1 else f"the {kind}"
         warn(
             f"The values of {which} are below {SMALLEST:.0e}: their squares lose "
-            f"digits or vanish, so that they may count as constant{more}. Choose "
-            "another unit.",
+            f"digits or vanish, so they may count as constant{more}. Choose another "
+            "unit.",
             UnderflowWarning,
         )
 
@@ -390,11 +390,11 @@ def warn_of_noise(told, tasks=None):
         same = "set noise='shared' if all tasks are measured with the same precision, "
     warn(
         f"The rows do not tell the noise variance{which}: the model follows them so "
-        "closely that one many times as large would be as likely. It may be far too "
-        "small, and the standard deviations of predictions with it. Give more rows, "
-        f"{same}learn fewer hyperparameters, such as those of a lower rank, raise the "
-        "lower of noise_variance_bounds, a share of the variance of y, or fix what is "
-        f"known of it. {NOISE}",
+        "closely that a variance many times as large would be as likely. The learned "
+        "variance may be far too small, and so may the standard deviations of "
+        f"predictions. Give more rows, {same}choose a lower rank, raise the lower "
+        "bound in noise_variance_bounds, a share of the variance of y, or fix the "
+        f"noise variance if you know it. {NOISE}",
         UnidentifiedNoiseWarning,
     )
 

@@ -202,7 +202,7 @@ def check_complete(features, codes, tasks):
     more = f" and {len(faults) - 5} more" if len(faults) > 5 else ""
     raise ValueError(
         "inference='kronecker' needs the tasks observed at the same inputs, once each, "
-        "with less than half of all missing, but "
+        "with less than half of these cells missing, but "
         f"{', '.join(faults[:5])}{more}. Complete the data, or set inference='auto', "
-        f"which takes any. {INFERENCE}"
+        f"which takes any data. {INFERENCE}"
     )

@@ -164,8 +164,8 @@ class Descriptors:
                 j = int(differ.argmax())
                 raise ValueError(
                     f"The descriptor {self.names[j]!r} of task {label!r} is "
-                    f"{float(found[j])}, but was {float(fitted[j])} in fit. Give that, "
-                    "or the task another label: a new one is predicted from its "
+                    f"{float(found[j])}, but was {float(fitted[j])} in fit. Give that "
+                    "value. Or use a new label: new tasks are predicted from their "
                     "descriptors."
                 )
 
@@ -183,7 +183,7 @@ class Descriptors:
                     f"The descriptor {self.names[j]!r} varies within task "
                     f"{labels.tasks[code].item()!r}: it has the values "
                     f"{', '.join(map(str, some))}. Descriptors are constant within a "
-                    "task; what varies is a feature: leave it out of task_descriptors."
+                    "task. Leave this one out of task_descriptors, and it is a feature."
                 )
         return found
 
@@ -220,9 +220,9 @@ def read_descriptors(columns, names, features, labels):
     if n_told < n:
         warn(
             f"The {len(table)} tasks do not tell what each of the {n - 1} descriptors "
-            f"does: [1, descriptors] has rank {n_told}, not {n}. Tasks that fit has "
-            "not seen are predicted by the smallest coefficients that explain those it "
-            "has. Give more tasks or fewer descriptors.",
+            f"does: [1, descriptors] has rank {n_told}, not {n}. New tasks are "
+            "predicted with the smallest coefficients that explain the known tasks. "
+            "Give more tasks or fewer descriptors.",
             DescriptorWarning,
         )
     return found

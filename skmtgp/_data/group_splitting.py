@@ -19,22 +19,22 @@ __all__ = ["TaskStratifiedGroupKFold"]
 class TaskStratifiedGroupKFold(StratifiedGroupKFold):
     """K-fold cross-validation by task in which the rows of a group stay together.
 
-    As :class:`TaskStratifiedKFold` every fold trains on every task, and tests every
-    task as far as there are groups of it. The rows of a group, such as a second of a
-    recording, a trajectory or a day, are all in the training set or all in the test
-    set: noise that neighbouring rows have in common cannot be learned from the one
-    and predicted in the other.
+    As in :class:`TaskStratifiedKFold`, every fold trains on every task, and tests every
+    task as far as it has groups. The rows of a group, such as a second of a recording,
+    a trajectory or a day, are all in the training set or all in the test set. So a
+    model cannot learn the noise that neighbouring rows share from one set and predict
+    it in the other.
 
     Parameters
     ----------
     n_splits : int, default=5
         Number of folds, 2 or more.
     task_feature : int or str, default=-1
-        Position or name of the column with the task labels in the X that is split,
-        which in a search over a pipeline is the X before the first step.
+        Position or name of the column with the task labels in the X that is split. In a
+        search over a pipeline that is the X before the first step.
     shuffle : bool, default=False
-        Whether groups of the same size are dealt out in a random order, not in that of
-        their first rows.
+        Whether to distribute groups of the same size in a random order, instead of the
+        order of their first rows.
     random_state : int, RandomState instance or None, default=None
         Source of randomness with `shuffle`.
 
@@ -45,15 +45,15 @@ class TaskStratifiedGroupKFold(StratifiedGroupKFold):
 
     Notes
     -----
-    Groups are dealt out one by one, those with the largest shares of their tasks first,
-    each to the fold that has least of the same tasks. A group may have rows of several
-    tasks; a label that tasks have in common is one group, so number the seconds of all
-    recordings through if they are not to be one.
+    Groups are distributed one by one, beginning with those that have the largest shares
+    of their tasks. Each goes to the fold that has least of the same tasks. A group may
+    have rows of several tasks. A label that occurs in several tasks is a single group.
+    To keep the seconds of several recordings apart, give them different numbers.
 
     A task with fewer groups than `n_splits` is in the training set of every fold, and
-    in the test set of as many folds as it has groups. At least one task must have
-    `n_splits` groups or more, and each 2 or more. The rows of a training set come in
-    turns of the tasks, as those of :class:`TaskStratifiedKFold` do.
+    in the test sets of as many folds as it has groups. At least one task must have
+    `n_splits` groups or more, and each task at least two. In a training set the tasks
+    take turns, as in :class:`TaskStratifiedKFold`.
 
     Examples
     --------
@@ -84,30 +84,31 @@ class TaskStratifiedGroupKFold(StratifiedGroupKFold):
     def split(
         self, X: ArrayLike, y: Any = None, groups: ArrayLike | None = None
     ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Rows of the training and the test set of each fold.
+        """Generate the rows of the training and the test set of each fold.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
             Inputs, with the task labels in column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
-            Only its length is looked at.
+            Only its length is used.
         groups : array-like of shape (n_samples,)
-            Label of each row's group, of any type.
+            Group label of each row, of any type.
 
         Yields
         ------
         train : ndarray of shape (n_train,)
-            Positions of the rows to fit, in turns of the tasks.
+            Positions of the rows to fit; the tasks take turns.
         test : ndarray of shape (n_test,)
             Positions of the rows to predict, in order.
 
         Raises
         ------
         ValueError
-            If there is no such column, a label cannot be used, groups are not given or
-            are missing in some rows, a task has one group, or each has fewer than
-            `n_splits`, or if groups of several tasks leave a training set without one.
+            If there is no such column, or a label cannot be used. If `groups` is not
+            given, or is missing in some rows. If a task has only one group, all tasks
+            have fewer than `n_splits`, or groups with several tasks leave a training
+            set without a task.
         """
         tasks, codes = tasks_of_rows(self, X, y)
         group = _codes_of_groups(groups, len(codes))

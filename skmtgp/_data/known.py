@@ -51,8 +51,9 @@ class Known:
         """Raise a ValueError where y is not what is learned."""
         if target_transform is not None:
             raise ValueError(
-                "alpha and sample_weight are of y, and target_transform learns another "
-                "one. Transform y before, or leave one of them out."
+                "alpha and sample_weight are in units of y, but with target_transform "
+                "the model learns transformed targets. Transform y before fit, or "
+                "leave alpha and sample_weight out."
             )
 
     def output(self, j):
@@ -175,10 +176,10 @@ def read_known(alpha, sample_weight, repeat_variance, shape):
     counts = _numbers("sample_weight", sample_weight, (shape[0], 1), default=1.0)[:, 0]
     if not (counts >= 1.0).all():
         raise ValueError(
-            f"sample_weight has {counts.min():g}: it is the number of measurements "
-            "that a row is the mean of, 1 or more, or zero weight for rows that do not "
-            "count, but not for all. Of rows that are less exact give the variance in "
-            "alpha."
+            f"sample_weight has {counts.min():g}, but must be the number of "
+            "measurements that a row is the mean of, 1 or more, or zero weight for "
+            "rows that do not count, but not for all. For less exact rows give their "
+            "noise variance in alpha."
         )
     variance = _numbers("alpha", alpha, shape, default=0.0)
     spread = _numbers("repeat_variance", repeat_variance, shape, default=0.0)

@@ -275,8 +275,8 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
     ) * can_join
     raise ValueError(
         f"{what}: the model knows {_enumerate(tasks)}.{why}{beside} Fit with "
-        f"samples of every task{join}; in cross-validation "
-        "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection does."
+        f"samples of every task{join}. In cross-validation set "
+        "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection."
         f"{share}"
     )
 

@@ -25,21 +25,21 @@ NEVER = -1  # the fold of rows that are not tested
 class TaskStratifiedKFold(StratifiedKFold):
     """K-fold cross-validation in which every fold trains on every task.
 
-    Each task's rows are dealt out evenly among the test sets, as
-    :class:`~sklearn.model_selection.StratifiedKFold` does with classes. A model with a
-    task column cannot predict a task that it was not trained on, which ``KFold`` on
-    rows sorted by task, or ``GroupKFold`` by task, would ask of it.
+    Each task's rows are distributed evenly over the test sets, as
+    :class:`~sklearn.model_selection.StratifiedKFold` does with classes. Most models
+    with a task column cannot predict a task without training rows. ``KFold`` on rows
+    sorted by task, or ``GroupKFold`` by task, would ask them to.
 
     Parameters
     ----------
     n_splits : int, default=5
         Number of folds, 2 or more.
     task_feature : int or str, default=-1
-        Position or name of the column with the task labels in the X that is split,
-        which in a search over a pipeline is the X before the first step.
+        Position or name of the column with the task labels in the X that is split. In a
+        search over a pipeline that is the X before the first step.
     shuffle : bool, default=False
-        Whether the rows of each task are dealt out at random. Otherwise those in a test
-        set follow each other.
+        Whether to distribute the rows of each task at random. Otherwise the rows in a
+        test set are consecutive.
     random_state : int, RandomState instance or None, default=None
         Source of randomness with `shuffle`.
 
@@ -52,18 +52,19 @@ class TaskStratifiedKFold(StratifiedKFold):
     Notes
     -----
     A task with fewer rows than `n_splits` is in the training set of every fold, and in
-    the test set of as many folds as it has rows: a task of one row is never tested, as
-    a warning says. At least one task must have `n_splits` rows or more. Some test set
-    holds one row alone of a task with fewer than twice `n_splits` rows: its targets
-    have no variance to normalise errors by; give
-    :func:`~skmtgp.metrics.make_normalized_mse_scorer` that of all targets, `y_var`.
+    the test sets of as many folds as it has rows. A task of one row is never tested,
+    with a warning. At least one task must have `n_splits` rows or more. If a task has
+    fewer than twice `n_splits` rows, some test set has only one of its rows, with no
+    variance to normalise errors by. Give
+    :func:`~skmtgp.metrics.make_normalized_mse_scorer` the variance of all targets,
+    `y_var`.
 
-    The rows of a training set come in turns of the tasks, so that its first rows, to
-    which :func:`~sklearn.model_selection.learning_curve` cuts it, have every task if
-    they are as many as the tasks, and the tasks in proportion if they are more. They
-    do not with ``learning_curve(..., shuffle=True)``, which permutes them: let this
-    class shuffle instead. ``HalvingGridSearchCV`` draws some of them at random, too:
-    give it a `min_resources` with which no task is left out.
+    In a training set the tasks take turns. So
+    :func:`~sklearn.model_selection.learning_curve`, which takes its first rows, has
+    every task if there are enough rows, and all tasks in proportion.
+    ``learning_curve(..., shuffle=True)`` permutes the rows and destroys this; let this
+    class shuffle instead. ``HalvingGridSearchCV`` also draws rows at random; give it a
+    `min_resources` that leaves no task out.
 
     Examples
     --------
@@ -98,28 +99,28 @@ class TaskStratifiedKFold(StratifiedKFold):
     def split(
         self, X: ArrayLike, y: Any = None, groups: Any = None
     ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp]]]:
-        """Rows of the training and the test set of each fold.
+        """Generate the rows of the training and the test set of each fold.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
             Inputs, with the task labels in column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
-            Only its length is looked at.
+            Only its length is used.
         groups : object, default=None
-            Not used; a warning says so.
+            Ignored, with a warning.
 
         Yields
         ------
         train : ndarray of shape (n_train,)
-            Positions of the rows to fit, in turns of the tasks.
+            Positions of the rows to fit; the tasks take turns.
         test : ndarray of shape (n_test,)
             Positions of the rows to predict, in order.
 
         Raises
         ------
         ValueError
-            If there is no such column, a label cannot be used, or each task has fewer
+            If there is no such column, a label cannot be used, or all tasks have fewer
             rows than `n_splits`.
 
         Warns

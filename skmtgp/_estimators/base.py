@@ -126,22 +126,22 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`. Sparse inference
+            Inputs, with the task labels in column `task_feature`. Sparse inference also
             takes Dask arrays and dataframes, whose rows stay where they are.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Targets. Outputs are learned separately. In the partitions of X if that is
-            a Dask collection.
+            Targets. Outputs are learned separately. If X is a Dask collection, y has
+            the same partitions.
         alpha : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
-            Known noise variance of each sample, in squared units of y: it is added to
-            the one that is learned. One number holds for all. None is 0.
+            Known noise variance of each sample, in squared units of y. It is added to
+            the learned one. A single number holds for all samples. None is 0.
         sample_weight : array-like of shape (n_samples,), default=None
-            How many measurements each row is the mean of, 1 or more; of each of them
-            the noise variances are. The likelihood and the posterior are those of all
-            measurements. Rows of weight 0 are left out. None is 1.
+            Number of measurements that each row is the mean of, 1 or more. The noise
+            variances are those of a single measurement. The likelihood and the
+            posterior are those of all measurements. Rows of weight 0 are left out. None
+            is 1.
         repeat_variance : array-like of the shape of y, default=None
-            Variance of these measurements about their mean, divided by their number
-            and not by one less. None is 0. See
-            :func:`~skmtgp.average_repeats`.
+            Variance of these measurements around their mean: the sum of squares divided
+            by their number. None is 0. See :func:`~skmtgp.average_repeats`.
 
         Returns
         -------
@@ -152,8 +152,8 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         ------
         ValueError
             If a parameter, a feature, a label or a target cannot be used, or if the
-            kernel is no covariance of the features. The estimator is then as it was
-            before.
+            kernel is not a valid covariance of the features. The estimator is then as
+            it was before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance

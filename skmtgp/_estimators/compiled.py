@@ -47,9 +47,9 @@ class Transform:
         if not same:
             names = [type(step).__name__ for step in self.steps]
             raise ValueError(
-                "compile_predictor cannot tell which column of X has the task: of "
-                f"{', '.join(names)} it is not the model's. Let it be the last one of "
-                "X and of what the transformers make of it."
+                "compile_predictor cannot tell which column of X has the task, because "
+                f"{', '.join(names)} moves it. Make it the last column of X and of the "
+                "transformers' output."
             )
 
     def __call__(self, x):

@@ -20,8 +20,8 @@ def warn_of_duration(learning, seconds):
     minutes = seconds / 60.0
     about = f"{minutes:.0f} minutes" if minutes < 90 else f"{minutes / 60.0:.0f} hours"
     warn(
-        f"{learning} very roughly {about} on one processor. inference='sparse' takes "
-        "less, and so do fewer rows.",
+        f"{learning} very roughly {about} on one processor. inference='sparse' or "
+        "fewer rows take less time.",
         LongFitWarning,
     )
 
@@ -49,14 +49,14 @@ def _warn_of_neighbours(problem, mode):
     if correlated_share(problem, mode):
         warn(
             f"The noise of {problem.name} is correlated between neighbouring rows, in "
-            f"the order that fit was given: more than {LARGE} of its variance is. "
-            "Learning takes it for independent and a part of it for a function of the "
-            "inputs: standard deviations are too small, and scores of random folds or "
-            "of leaving out one row too good. Rows of a time series: cross-validate "
-            "with TaskStratifiedGroupKFold, stretches of rows as groups, choose a "
-            "higher lower bound in noise_variance_bounds by it, or fit fewer rows, "
-            "farther apart. Rows sorted by an input: k^x may be too smooth, or tasks "
-            "more alike in the model than they are.",
+            f"the order of the rows in fit: more than {LARGE} of its variance is "
+            "correlated. Learning assumes independent noise. So standard deviations "
+            "are too small, and scores of random folds, or of leaving out one row, are "
+            "too good. If the rows are a time series: cross-validate with "
+            "TaskStratifiedGroupKFold and stretches of rows as groups, choose a higher "
+            "lower bound in noise_variance_bounds by these folds, or fit fewer rows, "
+            "farther apart. If the rows are sorted by an input: the kernel may be too "
+            "smooth, or the tasks less alike than the model assumes.",
             CorrelatedResidualsWarning,
         )
 
@@ -68,12 +68,12 @@ def _warn_of_rivals(problem, mode):
         nats = f"{abs(doubt.nats):.1f} nats {'less' if doubt.nats >= 0.0 else 'more'}"
         warn(
             f"Another mode of {problem.name} is {nats} likely than the one that was "
-            "learned, and predicts differently: by "
-            f"{doubt.apart:.1f} deviations of the targets within tasks, in the root "
-            "mean square, and by more than two standard deviations of either. The rows "
-            "do not tell which is right. hyperparameters='sampled' averages over both. "
-            "More rows tell, and narrower bounds of the kernel or of the noise may. So "
-            "may a lower rank of a MultiTaskGPRegressor, whose n_restarts_optimizer "
-            "looks for a better mode still.",
+            "learned, and predicts differently. The root mean square difference is "
+            f"{doubt.apart:.1f} standard deviations of the targets within tasks, and "
+            "more than two standard deviations of either prediction. The rows do not "
+            "tell which mode is right. hyperparameters='sampled' averages over both. "
+            "More rows can decide; so can narrower bounds of the kernel or of the "
+            "noise, or a lower rank of a MultiTaskGPRegressor, whose "
+            "n_restarts_optimizer also searches for a still better mode.",
             AmbiguousFitWarning,
         )

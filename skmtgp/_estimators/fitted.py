@@ -42,23 +42,23 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     def loo_predict(
         self, include_noise: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        r"""Predict each training sample from all the others.
+        r"""Predict each training sample from all others.
 
-        No model is fitted again: what the fitted one keeps is enough.
+        No model is fitted again, because the fitted one keeps all that is needed.
 
         Parameters
         ----------
         include_noise : bool, default=False
-            Whether the uncertainty is that of the observation that was left out, f
-            plus noise, rather than that of f.
+            Whether the uncertainty is that of the observation that was left out, f plus
+            noise, rather than that of f.
 
         Returns
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Mean of f at each training sample given the others, in the units of y and
-            in the order of the rows that `fit` was given. Rows that joined later, by
-            `add_task` or `partial_fit`, come after them, as in `y_train_`. With
-            `target_transform` it is no mean but the median, as of `predict`.
+            Mean of f at each training sample given the others, in units of y and in the
+            order of the rows in `fit`. Rows that joined later, by `add_task` or
+            `partial_fit`, follow them, as in `y_train_`. With `target_transform` it is
+            the median, as in `predict`.
         y_std : ndarray of the shape of y_mean
             Its standard deviation.
 
@@ -70,34 +70,36 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         Warns
         -----
         NegativeVarianceWarning
-            If a variance is negative by more than rounding.
+            If a variance is negative, by more than rounding explains.
 
         Notes
         -----
-        Rasmussen and Williams (2006), eqs. 5.10 to 5.12: with the covariance K of the
-        targets, of which `y_mean_` is taken off, the targets left out are normal with
+        Rasmussen and Williams (2006), eqs. 5.10 to 5.12. Let K be the covariance of the
+        targets y, from which `y_mean_` is subtracted. The targets left out are normal
+        with
 
         .. math::
             \mu_i = y_i - \frac{[K^{-1} y]_i}{[K^{-1}]_{ii}}, \quad
             \sigma_i^2 = \frac{1}{[K^{-1}]_{ii}}.
 
-        f has the same mean and the variance :math:`\sigma_i^2` less that of the noise,
-        0 where rounding makes that negative. If a JitterWarning said that something was
-        added to the diagonal of K, that counts as noise. For each output dense
-        inference inverts the triangular factor of K in a copy, which takes n x n
-        numbers for a while.
+        f has the same mean, and the variance :math:`\sigma_i^2` minus that of the
+        noise, or 0 if rounding makes that negative. If a JitterWarning said that
+        something was added to the diagonal of K, that counts as noise. Dense inference
+        inverts a copy of the triangular factor of K for each output, which needs memory
+        for n x n numbers.
 
-        The hyperparameters are kept, and so are `y_mean_` and `y_scale_`: all of them
-        have seen the sample that is left out, so that these predictions are somewhat
+        The hyperparameters, `y_mean_` and `y_scale_` stay as they are, although they
+        were learned with the sample that is left out. So these predictions are somewhat
         better than those of new samples, the more so the fewer samples there are. The
         only sample of a task is predicted from the other tasks, as far as the task
-        covariance relates them; where it does not, that is the prior, whose mean is
+        covariance relates them. Without any relation it gets the prior, with the mean
         `y_mean_`, or 0 without `normalize_y`.
 
-        Scores come from :mod:`skmtgp.metrics`, averaged within tasks and then over
+        Compute scores with :mod:`skmtgp.metrics`, averaged within tasks and then over
         tasks. The log loss and the coverage are about observations, so they need
-        ``include_noise=True``; the trivial model of the log loss, the mean and variance
-        of y, has seen each sample too. The nMSE needs two samples or more of each task.
+        ``include_noise=True``. The trivial model of the log loss, the mean and variance
+        of y, has seen each sample, too. The nMSE needs at least two samples of each
+        task.
 
         Examples
         --------
@@ -142,19 +144,19 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     ) -> float | tuple[float, NDArray[np.float64]]:
         """Log marginal likelihood of the training targets, in their own units.
 
-        Of the transformed ones, if there is a `target_transform`.
+        With `target_transform` it is that of the transformed targets.
 
         Parameters
         ----------
         theta : array-like of shape (n_theta,), default=None
-            Parameters, as in the attribute `theta_`. None is the learned ones.
+            Parameters, as in the attribute `theta_`. None means the learned parameters.
         eval_gradient : bool, default=False
-            Whether to return the gradient too.
+            Whether to return the gradient, too.
 
         Returns
         -------
         log_likelihood : float
-            Summed over the outputs; minus infinity where the covariance of the targets
+            Sum over the outputs. It is minus infinity if the covariance of the targets
             cannot be factorised.
         gradient : ndarray of shape (n_theta,)
             Its gradient. Only if `eval_gradient`.
@@ -475,10 +477,10 @@ def _warn_of_unfinished(modes, max_iter):
     if stalled:
         which = f" of output {stalled}" * (len(modes) > 1)
         warn(
-            f"Learning{which} ended for lack of digits: the prior "
-            "variance is so much larger than the noise variance that the likelihood "
-            "cannot be resolved further. The model is the best one found; a larger "
-            f"lower bound in noise_variance_bounds avoids this. {INFERENCE}",
+            f"Learning{which} ended for lack of digits: the prior variance is so much "
+            "larger than the noise variance that the likelihood has too few correct "
+            "digits to go on. The model is the best one found. A larger lower bound in "
+            f"noise_variance_bounds avoids this. {INFERENCE}",
             PrecisionWarning,
         )
     unfinished = [j + 1 for j, m in enumerate(modes) if not (m.converged or m.stalled)]
@@ -486,6 +488,6 @@ def _warn_of_unfinished(modes, max_iter):
         which = f" of output {unfinished}" * (len(modes) > 1)
         warn(
             f"The likelihood{which} was still growing after "
-            f"max_iter={max_iter} iterations. Increase max_iter, or tol.",
+            f"max_iter={max_iter} iterations. Increase max_iter or tol.",
             ConvergenceWarning,
         )

@@ -30,26 +30,26 @@ class OnlineGP(FittedGP):
     def partial_fit(
         self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
     ) -> Self:
-        """Let rows join: fit at first, then at fixed hyperparameters.
+        """Add rows: the first call is `fit`, later ones keep the hyperparameters.
 
-        The first call is `fit`. Later ones give the model that a fit to all rows would
-        give at the hyperparameters, means and scales of the first one, without
-        decomposing the covariance again.
+        Later calls give the model that a fit to all rows would give with the
+        hyperparameters, means and scales of the first call. They do not decompose the
+        covariance again.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`. A label that is not
-            known is that of a task that joins: a MultiTaskGPRegressor learns how it is
-            related to the others, as by its method ``add_task``; a PooledGP gives it
-            the function of all, an IndependentGP one of its own. Where the tasks have
-            noise variances or diagonals of their own, it gets their geometric mean.
+            Inputs, with the task labels in column `task_feature`. An unknown label is
+            that of a task that joins. A MultiTaskGPRegressor learns how it is related
+            to the others, as in ``add_task``. A PooledGP gives it the function of all,
+            an IndependentGP one of its own. If tasks have their own noise variances or
+            diagonals, it gets their geometric mean.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         max_rows : int, default=None
-            How many rows are kept. Of more, those go that tell least of the functions
-            given the others, new ones among them; the last row of a task stays. None
-            keeps all. Only for dense inference.
+            Number of rows to keep. If there are more, those are dropped that add least
+            to what the others tell about the functions, new rows included. The last row
+            of a task stays. None keeps all. Only for dense inference.
 
         Returns
         -------
@@ -61,24 +61,26 @@ class OnlineGP(FittedGP):
         TypeError
             If X or y is a Dask collection.
         ValueError
-            If a new task cannot join, if X or y cannot be used or are
-            not like those of `fit`, if `max_rows` is below the number of tasks, or if
-            the engine cannot take or drop these rows. The estimator is then as it was
-            before.
+            If a new task cannot join. If X or y cannot be used, or differ
+            in form from those of `fit`. If `max_rows` is below the number of tasks, or
+            if the engine cannot take or drop these rows. The estimator is then as it
+            was before.
 
         Notes
         -----
-        A row takes O(n^2) by dense inference, whose Cholesky factor gets one row more,
-        as does a row that goes. By sparse inference the time is that of one pass over
-        the rows; the inducing inputs stay, but for those of a new task. By Kronecker
-        products the covariances of the inputs and of the tasks are decomposed anew.
-        Cells may be missing then: where more than a tenth are, or one is observed
-        again, ``inference="auto"`` decomposes the covariance of all rows once and goes
-        on by dense inference; "kronecker" is an error in the second case, and in the
-        first where half are missing.
+        With dense inference a row takes O(n^2), because the Cholesky factor only grows
+        by one row. Dropping a row takes the same. With sparse inference the time is
+        that of one pass over the rows. The inducing inputs stay, and a new task gets
+        its own.
 
-        In the attributes new rows come after those before, and rows of new tasks after
-        the others of the same call.
+        With Kronecker products the covariances of the inputs and of the tasks are
+        decomposed anew. Cells may be missing then. If more than a tenth are missing, or
+        one is observed again, ``inference="auto"`` decomposes the covariance of all
+        rows once and continues with dense inference. "kronecker" raises an error if a
+        cell is observed again, or if half of the cells are missing.
+
+        In the attributes, new rows follow the earlier ones. Rows of new tasks follow
+        the other rows of the same call.
 
         Examples
         --------
@@ -148,7 +150,8 @@ class OnlineGP(FittedGP):
         if max_rows < len(self.tasks_):
             raise ValueError(
                 f"max_rows={max_rows} is below the number of tasks, "
-                f"{len(self.tasks_)}: a row of each stays. Give more."
+                f"{len(self.tasks_)}, but each task keeps a row. Give at least "
+                f"{len(self.tasks_)}."
             )
         self._go_on_densely(training, max_rows)
         with limit_threads(self._side):
@@ -257,6 +260,6 @@ def _check_trend(likelihoods):
         if rank < trend.n_coefficients:
             raise ValueError(
                 f"The {len(likelihood.y)} rows that are kept tell {rank} of the "
-                f"{trend.n_coefficients} coefficients of the trend. Give a larger "
-                "max_rows."
+                f"{trend.n_coefficients} coefficients of the trend, too few to go on. "
+                "Give a larger max_rows."
             )

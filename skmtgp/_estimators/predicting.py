@@ -74,9 +74,9 @@ class PosteriorMixin(RegressorMixin):
         X : array-like of shape (n_samples, n_features)
             Inputs, with the task labels in column `task_feature`.
         return_std : bool, default=False
-            Whether to return the standard deviation of each prediction too.
+            Whether to return the standard deviation of each prediction, too.
         return_cov : bool, default=False
-            Whether to return the covariance of the predictions of an output too.
+            Whether to return the covariance of the predictions of an output, too.
         include_noise : bool, default=False
             Whether the uncertainty is that of a new observation, f plus noise, rather
             than that of f.
@@ -84,7 +84,7 @@ class PosteriorMixin(RegressorMixin):
         Returns
         -------
         y_mean : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Predictive mean, in the units of y; the median with `target_transform`.
+            Predictive mean, in units of y. With `target_transform` it is the median.
         y_std : ndarray of the shape of y_mean
             Predictive standard deviation. Only if `return_std`.
         y_cov : ndarray of shape (n_samples, n_samples[, n_outputs])
@@ -95,26 +95,26 @@ class PosteriorMixin(RegressorMixin):
         TypeError
             If X is a Dask collection.
         ValueError
-            If a task was not seen in fit and cannot be predicted, if both `return_std`
-            and `return_cov` are asked for, or if there is a `target_transform` and
-            `return_cov` is, or its inverse overflows.
+            If a task was not seen in fit and cannot be predicted. If both `return_std`
+            and `return_cov` are set. If `return_cov` is set with a `target_transform`,
+            or its inverse overflows.
 
         Notes
         -----
-        A task that `fit` has not seen can be predicted by a PooledGP, and by a
-        MultiTaskGPRegressor with ``shared=True`` or `task_descriptors` where
-        `normalize_y_` is not "per_task": by what all tasks share, and by its
-        descriptors. Its uncertainty has what tasks differ by beside these: the
-        variances of the levels and, on average, of the rest of `task_covariance_`.
-        With `trend_per_task` none can be. Known tasks have the descriptors of `fit`.
-        With noise of each task a new one has the geometric mean of the noise variances,
-        each counted as often as its task has rows.
+        Tasks that `fit` has not seen can be predicted by a PooledGP. A
+        MultiTaskGPRegressor predicts them with ``shared=True`` by what all tasks share,
+        and with `task_descriptors` by their descriptors. This needs `normalize_y_`
+        other than "per_task", and no `trend_per_task`. The uncertainty then includes
+        what tasks differ by otherwise: the variance of the levels and the average of
+        the rest of `task_covariance_`. Known tasks have the descriptors of `fit`. If
+        tasks have their own noise, a new one has the geometric mean of the noise
+        variances, each counted as often as its task has rows.
 
-        With `target_transform` the first is the inverse of the mean that is learned, as
-        that of scikit-learn's TransformedTargetRegressor. It is no mean but the median,
-        of f and of observations alike; where hyperparameters are drawn, about that. The
-        standard deviation is that of f or of an observation in the units of y, by
-        quadrature. See :doc:`/guide/intervals`.
+        With `target_transform` the prediction is the inverse transform of the learned
+        mean, as in scikit-learn's TransformedTargetRegressor. This is the median of f
+        and of observations, not the mean. With sampled hyperparameters it is
+        approximately the median. The standard deviation is that of f or of an
+        observation in units of y, by quadrature. See :doc:`/guide/intervals`.
         """
         if return_std and return_cov:
             raise ValueError("Set return_std or return_cov, not both.")
@@ -137,23 +137,23 @@ class PosteriorMixin(RegressorMixin):
     def predict_interval(
         self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Predict the central interval that holds an observation, or f.
+        """Predict the central interval that contains an observation, or f.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
             Inputs, with the task labels in column `task_feature`.
         level : float, default=0.95
-            Probability that the interval holds it. As much lies below as above; 0 gives
-            the median twice.
+            Probability of the interval. Equal probabilities lie below and above it. 0
+            gives the median twice.
         include_noise : bool, default=True
-            Whether the interval is that of a new observation, f plus noise, rather
-            than that of f.
+            Whether the interval is that of a new observation, f plus noise, rather than
+            that of f.
 
         Returns
         -------
         lower, upper : ndarray of shape (n_samples,) or (n_samples, n_outputs)
-            Its ends, in the units of y.
+            Ends of the interval, in units of y.
 
         Raises
         ------
@@ -165,10 +165,11 @@ class PosteriorMixin(RegressorMixin):
 
         Notes
         -----
-        They are quantiles of the predictive distribution: a normal one; a mixture of
-        normal ones where hyperparameters are sampled; Student's t of a
-        BayesianLinearRegression. The inverse of `target_transform` takes them to units
-        of y, as they are: it is monotone. :doc:`/guide/intervals` says when they hold.
+        The ends are quantiles of the predictive distribution. It is normal, a mixture
+        of normal distributions if hyperparameters are sampled, or Student's t for a
+        BayesianLinearRegression. The inverse of `target_transform` is monotone, so it
+        maps the ends to units of y. :doc:`/guide/intervals` says when intervals are
+        right.
         """
         if not 0.0 <= level < 1.0:
             raise ValueError(f"level={level} must be in [0, 1), such as 0.95.")
@@ -202,12 +203,12 @@ class PosteriorMixin(RegressorMixin):
         random_state : int, RandomState instance or None, default=0
             Source of randomness.
         include_noise : bool, default=False
-            Whether the draws are of new observations: the same draws of f, plus noise.
+            Whether to draw new observations: the same draws of f, plus noise.
 
         Returns
         -------
         y_samples : ndarray of shape (n_samples_X[, n_outputs], n_samples)
-            Draws, in the units of y.
+            Draws, in units of y.
 
         Raises
         ------

@@ -38,9 +38,9 @@ def ranks_to_compare(ranks, n_terms, n_tasks):
         listed = tuple(listed)
         if not (0 < len(listed) <= n_terms and all(map(_is_rank, listed))):
             raise ValueError(
-                f"ranks={ranks!r} must have, for each candidate, a rank of 0 or more "
-                f"of each of the {n_terms} kernels, or of the first of them, such as "
-                f"{(1,) * n_terms}, and {of_terms!r} is none."
+                f"ranks={ranks!r} has the candidate {of_terms!r}. A candidate must be "
+                f"a tuple with a rank of 0 or more for each of the {n_terms} kernels, "
+                f"or for the first of them, such as {(1,) * n_terms}."
             )
         found.add(tuple(min(int(rank), n_tasks) for rank in listed))
     if not found:

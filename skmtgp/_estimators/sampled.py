@@ -44,19 +44,20 @@ class SampledMixin:
     def task_correlation_interval(
         self, level: float = 0.95
     ) -> tuple[pd.DataFrame, pd.DataFrame]:
-        """Between which values the correlations of the tasks are.
+        """Return intervals of the tasks' correlations.
 
-        An interval without zero says that two tasks are related.
+        If an interval does not contain zero, the two tasks are related.
 
         Parameters
         ----------
         level : float, default=0.95
-            Posterior probability of each interval, the same on both sides.
+            Posterior probability of each interval, with equal probabilities below and
+            above it.
 
         Returns
         -------
         lower, upper : DataFrame of n_tasks rows and columns
-            Bounds, labelled as `task_correlation_`.
+            Ends of the intervals, labelled as `task_correlation_`.
 
         Raises
         ------
@@ -86,7 +87,7 @@ class SampledMixin:
         if not self._is_sampled():
             raise ValueError(
                 "task_correlation_interval needs draws of the hyperparameters, and "
-                f"this {type(self).__name__} has their mode alone. Fit it with "
+                f"this {type(self).__name__} has only their mode. Fit it with "
                 "hyperparameters='sampled' and max_iter above 0."
             )
         tails = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
@@ -244,12 +245,12 @@ def _warn_of_sample(name, sample):
     if least >= FEWEST and largest <= LARGEST and diverged <= MOST_DIVERGENT:
         return
     warn(
-        f"The draws of the hyperparameters of {name} are worth {least:.0f} independent "
-        f"ones where they are worth least ({FEWEST} or more are good), R-hat is "
-        f"{largest:.2f} where it is largest ({LARGEST} or less is good), and "
-        f"{diverged:.0%} of the trajectories diverged ({MOST_DIVERGENT:.0%} or less is "
-        "good). Intervals may be too narrow. A lower rank, narrower bounds of the "
-        "kernel, and more rows help; so does a larger n_draws, for which chains are "
-        "longer.",
+        f"The draws of the hyperparameters of {name} may not represent their "
+        f"posterior: the smallest effective sample size is {least:.0f} ({FEWEST} or "
+        f"more is good), the largest R-hat is {largest:.2f} ({LARGEST} or less is "
+        f"good), and {diverged:.0%} of the trajectories diverged "
+        f"({MOST_DIVERGENT:.0%} or less is good). Intervals may be too narrow. A lower "
+        "rank, narrower bounds of the kernel and more rows help. A larger n_draws "
+        "makes the chains longer.",
         SamplingWarning,
     )

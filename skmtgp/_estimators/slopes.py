@@ -150,11 +150,11 @@ class Slopes:
         names = sorted({self.columns.names[j % n] for j in basis.dependent})
         units, other = ("per_task", "shared") if per_task else ("shared", "False")
         raise ValueError(
-            f"normalize_y={units!r} takes the targets, and the columns of the trend, "
-            f"off their means{' in each task' * per_task}, which leaves nothing of "
+            f"normalize_y={units!r} subtracts the means of the targets and of the "
+            f"trend's columns{' in each task' * per_task}, which leaves nothing of "
             f"{_listed(names)}. Set normalize_y={other!r}, or leave such columns out, "
-            "as by include_bias=False of a PolynomialFeatures; constants of each task "
-            "are a trend='linear' with trend_per_task=True."
+            "for example by include_bias=False of a PolynomialFeatures. For a constant "
+            "of each task set trend='linear' and trend_per_task=True."
         )
 
 
@@ -195,8 +195,8 @@ def trends_with_task(units, trends, position, features, Y):
         _check_columns(H, first.columns.names, " of the new task")
         if len(H) == H.shape[1]:
             raise ValueError(
-                f"The new task has {len(H)} rows, which its {len(H)} coefficients of "
-                "the trend explain whatever they are. Give more rows."
+                f"The new task has {len(H)} rows and {len(H)} coefficients of the "
+                "trend, which fit any targets exactly. Give more rows."
             )
         slopes = list(Basis(H).least_squares(Y).T)
     fitted = [
@@ -228,8 +228,8 @@ def _check_columns(H, names, of):
     )
     which = _listed([names[j] for j in dependent])
     raise ValueError(
-        f"In the rows{of} the trend's {which} is {why}: "
-        "its coefficient cannot be told. Leave such columns out of trend"
+        f"In the rows{of} the trend's {which} is {why}, so its coefficient cannot be "
+        f"determined. Leave such columns out of trend"
         f"{', or set trend_per_task=False' * bool(of)}."
     )
 

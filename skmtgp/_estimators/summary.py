@@ -17,10 +17,10 @@ class SummaryMixin:
     def task_correlation_(self) -> pd.DataFrame:
         """Correlations of the tasks' functions, without their levels.
 
-        Of `task_covariance_`, with the labels of the tasks as index and columns. With
-        several outputs those of output j are ``task_correlation_.loc[j]``, with several
-        terms those of term q ``task_correlation_.loc[q]``, of an output
-        ``task_correlation_.loc[(j, q)]``.
+        They are the correlations of `task_covariance_`, with the task labels as index
+        and columns. With several outputs ``task_correlation_.loc[j]`` is that of output
+        j, with several terms ``task_correlation_.loc[q]`` is that of term q, and with
+        both ``task_correlation_.loc[(j, q)]``.
         """
         check_is_fitted(self)
         n_outputs, n_tasks = len(self._posteriors), len(self.tasks_)
@@ -40,7 +40,7 @@ class SummaryMixin:
     def task_descriptors_(self) -> pd.DataFrame:
         """Descriptors of the tasks, with their labels as index.
 
-        Only of a model that was fitted with `task_descriptors`.
+        It exists only after a fit with `task_descriptors`.
         """
         descriptors = getattr(self, "_descriptors", None)
         if descriptors is None:  # a frame cannot be kept by skops
@@ -52,27 +52,26 @@ class SummaryMixin:
 
     @public
     def summary(self) -> pd.DataFrame:
-        """A table of the tasks: what was learned of each, in units of y.
+        """Return what was learned of each task, as a table in units of y.
 
-        In those of the transformed targets, if there is a `target_transform`.
+        With `target_transform` the table is in units of the transformed targets.
 
         Returns
         -------
         summary : DataFrame of n_tasks rows
-            With the labels of the tasks as index; with several outputs one after
-            another, ``summary().loc[j]`` is that of output j. Its columns are
+            The task labels are the index. With several outputs the tables follow each
+            other, and ``summary().loc[j]`` is that of output j. The columns are
 
             - rows: number of samples;
-            - level: `y_mean_` and the level of the task, `task_level_`;
+            - level: `y_mean_` plus the level of the task, `task_level_`;
             - level_std: its standard deviation given the data;
             - noise_std: standard deviation of the noise;
             - explained: share of the variance of the task's targets that the model
-              explains of those that it has not seen, one less the nMSE of
-              `loo_predict`. Below 0 the mean of the task would do better. NaN where
-              the targets do not vary, or the rows lie in Dask's collections;
-            - closest: the task whose function has the largest correlation, of either
-              sign, with that of this task, the first of equal ones; None where no
-              other has any;
+              explains when they are left out, 1 minus the nMSE of `loo_predict`. Below
+              0 the mean of the task would be better. NaN if the targets do not vary, or
+              for Dask collections;
+            - closest: the task with the largest absolute correlation with this task,
+              the first one of equals. None if no task has any correlation with it;
             - correlation: that correlation, see `task_correlation_`.
 
         Raises
@@ -82,8 +81,8 @@ class SummaryMixin:
 
         Notes
         -----
-        The share explained takes what `loo_predict` does: about a third of a
-        decomposition of the covariance of all samples more for each output.
+        The column "explained" needs `loo_predict`, which takes about a third of a
+        decomposition of the covariance of all samples for each output.
 
         Examples
         --------

@@ -137,11 +137,11 @@ class Column:
         if lost.any():
             i = np.flatnonzero(lost)[0]
             raise ValueError(
-                f"target_transform does not lead back: of y[{i}] = {y[i]} it makes "
-                f"{z[i]}, and its inverse {again[i]} of that. Give a strictly monotone "
-                "function and its inverse, such as (np.log, np.exp). "
-                "QuantileTransformer needs subsample=None, and add_task targets "
-                "between those it was fitted to."
+                f"target_transform does not lead back: y[{i}] = {y[i]} becomes "
+                f"{z[i]}, and the inverse turns that into {again[i]}. Give a strictly "
+                "monotone function and its inverse, such as (np.log, np.exp). A "
+                "QuantileTransformer needs subsample=None, and in add_task targets "
+                "within the range that it was fitted to."
             )
         return z
 
@@ -152,10 +152,10 @@ class Column:
         if bad.any():
             raise ValueError(
                 f"The inverse of target_transform makes {y[bad][0]} of {z[bad][0]}, "
-                f"and so of {bad.sum()} of {bad.size} values that are predicted: the "
-                "model is so unsure there that it reaches beyond what the inverse "
-                "takes. Give a transform whose inverse grows more slowly, or predict "
-                "closer to the training rows."
+                f"and fails for {bad.sum()} of {bad.size} predicted values. The model "
+                "is so uncertain there that values exceed the range of the inverse. "
+                "Give a transform whose inverse grows more slowly, or predict closer "
+                "to the training rows."
             )
         return y
 

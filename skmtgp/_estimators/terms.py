@@ -61,9 +61,9 @@ def terms_asked_for(model):
         if not (named or isinstance(kernel, Kernel)):
             names = ", ".join(map(repr, KERNELS))
             raise ValueError(
-                f"kernel={model.kernel!r} must have kernels of scikit-learn's kind, "
-                f"names of kernels ({names}), or None for the default, and {kernel!r} "
-                "is none of them."
+                f"kernel={model.kernel!r} has {kernel!r}. It must have kernels of "
+                f"scikit-learn's kind, names of kernels ({names}), or None for the "
+                "default."
             )
     values = [_for_each(model, name, len(kernels)) for name in OF_TERMS]
     return [Term(*of) for of in zip(kernels, *values, strict=True)]
@@ -77,7 +77,7 @@ def _for_each(model, name, n_terms):
     if not isinstance(model.kernel, LISTS):
         raise ValueError(
             f"{name}={value!r} has a value for each term, but kernel={model.kernel!r} "
-            "is of one. Give a list of kernels; None in it is the default."
+            "is a single one. Give a list of kernels, in which None is the default."
         )
     if len(value) != n_terms:
         raise ValueError(
@@ -87,8 +87,8 @@ def _for_each(model, name, n_terms):
     for each in value:
         if not _IS[name](each):
             raise ValueError(
-                f"{name}={value!r} must have {_MUST_BE[name]} for each kernel, and "
-                f"{each!r} is none."
+                f"{name}={value!r} has {each!r}, but must have {_MUST_BE[name]} for "
+                "each kernel."
             )
     return list(value)
 

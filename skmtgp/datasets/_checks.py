@@ -244,7 +244,9 @@ def check_loads(loads, n_loads):
         )
     numbers = [_load_number(load, n_loads) for load in loads]
     if not numbers or len(set(numbers)) < len(numbers):
-        raise ValueError(f"loads={list(loads)!r} must hold each load once, and some.")
+        raise ValueError(
+            f"loads={list(loads)!r} must hold at least one load, and each only once."
+        )
     return numbers
 
 

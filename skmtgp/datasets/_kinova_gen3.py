@@ -70,10 +70,10 @@ def fetch_kinova_gen3(
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Fetch recordings of a Kinova Gen3, a real robot arm (multi-output regression).
 
-    States and torques of seven joints without a load, filtered and differentiated by
-    :func:`prepare_trajectory`. Downloaded, once, from the public repository [1]_ at a
-    fixed revision, 5 MB, and kept in scikit-learn's data home. The repository has an
-    MIT licence.
+    These are states and torques of seven joints without a load, filtered and
+    differentiated by :func:`prepare_trajectory`. They are downloaded once, 5 MB, from a
+    fixed revision of the public repository [1]_, and kept in scikit-learn's data home.
+    The repository has an MIT licence.
 
     =================   =============================
     Samples total       765, at 100 a second
@@ -84,21 +84,21 @@ def fetch_kinova_gen3(
     Parameters
     ----------
     recordings : list of {"quadratic", "run", "repeated"}, default=None
-        Which, in this order. "run" and "repeated" are one motion of 1.9 s, recorded
-        twice; "quadratic" is another one of 4.9 s. None is all.
+        Recordings to return, in this order. "run" and "repeated" are the same motion of
+        1.9 s, recorded twice. "quadratic" is another motion of 4.9 s. None is all.
     cutoff : float, default=10
-        Of the filter, Hz; see :func:`prepare_trajectory`.
+        Cutoff frequency of the filter, Hz, see :func:`prepare_trajectory`.
     rate : float, default=100
-        Samples a second that are kept, of 1000 that were recorded.
+        Samples per second to keep, of the 1000 that were recorded.
     data_home : str or path-like, default=None
         Folder of the downloaded files. None is
         :func:`sklearn.datasets.get_data_home`.
     download_if_missing : bool, default=True
-        Whether to download what is not there. False raises an OSError.
+        Whether to download missing files. False raises an OSError instead.
     n_retries : int, default=3
-        How often more an address is tried that does not answer.
+        Number of retries if an address does not answer.
     delay : float, default=1.0
-        Seconds between.
+        Seconds between retries.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.
     as_frame : bool, default=False

@@ -172,7 +172,7 @@ def _check_bodies(parameters):
         slack = 1e-9 * np.abs(tensor).max()
         if moments[0] < -slack or moments[0] + moments[1] < moments[2] - slack:
             raise ValueError(
-                f"loads: the inertia of {label} is that of no body (principal moments "
+                f"loads: no body has the inertia of {label} (principal moments "
                 f"{moments} kg m^2 about its centre); give I_xx ... I_zz about the "
                 "origin of frame 6, in kg m^2."
             )

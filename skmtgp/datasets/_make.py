@@ -1,4 +1,4 @@
-"""Make inverse dynamics data of the Puma 560 with loads of one's own choice."""
+"""Make inverse dynamics data of the Puma 560 with your own loads."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def make_puma560(
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Make inverse dynamics data of a Puma 560 that holds different loads.
 
-    Every load is carried along every path at every speed. With the default
-    parameters these are the 960,000 samples of [1]_, section 6, as far as the
-    paper gives them; the choices that it leaves open are the parameters here.
+    Every load is carried along every path at every speed. With the default parameters
+    these are the 960,000 samples of [1]_, section 6. What the paper leaves open is a
+    parameter here.
 
     Parameters
     ----------
@@ -75,54 +75,54 @@ def make_puma560(
     n_loads : int, default=None
         Number of loads to draw. None is 15, or the number of `masses`.
     masses : array-like of shape (n_loads,), default=None
-        Masses of the loads, kg. None is evenly from 0.2 to 3.0 kg.
+        Masses of the loads, kg. None spaces them evenly from 0.2 to 3.0 kg.
     loads : DataFrame, default=None
-        The loads, in place of drawn ones: a frame like the Bunch's ``loads``.
-        With the columns ``mass``, ``centre_*``, ``side_*`` and ``quat_*`` the ten
-        inertial parameters are computed; without them ``m``, ``mc_*`` and
-        ``I_*`` are taken as they are.
+        The loads, instead of drawn ones: a frame like ``loads`` of the Bunch. With the
+        columns ``mass``, ``centre_*``, ``side_*`` and ``quat_*`` the ten inertial
+        parameters are computed. Without them ``m``, ``mc_*`` and ``I_*`` are used
+        directly.
     side_range : array-like of shape (2,), default=(0.04, 0.16)
-        The sides of the cuboids are uniform between these, m.
+        Range of the cuboids' sides, m. They are drawn uniformly.
     centre_range : array-like of shape (3, 2)
-        The centres of the cuboids are uniform between these x, y, z in frame 6,
-        m. Default: -0.06 to 0.06, -0.06 to 0.06, 0.05 to 0.15.
+        Ranges of x, y and z of the cuboids' centres in frame 6, m. They are drawn
+        uniformly. Default: -0.06 to 0.06, -0.06 to 0.06, 0.05 to 0.15.
     paths : array-like of shape (n_paths, 3)
-        Centre's x and z (m) and rotation about the vertical through it (deg) of
-        each path p1, p2, ... Default: the paper's four.
+        For each path p1, p2, ... the x and z of its centre (m) and its rotation about
+        the vertical through it (deg). Default: the paper's four.
     speeds : array-like of shape (n_speeds,), default=(20, 15, 10, 5)
-        Seconds in which s1, s2, ... finish a path.
+        Seconds for one path at the speeds s1, s2, ...
     eight : tuple of (float, float), default=(0.05, 0.10)
         The path is ``x = eight[0] sin 2u, y = eight[1] sin u`` in a horizontal
         plane, m, at the constant rate ``u = 2 pi t / T``.
     tool : {"fixed", "moving"}, default="fixed"
-        Orientation of the tool. "fixed" keeps it; the loads then differ in mass
-        and centre of mass only, never in inertia. "moving" swings the tool
-        smoothly along the path, once about its x, twice about its y and three
-        times about its z axis a path, so that the inertia shows too.
+        Orientation of the tool. "fixed" keeps it constant. The loads then differ only
+        by mass and centre of mass, not by inertia. "moving" swings the tool smoothly
+        along the path, so that the inertia matters, too: on each path once about its x
+        axis, twice about y and three times about z.
     tool_pitch : float, default=45
         Angle of the tool's z axis below the horizontal x axis, deg.
     tool_swing : float or array-like of shape (3,), default=(20, 20, 20)
-        Amplitudes of the swings about the tool's x, y, z if it is moving, deg.
+        Amplitudes of the swings about the tool's x, y and z axes if it is moving, deg.
     friction : bool, default=True
         Whether the torques include viscous and Coulomb friction.
     stribeck : float, default=0
-        By which share Coulomb friction is larger where a joint begins to move. No
-        formula that is linear in its parameters has it; 0.5 is usual.
+        Relative increase of Coulomb friction when a joint begins to move. No model that
+        is linear in its parameters describes it. 0.5 is usual.
     stribeck_speed : float, default=0.1
-        Velocity, rad/s, at which 1/e of that is left.
+        Velocity, rad/s, at which 1/e of this increase is left.
     load_friction : float, default=0
         Share of the torque on each link that is added to its Coulomb friction, as in
-        gears; 0.05 is usual.
+        gears. 0.05 is usual.
     stiffness : float or array-like of shape (6,), default=None
-        Of elastic transmissions, N m/rad. The rotors then lead the joints, and the
-        data have the joints' positions. None is rigid; 10,000 is usual.
+        Stiffness of elastic transmissions, N m/rad. The rotors then lead the joints,
+        and the data have the joints' positions. None is rigid; 10,000 is usual.
     noise : float or array-like of shape (6,), default=0
         Standard deviation of normal noise added to each joint's torque, N m.
     random_state : int, RandomState instance or None, default=0
-        Draws the loads, then the noise.
+        Source of the drawn loads, then of the noise.
     descriptors : sequence of str, "inertial" or None, default=None
         Columns of the table `loads` that come before the load in the data, such as
-        ``["mass"]``; "inertial" are its ten inertial parameters. They are the
+        ``["mass"]``. "inertial" means the ten inertial parameters. Use them as
         `task_descriptors` of a MultiTaskGPRegressor.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.
@@ -161,7 +161,7 @@ def make_puma560(
     Raises
     ------
     ImportError
-        If Pinocchio is not installed; the extra ``skmtgp[puma]`` brings it.
+        If Pinocchio is not installed. The extra ``skmtgp[puma]`` installs it.
     TypeError, ValueError
         If an argument is wrong, or a path is out of reach.
 
@@ -172,9 +172,9 @@ def make_puma560(
 
     Notes
     -----
-    A load is merged with the last link. Velocities and accelerations are those
-    of the continuous path, ``qd = J^-1 v`` and ``qdd = J^-1 (a - Jdot qd)``;
-    velocities below 1e-9 rad/s are exactly 0, so that their sign means something.
+    A load is merged with the last link. Velocities and accelerations are those of the
+    continuous path, ``qd = J^-1 v`` and ``qdd = J^-1 (a - Jdot qd)``. Velocities below
+    1e-9 rad/s are set to 0, so that their sign is not that of a rounding error.
 
     References
     ----------

@@ -1,4 +1,4 @@
-"""The paper's Puma 560 data: the whole of it, and the part that is bundled."""
+"""The paper's Puma 560 data: all of it, and the bundled part."""
 
 from collections.abc import Sequence
 from importlib import resources
@@ -32,10 +32,10 @@ def fetch_puma560(
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Fetch the Puma 560 inverse dynamics data (multi-task regression).
 
-    The 960,000 samples of [1]_, section 6: 15 loads, 16 trajectories, 4000 samples
-    each, with the paper's division into training and test sets. They are not
-    downloaded but made by :func:`make_puma560`, once, and kept in scikit-learn's
-    data home; only the making needs Pinocchio.
+    These are the 960,000 samples of [1]_, section 6: 15 loads, 16 trajectories and 4000
+    samples each, with the paper's training and test sets. They are not downloaded.
+    :func:`make_puma560` makes them once, and they are kept in scikit-learn's data home.
+    Only making them needs Pinocchio.
 
     =================   ==================================
     Samples total       960,000
@@ -47,22 +47,22 @@ def fetch_puma560(
     Parameters
     ----------
     subset : {"train", "interpolation", "extrapolation"}, default="train"
-        "train": 2000 random samples of the trajectory (p2, s3) and 2000 of the
-        load's own, Table 1 of [1]_. "interpolation": the other samples of these
-        two. "extrapolation": all samples of the load that are not in "train".
+        "train" has 2000 random samples of the trajectory (p2, s3) and 2000 of the
+        load's own trajectory, Table 1 of [1]_. "interpolation" has the other samples of
+        these two. "extrapolation" has all samples of the load that are not in "train".
     n_per_load : int, default=None
-        Rows of each load. They are in random order, so the first n are a random
-        subset, and smaller ones are part of larger ones. None is all.
+        Number of rows of each load. They are in random order, so the first n are a
+        random subset, and larger subsets contain smaller ones. None is all.
     loads : list of (int or str), default=None
         Loads to keep, as numbers 1..15 or names "c1".."c15", in this order. None
         is all. The multi-task experiments of [1]_ leave out c15.
     data_home : str or path-like, default=None
         Folder of the stored data. None is :func:`sklearn.datasets.get_data_home`.
     random_state : int, default=0
-        Draws the loads and the sets. Every value has its own stored file, 55 MB.
+        Seed of the loads and the sets. Each value has its own stored file of 55 MB.
     descriptors : sequence of str, "inertial" or None, default=None
         Columns of the table `loads` that come before the load in the data, such as
-        ``["mass"]``; "inertial" are its ten inertial parameters. They are the
+        ``["mass"]``. "inertial" means the ten inertial parameters. Use them as
         `task_descriptors` of a MultiTaskGPRegressor.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.
@@ -106,8 +106,8 @@ def fetch_puma560(
     Warns
     -----
     UserWarning
-        If the stored file is damaged or another version's, and is made again; or if
-        the data cannot be stored. They are returned all the same.
+        If the stored file is damaged or from another version, and is made again. If the
+        data cannot be stored; they are still returned.
 
     See Also
     --------
@@ -153,8 +153,8 @@ def load_puma560(
 ) -> Bunch | Any:  # not tuple: callers would have to rule it out
     """Load the bundled part of the Puma 560 inverse dynamics data.
 
-    The first rows of each set of ``fetch_puma560(random_state=0)``, row for row.
-    Needs neither Pinocchio nor a network.
+    These are the first rows of each set of ``fetch_puma560(random_state=0)``. Loading
+    needs neither Pinocchio nor a network.
 
     =================   ==================================
     Rows of a load      200 / 180 / 340 (by `subset`)
@@ -165,16 +165,16 @@ def load_puma560(
     Parameters
     ----------
     subset : {"train", "interpolation", "extrapolation"}, default="train"
-        Which of the paper's sets; see :func:`fetch_puma560`.
+        Which of the paper's sets, see :func:`fetch_puma560`.
     n_per_load : int, default=None
-        Rows of each load. They are in random order, so the first n are a random
-        subset, and smaller ones are part of larger ones. None is all.
+        Number of rows of each load. They are in random order, so the first n are a
+        random subset, and larger subsets contain smaller ones. None is all.
     loads : list of (int or str), default=None
         Loads to keep, as numbers 1..15 or names "c1".."c15", in this order. None
         is all.
     descriptors : sequence of str, "inertial" or None, default=None
         Columns of the table `loads` that come before the load in the data, such as
-        ``["mass"]``; "inertial" are its ten inertial parameters. They are the
+        ``["mass"]``. "inertial" means the ten inertial parameters. Use them as
         `task_descriptors` of a MultiTaskGPRegressor.
     return_X_y : bool, default=False
         Whether to return ``(data, target)`` instead of a Bunch.

@@ -33,38 +33,38 @@ def prepare_trajectory(
 ) -> pd.DataFrame:
     """Filter a robot's recording and differentiate its joint positions.
 
-    Positions and torques pass the same Butterworth filter forward and backward, which
-    delays nothing, so that both still belong to the same moment. Velocities and
+    Positions and torques pass the same Butterworth filter forward and backward. This
+    causes no delay, so both still belong to the same moment. Velocities and
     accelerations are derivatives of a quintic spline through the filtered positions.
 
     Parameters
     ----------
     time : array-like of shape (n_samples,)
-        Seconds, increasing. Steps may differ a little: samples are interpolated to as
-        many even ones.
+        Increasing times in seconds. Steps may differ a little: samples are interpolated
+        to the same number of even steps.
     q : array-like of shape (n_samples, n_joints)
         Joint positions, rad or m.
     tau : array-like of shape (n_samples, n_joints)
         Torques, forces or motor currents.
     qd : array-like of shape (n_samples, n_joints), default=None
-        Measured velocities. They are filtered, and accelerations are their
-        derivatives. None differentiates the positions twice.
+        Measured velocities. They are filtered, and accelerations are their derivatives.
+        None differentiates the positions twice.
     cutoff : float, default=10
-        Frequency, Hz, at which the filter halves. What is slower than a quarter of it
-        changes by less than 1 in 10,000 with the default order.
+        Frequency, Hz, at which the filter halves the signal. With the default order,
+        frequencies below a quarter of it change by less than 1 in 10,000.
     tau_cutoff : float, default=None
-        The same for `tau`. None is `cutoff`, which removes from the torques what it
-        removes from the motion that they cause.
+        The same for `tau`. None is `cutoff`: the filter then removes from the torques
+        what it removes from the motion.
     order : int, default=4
-        Of the filter, of each pass.
+        Order of each pass of the filter.
     rate : float, default=None
-        Samples a second that are kept. None is all. At most the recorded rate.
+        Samples per second to keep, at most the recorded rate. None keeps all.
     trim : float, default=None
-        Seconds left out at the beginning and at the end, where a filter knows one side
-        alone. None is ``2 / cutoff``, after which accelerations of slow motion are
-        right to about one in a hundred; after three times that, to one in 100,000.
+        Seconds to leave out at the beginning and at the end, where the filter knows
+        only one side. None is ``2 / cutoff``. Accelerations of slow motion are then
+        right to about 1 in 100; with three times that, to 1 in 100,000.
     unwrap : bool, default=True
-        Whether jumps of positions by more than pi are taken for turns of 2 pi.
+        Whether to treat jumps of positions by more than pi as turns by 2 pi.
 
     Returns
     -------
@@ -74,11 +74,11 @@ def prepare_trajectory(
     Raises
     ------
     TypeError
-        If an argument holds no numbers.
+        If an argument does not hold numbers.
     ValueError
-        If an argument has another shape or holds what is not finite, if times do not
-        increase or leave a gap of more than half a period of `cutoff`, if `cutoff` is
-        above what the recorded rate allows, or if nothing is left.
+        If an argument has a wrong shape or a value that is not finite. If times do not
+        increase, or leave a gap of more than half a period of `cutoff`. If `cutoff` is
+        too high for the recorded rate, or if nothing is left.
 
     Examples
     --------

@@ -26,8 +26,8 @@ def make_sites(
 ):
     """Simulate measurements at five sites that have much in common.
 
-    All sites have the same course over a day, each on a level and by a factor of its
-    own. Some have many measurements, some few.
+    All sites have the same course over a day, each with its own level and its own
+    factor. Some have many measurements, some few.
 
     Parameters
     ----------
@@ -36,9 +36,9 @@ def make_sites(
     noise : float, default=0.15
         Standard deviation of the error of a measurement.
     random_state : int, RandomState or None, default=0
-        Of the hours and the errors.
+        Source of the hours and the errors.
     return_truth : bool, default=False
-        Whether to return what would be measured without error.
+        Whether to return the function without errors, too.
 
     Returns
     -------
@@ -47,12 +47,13 @@ def make_sites(
     y : Series of shape (n_samples,)
         Measurements, named "value".
     truth : callable
-        Gives the values without error of a frame such as X. Only if `return_truth`.
+        Function that returns the values without errors for a frame such as X. Only if
+        `return_truth`.
 
     Raises
     ------
     ValueError
-        If there are not five numbers of 0 or more, or `noise` is negative.
+        If there are not five numbers of 0 or more, or if `noise` is negative.
 
     Examples
     --------

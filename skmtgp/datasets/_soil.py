@@ -28,28 +28,30 @@ def make_soil(
 ) -> pd.DataFrame | tuple[pd.DataFrame, pd.DataFrame]:
     """Simulate a survey of three metals in the soil of 5 km by 5 km.
 
-    Nickel and zinc are measured everywhere, cadmium at some of the places. The rock,
-    which changes over kilometres, gave the soil all three; what people spilled, which
-    changes over some hundred metres, has cadmium and zinc, and hardly nickel.
+    Nickel and zinc are measured at all places, cadmium only at some of them. The metals
+    have two sources. The rock changes over kilometres and contains all three. Spills
+    change over a few hundred metres; they contain cadmium and zinc, but hardly any
+    nickel.
 
     Parameters
     ----------
     n_samples : int, default=180
         Number of places.
     n_cadmium : int, default=60
-        At how many of them, the first ones, cadmium is measured.
+        Number of places where cadmium is measured, too. They come first.
     noise : float, default=0.1
-        Standard deviation of the error of a logarithm: 0.1 is about 10 %.
+        Standard deviation of the error of a logarithm; 0.1 is about 10 %.
     random_state : int, RandomState or None, default=0
-        Of the fields, the places and the errors.
+        Source of the fields, the places and the errors.
     return_truth : bool, default=False
-        Whether to return the true concentrations on a grid.
+        Whether to return the true concentrations on a grid, too.
 
     Returns
     -------
     survey : DataFrame of shape (n_samples, 5)
-        Columns "east" and "north" in km, and "cadmium", "nickel" and "zinc" in ppm, NaN
-        where cadmium is not measured. :func:`skmtgp.stack_tasks` makes tasks of them.
+        Columns "east" and "north" in km, and "cadmium", "nickel" and "zinc" in ppm,
+        with NaN where cadmium is not measured. :func:`skmtgp.stack_tasks` turns them
+        into tasks.
     truth : DataFrame of shape (1681, 5)
         The same columns, without error, on a grid of 41 by 41 places, row after row
         from the south. Only if `return_truth`.
@@ -57,13 +59,14 @@ def make_soil(
     Raises
     ------
     ValueError
-        If a count is less than 1, there is more cadmium than there are places, or
-        `noise` is negative.
+        If a count is less than 1, if `n_cadmium` is above `n_samples`, or if `noise` is
+        negative.
 
     Notes
     -----
-    Logarithms are drawn from a linear model of coregionalisation with two structures of
-    rank 1 with exponential covariances, and a nugget that is an error of measurement.
+    The logarithms are drawn from a linear model of coregionalisation. It has two
+    structures of rank 1 with exponential covariances, and a nugget that is measurement
+    error.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The Puma 560 as a URDF, the description of robots that most programs read."""
+"""The Puma 560 as a URDF, the robot description that most programs read."""
 
 from xml.etree import ElementTree as ET
 
@@ -19,7 +19,7 @@ UNLIMITED = 1e6  # a URDF must have limits of torque and speed; the figures have
 
 
 def puma560_urdf() -> str:
-    """Describe the Puma 560 of the data sets by a URDF.
+    """Return a URDF of the Puma 560 of the data sets.
 
     Returns
     -------
@@ -36,10 +36,10 @@ def puma560_urdf() -> str:
     -----
     The figures are those published with the Robotics Toolbox [1]_, in standard
     Denavit-Hartenberg frames: joint i turns about the z axis of frame i - 1, which is
-    the frame of ``"link{i-1}"``'s end and of ``"joint{i}"``. A URDF holds neither the
-    inertia of the motors nor the Coulomb friction of the data, which is not the same in
-    both directions: torques of the URDF are those of the links alone. Limits of torque
-    and speed, which it must have, are 1e6: none.
+    the frame of ``"link{i-1}"``'s end and of ``"joint{i}"``. A URDF has neither the
+    inertia of the motors nor Coulomb friction that differs between directions, as in
+    the data. So it gives the torques of the links alone. A URDF must have limits of
+    torque and speed; here they are 1e6, which means no limit.
 
     References
     ----------

@@ -1,8 +1,8 @@
-"""What a method of inference has to offer: the protocol of the engines.
+"""Protocol of the engines, the methods of inference.
 
-An engine says which data and priors it takes and what memory that needs, makes the
-likelihood, whose method ``posterior`` makes the posterior, and lets tasks join. The
-estimators' parameter `inference` takes an instance of any subclass.
+An engine says which data and priors it takes and how much memory they need. It makes
+the likelihood, whose method ``posterior`` makes the posterior, and it lets tasks join.
+The estimators' parameter `inference` takes an instance of any subclass.
 """
 
 from abc import ABC, abstractmethod
@@ -17,25 +17,25 @@ from skmtgp.model.several import terms_of
 
 @dataclass(frozen=True)
 class Demand:
-    """How much is asked of an engine, for it to count memory.
+    """Sizes of a fit, from which an engine computes the memory it needs.
 
     Attributes
     ----------
     n_samples, n_tasks, n_outputs : int
         Sizes of the data.
     rank : int
-        Latent functions that the tasks share.
+        Number of latent functions that the tasks share.
     n_kept : int
-        Posteriors that are kept.
+        Number of posteriors that are kept.
     n_climbs, n_exact_climbs : int
-        Likelihoods at the same time, of all data and, where an approximation begins
-        with some of the rows, exact ones of those.
+        Number of simultaneous likelihoods: those of all data and, if an approximation
+        begins with some of the rows, the exact ones of these rows.
     n_parameters : int
-        Parameters that tasks have.
+        Number of parameters of the tasks.
     alone : bool
-        Whether the rows are of one task already.
+        Whether the rows are those of a single task.
     n_missing : int
-        Cells without a row, where most inputs of all tasks have one.
+        Number of cells without a row, in data that are otherwise complete.
     n_coefficients : int
         Coefficients of a trend.
     """
@@ -59,21 +59,22 @@ class Engine(ABC):
     Attributes
     ----------
     name : str
-        What `inference_` tells.
+        Name for `inference_`.
     sorts : bool, default=True
-        Whether it takes rows sorted by task; otherwise they stay where they are.
+        Whether the engine takes rows sorted by task. Otherwise they keep their order.
     uses_design : bool, default=False
-        Whether it makes use of complete data, of which some cells may be missing.
+        Whether it makes use of complete data, with some cells missing.
     n_exact : int or None, default=None
-        Of an approximation: rows that are learned from exactly before.
+        For an approximation, the number of rows that are learned from exactly first.
     drops : bool, default=False
-        Whether its posteriors tell which rows tell least, so that these can go.
+        Whether its posteriors can tell which rows are least informative, so that they
+        can be dropped.
     takes_terms : bool, default=False
         Whether it takes priors of several terms.
     takes_trend : bool, default=False
         Whether it takes priors with a trend.
     takes_known : bool, default=False
-        Whether it takes data of which the noise is known, `Data.known`.
+        Whether it takes data with known noise, `Data.known`.
 
     Examples
     --------
@@ -105,18 +106,18 @@ class Engine(ABC):
 
     @property
     def exact(self):
-        """Whether it approximates nothing."""
+        """Whether the engine is exact."""
         return self.n_exact is None
 
     def n_told(self, n):
-        """How many of n rows say which parameters can be learned: those it is exact of.
+        """Return how many of n rows determine which parameters can be learned.
 
-        The other rows tell more, but from these learning begins.
+        These are the rows with exact inference, with which learning begins.
         """
         return n if self.exact else min(n, self.n_exact)
 
     def check(self, prior, data, tasks):  # noqa: B027
-        """Raise a ValueError where it cannot take the prior or the data.
+        """Raise a ValueError if the engine cannot take the prior or the data.
 
         Parameters
         ----------
@@ -125,44 +126,44 @@ class Engine(ABC):
         data : Data
             Observations.
         tasks : ndarray of shape (n_tasks,)
-            Labels of the tasks, to name in errors.
+            Labels of the tasks, for error messages.
         """
 
     def check_form(self, form):  # noqa: B027
-        """Raise a ValueError where it cannot take a form of K^rho.
+        """Raise a ValueError if the engine cannot take a form of K^rho.
 
         Parameters
         ----------
         form : FixedTaskCovariance, LowRank or another, or Forms
-            Form of K^rho; those of several terms.
+            Form of K^rho, or the forms of several terms.
         """
 
     def check_memory(self, demand, tiles):  # noqa: B027
-        """Raise an InsufficientMemoryError where memory does not suffice.
+        """Raise an InsufficientMemoryError if memory is too small.
 
         Parameters
         ----------
         demand : Demand
-            What is asked for.
+            Sizes of the fit.
         tiles : TileMemory
-            What the kernel takes.
+            Memory that the kernel takes.
         """
 
     def check_joining(self, demand, tiles, n_before, n_new):
-        """The same where a task joins.
+        """Raise an InsufficientMemoryError if memory is too small for a new task.
 
         Parameters
         ----------
         demand, tiles
-            See `check_memory`; those of all tasks.
+            As in `check_memory`, for all tasks.
         n_before, n_new : int
-            Rows of the likelihood's matrices before, and of the new task.
+            Number of rows of the likelihood's matrices before, and of the new task.
         """
         self.check_memory(demand, tiles)
 
     @abstractmethod
     def likelihood(self, prior, data):
-        """The likelihood of the data.
+        """Return the likelihood of the data.
 
         Parameters
         ----------
@@ -177,20 +178,20 @@ class Engine(ABC):
         """
 
     def joined(self, likelihood, prior, data, position, kernel):
-        """The likelihood with a task more, of the same engine where it can.
+        """Return the likelihood with one more task, of the same engine if possible.
 
         Parameters
         ----------
         likelihood : Likelihood
-            Of the tasks so far, made by this engine.
+            Likelihood of the known tasks, made by this engine.
         prior : Prior
-            The model of one task more.
+            Model with one more task.
         data : Data
             All observations.
         position : int
-            Where the task is among the tasks.
+            Position of the new task among all tasks.
         kernel : Kernel or Kernels
-            k^x as learned.
+            The learned k^x.
 
         Returns
         -------
@@ -199,24 +200,24 @@ class Engine(ABC):
         return self.likelihood(prior, data)
 
     def updated(self, posterior, likelihood, theta, origin):
-        """The posterior of a likelihood that shares rows with another's.
+        """Return the posterior of a likelihood that shares rows with another one.
 
         Parameters
         ----------
         posterior : Posterior
-            Of the other, made by this engine at the same parameters, but for those of
-            tasks that have joined.
+            Posterior of the other likelihood, made by this engine at the same
+            parameters, except for those of tasks that have joined.
         likelihood : Likelihood
-            Of all rows, made by this engine.
+            Likelihood of all rows, made by this engine.
         theta : ndarray of shape (n_theta,)
             Parameters.
         origin : ndarray of shape (n_samples,)
-            Which row of the other each row is; -1 for new ones.
+            For each row its position in the other likelihood; -1 for new rows.
 
         Returns
         -------
         posterior : Posterior
-            That of the likelihood, computed from the other where that is faster.
+            Posterior of the likelihood, computed from the other one if that is faster.
         """
         return likelihood.posterior(theta)
 
@@ -271,8 +272,8 @@ def check_known(engine, prior, data):
     if own and not depends_on_inputs_only(prior.kernel, data.features):
         raise ValueError(
             f"sample_weight counts repeats, but kernel={prior.kernel} has noise of its "
-            "own for each sample, such as a WhiteKernel, of which a mean tells too "
-            "little. Leave that noise to noise_variance, or give all rows."
+            "own for each sample, such as a WhiteKernel. Means do not determine that "
+            "noise. Leave it to noise_variance, or give all rows."
         )
     if data.known is not None and not engine.takes_known:
         why = {

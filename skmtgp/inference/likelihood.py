@@ -36,17 +36,17 @@ class Likelihood(ABC):
     tasks : ndarray of shape (n_samples,)
         Task of each row, 0 to n_tasks - 1, ascending.
     y : ndarray of shape (n_samples,)
-        Targets, of which the model takes the mean to be zero.
+        Targets. The model assumes that their mean is zero.
     known : Known, default=None
-        What is known of the noise of each row.
+        Known noise of each row.
 
     Notes
     -----
-    A subclass sets ``inputs``, the rows that k^x is between, as far as matrices need
-    them, and has the abstract methods. ``prior.values(theta)`` takes theta apart and
-    ``prior.gradient(theta, ...)`` puts the gradient together. Where K cannot be
-    factorised it raises a :class:`~skmtgp.exceptions.NotPositiveDefiniteError`, which
-    learning takes for a rejected step.
+    A subclass sets ``inputs``, the rows between which matrices need k^x, and has the
+    abstract methods. ``prior.values(theta)`` takes theta apart and
+    ``prior.gradient(theta, ...)`` makes the gradient. If K cannot be factorised, it
+    raises a :class:`~skmtgp.exceptions.NotPositiveDefiniteError`, which learning treats
+    as a rejected step.
     """
 
     n_missing = 0  # cells without a row that it eliminates
@@ -93,7 +93,7 @@ class Likelihood(ABC):
 
     @abstractmethod
     def posterior(self, theta):
-        """The posterior of f given y.
+        """Return the posterior of f given y.
 
         Parameters
         ----------
@@ -103,16 +103,16 @@ class Likelihood(ABC):
         Returns
         -------
         posterior : Posterior
-            Where the covariance is singular in floating point, a JitterWarning says
-            what was added to it.
+            If the covariance is singular in floating point, a JitterWarning says what
+            was added to it.
         """
 
     @abstractmethod
     def release(self):
-        """Give back the memory that is kept for the next evaluation."""
+        """Free the memory that is kept for the next evaluation."""
 
     def value(self, theta):
-        """Log marginal likelihood; -inf where K cannot be factorised."""
+        """Return the log marginal likelihood, or -inf if K cannot be factorised."""
         try:
             value = self._evaluate(theta)
         except NotPositiveDefiniteError:
@@ -120,7 +120,7 @@ class Likelihood(ABC):
         return value if np.isfinite(value) else -np.inf
 
     def value_and_grad(self, theta):
-        """Log marginal likelihood and its gradient; -inf and nan where K fails.
+        """Return the log marginal likelihood and its gradient; -inf and nan if K fails.
 
         Parameters
         ----------
@@ -143,8 +143,8 @@ class Likelihood(ABC):
     def fisher_information(self, theta):
         """Fisher information of theta, from some of the rows.
 
-        At most FISHER_ROWS, more of many tasks, and fewer where there are hundreds of
-        derivatives.
+        These are at most FISHER_ROWS. There are more for many tasks, and fewer with
+        hundreds of derivatives.
 
         Parameters
         ----------

@@ -52,7 +52,7 @@ class Posterior(WithCoefficients, ABC):
     Parameters
     ----------
     likelihood : Likelihood
-        Where the data and the model's form come from.
+        Likelihood with the data and the form of the model.
     theta : ndarray of shape (n_theta,)
         Parameters.
 
@@ -63,31 +63,32 @@ class Posterior(WithCoefficients, ABC):
     K_rho : ndarray of shape ([n_terms,] n_tasks, n_tasks)
         K^rho at these parameters.
     level : float
-        Variance of the tasks' levels, which are part of f.
+        Variance of the tasks' levels, which belong to f.
     noise : ndarray of shape (n_samples,)
         Noise variance of each training sample.
     jitter : float or ndarray of shape (n_samples,)
-        What was added to it.
+        What was added to the noise variance.
     alpha : ndarray of shape (n_samples,)
         K^{-1} y.
     inputs : ndarray of shape (n_inputs, n_features)
-        The inputs that k^x is between.
+        Inputs between which k^x is computed.
     weights : ndarray of shape ([n_terms,] n_tasks, n_inputs)
-        Of k^x at each training input in the mean of each task.
+        Weight of k^x at each training input in the mean of each task.
     levels : ndarray of shape (n_tasks,)
         Mean of the level of each task.
     log_likelihood : float
         Log marginal likelihood of the targets.
     largest : float
-        The largest prior variance of f, of the training inputs and all tasks.
+        Largest prior variance of f, over the training inputs and all tasks.
     coefficients : Coefficients or None
-        Of a trend, which is part of f; `alpha` is then P y.
+        Coefficients of a trend, which belongs to f. `alpha` is then P y.
 
     Notes
     -----
-    A subclass sets `alpha` and `log_likelihood`, then calls ``_set_means()``, which
-    sets `weights` and `levels`, and has the abstract methods; ``_weigh_tasks()`` gives
-    the weights. Means, variances, covariances and leave-one-out follow.
+    A subclass sets `alpha` and `log_likelihood`. Then it calls ``_set_means()``, which
+    sets `weights` and `levels`. It has the abstract methods, of which
+    ``_weigh_tasks()`` returns the weights. Means, variances, covariances and
+    leave-one-out follow.
     """
 
     jitter = 0.0
@@ -248,20 +249,20 @@ class Posterior(WithCoefficients, ABC):
         return covariance
 
     def leave_one_out(self, include_noise=False):
-        """Each training sample predicted from all the others.
+        """Predict each training sample from all others.
 
         Parameters
         ----------
         include_noise : bool, default=False
-            Whether the variances are those of the observations, not those of f.
+            Whether the variances are those of the observations, rather than those of f.
 
         Returns
         -------
         residual : ndarray of shape (n_samples,)
             y_i - mu_i, where mu_i is the mean of f given the other samples.
         variance : ndarray of shape (n_samples,)
-            Its variance. What was added to the diagonal of a covariance that is
-            singular in floating point counts as noise.
+            Its variance. Jitter that was added to a singular covariance counts as
+            noise.
 
         Notes
         -----
@@ -294,19 +295,19 @@ class Posterior(WithCoefficients, ABC):
         self.levels = self.level * of_tasks
 
     def with_unseen(self, n_unseen, described=None):
-        """The same that knows tasks without data, too, the last ones.
+        """Return a posterior that also knows tasks without data, as the last ones.
 
         Parameters
         ----------
         n_unseen : int
-            How many they are.
+            Number of these tasks.
         described : ndarray of shape (n_unseen, n_rows), default=None
-            What is known of each, see :class:`~skmtgp.model.described.Described`.
+            What is known about each, see :class:`~skmtgp.model.described.Described`.
 
         Returns
         -------
         posterior : Posterior
-            This one stays as it is.
+            A new one; the present posterior does not change.
         """
         posterior = copy(self)
         K_rhos = [

@@ -68,10 +68,10 @@ def without_negatives(variance, prior, rounding):
     if wrong.any():
         warn(
             f"{np.count_nonzero(wrong)} of {len(variance)} variances of f are "
-            f"negative, down to {relative.min():.1e} of the prior's, where rounding "
-            f"explains {-rounding:.0e}. They are taken for 0, but mean nothing, and "
-            "nor do the means there. Is the kernel positive semi-definite at these "
-            "inputs, and its diag the diagonal of its values? If it is, the noise "
+            f"negative, down to {relative.min():.1e} of the prior's; rounding explains "
+            f"only {-rounding:.0e}. They are set to 0, but mean nothing, and neither "
+            "do the means there. Check that the kernel is positive semi-definite at "
+            "these inputs, and that its diag is its diagonal. If both hold, the noise "
             "variance is too small for double precision: raise the lower of "
             f"noise_variance_bounds. {INFERENCE}",
             NegativeVarianceWarning,

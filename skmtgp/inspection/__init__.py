@@ -1,8 +1,8 @@
 """Pictures of fitted models, in scikit-learn's convention of displays.
 
-A display holds the data of a picture; ``plot`` draws them, also again and in other
-ways, and keeps what it has drawn: ``ax_``, ``figure_`` and the artists. Drawing needs
-matplotlib: ``pip install "skmtgp[plot]"``.
+A display has the data of a picture. ``plot`` draws them, several times if needed, and
+keeps what it has drawn: ``ax_``, ``figure_`` and the artists. Drawing needs matplotlib:
+``pip install "skmtgp[plot]"``.
 """
 
 from skmtgp.inspection._coverage import CoverageDisplay

@@ -1,4 +1,4 @@
-"""Whether intervals hold as many targets as they should."""
+"""Coverage of intervals, for each task."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ class CoverageDisplay(Display):
     levels : array-like of shape (n_levels,)
         Nominal levels of the intervals, between 0 and 1.
     coverages : array-like of shape (n_tasks, n_levels)
-        Share of each task's targets inside them.
+        Share of each task's targets inside the intervals.
     tasks : array-like of shape (n_tasks,), default=None
-        Labels of the tasks, which become those of the lines.
+        Labels of the tasks, used as labels of the lines.
 
     Attributes
     ----------
     task_lines_ : list of n_tasks matplotlib Line2D
-        The coverage of each task, sorted as an estimator's ``tasks_`` where they are
-        found from predictions; none where there is one task.
+        Coverage of each task, in the order of an estimator's ``tasks_`` if found from
+        predictions. Empty if there is only one task.
     line_ : matplotlib Line2D
-        The mean over tasks, :func:`skmtgp.metrics.coverage`.
+        Mean over the tasks, :func:`skmtgp.metrics.coverage`.
     diagonal_ : matplotlib Line2D
-        Where a calibrated model is.
+        Line of a perfectly calibrated model.
     color : str
-        Of what is predicted. `from_estimator` sets that of the model, see
+        Colour of the predictions. `from_estimator` sets that of the model, see
         :func:`color_of`.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -60,7 +60,7 @@ class CoverageDisplay(Display):
 
     Notes
     -----
-    Below the diagonal the model is overconfident, above it too careful.
+    Below the diagonal the model is overconfident. Above it, its intervals are too wide.
 
     Examples
     --------
@@ -103,12 +103,12 @@ class CoverageDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
 
         Returns
         -------
         display : CoverageDisplay
-            This one.
+            The display itself.
         """
         levels, coverages = np.asarray(self.levels), np.atleast_2d(self.coverages)
         ax = self._set_axes(ax, figsize=(4.8, 4.8))
@@ -148,7 +148,7 @@ class CoverageDisplay(Display):
         levels: ArrayLike = LEVELS,
         ax: Axes | None = None,
     ) -> Self:
-        """Predict test data and draw the coverage of their intervals.
+        """Predict test data and draw the coverage of the intervals.
 
         Parameters
         ----------
@@ -159,32 +159,32 @@ class CoverageDisplay(Display):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator,
-            of a pipeline's first step, or of its model where X has a column so named.
+            Position or name of the task column of X. None takes that of the estimator,
+            of a pipeline's first step, or of its model if X has a column of that name.
         levels : array-like of shape (n_levels,), default=0.05, 0.1, ..., 0.95
             Nominal levels of the intervals, between 0 and 1.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
 
         Returns
         -------
         display : CoverageDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         NotFittedError
             If the estimator was not fitted.
         ValueError
-            If there is no such output, if a level is not between 0 and 1, or if nothing
-            tells the task column.
+            If there is no such output, if a level is not between 0 and 1, or if the
+            task column is not known.
 
         Notes
         -----
-        With a `target_transform` intervals are those of transformed targets: they hold
-        as many.
+        With a `target_transform` the intervals are those of transformed targets, which
+        contain the same share.
         """
         columns = predictions(estimator, X, y, output, learned=True)
         tasks = tasks_of(estimator, X, task_feature)
@@ -210,18 +210,18 @@ class CoverageDisplay(Display):
         y_true, y_mean : array-like of shape (n_samples,)
             Targets and predictive means.
         y_std : array-like of shape (n_samples,)
-            Predictive standard deviations of the targets (noise included), positive.
+            Positive standard deviations of the predicted targets, noise included.
         tasks : array-like of shape (n_samples,), default=None
             Task of each sample. None is one task.
         levels : array-like of shape (n_levels,), default=0.05, 0.1, ..., 0.95
             Nominal levels of the intervals, between 0 and 1.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
 
         Returns
         -------
         display : CoverageDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------

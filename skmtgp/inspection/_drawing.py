@@ -61,18 +61,18 @@ def check_option(name, value, allowed):
 
 
 def color_of(model: BaseEstimator) -> str:
-    """Colour that the displays, and the figures of this documentation, give a model.
+    """Return the colour that displays and this documentation use for a model.
 
     Parameters
     ----------
     model : estimator
-        A model of the package, fitted or not, or a Pipeline or search of one.
+        A model of the package, fitted or not, or a Pipeline or search with one.
 
     Returns
     -------
     color : str
-        As matplotlib takes it. One of `COLORS`, which the colour-blind can tell apart;
-        that of a model that is not the package's is the first of them.
+        Colour for matplotlib, one of `COLORS`, which colour-blind people can
+        distinguish. Models of other packages get the first one.
 
     Examples
     --------

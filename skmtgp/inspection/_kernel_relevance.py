@@ -1,4 +1,4 @@
-"""Which features the kernel listens to."""
+"""Relevance of features: which of them the kernel uses."""
 
 from __future__ import annotations
 
@@ -35,8 +35,9 @@ class KernelRelevanceDisplay(Display):
     Parameters
     ----------
     relevances : array-like of shape (n_parts, n_features)
-        Relevance of each feature in each part of the kernel, NaN where a part does
-        not see a feature. The axis is logarithmic; what is not positive is left out.
+        Relevance of each feature in each part of the kernel, NaN if a part does not use
+        the feature. The axis is logarithmic, so values that are not positive are left
+        out.
     parts : sequence of n_parts str
         Names of the parts.
     feature_names : sequence of n_features str
@@ -45,9 +46,9 @@ class KernelRelevanceDisplay(Display):
     Attributes
     ----------
     lines_ : list of n_parts matplotlib Line2D
-        The relevances of each part, as dots.
+        Relevances of each part, as dots.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -57,13 +58,12 @@ class KernelRelevanceDisplay(Display):
 
     Notes
     -----
-    The relevance of a feature is :math:`1 / \ell_d`, one over its length-scale, in a
-    squared exponential or Matern kernel, in units of one over the feature's; and its
-    weight :math:`w_d`, in units of one over their square, in an ARDLinear kernel. They
-    compare features that have the same scale, such as standardised ones, and not one
-    part with another. Automatic relevance determination: Rasmussen and Williams (2006),
-    section 5.1. A relevance at its lower bound means that the part does not need the
-    feature.
+    The relevance of a feature in a squared exponential or Matérn kernel is :math:`1 /
+    \ell_d`, one over its length-scale, in units of 1 / feature. In an ARDLinear kernel
+    it is the weight :math:`w_d`, in units of 1 / feature^2. Relevances compare features
+    of the same scale, such as standardised ones, within one part of the kernel. This is
+    automatic relevance determination, Rasmussen and Williams (2006), section 5.1. A
+    relevance at its lower bound means that the part does not need the feature.
 
     Examples
     --------
@@ -111,17 +111,17 @@ class KernelRelevanceDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
 
         Returns
         -------
         display : KernelRelevanceDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If the relevances are not of these parts and features, or none is positive.
+            If the relevances do not fit the parts and features, or if none is positive.
         """
         relevances, names = self._checked()
         ax = self._set_axes(ax, figsize=(6.4, min(10.0, 1.6 + 0.22 * len(names))))
@@ -165,28 +165,28 @@ class KernelRelevanceDisplay(Display):
         Parameters
         ----------
         estimator : estimator
-            Fitted: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC, or a
-            Pipeline that ends with one.
+            Fitted model: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC,
+            or a Pipeline that ends with one.
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         feature_names : sequence of str, default=None
-            Names of the features that the kernel sees, those of the model's X without
+            Names of the features that the kernel uses: those of the model's X without
             the task column. None takes those that the model saw in `fit` or, in a
-            Pipeline, those that the steps before it tell, else x0, x1, ...
+            Pipeline, those that the earlier steps give, else x0, x1, ...
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
 
         Returns
         -------
         display : KernelRelevanceDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the model has no kernel, or one for each task.
+            If the model has no kernel, or a kernel for each task.
         ValueError
             If there is no such output, if the kernel has no part with relevances, or if
             there are too many or too few names.

@@ -32,17 +32,17 @@ class TaskLearningCurveDisplay(Display):
     Parameters
     ----------
     results : DataFrame or mapping
-        A row for each fit, with columns model, n (number of training samples), error
-        (positive) and draw (which random set of samples or fold).
+        A row for each fit, with the columns model, n (number of training samples),
+        error (positive) and draw (number of the random subset or fold).
 
     Attributes
     ----------
     lines_ : dict of str to matplotlib Line2D
         Medians over draws, by model.
     bands_ : dict of str to matplotlib PolyCollection
-        From the least to the largest error of all draws, by model.
+        Range from the smallest to the largest error of all draws, by model.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -93,20 +93,20 @@ class TaskLearningCurveDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         ylabel : str, default="nMSE"
-            What the errors are.
+            Name of the errors.
 
         Returns
         -------
         display : TaskLearningCurveDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If a column is missing, if an error is not positive, or if there are several
-            errors of one model, n and draw.
+            If a column is missing, if an error is not positive, or if a model has
+            several errors for the same n and draw.
         """
         table = _check_results(self.results)
         ax = self._set_axes(ax)
@@ -138,7 +138,7 @@ class TaskLearningCurveDisplay(Display):
         n_jobs: int | None = None,
         ax: Axes | None = None,
     ) -> Self:
-        """Fit models to more and more samples and draw their errors.
+        """Fit models to increasing numbers of samples and draw their errors.
 
         Parameters
         ----------
@@ -151,27 +151,27 @@ class TaskLearningCurveDisplay(Display):
         train_sizes : array-like, default=(0.1, 0.2, 0.4, 0.7, 1.0)
             Numbers of training samples, or shares of the largest training set.
         cv : int or cross-validator, default=5
-            Number of folds of a :class:`~skmtgp.model_selection.TaskStratifiedKFold`
-            that shuffles, always in the same way; or something else that splits.
+            Number of folds of a :class:`~skmtgp.model_selection.TaskStratifiedKFold`,
+            which shuffles always in the same way, or another splitter.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator,
-            of a pipeline's first step, or of its model where X has a column so named.
+            Position or name of the task column of X. None takes that of the estimator,
+            of a pipeline's first step, or of its model if X has a column of that name.
         n_jobs : int, default=None
             Number of fits at the same time, see :term:`n_jobs`.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
 
         Returns
         -------
         display : TaskLearningCurveDisplay
-            Drawn. Its `results` hold the nMSE of each model, fold and number of
-            training samples.
+            The display, drawn. Its `results` have the nMSE of each model, fold and
+            number of training samples.
 
         Raises
         ------
         ValueError
-            If nothing tells the task column, or the folds cannot be made or have fewer
-            samples than `train_sizes` asks for.
+            If the task column is not known, or if the folds cannot be made or have
+            fewer samples than `train_sizes` asks for.
         """
         pyplot()  # not after hours of fits
         models = estimator
@@ -192,28 +192,28 @@ class TaskLearningCurveDisplay(Display):
         ax: Axes | None = None,
         ylabel: str = "nMSE",
     ) -> Self:
-        """Draw errors that were measured.
+        """Draw errors that were already measured.
 
         Parameters
         ----------
         results : DataFrame or mapping
-            A row for each fit, with columns model, n (number of training samples),
-            error (positive) and draw (which random set of samples or fold).
+            A row for each fit, with the columns model, n (number of training samples),
+            error (positive) and draw (number of the random subset or fold).
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         ylabel : str, default="nMSE"
-            What the errors are.
+            Name of the errors.
 
         Returns
         -------
         display : TaskLearningCurveDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         ValueError
-            If a column is missing, if an error is not positive, or if there are several
-            errors of one model, n and draw.
+            If a column is missing, if an error is not positive, or if a model has
+            several errors for the same n and draw.
         """
         return cls(results=results).plot(ax=ax, ylabel=ylabel)
 

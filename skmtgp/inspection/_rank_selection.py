@@ -1,4 +1,4 @@
-"""What an information criterion says of each rank."""
+"""Information criteria of each rank."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ CLEAR = 10.0
 class RankSelectionDisplay(Display):
     """Information criteria against the rank of the task covariance.
 
-    Where simpler models of the same rank were candidates too, the axis has the names of
+    If simpler models of the same rank were candidates, too, the axis has the names of
     all candidates.
 
     Parameters
     ----------
     results : mapping or DataFrame
-        ``results_`` of a RankSearchIC: columns rank, bic, aic, hqc and, if it was the
-        search's criterion, loo or laplace. With several candidates of a rank model and
-        chosen, too.
+        ``results_`` of a RankSearchIC, with the columns rank, bic, aic, hqc and, if it
+        was the search's criterion, loo or laplace. With several candidates of one rank
+        also model and chosen.
     best_rank : int
-        The rank that was chosen.
+        The chosen rank.
 
     Attributes
     ----------
     lines_ : list of matplotlib Line2D
         One for each criterion.
     chosen_ : matplotlib Line2D
-        The mark of the chosen rank.
+        Mark of the chosen rank.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -84,21 +84,22 @@ class RankSelectionDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         criteria : str or sequence of str, default="bic"
-            "bic", "aic", "hqc", "loo" or "laplace"; several are drawn less the minimum
-            of each, on an axis that is linear up to 10 and logarithmic above.
+            "bic", "aic", "hqc", "loo" or "laplace". If there are several, the minimum
+            of each is subtracted, and the axis is linear up to 10 and logarithmic
+            above.
 
         Returns
         -------
         display : RankSelectionDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If a criterion is none of these, or is "loo" or "laplace" and the search
-            did not use it.
+            If a criterion is none of these, or if it is "loo" or "laplace" and the
+            search did not use it.
         """
         names: list[str] = [criteria] if isinstance(criteria, str) else [*criteria]
         for name in names or [""]:
@@ -160,22 +161,22 @@ class RankSelectionDisplay(Display):
         ax: Axes | None = None,
         criteria: str | Sequence[str] | None = None,
     ) -> Self:
-        """Draw what a search has found.
+        """Draw the criteria of a search.
 
         Parameters
         ----------
         estimator : RankSearchIC or Pipeline that ends with one
             Fitted.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         criteria : str or sequence of str, default=None
-            "bic", "aic", "hqc", "loo" or "laplace"; several are drawn less the minimum
-            of each. None is the one that the search used.
+            "bic", "aic", "hqc", "loo" or "laplace". If there are several, the minimum
+            of each is subtracted. None takes the one that the search used.
 
         Returns
         -------
         display : RankSelectionDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
@@ -184,8 +185,8 @@ class RankSelectionDisplay(Display):
         TypeError
             If the estimator is not a RankSearchIC.
         ValueError
-            If a criterion is none of these, or is "loo" or "laplace" and the search
-            did not use it.
+            If a criterion is none of these, or if it is "loo" or "laplace" and the
+            search did not use it.
         """
         search = estimator[-1] if isinstance(estimator, Pipeline) else estimator
         check_is_fitted(search)

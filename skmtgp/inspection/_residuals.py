@@ -1,4 +1,4 @@
-"""What is left of the targets of each task."""
+"""Residuals of each task."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ class TaskResidualsDisplay(Display):
     Parameters
     ----------
     residuals : array-like of shape (n_samples,)
-        Targets less predictive means, in units of y.
+        Targets minus predictive means, in units of y.
     y_std : array-like of shape (n_samples,), default=None
-        Predictive standard deviations of the targets (noise included), positive. They
-        are needed for standardised residuals only.
+        Positive standard deviations of the predicted targets, noise included. Only
+        standardised residuals need them.
     tasks : array-like of shape (n_samples,), default=None
         Task of each sample. None is one task.
 
     Attributes
     ----------
     boxes_ : dict of lists of matplotlib artists
-        What ``ax.boxplot`` returns: boxes, medians, whiskers, caps and fliers. A box
-        goes from the first to the third quartile, the whiskers reach to the last sample
-        within 1.5 times its length.
+        Artists that ``ax.boxplot`` returns: boxes, medians, whiskers, caps and fliers.
+        A box goes from the first to the third quartile. The whiskers reach to the last
+        sample within 1.5 times its length.
     tasks_ : ndarray of shape (n_tasks,)
-        The task of each box, sorted as an estimator's ``tasks_``: numbers by size, text
-        by its letters, so that "machine 10" comes before "machine 2".
+        Task of each box, sorted as an estimator's ``tasks_``: numbers by size, text by
+        its letters, so "machine 10" comes before "machine 2".
     color : str
-        Of what is predicted. `from_estimator` sets that of the model, see
+        Colour of the predictions. `from_estimator` sets that of the model, see
         :func:`color_of`.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -103,21 +103,22 @@ class TaskResidualsDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"auto", "residual", "standardized"}, default="auto"
-            Whether the residuals are in units of y or divided by `y_std`, with the
-            central interval of level 0.95 of a standard normal. "auto" divides where
-            the model has learned the tasks in units of their own.
+            "residual" has residuals in units of y. "standardized" divides them by
+            `y_std`, and shows the central 95 % interval of a standard normal. "auto"
+            is "standardized" if the model has learned the tasks in their own units.
 
         Returns
         -------
         display : TaskResidualsDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If `kind` is neither, or if `y_std` is needed and missing or not positive.
+            If `kind` is neither, or if `y_std` is needed and is missing or not
+            positive.
         """
         kind = _kind(kind, self.own_units)
         residuals = self._standardized() if kind == "standardized" else self._raw()
@@ -170,29 +171,29 @@ class TaskResidualsDisplay(Display):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         task_feature : int or str, default=None
-            Position or name of the task column of X. None is that of the estimator,
-            of a pipeline's first step, or of its model where X has a column so named.
+            Position or name of the task column of X. None takes that of the estimator,
+            of a pipeline's first step, or of its model if X has a column of that name.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"auto", "residual", "standardized"}, default="auto"
-            Whether the residuals are in units of y or divided by their predictive
-            standard deviation; the latter, with a `target_transform`, are of
-            transformed targets. "auto" divides where the model has learned the tasks
-            in units of their own.
+            "residual" has residuals in units of y. "standardized" divides them by their
+            predictive standard deviation; with a `target_transform` these are residuals
+            of transformed targets. "auto" is "standardized" if the model has learned
+            the tasks in their own units.
 
         Returns
         -------
         display : TaskResidualsDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         NotFittedError
             If the estimator was not fitted.
         ValueError
-            If there is no such output or kind, or nothing tells the task column.
+            If there is no such output or kind, or if the task column is not known.
         """
         own_units = has_own_units(estimator)
         learned = _kind(kind, own_units) == "standardized"
@@ -220,24 +221,25 @@ class TaskResidualsDisplay(Display):
         y_true, y_mean : array-like of shape (n_samples,)
             Targets and predictive means.
         y_std : array-like of shape (n_samples,), default=None
-            Predictive standard deviations of the targets (noise included), positive.
+            Positive standard deviations of the predicted targets, noise included.
         tasks : array-like of shape (n_samples,), default=None
             Task of each sample. None is one task.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"auto", "residual", "standardized"}, default="auto"
-            Whether the residuals are in units of y, as they are by "auto", or divided
-            by `y_std`.
+            "residual" and "auto" have residuals in units of y. "standardized" divides
+            them by `y_std`.
 
         Returns
         -------
         display : TaskResidualsDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         ValueError
-            If `kind` is neither, or if `y_std` is needed and missing or not positive.
+            If `kind` is neither, or if `y_std` is needed and is missing or not
+            positive.
         """
         display = cls._of_predictions(y_true, y_mean, y_std, tasks)
         return display.plot(ax=ax, kind=kind)

@@ -1,4 +1,4 @@
-"""How the tasks are related."""
+"""Picture of how the tasks are related."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class TaskCovarianceDisplay(Display):
     im_ : matplotlib AxesImage
         The matrix.
     text_ : ndarray of shape (n_tasks, n_tasks) of matplotlib Text, or None
-        The values in the cells, where they are written.
+        Values in the cells, if they are written.
     colorbar_ : matplotlib Colorbar or None
-        The scale of the colours.
+        Scale of the colours.
     order_ : ndarray of shape (n_tasks,)
-        Position among `tasks` of each row that is drawn.
+        Position in `tasks` of each row of the picture.
     ax_ : matplotlib Axes
-        Where it is drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -64,7 +64,9 @@ class TaskCovarianceDisplay(Display):
 
     Notes
     -----
-    The tasks' functions often have much in common, so that all correlations are near
+    The tasks' functions often have much in common, so all correlations are near 1.
+    ``deviations=True`` shows how each task differs from their average: :math:`C K^\rho
+    C` with :math:`C = I - 1 1^T / M`.
     1. ``deviations=True`` shows how each task differs from their average,
     :math:`C K^\rho C` with :math:`C = I - 1 1^T / M`.
 
@@ -110,33 +112,33 @@ class TaskCovarianceDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"auto", "covariance", "correlation"}, default="auto"
-            What is drawn. "auto" is correlations where the model has learned the tasks
-            in units of their own, whose covariances cannot be compared.
+            What to draw. "auto" draws correlations if the model has learned the tasks
+            in their own units: such covariances cannot be compared.
         order : {"given", "similarity"}, default="given"
-            Whether the tasks come in the order of `tasks`, or so that tasks with high
-            correlation come together: hierarchical clustering by average linkage of
-            one minus the correlation, with the best order of the leaves.
+            "given" is the order of `tasks`. "similarity" puts tasks with high
+            correlation next to each other: hierarchical clustering by average linkage
+            of one minus the correlation, with the best order of the leaves.
         deviations : bool, default=False
-            Whether the matrix is that of the tasks' deviations from their average.
+            Whether to draw the matrix of the tasks' deviations from their average.
         include_values : bool or "auto", default="auto"
-            Whether the values are written in the cells; "auto" does where the letters
-            can be read.
+            Whether to write the values in the cells. "auto" does so if they can be
+            read.
         cmap : str or matplotlib Colormap, default="RdBu_r"
-            Colours, those of zero in the middle.
+            Colours; the middle one is zero.
         colorbar : bool, default=True
             Whether to add the scale of the colours.
 
         Returns
         -------
         display : TaskCovarianceDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If `kind` or `order` is neither, or the matrix is not one of these tasks.
+            If `kind` or `order` is neither, or if the matrix does not fit the tasks.
         """
         check_option("kind", kind, ("auto", "covariance", "correlation"))
         if kind == "auto":
@@ -207,32 +209,32 @@ class TaskCovarianceDisplay(Display):
         Parameters
         ----------
         estimator : estimator
-            Fitted: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC, or a
-            Pipeline that ends with one.
+            Fitted model: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC,
+            or a Pipeline that ends with one.
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         term : int, default=0
-            Which of several terms, in the order of the model's kernels.
+            Term to draw, if there are several, in the order of the model's kernels.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"auto", "covariance", "correlation"}, default="auto"
-            What is drawn. "auto" is correlations where the model has learned the tasks
-            in units of their own, whose covariances cannot be compared.
+            What to draw. "auto" draws correlations if the model has learned the tasks
+            in their own units: such covariances cannot be compared.
         order : {"given", "similarity"}, default="given"
             Order of the tasks, see :meth:`plot`.
         deviations : bool, default=False
-            Whether the matrix is that of the tasks' deviations from their average.
+            Whether to draw the matrix of the tasks' deviations from their average.
         include_values : bool or "auto", default="auto"
-            Whether the values are written in the cells.
+            Whether to write the values in the cells.
         cmap : str or matplotlib Colormap, default="RdBu_r"
-            Colours, those of zero in the middle.
+            Colours; the middle one is zero.
         colorbar : bool, default=True
             Whether to add the scale of the colours.
 
         Returns
         -------
         display : TaskCovarianceDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------

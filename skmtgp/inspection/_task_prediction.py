@@ -1,4 +1,4 @@
-"""What a model predicts of each task along a feature."""
+"""Predictions of each task along a feature."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ LEGIBLE = 12  # a curve needs this part of an axis
 
 
 class TaskPredictionDisplay(Display):
-    """What is predicted of each task along a feature: a small panel for each.
+    """Predictions of each task along a feature, with a panel for each task.
 
     Parameters
     ----------
     curves : DataFrame
         Columns "task", "x", "mean", "lower" and "upper": predictions of each task, and
-        intervals of new observations. Panels are in the order of the tasks.
+        intervals of new observations. Panels have the order of the tasks.
     points : DataFrame
-        Columns "task", "x" and "y": what was observed.
+        Columns "task", "x" and "y": the observations.
     truth : DataFrame, default=None
-        Columns "task", "x" and "y": what is true, if that is known.
+        Columns "task", "x" and "y": the true functions, if known.
     feature : str, default="x"
-        What the horizontal axis is called.
+        Label of the horizontal axis.
     level : float, default=0.95
         Probability of the intervals.
 
@@ -53,11 +53,11 @@ class TaskPredictionDisplay(Display):
     axes_ : ndarray of Axes of shape (n_tasks,)
         The panels.
     lines_, bands_, observed_ : list
-        Means, intervals and observations, one of each in a panel.
+        Means, intervals and observations, one of each for a panel.
     truths_ : list
-        Lines of the truth; None in a panel without one.
+        Lines of the truth, None for a panel without truth.
     color : str
-        Of what is predicted. `from_estimator` sets that of the model, see
+        Colour of the predictions. `from_estimator` sets that of the model, see
         :func:`color_of`.
     ax_ : matplotlib Axes
         The first panel.
@@ -66,7 +66,7 @@ class TaskPredictionDisplay(Display):
 
     See Also
     --------
-    TrajectoryDisplay : Along time, with all features as they were.
+    TrajectoryDisplay : Along time, without fixing other features.
 
     Examples
     --------
@@ -111,24 +111,25 @@ class TaskPredictionDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes or sequence of them, default=None
-            One whose place the panels take, or one for each task. None makes a new
-            figure, with a legend; of given axes, ``ax.legend()`` makes one.
+            Axes whose place the panels take, or axes for each task. None makes a new
+            figure with a legend. With given axes, ``ax.legend()`` makes a legend.
         n_cols : int, default=None
-            Number of panels side by side. None is at most four.
+            Number of panels side by side. None means at most four.
         sharey : bool or "auto", default="auto"
-            Whether all panels have the same vertical axis. "auto" gives each its own
-            where half of them would use less than a twelfth of that axis, as tasks in
+            Whether all panels share the vertical axis. "auto" gives each panel its own
+            if half of them would use less than a twelfth of a common axis, as tasks in
             different units do.
 
         Returns
         -------
         display : TaskPredictionDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
         ValueError
-            If there are too many tasks for panels, or not as many axes as tasks.
+            If there are too many tasks for panels, or if there are not as many axes as
+            tasks.
         """
         tasks = self.curves["task"].drop_duplicates().tolist()
         if len(tasks) > MOST:
@@ -201,57 +202,58 @@ class TaskPredictionDisplay(Display):
         n_cols: int | None = None,
         sharey: bool | Literal["auto"] = "auto",
     ) -> Self:
-        """Predict each task along a feature, and draw it with what was observed.
+        """Predict each task along a feature, and draw it with the observations.
 
         Parameters
         ----------
         estimator : estimator
-            Fitted model of the package, or a Pipeline or search that ends with one.
+            Fitted model of the package, or a Pipeline or search with one.
         X : array-like of shape (n_samples, n_features)
-            Inputs that were observed, as the estimator takes them.
+            Inputs of the observations, as the estimator takes them.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Targets that were observed.
+            Targets of the observations.
         feature : int or str, default=None
-            Position or name of the feature of the horizontal axis. None is the only
-            one beside the task and its descriptors.
+            Position or name of the feature of the horizontal axis. None takes the only
+            one besides the task and its descriptors.
         at : dict, default=None
-            Values of other features, by name or position. Those that are not given have
-            the median of the task's rows, or, of text, the commonest.
+            Values of other features, by name or position. Features that are not given
+            have the median of the task's rows or, for text, the most common value.
         truth : callable or (X, y), default=None
-            What is true, if that is known: a function of inputs such as X, or inputs
-            and targets, which are drawn in the order of the feature.
+            The truth, if known: a function of inputs such as X, or inputs and targets,
+            which are drawn in the order of the feature.
         tasks : sequence or str, default=None
-            Labels of the tasks to draw, in that order, or one of text. None is all
-            those of X, sorted.
+            Labels of the tasks to draw, in this order, or one label that is a string.
+            None takes all tasks of X, sorted.
         task_feature : int or str, default=None
-            Position or name of the task column, where the estimator does not tell it.
+            Position or name of the task column, if the estimator does not know it.
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         level : float, default=0.95
-            Probability that the band gives a new observation, between 0 and 1.
+            Probability that the band contains a new observation, between 0 and 1.
         n_points : int, default=100
             Number of points of each curve.
         ax : matplotlib Axes or sequence of them, default=None
-            One whose place the panels take, or one for each task. None makes a new
+            Axes whose place the panels take, or axes for each task. None makes a new
             figure.
         n_cols : int, default=None
-            Number of panels side by side. None is at most four.
+            Number of panels side by side. None means at most four.
         sharey : bool or "auto", default="auto"
-            Whether all panels have the same vertical axis, see :meth:`plot`.
+            Whether all panels share the vertical axis, see :meth:`plot`.
 
         Returns
         -------
         display : TaskPredictionDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the model has no intervals.
+            If the model cannot predict intervals.
         ValueError
-            If there is no such feature, task or output, or X and y do not fit together.
+            If there is no such feature, task or output, or if X and y do not fit
+            together.
         """
         table = _Table.of(estimator, X, feature, task_feature)
         points = table.points(y, output)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class TrajectoryDisplay(Display):
-    """Observed and predicted targets along a sequence, with the band of the latter.
+    """Observed and predicted targets along a sequence, with a band.
 
     Parameters
     ----------
@@ -36,8 +36,9 @@ class TrajectoryDisplay(Display):
     y_std : array-like of shape (n_samples,)
         Predictive standard deviations of new observations (noise included).
     time : array-like of shape (n_samples,), default=None
-        Where each sample lies along the sequence: times, or anything that matplotlib
-        can put on an axis. The samples are drawn in its order. None is 0, 1, ...
+        Position of each sample along the sequence: times, or anything else that
+        matplotlib can put on an axis. The samples are drawn in this order. None is 0,
+        1, ...
 
     Attributes
     ----------
@@ -46,12 +47,12 @@ class TrajectoryDisplay(Display):
     line_ : matplotlib Line2D
         The predictive means.
     band_ : matplotlib PolyCollection
-        The central intervals of the predictive normals.
+        Central intervals of the predictive normal distributions.
     color : str
-        Of what is predicted. `from_estimator` sets that of the model, see
+        Colour of the predictions. `from_estimator` sets that of the model, see
         :func:`color_of`.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -99,14 +100,14 @@ class TrajectoryDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         level : float, default=0.95
-            Probability that the band gives a new observation, between 0 and 1.
+            Probability that the band contains a new observation, between 0 and 1.
 
         Returns
         -------
         display : TrajectoryDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
@@ -174,33 +175,33 @@ class TrajectoryDisplay(Display):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         time : array-like of shape (n_samples,), default=None
-            Where each sample lies along the sequence. None is 0, 1, ...
+            Position of each sample along the sequence. None is 0, 1, ...
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         level : float, default=0.95
-            Probability that the band gives a new observation, between 0 and 1.
+            Probability that the band contains a new observation, between 0 and 1.
 
         Returns
         -------
         display : TrajectoryDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         NotFittedError
             If the estimator was not fitted.
         ValueError
-            If X has several tasks, whose sequences would run into one another, if there
+            If X has several tasks, whose sequences would run into one another. If there
             is no such output, or if the data do not fit together.
 
         Notes
         -----
-        The rows must be a sequence: those that were drawn at random, as in
+        The rows must be a sequence. Rows drawn at random, as in
         :func:`~skmtgp.datasets.load_puma560`, make a line that jumps. The band is that
-        of a normal distribution. With a `target_transform`, whose
-        intervals are not symmetric, draw those of ``predict_interval``.
+        of a normal distribution. A `target_transform` makes intervals that are not
+        symmetric; draw those of ``predict_interval`` instead.
         """
         _check_one_task(estimator, X)
         y_true, mean, std = predictions(estimator, X, y, output)
@@ -219,7 +220,7 @@ class TrajectoryDisplay(Display):
         ax: Axes | None = None,
         level: float = 0.95,
     ) -> Self:
-        """Draw what was predicted of a sequence.
+        """Draw predictions of a sequence.
 
         Parameters
         ----------
@@ -228,16 +229,16 @@ class TrajectoryDisplay(Display):
         y_std : array-like of shape (n_samples,)
             Predictive standard deviations of new observations (noise included).
         time : array-like of shape (n_samples,), default=None
-            Where each sample lies along the sequence. None is 0, 1, ...
+            Position of each sample along the sequence. None is 0, 1, ...
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         level : float, default=0.95
-            Probability that the band gives a new observation, between 0 and 1.
+            Probability that the band contains a new observation, between 0 and 1.
 
         Returns
         -------
         display : TrajectoryDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Which tasks the others help."""
+"""Transfer: which tasks the others help."""
 
 from __future__ import annotations
 
@@ -46,37 +46,37 @@ MOST_NUMBERS = 2
 class TransferDisplay(Display):
     r"""What each task gains from the others.
 
-    Each sample is predicted from all the others by the multi-task model, and from those
-    of its own task by a model that knows no other.
+    Each sample is predicted twice from other samples: by the multi-task model, and by a
+    model of its own task alone.
 
     Parameters
     ----------
     transfer : DataFrame of n_tasks rows
-        With the tasks as index and the columns
+        The tasks are the index. The columns are
 
         - rows: number of samples;
         - log_density, log_density_alone: mean log density of a sample, by the
-          multi-task model and by that of the task alone;
-        - gain, gain_std: their difference, and its standard error, from the differences
-          of the samples;
-        - error, error_alone: root mean squared error, in units of y, transformed if
-          the model has a `target_transform`;
-        - verdict: "helped" or "harmed" where the 95 % interval of the gain, by
-          Student's t, is above or below zero, or "neither";
-        - evidence: nats by which the targets are likelier than if the task had no
+          multi-task model and by the model of the task alone;
+        - gain, gain_std: their difference, and its standard error over the samples;
+        - error, error_alone: root mean squared error, in units of y, or of the
+          transformed targets if the model has a `target_transform`;
+        - verdict: "helped" or "harmed" if the 95 % interval of the gain, by Student's
+          t, is above or below zero, else "neither";
+        - evidence: how many nats likelier the targets are than if the task had no
           relation to the others, at the same hyperparameters;
-        - related: whether that is more than its relation costs.
+        - related: whether the evidence is more than the relation costs.
 
-        The last two are from `from_estimator` only.
+        Only `from_estimator` gives the last two.
 
     Attributes
     ----------
     bars_ : dict of matplotlib ErrorbarContainer
-        The gains of the tasks of each verdict, if these are drawn.
+        Gains of the tasks of each verdict, if these are drawn.
     lines_ : list of two matplotlib Line2D
-        The errors by the multi-task model and by that of the task alone, if these are.
+        Errors by the multi-task model and by the model of the task alone, if these are
+        drawn.
     ax_ : matplotlib Axes
-        Where they are drawn.
+        Axes of the drawing.
     figure_ : matplotlib Figure
         The figure of the axes.
 
@@ -87,23 +87,23 @@ class TransferDisplay(Display):
 
     Notes
     -----
-    `verdict` and `related` ask different questions. The verdict compares with another
-    model, which has hyperparameters of its own: a task may be helped by what the others
-    say of noise and length-scales alone. A task that has rows enough is "neither",
-    however much it has in common with others. And `related` cuts the relation of one
-    task in the model that was learned:
+    `verdict` and `related` answer different questions. `verdict` compares with another
+    model, which has its own hyperparameters. A task may be helped only because the
+    others determine the noise and the length-scales. A task with enough rows is
+    "neither", however much it has in common with others. `related` cuts the relation of
+    one task in the learned model. The task is related if
 
     .. math::
         \log p(y_m | y_{-m}) - \log p(y_m) > 3 + \tfrac12 \min(r, 2) \log n_m
 
-    with the rank r of the task covariance, by which so many numbers say how the task is
-    related, of which two matter, and the number :math:`n_m` of its rows. A task that is
-    harmed is better left out, or learned with `diagonal=True`, with a higher rank or
-    alone; one that is not related gains little, and harms none where the rank is high
+    Here r is the rank of the task covariance: so many numbers describe the task's
+    relation, of which two matter. :math:`n_m` is the number of its rows. If a task is
+    harmed, leave it out, learn it alone, or use ``diagonal=True`` or a higher rank. A
+    task that is not related gains little. It harms no other task if the rank is high
     enough.
 
-    Both models' hyperparameters have seen the sample that is left out. Those of a task
-    alone are fewer for the model, but many for the rows of the task.
+    The hyperparameters of both models have seen the sample that is left out. A task
+    alone has fewer hyperparameters, but many for its rows.
 
     Examples
     --------
@@ -144,16 +144,16 @@ class TransferDisplay(Display):
         Parameters
         ----------
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"gain", "error"}, default="gain"
-            The gains in log density with their 95 % intervals, in the colour of the
-            verdict, hollow where a task is not related to others; or both models'
-            errors.
+            "gain" draws the gains in log density with their 95 % intervals, in the
+            colour of the verdict, and hollow for tasks that are not related to others.
+            "error" draws the errors of both models.
 
         Returns
         -------
         display : TransferDisplay
-            This one.
+            The display itself.
 
         Raises
         ------
@@ -215,36 +215,36 @@ class TransferDisplay(Display):
         ax: Axes | None = None,
         kind: Literal["gain", "error"] = "gain",
     ) -> Self:
-        """Learn each task alone, and draw what the multi-task model gains.
+        """Learn each task alone, and draw the gain of the multi-task model.
 
         Parameters
         ----------
         estimator : estimator
-            Fitted: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC, or a
-            Pipeline that ends with one. The models of the tasks alone are learned from
-            the same rows, with the same kernel, an amplitude and, if the estimator has
-            `task_levels`, a level.
+            Fitted model: MultiTaskGPRegressor, IndependentGP, PooledGP, RankSearchIC,
+            or a Pipeline that ends with one. The models of the tasks alone are learned
+            from the same rows, with the same kernel, an amplitude and, if the estimator
+            has `task_levels`, a level.
         output : int, default=0
-            Which of several outputs.
+            Output to draw, if there are several.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"gain", "error"}, default="gain"
-            What is drawn, see :meth:`plot`.
+            What to draw, see :meth:`plot`.
 
         Returns
         -------
         display : TransferDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the tasks of the model were learned alone.
+            If the model learned its tasks separately.
         ValueError
-            If there is no such output or kind, or if the rows are not kept, as
-            those of Dask collections.
+            If there is no such output or kind, or if the model has not kept its rows,
+            as with Dask collections.
         """
         instead = "its tasks are learned alone, so that there is nothing to compare."
         model = model_with("task_covariance_", estimator, instead)
@@ -273,28 +273,28 @@ class TransferDisplay(Display):
         ax: Axes | None = None,
         kind: Literal["gain", "error"] = "gain",
     ) -> Self:
-        """Draw what one model's predictions gain over another's.
+        """Draw the gain of one model's predictions over another's.
 
         Parameters
         ----------
         y_true : array-like of shape (n_samples,)
-            Targets, of samples that neither model was given.
+            Targets of samples that neither model has seen.
         y_mean, y_std : array-like of shape (n_samples,)
-            Predictive means and standard deviations of the targets (noise included) by
+            Predictive means and standard deviations of the targets, noise included, by
             the multi-task model.
         y_mean_alone, y_std_alone : array-like of shape (n_samples,)
-            The same by the model of each task alone, or by any other.
+            The same by the model of each task alone, or by any other model.
         tasks : array-like of shape (n_samples,)
             Task of each sample.
         ax : matplotlib Axes, default=None
-            Where to draw. None makes a new figure.
+            Axes to draw on. None makes a new figure.
         kind : {"gain", "error"}, default="gain"
-            What is drawn, see :meth:`plot`.
+            What to draw, see :meth:`plot`.
 
         Returns
         -------
         display : TransferDisplay
-            Drawn.
+            The display, drawn.
 
         Raises
         ------

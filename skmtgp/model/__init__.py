@@ -1,7 +1,7 @@
 """The model: its prior, covariances between tasks, kernels in tiles.
 
-What a kernel needs to join the fast path is here: a `Node`, the `Bound` kernel that it
-gives, and its entry in `NODES`, see the page "Design" of the documentation.
+A kernel joins the fast path with a `Node`, the `Bound` kernel that it gives, and an
+entry in `NODES`. See the page "Design" of the documentation.
 """
 
 from skmtgp.model._nodes import NODES, Bound, Node, allocate, compile_kernel

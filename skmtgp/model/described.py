@@ -1,12 +1,13 @@
 r"""The covariance K^rho between tasks that are described by numbers.
 
-Each task m has a row q_m, made of its descriptors, such as a load's mass and first
-moments. Its row of the factor is linear in them, F = Q B, so that
+Each task m has a row q_m of its descriptors, such as a load's mass and first moments.
+Its row of the factor is linear in them, F = Q B, so that
 
 .. math:: K^\rho = Q B B^T Q^T
 
-and a task without data is as known as its descriptors are. After Bonilla, Agakov and
-Williams (2007), who have a kernel between descriptors; this one is linear, of rank r.
+So the descriptors of a task without data determine its row. This follows Bonilla,
+Agakov and Williams (2007), who have a kernel between descriptors. Here it is linear, of
+rank r.
 """
 
 from functools import cached_property
@@ -29,8 +30,7 @@ class Described:
     Parameters
     ----------
     Q : ndarray of shape (n_tasks, n_rows)
-        What is known of the tasks, see
-        :class:`~skmtgp._data.descriptors.Descriptors`.
+        Descriptors of the tasks, see :class:`~skmtgp._data.descriptors.Descriptors`.
     rank : int
         Rank r of B B^T, 0 to n_rows.
 
@@ -39,7 +39,7 @@ class Described:
     n_parameters : int
         The n_rows r numbers of B, row by row.
     n_free : int
-        n_rows r - r (r - 1) / 2: rotations of B are not counted.
+        n_rows r - r (r - 1) / 2, because rotations of B do not count.
     """
 
     n_kappa = n_own = 0

@@ -4,11 +4,11 @@ r"""The prior of the targets of one output, and its parameters theta.
     \mathrm{cov}(y_i, y_j) = v\,\delta_{m_i m_j}
     + \sum_q K^{\rho_q}_{m_i m_j} k_q(x_i, x_j) + \sigma^2_{m_i} \delta_{ij}
 
-is eq. 6 of the paper with a level of variance v for each task m, if asked for, and with
-a sum of terms, one as a rule. A trend, if there is one, is added to the targets; its
-coefficients are integrated out. Theta is one vector: theta of k^x, the parameters of
-K^rho, each term by term, log v, the logarithms of the noise variances. What is where in
-it is known here alone.
+is eq. 6 of the paper, with a level of variance v for each task m if asked for, and with
+a sum of terms, usually one. A trend, if there is one, is added to the targets, and its
+coefficients are integrated out. Theta is one vector: theta of k^x and the parameters of
+K^rho, each term by term, log v, and the logarithms of the noise variances. Only this
+module knows what is where in it.
 """
 
 from dataclasses import dataclass, field, fields, replace
@@ -80,24 +80,24 @@ class Prior:
     task_covariance : FixedTaskCovariance, LowRank or another, or Forms
         Form of K^rho; those of several terms.
     n_noise : int, default=1
-        1 for a noise variance shared by the tasks, n_tasks for one each.
+        1 if the tasks share a noise variance, n_tasks if they have one each.
     levels : bool, default=False
-        Whether each task has a level of its own.
+        Whether each task has its own level.
     scale : float, default=1.0
         Root mean square of the targets, to which starts and bounds are relative.
     log_noise : float, default=log(0.01)
-        Logarithm of sigma_0^2, where learning starts.
+        Logarithm of the starting value of the noise variance.
     log_noise_bounds : pair of floats
-        Logarithms of its bounds.
+        Logarithms of the bounds of the noise variance.
     noise_is_fixed : bool, default=False
-        Whether it is not learned.
+        Whether the noise variance is not learned.
     log_level : float, default=log(0.1)
-        Where learning of the levels' variance starts.
+        Logarithm of the starting value of the levels' variance.
     least_level : float, default=1e-12
-        Its lower bound, relative to the targets' variance.
+        Lower bound of the levels' variance, relative to the targets' variance.
     trend : Trend, default=None
-        What the targets are without: its coefficients have a flat prior, and no part in
-        theta.
+        Trend that is added to the targets. Its coefficients have a flat prior and are
+        not part of theta.
     """
 
     kernel: Kernel | Kernels

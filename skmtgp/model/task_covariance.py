@@ -1,10 +1,10 @@
 """Covariances K^rho between tasks: parameters, matrix, gradient.
 
-A task covariance maps a vector of parameters to the M x M matrix K^rho of eq. 6 and
-pulls gradients with respect to the matrix back to the parameters. It knows nothing of
-inputs or likelihoods. What latent functions the tasks share, K^rho = F F^T +
-diag(kappa), it tells by `latent`, which sparse inference needs, and `pull_back_latent`
-pulls gradients with respect to F and kappa back.
+A task covariance maps a vector of parameters to the M x M matrix K^rho of eq. 6, and
+pulls gradients by the matrix back to the parameters. It knows nothing of inputs or
+likelihoods. Sparse inference needs the latent functions that the tasks share, K^rho = F
+F^T + diag(kappa). `latent` returns F and kappa, and `pull_back_latent` pulls gradients
+by them back.
 """
 
 from typing import NamedTuple
@@ -20,15 +20,15 @@ SHARED_BOUNDS = (1e-12, FACTOR_BOUND**2)
 
 
 class OfTasks(NamedTuple):
-    """Derivatives of a matrix by parameters that the tasks have one each of.
+    """Derivatives of a matrix by parameters with one value for each task.
 
-    That by the parameter of task m is zero but in the rows and columns of m: it is
-    E_m H + H^T E_m, where E_m is diagonal and has ones at those of m.
+    The derivative by the parameter of task m is zero except in the rows and columns of
+    m. It is E_m H + H^T E_m, where the diagonal matrix E_m has ones at those of m.
 
     Attributes
     ----------
     positions : ndarray of shape (n_tasks,)
-        Which of the parameters they are.
+        Positions of these parameters.
     half : ndarray of shape (n, n)
         H.
     """
@@ -132,9 +132,9 @@ class LowRank:
 
     Notes
     -----
-    F is not held to a trapezoid while it is learned. The r (r - 1) / 2 rotations that
-    this leaves do not change the likelihood and cost nothing, while a trapezoid singles
-    out the first r tasks and has singular points where their block is: learning from
+    F need not be a trapezoid while it is learned. The r (r - 1) / 2 rotations that this
+    leaves do not change the likelihood and cost nothing. A trapezoid would single out
+    the first r tasks, and it has singular points at those of their block: learning from
     the same start ends at worse modes.
     """
 
@@ -326,12 +326,12 @@ class Enlarged:
 
 
 class WithShared(Enlarged):
-    """Another task covariance + a 1 1^T: a function that all tasks share alike.
+    """Another task covariance + a 1 1^T, a function that all tasks share equally.
 
     Parameters
     ----------
     form : LowRank
-        The other one. Its parameters come first, the logarithm of a last.
+        The other task covariance. Its parameters come first, the logarithm of a last.
     """
 
     n_kappa = n_own = 0
@@ -419,21 +419,23 @@ class WithShared(Enlarged):
 
 
 class WithDiagonal(Enlarged):
-    """Another task covariance + diag(kappa), kappa one positive number for each task.
+    """Another task covariance + diag(kappa), with a positive kappa for each task.
 
     Parameters
     ----------
     form : FixedTaskCovariance, LowRank or WithShared
-        The other one. Its parameters come first, the logarithms of kappa last.
+        The other task covariance. Its parameters come first, the logarithms of kappa
+        last.
     equal : bool, default=False
-        Whether kappa is the same number for all tasks. With a function that all share,
-        and nothing else, that is compound symmetry; with nothing else at all the tasks
-        are independent.
+        Whether kappa is the same number for all tasks. With only a function that all
+        tasks share, this is compound symmetry. With nothing else, the tasks are
+        independent.
 
     Notes
     -----
-    kappa is what the other one leaves unexplained, and is held up with the noise. Where
-    it is all that there is, it is the variance of the functions, and is not.
+    kappa is what the other task covariance leaves unexplained, so it is kept high
+    together with the noise. If there is nothing else, it is the variance of the
+    functions, and is not kept high.
     """
 
     def __init__(self, form, equal=False):

@@ -1,7 +1,7 @@
-"""Robots whose links and joints are known: physics in features, models and kernels.
+"""Robots with known links and joints: physics in features, models and kernels.
 
-It needs Pinocchio, which the extra ``skmtgp[robot]`` brings, when it is used; not when
-it is imported.
+Using it needs Pinocchio, which the extra ``skmtgp[robot]`` installs. Importing it does
+not.
 """
 
 from skmtgp.robot._features import RigidBodyFeatures

@@ -28,28 +28,36 @@ from skmtgp.robot._dynamics import Dynamics
 
 
 class RigidBodyFeatures(TransformerMixin, Estimator):
-    r"""What the torque of a joint is linear in, and the task.
+    r"""Features in which the torque of a joint is linear, and the task.
 
     The torque of a joint of a rigid robot is linear in the inertial parameters of its
-    links: mass, first moments and inertia, ten of each. Not all of them can be told
-    apart by torques; the features are a largest set of columns of that regressor, of
-    which none depends on others, and columns of friction. A coefficient of such a
-    column, a *base parameter*, stands for a sum of parameters.
+    links: ten for each link, its mass, first moments and inertia. Torques do not
+    determine all of them. The features are a largest set of independent columns of that
+    regressor, and columns of friction. The coefficient of such a column is called a
+    *base parameter*. It stands for a sum of inertial parameters.
 
     Parameters
     ----------
     model : str, path or pinocchio.Model
         The robot: file of a URDF, its text, or a Pinocchio model. Its J joints have one
-        degree of freedom each and are, in its order, those of the columns of X. Only
-        where joints and links are matters, not what they weigh.
+        degree of freedom each, and are in the order of the columns of X. Only the
+        positions of joints and links matter, not their masses.
     joint : int or str
-        Position from 0, or name in the model, of the joint whose torque it is.
+        Joint whose torque is modelled: position from 0, or name in the model.
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
-        Torques beside those of rigid bodies, a column for each; None: none. "viscous"
-        is the velocity; "coulomb" its sign; "asymmetric" is 1 where it is positive, and
-        -1 where it is negative, in a column of their own; "offset" is 1; "rotor", the
-        inertia of a motor that turns with the joint, is the acceleration. Columns that
-        depend on those before them are left out, as for a rotor that turns like a link.
+        Torques besides those of rigid bodies, with a column for each. None means no
+        friction.
+
+        - "viscous": the velocity.
+        - "coulomb": the sign of the velocity.
+        - "asymmetric": 1 for positive velocities and -1 for negative ones, in two
+          columns.
+        - "offset": 1.
+        - "rotor": the acceleration, for the inertia of a motor that turns with the
+          joint.
+
+        Columns that depend on earlier ones are left out, such as that of a rotor that
+        turns like a link.
     task_feature : int or str, default=-1
         Position or name of the task column. The other columns are, from left to right,
         positions q1..qJ (rad, or m where a joint slides), velocities and accelerations.
@@ -61,12 +69,12 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
     joint_names_ : list of str
         Their names in the model.
     nominal_ : ndarray of shape (n_columns,)
-        The base parameters that the masses and inertias of the model have; 0 for
-        friction. With them the features give the torque of the model.
+        Base parameters by the masses and inertias of the model; 0 for friction. With
+        them the features give the torque of the model.
     n_features_in_ : int
-        Number of columns seen in `fit`, 3 J + 1.
+        Number of columns in `fit`, 3 J + 1.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Names of the columns seen in `fit`, if they had any.
+        Names of the columns in `fit`, if they had names.
 
     See Also
     --------
@@ -75,10 +83,10 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
 
     Notes
     -----
-    The columns are found at random states, the same ones each time, without regard to
-    the data: from the first link to the last a column is left out if 1e-4 of its norm
-    or less is left when its projection on those before it is taken off. Data that do
-    not excite all of them leave some coefficients open.
+    The columns are chosen at random states, always the same ones, and do not depend on
+    the data. The choice goes from the first link to the last. A column is left out if
+    its projection on the earlier ones leaves at most 1e-4 of its norm. If the data do
+    not excite all columns, some coefficients remain undetermined.
 
     A velocity of at most 1e-9 counts as standstill, where Coulomb friction is 0.
 
@@ -115,7 +123,7 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
 
     @with_callbacks
     def fit(self, X: ArrayLike, y: Any = None) -> Self:
-        """Find the columns, which do not depend on the data.
+        """Choose the columns, which do not depend on the data.
 
         Parameters
         ----------
@@ -135,12 +143,13 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
         ImportError
             If Pinocchio is not installed.
         TypeError
-            If a parameter is of another type, or X a Dask collection.
+            If a parameter has a wrong type, or if X is a Dask collection.
         ValueError
-            If the model cannot be read or has joints of several degrees of freedom, if
-            X has not 3 J + 1 columns or none `task_feature`, if `joint` or a word of
-            `friction` is none, if a number is missing or infinite, or if a task label
-            is missing or fractional. The transformer is then as it was before.
+            If the model cannot be read or has joints with several degrees of freedom.
+            If X does not have 3 J + 1 columns or has no column `task_feature`. If
+            `joint` or a word of `friction` is not known, a number is missing or
+            infinite, or a task label is missing or fractional. The transformer is then
+            as it was before.
         FileNotFoundError
             If there is no such file.
         """
@@ -175,21 +184,21 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
         Returns
         -------
         features : ndarray or DataFrame of shape (n_samples, n_columns + 1)
-            Torque (N m, or N where the joint slides) for one unit of each base
-            parameter of links (kg, kg m, kg m^2) and of friction, and the task. As an
-            array, float64 where the labels are numbers, else object. As a frame (after
-            ``set_output(transform="pandas")``), with the labels as they were.
+            Torque (N m, or N if the joint slides) for one unit of each base parameter
+            of links (kg, kg m, kg m^2) and of friction, and the task. An array has
+            float64 if the labels are numbers, else objects. A frame (after
+            ``set_output(transform="pandas")``) has the labels as they were.
 
         Raises
         ------
         TypeError
             If X is a Dask collection.
         ValueError
-            If X has other columns than in `fit`, or as for `fit`.
+            If X has other columns than in `fit`, or for the reasons of `fit`.
 
         Notes
         -----
-        Pinocchio takes the rows one after another, about 100,000 of six joints in a
+        Pinocchio processes the rows one by one, about 100,000 rows of six joints per
         second.
         """
         check_is_fitted(self)
@@ -209,21 +218,21 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
         Parameters
         ----------
         input_features : array-like of str, default=None
-            Names of the columns of the input; None takes those seen in `fit`, or x0,
-            x1, ... where there were none.
+            Names of the columns of the input. None means those of `fit`, or x0, x1, ...
+            if they had no names.
 
         Returns
         -------
         names : ndarray of shape (n_columns + 1,)
-            A parameter with the name of the joint that moves the link in the model,
-            such as ``"mc_x(joint6)"`` and ``"viscous(joint6)"``, and the name of the
-            task column. "m" is a mass, "mc_x" a first moment, "I_xy" an inertia, about
-            the origin of the joint's frame and in its axes.
+            A parameter has the name of the joint that moves the link, such as
+            ``"mc_x(joint6)"`` and ``"viscous(joint6)"``. "m" is a mass, "mc_x" a first
+            moment and "I_xy" an inertia, about the origin of the joint's frame and in
+            its axes. The last name is that of the task column.
 
         Raises
         ------
         ValueError
-            If `input_features` are not those seen in `fit`.
+            If `input_features` differ from those of `fit`.
         """
         check_is_fitted(self)
         names = check_feature_names_in(self, input_features)

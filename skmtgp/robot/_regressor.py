@@ -42,31 +42,32 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         + \Psi_j(q, \dot q, \ddot q)^T \delta_m + e_j, \qquad
         e_j \sim \mathcal N(0, \sigma_j^2)
 
-    All joints and tasks share the base parameters of the links and of friction, beta;
-    each task m has the inertial parameters of a load that is fixed to the last link,
+    All joints and tasks share beta, the base parameters of the links and of friction.
+    Each task m has a load that is fixed to the last link, with the inertial parameters
     delta_m.
 
     Parameters
     ----------
     model : str, path or pinocchio.Model
         The robot: file of a URDF, its text, or a Pinocchio model. Its J joints have one
-        degree of freedom each and are, in its order, those of the columns of X. Only
-        where joints and links are matters, not what they weigh.
+        degree of freedom each, and are in the order of the columns of X. Only the
+        positions of joints and links matter, not their masses.
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
-        Torques of each joint beside those of rigid bodies, see
+        Torques of each joint besides those of rigid bodies, see
         :class:`RigidBodyFeatures`.
     prior : {"evidence", "nominal"} or None, default=None
         None is least squares. "evidence" is a normal prior around 0 of what each
-        parameter typically contributes to the torques, in units of these, with the
-        variance that makes the data likeliest. "nominal" is the same around the masses
-        and inertias of the model, for motion that does not show all of them; y must
-        then be torques, and the model must have the robot's own figures.
+        parameter typically contributes to the torques, in units of y. Its variance is
+        the one that makes the data likeliest. "nominal" is the same prior around the
+        masses and inertias of the model. It suits motion that does not show all of
+        them. y must then be torques, and the model must have the robot's true masses
+        and inertias.
     joint : int, str or None, default=None
-        Position from 0, or name, of the only joint whose torque y is. None: y has a
-        column for each joint.
+        Position from 0, or name, of the joint whose torque is y. None means that y has
+        a column for each joint.
     empty_task : int or str, default=None
-        Label of the task without a load. None: loads are relative to the mean of those
-        of all tasks, which counts as a part of the last link.
+        Label of the task without a load. None means that loads are relative to their
+        mean over all tasks, which counts as a part of the last link.
     task_feature : int or str, default=-1
         Position or name of the task column. The other columns are, from left to right,
         positions q1..qJ (rad, or m where a joint slides), velocities and accelerations.
@@ -80,42 +81,42 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         links (kg, kg m, kg m^2) and of friction. See
         :meth:`RigidBodyFeatures.get_feature_names_out` for their names.
     load_parameters_ : DataFrame of shape (n_tasks, n_load)
-        Mass "m" (kg), first moments "mc_x", ... (kg m) and inertia "I_xx", ... (kg
-        m^2) of each task's load, about the origin and in the axes of the last joint's
-        frame. A single joint's torque does not tell all ten; what is left out counts
-        among the others.
+        Mass "m" (kg), first moments "mc_x", ... (kg m) and inertia "I_xx", ... (kg m^2)
+        of each task's load, about the origin and in the axes of the last joint's frame.
+        The torque of a single joint does not determine all ten. Those left out are
+        included in the others.
     load_covariance_ : ndarray of shape (n_tasks, n_load, n_load)
-        Their covariance, with infinite variances of what the data do not show.
+        Their covariance. Variances are infinite for what the data do not show.
     noise_variance_ : float or ndarray of shape (n_joints,)
         Noise variance of each joint, in squared units of y.
     y_train_ : ndarray of the shape of y
         Targets in training.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
-    RigidBodyFeatures : The regressor of one joint, for other models.
-    skmtgp.MultiTaskGPRegressor : Needs no model, and learns what is not in one.
+    RigidBodyFeatures : The features of one joint, for other models.
+    skmtgp.MultiTaskGPRegressor : Needs no model of the robot.
 
     Notes
     -----
-    Rows of a joint weigh by the inverse of its noise variance, which is learned by
-    turns: the sum of squares that is left divided by the rows that the coefficients do
-    not use up.
+    Rows of a joint are weighted by the inverse of its noise variance. Noise variances
+    and coefficients are learned in turn. A noise variance is the remaining sum of
+    squares divided by the number of rows that the coefficients do not use up.
 
-    Where the data do not show a direction of the parameters, least squares takes the
-    shortest of those that fit equally well, in units of what each parameter typically
-    contributes. Predictions that depend on such a direction have an infinite standard
-    deviation.
+    If the data do not show a direction of the parameters, least squares takes the
+    shortest of the solutions that fit equally well, in units of what each parameter
+    typically contributes. Predictions that depend on such a direction have an infinite
+    standard deviation.
 
-    The parameters are not held to be those of a body: a mass may turn out negative
-    where data say little of it.
+    The parameters need not be those of a physical body: a mass may be negative if the
+    data say little about it.
 
-    Memory and time are linear in the number of samples, and quadratic in the number of
-    parameters, which is n_load for each task and about ten for each joint.
+    Memory and time are linear in the number of samples and quadratic in the number of
+    parameters: n_load for each task and about ten for each joint.
 
     References
     ----------
@@ -175,7 +176,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         X : array-like of shape (n_samples, 3 * n_joints + 1)
             Positions, velocities, accelerations and the task.
         y : array-like of shape (n_samples, n_joints) or, with `joint`, (n_samples,)
-            Torques, N m (N where a joint slides), or motor currents.
+            Torques in N m (N if a joint slides), or motor currents.
 
         Returns
         -------
@@ -288,20 +289,20 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs of the new task, with its label. Few will do.
+            Inputs of the new task, with its label. A few samples are enough.
         y : array-like of the other dimensions of the training targets
-            Its torques.
+            Torques of the new task.
 
         Returns
         -------
         model : RigidBodyRegressor
-            A new fitted model, which knows the new task too, as the last one. This one
-            stays as it is.
+            A new fitted model, which also knows the new task, as the last one. The
+            present model does not change.
 
         Raises
         ------
         TypeError, ValueError
-            If the task is known already, or X or y cannot be used.
+            If the task is already known, or X or y cannot be used.
         """
         check_is_fitted(self)
         x, label, Y = check_new_task(self, X, y)

@@ -39,54 +39,56 @@ def chunks(n):
 
 
 class SemiparametricRegressor(RigidBodyRegressor):
-    r"""Torques of a robot: rigid bodies, friction, and a process of what is left.
+    r"""Torques of a robot: rigid bodies, friction, and a process for the rest.
 
     .. math::
         \tau_j = \Phi_j(q, \dot q, \ddot q)^T \beta
         + \Psi_j(q, \dot q, \ddot q)^T \delta_m + g_j^m(z_j) + e_j
 
-    The first two terms are those of :class:`RigidBodyRegressor`: base parameters of
-    links and friction, beta, which all joints and tasks share, and the load of each
-    task m, delta_m. The third is a Gaussian process of a few features z_j of joint j,
+    The first two terms are those of :class:`RigidBodyRegressor`: the base parameters
+    beta of links and friction, which all joints and tasks share, and the load delta_m
+    of each task m. The third is a Gaussian process of a few features z_j of joint j,
 
     .. math::
         \mathrm{cov}(g_j^m(z), g_j^{m'}(z')) = K^{\rho j}_{mm'} k_j(z, z')
 
-    with a squared exponential k_j and a task covariance of its own. A criterion
-    decides for each joint whether there is one. All three make one normal
-    distribution: where the process explains a torque, the links do not.
+    with a squared exponential k_j and its own task covariance. A criterion decides for
+    each joint whether it has such a process. All three terms have a joint normal
+    distribution: what the process explains, the links do not.
 
     Parameters
     ----------
     model : str, path or pinocchio.Model
         The robot: file of a URDF, its text, or a Pinocchio model. Its J joints have one
-        degree of freedom each and are, in its order, those of the columns of X. Only
-        where joints and links are matters, not what they weigh.
+        degree of freedom each, and are in the order of the columns of X. Only the
+        positions of joints and links matter, not their masses.
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
-        Torques of each joint beside those of rigid bodies, see
+        Torques of each joint besides those of rigid bodies, see
         :class:`RigidBodyFeatures`.
     rest : str, sequence of str or None, default="friction"
-        What may be left of a joint's torque. "friction" depends on the joint's
-        velocity, its sign and the torque of the rigid bodies, that is what bearings and
-        gears do. "states" depends on positions, velocities and accelerations of all
-        joints. Of several the best one is chosen for each joint, or none of them.
+        What the process of a joint depends on. "friction" is the joint's velocity, its
+        sign and the torque of the rigid bodies, for effects of bearings and gears.
+        "states" is positions, velocities and accelerations of all joints. If there are
+        several, the best one is chosen for each joint, or none of them. None means
+        rigid bodies alone.
     criterion : {"bic", "loo"}, default="bic"
-        Which is best: by the marginal likelihood of what rigid bodies leave, less half
-        the logarithm of the number of rows for each hyperparameter, or by the density
-        of each row given all others.
+        How the best is chosen. "bic" is the marginal likelihood of what rigid bodies
+        leave, minus half the logarithm of the number of rows for each hyperparameter.
+        "loo" is the density of each row given all others.
     estimator : MultiTaskGPRegressor, default=None
-        The process: its K^rho, its kernel if it has one, and how it is learned. Levels,
-        units and a `target_transform` it has none, and of its hyperparameters the mode
-        counts. None is ``MultiTaskGPRegressor(rank=1, shared=True,
-        noise="shared")``, a function of all tasks and one that each has a share of.
+        Settings of the process: its K^rho, its kernel if it has one, and how it is
+        learned. Its levels, units and `target_transform` are ignored, and its
+        hyperparameters are those of the mode. None is ``MultiTaskGPRegressor(rank=1,
+        shared=True, noise="shared")``: a function that all tasks share, and one that
+        each has in its own amount.
     prior : {"evidence", "nominal"} or None, default="evidence"
-        Of links, friction and loads, see :class:`RigidBodyRegressor`.
+        Prior of links, friction and loads, see :class:`RigidBodyRegressor`.
     joint : int, str or None, default=None
-        Position from 0, or name, of the only joint whose torque y is. None: y has a
-        column for each joint, which tell much more of the links.
+        Position from 0, or name, of the joint whose torque is y. None means that y has
+        a column for each joint. All joints together tell much more about the links.
     empty_task : int or str, default=None
-        Label of the task without a load. None: loads are relative to the mean of those
-        of all tasks, which counts as a part of the last link.
+        Label of the task without a load. None means that loads are relative to their
+        mean over all tasks, which counts as a part of the last link.
     task_feature : int or str, default=-1
         Position or name of the task column. The other columns are, from left to right,
         positions q1..qJ (rad, or m where a joint slides), velocities and accelerations.
@@ -94,7 +96,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
     Attributes
     ----------
     tasks_ : ndarray of shape (n_tasks,)
-        Task labels, sorted; those of `add_task` last.
+        Task labels, sorted. Tasks that joined by `add_task` are last.
     parameters_ : DataFrame of shape (n_parameters, 2)
         Value and standard deviation ("value", "std") of each base parameter of the
         links (kg, kg m, kg m^2) and of friction.
@@ -102,52 +104,51 @@ class SemiparametricRegressor(RigidBodyRegressor):
         Mass, first moments and inertia of each task's load, see
         :class:`RigidBodyRegressor`.
     load_covariance_ : ndarray of shape (n_tasks, n_load, n_load)
-        Their covariance, with infinite variances of what the data do not show.
+        Their covariance. Variances are infinite for what the data do not show.
     results_ : DataFrame of n_joints * n_candidates rows
-        joint, rest ("none" or a word of `rest`), log_marginal_likelihood of what rigid
-        bodies leave, n_hyperparameters, bic, with `criterion` "loo" that too, and
-        chosen.
+        Columns joint, rest ("none" or a word of `rest`), log_marginal_likelihood of
+        what rigid bodies leave, n_hyperparameters, bic, with `criterion` "loo" also
+        loo, and chosen.
     estimators_ : list of n_joints MultiTaskGPRegressor or None
-        The process of each joint; its tasks are positions in `tasks_`, its targets what
-        rigid bodies leave.
+        Process of each joint. Its tasks are positions in `tasks_`, and its targets are
+        what rigid bodies leave.
     noise_variance_ : float or ndarray of shape (n_joints,)
-        Noise variance of each joint, in squared units of y; its mean over tasks where
-        they have noise of their own.
+        Noise variance of each joint, in squared units of y. If tasks have their own
+        noise, it is their mean.
     y_train_ : ndarray of the shape of y
         Targets in training.
     n_features_in_ : int
-        Number of columns of X, the task column counted.
+        Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
-        Their names, if X has any.
+        Names of the columns, if X has names.
 
     See Also
     --------
-    make_semiparametric_regressor : The same by a shorter name for its settings.
+    make_semiparametric_regressor : A function that makes this model.
     RigidBodyRegressor : The first two terms alone.
-    skmtgp.MultiTaskGPRegressor : Needs no model.
+    skmtgp.MultiTaskGPRegressor : Needs no model of the robot.
 
     Notes
     -----
-    The parts have task covariances of their own, for they differ in it: links and
-    friction are the same whatever the load, a load adds ten numbers, and the rest is
-    related in ways that the data must tell. One K^rho for a sum of kernels makes all
-    links vary by task as much as the load does.
+    The parts are related between tasks in different ways. Links and friction are the
+    same for all loads, a load adds ten numbers, and the relation of the rest must be
+    learned. A single K^rho for a sum of kernels would let all links vary by task as
+    much as the load does.
 
-    Learning goes in two rounds. What is left by least squares gives the hyperparameters
-    of the process; links, friction and loads are then estimated anew, by generalised
-    least squares with the covariance of the process, which gives the means and
-    variances of a joint normal distribution (Rasmussen and Williams (2006), section
-    2.7). In the second round the process is learned from what these leave. Its
-    hyperparameters are known, as far as the variances go, and so are the features
-    that depend on rigid bodies.
+    Learning has two rounds. In the first, the process learns its hyperparameters from
+    what least squares leaves. Links, friction and loads are then estimated again, by
+    generalised least squares with the covariance of the process. This gives the means
+    and variances of a joint normal distribution (Rasmussen and Williams (2006), section
+    2.7). In the second round the process learns from what these leave. The variances
+    treat its hyperparameters, and features that depend on rigid bodies, as known.
 
-    Features stay within the range of the training rows: at the edge of it the
-    process keeps its value, where a squared exponential would fall back to 0.
+    Features are limited to the range of the training rows. Outside, the process keeps
+    its value at the edge, where a squared exponential would fall back to 0.
 
-    `sample_y` draws each joint by itself, although joints have links in common.
+    `sample_y` draws each joint independently, although joints have links in common.
 
-    Memory grows with the square of the number of samples, time with its cube, once for
-    each joint.
+    Memory grows with the square of the number of samples, time with its cube for each
+    joint.
 
     References
     ----------
@@ -293,7 +294,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     @property
     def results_(self) -> pd.DataFrame:
-        """A table of what could be left of each joint, made anew."""
+        """Table of the candidates of each joint, computed anew."""
         check_is_fitted(self)
         return pd.DataFrame(self._table)
 
@@ -305,19 +306,19 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     @public
     def summary(self) -> pd.DataFrame:
-        """A table of the joints: how large each part of the torque is.
+        """Return how large each part of the torque is, as a table of the joints.
 
         Returns
         -------
         summary : DataFrame of n_joints rows
-            With the names of the joints as index. Its columns are
+            The names of the joints are the index. The columns are
 
             - links: root mean square of the torque of the links over the training rows,
               in units of y;
-            - friction, load, process: the same of these parts;
+            - friction, load, process: the same for these parts;
             - noise: standard deviation of the noise;
             - rest: what the process depends on, or "none";
-            - gain: by how many nats `criterion` prefers that to none.
+            - gain: by how many nats `criterion` prefers the process to none.
 
         Raises
         ------
@@ -341,30 +342,30 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     @public
     def add_task(self, X: ArrayLike, y: ArrayLike) -> Self:
-        """Learn the load of a new task, and how its rest is related to the others'.
+        """Learn the load of a new task, and how its rest is related to the others.
 
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs of the new task, with its label. Few will do.
+            Inputs of the new task, with its label. A few samples are enough.
         y : array-like of the other dimensions of the training targets
-            Its torques.
+            Torques of the new task.
 
         Returns
         -------
         model : SemiparametricRegressor
-            A new fitted model, which knows the new task too, as the last one. This one
-            stays as it is.
+            A new fitted model, which also knows the new task, as the last one. The
+            present model does not change.
 
         Raises
         ------
         TypeError, ValueError
-            If the task is known already, or X or y cannot be used.
+            If the task is already known, or X or y cannot be used.
 
         Notes
         -----
-        Kernels, noise and the relations of the known tasks stay as they are. Links and
-        friction have a posterior given the new rows too.
+        Kernels, noise and the relations of the known tasks stay as they are. The new
+        rows also change the posterior of links and friction.
         """
         check_is_fitted(self)
         x, label, Y = check_new_task(self, X, y)
@@ -468,23 +469,24 @@ def make_semiparametric_regressor(
     empty_task: int | str | None = None,
     task_feature: int | str = -1,
 ) -> SemiparametricRegressor:
-    """Model of a robot's torques: rigid bodies, friction, and what these leave.
+    """Make a model of a robot's torques: rigid bodies, friction, and the rest.
 
     Parameters
     ----------
     model : str, path or pinocchio.Model
         The robot: file of a URDF, its text, or a Pinocchio model.
     joint : int, str or None, default=None
-        Position from 0, or name, of the only joint whose torque y is. None: y has a
-        column for each joint, which tell much more of the links.
+        Position from 0, or name, of the joint whose torque is y. None means that y has
+        a column for each joint. All joints together tell much more about the links.
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
         Friction law, see :class:`RigidBodyFeatures`.
     rest : str, sequence of str or None, default="friction"
-        What may be left, "friction" or "states"; None: rigid bodies alone.
+        What the process depends on: "friction" or "states". None means rigid bodies
+        alone.
     estimator : MultiTaskGPRegressor, default=None
-        The process of what is left: how tasks are related in it, and how it is learned.
+        Settings of the process: how tasks are related in it, and how it is learned.
     prior : {"evidence", "nominal"} or None, default="evidence"
-        Of links, friction and loads, see :class:`RigidBodyRegressor`.
+        Prior of links, friction and loads, see :class:`RigidBodyRegressor`.
     empty_task : int or str, default=None
         Label of the task without a load.
     task_feature : int or str, default=-1
@@ -493,14 +495,14 @@ def make_semiparametric_regressor(
     Returns
     -------
     regressor : SemiparametricRegressor
-        To be fitted on X of shape (n_samples, 3 J + 1), positions, velocities,
-        accelerations and the load, and torques y of shape (n_samples, J) or, with
+        Not fitted. X has the shape (n_samples, 3 J + 1): positions, velocities,
+        accelerations and the load. y has torques of shape (n_samples, J) or, with
         `joint`, (n_samples,).
 
     See Also
     --------
-    SemiparametricRegressor : What it is, in detail.
-    skmtgp.make_inverse_dynamics_regressor : Models that need no description.
+    SemiparametricRegressor : The model in detail.
+    skmtgp.make_inverse_dynamics_regressor : Models without a robot description.
 
     Examples
     --------

@@ -76,7 +76,7 @@ def test_nothing_known():
         ({"alpha": "much"}, "alpha='much' must be numbers"),
         (
             {"sample_weight": [1, 0, 1]},
-            "sample_weight has 0: .* or zero weight",
+            "sample_weight has 0, but .* or zero weight",
         ),
         ({"sample_weight": [1, 2]}, "sample_weight has shape"),
         ({"repeat_variance": 0.1}, "repeat_variance needs sample_weight"),

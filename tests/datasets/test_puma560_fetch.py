@@ -368,11 +368,11 @@ def test_two_processes_at_once(tmp_path, fetch):
         ({"loads": [True]}, ValueError, "loads holds True"),
         ({"loads": "c3"}, TypeError, r"loads must be a list .* give \['c3'\]"),
         ({"loads": 3}, TypeError, r"loads must be a list of loads, got 3; give \[3\]"),
-        ({"loads": []}, ValueError, r"loads=\[\] must hold each load once"),
+        ({"loads": []}, ValueError, r"loads=\[\] must hold at least one load"),
         (
             {"loads": [3, "c3"]},
             ValueError,
-            r"loads=\[3, 'c3'\] must hold each load once",
+            r"loads=\[3, 'c3'\] must hold at least one load",
         ),
         (
             {"random_state": None},

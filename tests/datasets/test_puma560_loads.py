@@ -110,5 +110,5 @@ def test_bad_loads_are_refused(loads, change, message):
 def test_an_impossible_inertia_is_refused(loads):
     frame = loads[INERTIAL].copy()
     frame.loc["c2", "I_zz"] = 1.0
-    with pytest.raises(ValueError, match="inertia of c2 is that of no body"):
+    with pytest.raises(ValueError, match="no body has the inertia of c2"):
         complete_loads(frame)

@@ -59,12 +59,12 @@ ERRORS = {
     "known": (
         X_OLD[X_OLD[:, -1] == 2],
         Y_OLD[X_OLD[:, -1] == 2],
-        "Task 2 is known already; partial_fit takes more samples of it",
+        "Task 2 is known already. add_task takes new tasks; for more",
     ),
     "several": (
         X_NEW + np.outer(np.arange(4) % 2, [0, 0, 1]),
         Y_NEW,
-        r"holds 2 labels, \[8, 9\]; add one task after another",
+        r"holds 2 labels, \[8, 9\]\. Call add_task once for each",
     ),
     "text for a number": (
         np.column_stack([X_NEW[:, :2].astype(object), ["x"] * 4]),

@@ -126,7 +126,7 @@ class TestTargets:
         """Not small enough to count as constant, which is not what is said."""
         expected = learned(model).predict(X)
         small = X * [of_X, of_X, 1.0]
-        match = r"lose digits or vanish, so that they may count as constant[.,]"
+        match = r"lose digits or vanish, so they may count as constant[.,]"
         with pytest.warns(UnderflowWarning, match=match):
             found = fitted(model, small, of_y * Y).predict(small) / of_y
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of the noise, 0.01

@@ -394,7 +394,7 @@ def test_bad_parameters(estimator, params, error, match):
     ("params", "match"),
     [
         ({"rank": -1}, r"'rank' .* must be an int in the range \[0, inf\).* or None"),
-        ({"rank": 0}, "rank=0 leaves tasks nothing in common: set shared=True"),
+        ({"rank": 0}, "rank=0 leaves tasks nothing in common. Set shared=True"),
         ({"rank": 2.0}, r"'rank' .* must be an int in the range \[0, inf\).* or None"),
         ({"rank": 4}, "rank=4 is above the number of tasks, 3"),
         ({"noise": "each"}, "'noise' .* must be a str among"),

@@ -313,9 +313,13 @@ def test_engines_that_cannot(inference, why):
 
 
 def test_refusals():
-    with pytest.raises(ValueError, match="are of y, and target_transform learns anoth"):
+    with pytest.raises(
+        ValueError, match="are in units of y, but with target_transform"
+    ):
         PooledGP(target_transform=(np.sinh, np.arcsinh)).fit(X, Y, alpha=0.1)
-    with pytest.raises(ValueError, match="are of y, and target_transform learns anoth"):
+    with pytest.raises(
+        ValueError, match="are in units of y, but with target_transform"
+    ):
         SingleTaskGP(target_transform=(np.sinh, np.arcsinh)).fit(X, Y, alpha=0.1)
     for options in ({}, {"noise_variance_bounds": "fixed"}):
         with pytest.raises(

@@ -122,7 +122,7 @@ def test_a_name_that_does_not_exist(cls):
 
 def test_a_name_that_does_not_exist_in_a_list():
     names = ", ".join(map(repr, KERNELS))
-    match = rf"names of kernels \({names}\), or None .* and 'cubic' is none of them"
+    match = rf"has 'cubic'\. It must .* names of kernels \({names}\), or None"
     with pytest.raises(ValueError, match=match):
         MultiTaskGPRegressor(["rbf", "cubic"]).fit(X, y)
 

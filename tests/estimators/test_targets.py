@@ -357,7 +357,7 @@ SIGNED = np.linspace(-1.0, 2.0, 30)
         ((np.mean, np.mean), SIGNED, "not take the targets: .*element by element"),
         (LOG, np.arange(30.0), r"makes -inf of y\[0\] = 0\.0.*log1p"),
         (LOG, SIGNED, r"makes nan of y\[0\] = -1\.0"),
-        ((np.square, np.sqrt), SIGNED, r"does not lead back: of y\[0\] = -1\.0"),
+        ((np.square, np.sqrt), SIGNED, r"does not lead back: y\[0\] = -1\.0"),
         ((np.reciprocal, np.reciprocal), SIGNED - 0.03, "is not monotone: of y = "),
         ((np.log, np.square), 1.0 + np.arange(30.0), "does not lead back"),
         ((np.log, 2), 1.0 + np.arange(30.0), "must be a function and its inverse"),

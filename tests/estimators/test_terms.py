@@ -285,14 +285,23 @@ class TestRefusals:
         ("params", "match"),
         [
             ({"kernel": []}, r"kernel=\[\] has no kernel"),
-            ({"kernel": [SLOW, 2]}, "kernels of scikit-learn's kind.* 2 is none of"),
-            ({"rank": [1, 2]}, r"rank=\[1, 2\] has a value for each term.*is of one"),
+            ({"kernel": [SLOW, 2]}, r"has 2\. It must have kernels of scikit-learn's"),
+            (
+                {"rank": [1, 2]},
+                r"rank=\[1, 2\] has a value for each term.*is a single one",
+            ),
             ({"kernel": [SLOW] * 2, "rank": [1]}, r"rank=\[1\] has 1 values, but .* 2"),
-            ({"kernel": [SLOW] * 2, "rank": [1, -1]}, "an integer of 0 or more.*-1"),
-            ({"kernel": [SLOW] * 2, "rank": [1, True]}, "an integer.* True is none"),
+            (
+                {"kernel": [SLOW] * 2, "rank": [1, -1]},
+                "has -1, but must have an integer of 0",
+            ),
+            ({"kernel": [SLOW] * 2, "rank": [1, True]}, "has True, but .* an integer"),
             ({"kernel": [SLOW] * 2, "rank": [1, 4]}, "rank=4 is above the number of"),
             ({"kernel": [SLOW] * 2, "rank": [1, 0]}, "rank=0 leaves tasks nothing"),
-            ({"kernel": [SLOW] * 2, "shared": [1, 0]}, "True or False .*1 is none"),
+            (
+                {"kernel": [SLOW] * 2, "shared": [1, 0]},
+                "has 1, but must have True or F",
+            ),
             ({"kernel": [SLOW] * 2, "diagonal": ["own"] * 2}, "'equal' for each"),
             (
                 {"kernel": [SLOW] * 2, "learning": "staged"},

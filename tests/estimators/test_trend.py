@@ -246,7 +246,7 @@ def test_add_task_needs_rows_for_its_own_coefficients():
     some = model(trend_per_task=True).fit(X[X[:, 2] < 2], y[X[:, 2] < 2])
     with pytest.raises(ValueError, match="n_samples=1 of the new task is too few for"):
         some.add_task(X[new[:1]], y[new[:1]])
-    with pytest.raises(ValueError, match="new task has 2 rows, which its 2 coeff"):
+    with pytest.raises(ValueError, match="new task has 2 rows and 2 coeff"):
         some.add_task(X[new[:2]], y[new[:2]])
 
 
@@ -407,7 +407,7 @@ REFUSED = {
     "no trend": ({"trend": None, "trend_per_task": True}, "needs a trend"),
     "own means": (
         {"trend": "linear", "normalize_y": "per_task"},
-        "off their means in each task, which leaves nothing of '1'",
+        "subtracts the means .* in each task, which leaves nothing of '1'",
     ),
     "a transformer": (
         {"trend": PolynomialFeatures(60)},

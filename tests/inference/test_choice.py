@@ -163,7 +163,7 @@ ERRORS = {
     ),
     "both": (
         np.vstack([missing(X, 0, 1), X[X[:, -1] == 5][:1]]),
-        "all missing, but task 5 has 1 of the 10 inputs more than once. Complete",
+        "cells missing, but task 5 has 1 of the 10 inputs more than once. Complete",
     ),
     "different inputs": (
         X + np.outer(X[:, -1], [1.0, 0.0, 0.0]),

@@ -96,7 +96,7 @@ def test_a_load_that_joins(kind):
     predictor, new = compile_predictor(model), X[:9].copy()
     new[:, -1] = 7
     other = model.add_task(new, 1.3 * Y[:9])
-    with pytest.raises(ValueError, match="task=7 is none that the predictor was"):
+    with pytest.raises(ValueError, match="task=7 is not one of the tasks that"):
         predictor(X[0, :-1], 7)
     predictor.refresh(other)
     expected = other.predict(new[:1])[0]

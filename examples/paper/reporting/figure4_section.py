@@ -8,19 +8,21 @@ from .markdown import MISSING, error, image, made_by, number, table
 from .summaries import grid, over_draws
 
 TEXT = """\
-Average nMSE against the number n of samples of all 14 loads, c1 to c14. The paper draws
-joints 1 and 4 and prints no numbers, so that words are all there is to compare with:
-mGP-BIC favourable in almost all cases, above all in extrapolation; at joint 1 close to
-pGP; iGP usually second at the other joints. Lines are geometric means over the draws,
-faint dots the draws: three up to n = 532, one above.
+The figures show the average nMSE against the number n of samples of all 14 loads, c1 to
+c14. The paper's figure has joints 1 and 4 and gives no numbers. We can only compare
+with its words. It finds mGP-BIC favourable in almost all cases, above all in
+extrapolation. At joint 1 mGP-BIC is close to pGP. At the other joints iGP is usually
+second. Lines are geometric means over the draws, and faint dots are single draws. There
+are three draws up to n = 532, and one above.
 """
 RANKS = """\
-K_0 is the likelier of iGP (I) and pGP (1 1^T), where the paper's mGP begins. BIC is
-eq. 8 over the six joints, here less its lowest value. In the paper iGP won, but for
-joint 1 and n < 532; the ranks that it chose are in the last column. On these
-trajectories, as generated here, the functions that the loads mix are 4, 5, 5, 4, 4 and
-3 at the joints 1 to 6: with a tool that does not turn, only a load's mass and its first
-moments show.
+The paper's mGP starts from K_0, the task covariance of iGP (I) or pGP (1 1^T),
+whichever is likelier. In the paper iGP was likelier except at joint 1 with n < 532. BIC
+is eq. 8 of the paper, summed over the six joints; the table has the difference from its
+lowest value. The last column has the ranks that the paper chose. On our trajectories
+the torques of all loads mix 4, 5, 5, 4, 4 and 3 functions at joints 1 to 6. The number
+is small because the tool does not turn. Then only a load's mass and its first moments
+change the torques.
 """
 
 
@@ -30,7 +32,7 @@ def section(rows):
     found = errors(rows)
     for subset in reversed(plan.TEST_SETS) if len(found) else ():
         text += [image(f"paper-figure4-{subset}.png", f"nMSE in {subset} against n")]
-    text += ["The next best model's nMSE over mGP-BIC's in extrapolation:\n"]
+    text += ["The next best model's nMSE in extrapolation, divided by mGP-BIC's:\n"]
     text += [factors_table(factors(rows))]
     text += means_tables(found)
     text += ["## The rank\n", RANKS, made_by("figure4"), ranks_table(rows)]
@@ -109,14 +111,14 @@ def criterion(values, ranks):
 def nested(rows):
     """How the likelihood grows with the rank."""
     found = gains(rows)
-    text = "Models of a lower rank are part of those of a higher one. "
+    text = "A model of a higher rank contains those of lower ranks. "
     if found.empty:
         return [text + "Their likelihoods are missing.\n"]
     n, draw, joint = found.idxmin()
-    text += "The smallest gain of likelihood from a rank to the next is "
-    text += f"{number(found.min())} nats (n = {n}, draw {draw}, joint {joint}); "
+    text += "So its log likelihood should not be lower. From one rank to the next, the "
+    text += f"smallest gain is {number(found.min())} nats (n = {n}, draw {draw}, joint "
     lose = (found < -NATS).sum()
-    text += f"{lose} of {len(found)} fits lose more than {NATS:g} nat.\n"
+    text += f"{joint}); {lose} of {len(found)} fits lose more than {NATS:g} nat.\n"
     smallest = found.groupby(["joint", "n"]).min()
 
     def cell(joint, n):

@@ -13,10 +13,11 @@ NAMES = {
 CASE = ["n", "draw", "joint", "rank"]
 TIE = 0.1  # nats
 TEXT = """\
-The same data and model (n = 280, ranks 4 and 5, six joints, three draws), learned in
-three ways: by the package's default, by the paper's stages to the letter, and all at
-once from a random task covariance, which the paper found worse. Below the best: how far
-the log likelihood is below the highest of the three.
+The same data and models (n = 280, ranks 4 and 5, six joints, three draws) are learned
+in three ways. The first is skmtgp's default. The second follows the paper's stages to
+the letter. The third learns all parameters at once from a random task covariance, which
+the paper found worse. *Nats below the best* is how far a log likelihood is below the
+highest of the three.
 """
 
 
@@ -37,8 +38,9 @@ def section(rows):
     head = ["learner", "fits", "best", "nats below the best, median", "largest"]
     head += ["evaluations", "seconds", "nMSE interpolation", "nMSE extrapolation"]
     lines = [line(found[found["learning"] == k], k) for k in NAMES]
-    note = f"*Best*: within {TIE:g} nat of the highest. Evaluations and seconds are "
-    note += "medians, errors geometric means over joints, ranks and draws.\n"
+    note = f"*Best* counts the fits within {TIE:g} nat of the highest likelihood. "
+    note += "Evaluations and seconds are medians, and errors are geometric means over "
+    note += "joints, ranks and draws.\n"
     return [*text, table(head, lines), note]
 
 

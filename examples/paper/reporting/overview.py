@@ -14,36 +14,39 @@ INTRODUCTION = """\
 
 Chai, Williams, Klanke and Vijayakumar, *Multi-task Gaussian Process Learning of Robot
 Inverse Dynamics* (NIPS 2008), describe the model behind this package. A robot arm
-carries one load after another; each load is a task; the torques of all loads are
-learned together. `make paper` measures their experiments again.
+carries one load after another. Each load is a task, and the torques of all loads are
+learned together. `make paper` repeats their experiments.
 
 The paper's data are not published. Ours come from the same robot, a Puma 560, with the
-same masses and similar paths, so that numbers agree in size only. Why, and all other
-numbers: [the experiments in detail](paper_details.md).
+same masses and similar paths. So only the orders of magnitude can be compared.
+[The experiments in detail](paper_details.md) give the reasons and all other numbers.
 """
 TABLE2 = """\
 ## Table 2: one load at a time
 
-nMSE of joint 3, averaged over 15 loads: the mean squared error over the variance of the
-torques. *Interpolation* is tested on the motions of the training, *extrapolation* on
-new ones. Of linear regression, only one number of the paper can be read.
+The nMSE is the mean squared error divided by the variance of the torques. The table has
+joint 3, averaged over 15 loads. *Interpolation* is tested on the motions of the
+training data, *extrapolation* on new motions. A dash marks a number that cannot be read
+in our copy of the paper.
 """
 AFTER_TABLE2 = """\
-Ours are far lower in interpolation. The loads, the shape of the paths and the friction
-are not the paper's, and our search for the hyperparameters goes further.
+Our errors are far lower in interpolation. The loads, the shape of the paths and the
+friction differ from the paper's, and our search for the hyperparameters is more
+thorough.
 """
 FIGURE4 = """\
 ## Figure 4: all loads together
 
-The paper draws joints 1 and 4, without numbers. This is our figure:
+The paper's figure shows joints 1 and 4, and gives no numbers. This is our figure:
 
 ```{image} images/paper-figure4.png
 :alt: nMSE in extrapolation against samples, joints 1 and 4, four models
 :width: 560px
 ```
 
-*sGP* learns each load alone, *iGP* shares the hyperparameters, *pGP* takes all loads
-for one, *mGP-BIC* is the multi-task model with the rank that BIC chooses.
+*sGP* learns each load alone. *iGP* learns the loads separately, with shared
+hyperparameters. *pGP* treats all loads as one. *mGP-BIC* is the multi-task model with
+the rank that the Bayesian information criterion (BIC) chooses.
 """
 RANKS = """\
 ## The rank
@@ -111,9 +114,10 @@ def figure4_words(rows):
     lowest = second = close = MISSING
     if len(several):
         won, n_second = (several["factor"] > 1).sum(), (several["next"] == "iGP").sum()
-        lowest = f"{won} of {len(several)} joints and n; the next model's error is at "
-        lowest += f"least {number(several['factor'].min(), 2)} times as large"
-        second = f"{n_second} of {len(several)} joints and n"
+        of = f"of {len(several)} pairs of a joint (2 to 6) and a number of samples"
+        lowest = f"in {won} {of}; the next model's error is at least "
+        lowest += f"{number(several['factor'].min(), 2)} times as large"
+        second = f"in {n_second} {of}"
     if len(first):
         close = f"pGP's error is at least {number(first['pooled'].min(), 2)} times as "
         close += "large"
@@ -134,9 +138,9 @@ def learning_words(rows):
             f"{number(middle[k])} ({number(most[k])})"
             for k in ("staged", "simultaneous", "annealed")
         )
-        text = "only in the worst case. Nats below the best of our three ways, median "
-        text += f"(largest): {staged} in stages, {at_once} at once, {ours} by skmtgp's "
-        text += "default"
+        text = "only in the worst case. Median (largest) number of nats below the best "
+        text += f"of three ways: {staged} in stages, {at_once} at once, {ours} by "
+        text += "skmtgp's default"
     return [("learning all parameters at once is worse than in stages", text)]
 
 
@@ -158,11 +162,10 @@ def novel(rows):
     there = found[found.index.isin(keys)]
     if there.empty:
         return []
-    text = "The paper proposes to add a load to a learned model without learning "
-    text += f"all anew. `add_task` does. With {novel_task.SAMPLES} samples of the new "
-    text += "load its error on new motions is at least "
-    text += (
-        f"{number(there['factor'].min(), 2)} times lower than that of a GP of these "
-    )
-    text += "samples alone (joints 2 to 6)."
+    factor = number(there["factor"].min(), 2)
+    text = "The paper proposes a way to add a load to a learned model without learning "
+    text += "everything again. `add_task` does this. We gave it "
+    text += f"{novel_task.SAMPLES} samples of a new load. On new motions, a GP of "
+    text += f"these samples alone has at least {factor} times the error of `add_task` "
+    text += "(joints 2 to 6)."
     return ["## A load that comes later\n", fill(text, 88) + "\n"]

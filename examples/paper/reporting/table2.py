@@ -11,10 +11,10 @@ MODELS = ("LR", "sGP")
 LEVEL = 1.5  # times the error at most, that LR still has to lose where it levels off
 ILLEGIBLE = "not legible"
 TEXT = """\
-nMSE of linear regression (LR) and of a Gaussian process for each load alone (sGP),
-averaged over the loads c1 to c15, draw 0. Of the paper's row of LR no more than its
-first number can be read in the source that we have. 4000 samples take hours: joint 3
-alone is in the plan.
+The tables have the nMSE of linear regression (LR) and of a Gaussian process for each
+load alone (sGP). It is averaged over the loads c1 to c15, for draw 0. In our copy of
+the paper only the first number of the LR row can be read. Fits to 4000 samples take
+hours, so only joint 3 has them.
 """
 
 

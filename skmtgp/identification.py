@@ -328,7 +328,7 @@ def _last(estimator):
     if model._trends() is not None:
         raise ValueError(
             "TaskIdentifier takes models without a trend, and this one has the columns "
-            f"{', '.join(map(repr, model.trend_names_))}. Fit it with trend=None."
+            f"{', '.join(map(repr, model.trend_names_.tolist()))}. Fit it with trend=None."
         )
     if model._units.per_task:
         raise ValueError(

@@ -46,7 +46,7 @@ from skmtgp.inference.engine import (
     check_terms,
     check_trend,
 )
-from skmtgp.inference.engines import ENGINES, Dense, choose, leaves_rows
+from skmtgp.inference.engines import ENGINES, choose, leaves_rows, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
@@ -145,7 +145,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance
-            X, y, given = weighed_rows(X, y, given, repeats=not self._takes_known())
+            X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(self.inference))
             training = self._read(X, y, progress, given)
             problems = self._problems(training)
             problems = self._foretell(problems, problems[0].prior.n_terms)
@@ -167,15 +167,6 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
                 name = about(problem, problem.prior.task_covariance)
                 say(f"{name}{in_words(problem, mode.value)}")
         return training, problems, modes
-
-    def _takes_known(self):
-        """Whether the engine that is asked for takes what is known of the noise."""
-        engine = (
-            ENGINES.get(self.inference, Dense)
-            if isinstance(self.inference, str)
-            else self.inference
-        )
-        return engine.takes_known
 
     def _foretell(self, problems, n_forms=1):
         """The problems with the pace of learning; where it is slow, that is said."""

@@ -80,10 +80,9 @@ def check_output(output, n_outputs, name="output"):
     """Raise a ValueError unless there is such an output, or such a term."""
     is_int = isinstance(output, Integral) and not isinstance(output, bool)
     if not is_int or not 0 <= output < n_outputs:
-        raise ValueError(
-            f"{name}={output!r} must be an integer from 0 to {n_outputs - 1}, as there "
-            f"are {n_outputs} {name}s."
-        )
+        there = f"are {n_outputs} {name}s" if n_outputs > 1 else f"is one {name}"
+        allowed = f"an integer from 0 to {n_outputs - 1}" if n_outputs > 1 else "0"
+        raise ValueError(f"{name}={output!r} must be {allowed}, as there {there}.")
 
 
 def _as_learned(estimator):

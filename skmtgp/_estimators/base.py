@@ -128,8 +128,8 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             measurements. Rows of weight 0 are left out. None is 1.
         repeat_variance : array-like of the shape of y, default=None
             Variance of these measurements about their mean, divided by their number
-            and not by one less. None is 0. See
-            :func:`~skmtgp.average_repeats`.
+            and not by one less; 0 where there is one. None is 0 for all: they were
+            equal, which tells of no noise. See :func:`~skmtgp.average_repeats`.
 
         Returns
         -------
@@ -145,7 +145,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance
-            X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(self.inference))
+            X, y, given = weighed_rows(
+                X, y, given, repeats=repeats_rows(self.inference)
+            )
             training = self._read(X, y, progress, given)
             problems = self._problems(training)
             problems = self._foretell(problems, problems[0].prior.n_terms)

@@ -231,9 +231,9 @@ def read_known(alpha, sample_weight, repeat_variance, shape):
     of_one = spread[counts == 1.0]
     if of_one.any():
         raise ValueError(
-            f"repeat_variance has {of_one[of_one > 0.0][0]:g} in a row of sample_weight "
-            "1: one measurement is its own mean, with a variance of 0 about it. What is "
-            "known of its noise is its alpha."
+            f"repeat_variance has {of_one[of_one > 0.0][0]:g} in a row of "
+            "sample_weight 1: one measurement is its own mean, with a variance of 0 "
+            "about it. What is known of its noise is its alpha."
         )
     return Known(variance, counts, spread)
 

@@ -236,7 +236,7 @@ def test_scores_are_of_the_columns_of_fit(fitted):
             ValueError, match=r"fitted to \['zinc', 'lead', 'tin'\]. Giv"
         ):
             named.score(FRAME, other)
-    with pytest.raises(ValueError, match="y has 2 columns, .* was fitted to 3"):
+    with pytest.raises(ValueError, match=r"y has 2 columns, .* was fitted to 3"):
         fitted.score(X, GAPS[:, :2])
 
 

@@ -126,7 +126,9 @@ def test_weights_that_are_none_are_left_to_reading(weights):
 
 
 def test_more_repeats_than_memory_holds():
-    with pytest.raises(InsufficientMemoryError, match="as 3e.200 rows that are repea"):
+    with pytest.raises(
+        InsufficientMemoryError, match=r"as 3e\+200 rows that are repea"
+    ):
         weighed(1e200)
     assert len(weighed(1e200, repeats=False)[0]) == 3
 
@@ -138,7 +140,9 @@ def test_a_series_in_another_order_is_refused():
     assert weighed_rows(frame, y, ours, repeats=False)[2][0] is alpha
     for other in (alpha.sort_index(), alpha.to_frame().sort_index()):
         theirs = other, None, None
-        with pytest.raises(ValueError, match="alpha has the labels .*with 3, .*with 5"):
+        with pytest.raises(
+            ValueError, match=r"alpha has the labels .*with 3, .*with 5"
+        ):
             weighed_rows(frame, y, theirs, repeats=False)
         # scaled features have often another index, and positions count
         array = frame.to_numpy()

@@ -17,13 +17,11 @@ import traceback
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-import textbook
+from fuzz_book import by_the_book
 from fuzz_inputs import make_estimator, make_problem
-from samples import outputs
 from sklearn.base import clone
 from sklearn.exceptions import (
     ConvergenceWarning,
@@ -33,7 +31,6 @@ from sklearn.exceptions import (
 from sklearn.pipeline import Pipeline
 
 from skmtgp import add_task, exceptions, metrics
-from skmtgp._data.checks import check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._numerics import memory as _memory
 from skmtgp._numerics.parallel import ONE_THREAD
@@ -46,6 +43,7 @@ WARNINGS = (
     exceptions.AmbiguousFitWarning,
     exceptions.ConstantTargetWarning,
     exceptions.CorrelatedResidualsWarning,
+    exceptions.DescriptorWarning,
     exceptions.JitterWarning,
     exceptions.PrecisionWarning,
     exceptions.TaskColumnWarning,
@@ -101,36 +99,6 @@ def attempt(what, call, *args, legal=True, warns=(), **options):
         return None
 
 
-class Expected(NamedTuple):
-    """Predictions by the book, and sizes to compare errors with."""
-
-    mean: np.ndarray
-    variance: np.ndarray
-    size: float
-    prior: float
-
-
-def by_the_book(model, j, X, tasks):
-    """Means and variances of output j; None where rounding would count."""
-    output = outputs(model)[j]
-    known, y = model.X_train_, model.y_train_.reshape(len(model.X_train_), -1)[:, j]
-    if (
-        output.kernel.is_stationary()
-    ):  # scikit-learn divides before it takes differences
-        X, known = X - known[0], known - known[0]
-    rows = known, model.tasks_train_
-    K = output.covariance(*rows)
-    if not np.isfinite(K).all() or not np.linalg.cond(K) < 1e8:
-        return None
-    mean, covariance = output.posterior(*rows, y, X, tasks)
-    of_f = output.K_rho[tasks, tasks] * output.kernel.diag(X)
-    of_f += textbook.of_rows(output.level, tasks)
-    size = np.abs(y - textbook.of_rows(output.centre, model.tasks_train_)).max()
-    size += np.abs(output.centre).max() + np.finfo(float).tiny
-    prior = max(np.diagonal(K).max(), of_f.max())
-    return Expected(mean, np.diagonal(covariance), size, prior)
-
-
 def blas_threads():
     return [library.num_threads for library in ONE_THREAD.libraries]
 
@@ -155,8 +123,8 @@ class Case:
         Data, and whether they can be used.
     estimator : estimator
         Not fitted.
-    legal : bool
-        Whether fit must succeed.
+    usable, legal : bool
+        Whether fit may succeed, and whether it must.
     """
 
     seed: list
@@ -165,11 +133,12 @@ class Case:
         self.rng = np.random.default_rng(self.seed)
         self.problem = make_problem(self.rng)
         self.estimator, legal = make_estimator(self.rng, self.problem)
-        self.legal = legal and self.problem.fault is None
+        self.usable = legal and self.problem.fault is None
+        self.legal = self.usable and not self.problem.doubtful
 
     def __str__(self):
         shape = np.shape(self.problem.X), np.shape(self.problem.y)
-        faults = self.problem.fault, self.problem.wrong, "illegal parameter"
+        faults = self.problem.fault, self.problem.wrong, "illegal or doubtful"
         kind = "legal" if self.legal else next(filter(None, faults))
         return f"{self.estimator!r} on {shape[0]} and {shape[1]}, {kind}"
 
@@ -179,14 +148,17 @@ class Case:
         model = self.fit()
         wrong = self.problem.wrong
         require(not wrong or model is None, f"{wrong} was taken")
-        if model is None or not self.legal:  # the tasks may be another column
-            return
+        doubtful = self.problem.doubtful and self.problem.fault is None
+        if model is None or not (self.legal or (self.usable and doubtful)):
+            return  # the tasks may be another column
         calls = [
             self.check_tasks,
             self.check_by_the_book,
             self.check_threads,
             self.check_memory,
             self.check_predictions,
+            self.check_terms,
+            self.check_more_rows,
             self.check_samples,
             self.check_likelihood,
             self.check_copies,
@@ -224,12 +196,17 @@ class Case:
         """The fitted model, or None where fit was refused."""
         before = dict(vars(self.estimator))
         X, y = self.problem.X, self.problem.y
-        model = attempt("fit", self.estimator.fit, X, y, legal=self.legal)
+        known = self.problem.known
+        model = attempt("fit", self.estimator.fit, X, y, legal=self.legal, **known)
         if model is None and not isinstance(self.estimator, Pipeline):
             after = vars(self.estimator)
             same = all(after.get(name) is value for name, value in before.items())
             require(same and after.keys() == before.keys(), "fit failed half-way")
         return model
+
+    def fit_again(self, model):
+        """A clone, fitted to the same."""
+        return clone(model).fit(self.problem.X, self.problem.y, **self.problem.known)
 
     def check_predictions(self, model):
         noisy = {"include_noise": bool(self.rng.integers(2))}
@@ -254,11 +231,10 @@ class Case:
         """Exact inference is the textbook's, where that has digits."""
         if not isinstance(model, BaseMultiTaskGP) or model.inference_ == "sparse":
             return
-        X, tasks = check_test(model, self.problem.new)
         found = model.predict(self.problem.new, return_std=True)
-        mean, std = (of.reshape(len(X), -1).T for of in found)
+        mean, std = (of.reshape(len(of), -1).T for of in found)
         for j in range(len(mean)):
-            expected = by_the_book(model, j, X, tasks)
+            expected = by_the_book(model, self.problem, j, self.problem.new)
             if expected is None:
                 return
             for what, one, other, scale in [
@@ -268,14 +244,38 @@ class Case:
                 worst = np.abs(one - other).max() / scale
                 require(worst < 1e-6, f"the {what} is {worst:.1e} from the textbook's")
 
+    def check_terms(self, model):
+        """Its terms, and the trend and level, sum to a prediction."""
+        if not hasattr(model, "predict_terms"):
+            return
+        terms = attempt("predict_terms", model.predict_terms, self.problem.new)
+        mean, size = model.predict(self.problem.new), np.abs(terms).max()
+        same = np.allclose(terms.sum(axis=-1), mean, rtol=1e-9, atol=1e-9 * size)
+        require(same, "the terms do not sum to the prediction")
+
+    def check_more_rows(self, model):
+        """Rows that join make the posterior of all rows."""
+        if not hasattr(model, "partial_fit") or self.rng.integers(2):
+            return
+        n, joined = int(self.rng.integers(1, 4)), pickle.loads(pickle.dumps(model))
+        rows = self.problem.new[:n], self.problem.y[::2][:n]
+        most = [None, len(self.problem.y)][self.rng.integers(2)]
+        legal = most is None and "trend=" not in repr(model)
+        if attempt(
+            "partial_fit", joined.partial_fit, *rows, max_rows=most, legal=legal
+        ):
+            self.check_by_the_book(joined)
+            mean = attempt("predict", joined.predict, self.problem.new)
+            require(np.isfinite(mean).all(), "a mean is not finite after partial_fit")
+
     def check_threads(self, model):
         """Calls at the same time give the same bits, and leave BLAS as it was."""
         if self.rng.integers(4):
             return
-        X, y, new = self.problem.X, self.problem.y, self.problem.new
+        new = self.problem.new
         before, expected = blas_threads(), model.predict(new)
         with watched("threads"), ThreadPoolExecutor(3) as pool:
-            fit = pool.submit(quietly, clone(model).fit, X, y)
+            fit = pool.submit(quietly, self.fit_again, model)
             calls = [pool.submit(model.predict, new) for _ in range(6)]
             found = [call.result() for call in (*calls, fit)][:-1]
         after = blas_threads()
@@ -287,10 +287,10 @@ class Case:
         """Where memory does not suffice, an error says so; else nothing changes."""
         if self.rng.integers(4):
             return
-        X, y, new = self.problem.X, self.problem.y, self.problem.new
+        new = self.problem.new
         left = 10.0 ** self.rng.uniform(1, 6)
         with patch.object(_memory, "available_memory", lambda: left):
-            again = attempt("fit", clone(model).fit, X, y, legal=False)
+            again = attempt("fit", self.fit_again, model, legal=False)
         if again is not None and not self.problem.random:
             same = np.allclose(again.predict(new), model.predict(new), rtol=1e-6)
             require(same, "what memory is left changes results")
@@ -372,7 +372,7 @@ class Case:
         X, y, legal = self.problem.novel(self.rng)
         able = hasattr(model[-1] if isinstance(model, Pipeline) else model, "add_task")
         prior = [None, "tasks"][self.rng.integers(2)]
-        legal = legal and able
+        legal = legal and able and "trend_per_task=True" not in repr(model)
         extended = attempt("add_task", add_task, model, X, y, prior=prior, legal=legal)
         if extended is not None:
             means = attempt("predict", extended.predict, X)
@@ -394,7 +394,7 @@ class Case:
         if not isinstance(model, Pipeline):
             same = all(vars(model).get(name) is v for name, v in before.items())
             require(same and vars(model).keys() == before.keys(), "fit half-failed")
-        again = attempt("fit", clone(model).fit, self.problem.X, self.problem.y)
+        again = attempt("fit", self.fit_again, model)
         X = self.problem.new
         same = np.allclose(again.predict(X), model.predict(X), rtol=1e-6)
         require(same or self.problem.random, "fit depends on what was fitted before")

@@ -85,10 +85,14 @@ def draw_known(rng, problem, model):
     legal : bool
     """
     params = model.get_params()
+    shape = np.shape(problem.y)
+    if problem.fault and shape[:1] != (len(problem.codes),):
+        return {"alpha": 0.1}, True
     inference = params.get("inference", params.get("estimator__inference"))
     kernel = params.get("kernel", params.get("estimator__kernel"))
-    n, shape = len(problem.codes), np.shape(problem.y)
-    size = max(float(np.nanvar(np.clip(problem.y, -1e9, 1e9))), 1e-300)
+    n, size = len(problem.codes), 1.0
+    if problem.fault is None:
+        size = max(np.var(problem.y), 1e-300)
     alpha = size * 10.0 ** rng.uniform(-6, 1) * rng.uniform(0.1, 1.0, shape)
     counts = rng.integers(1, 5, n)
     spread = np.where(counts.reshape(n, *[1] * (len(shape) - 1)) > 1, 0.3 * alpha, 0.0)

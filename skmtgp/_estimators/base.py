@@ -62,6 +62,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 CENTRED = 1.0
 TRANSFORMER = "fit", "transform", "inverse_transform"
 NOTHING = None, None, None  # is known of the noise of the rows
+ROUNDING = 1e-15  # of the mean of equal numbers, relative to them
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
@@ -383,7 +384,9 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
 
     def _scaled(self, prior, data, units):
         """The prior with starting values and bounds relative to the targets."""
-        deviation, scale = data.deviation or 1.0, data.size or 1.0
+        deviation, scale = data.deviation, data.size or 1.0
+        if deviation < ROUNDING * scale:  # constant targets
+            deviation = 1.0
         start, bounds = self.noise_variance, self._check_noise_bounds(data.known)
         start = max(start, NO_NOISE)
         bounds = (start,) * 2 if isinstance(bounds, str) else bounds

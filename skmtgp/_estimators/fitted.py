@@ -296,7 +296,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         noise = self._noise_variances
         if noise.shape[2] == 1:
             return np.repeat(noise.swapaxes(1, 2), len(codes), axis=1)
-        usual = np.exp(np.log(noise).mean(axis=2, keepdims=True))
+        with np.errstate(divide="ignore"):  # there may be none: alpha has it all
+            usual = np.exp(np.log(noise).mean(axis=2, keepdims=True))
         noise = np.concatenate([noise, usual], axis=2).swapaxes(1, 2)
         return noise[:, np.minimum(codes, noise.shape[1] - 1)]
 

@@ -272,6 +272,26 @@ def test_rows_and_tasks_that_join_later(model):
     assert with_task._known.counts.shape == (N + 3,)
 
 
+@pytest.mark.parametrize("normalize_y", ["shared", "per_task"])
+def test_all_noise_may_be_known(normalize_y):
+    """Nothing is learned then, and rows that join would be exact."""
+    options = {"noise_variance": 0, "noise_variance_bounds": "fixed", "max_iter": 5}
+    model = MultiTaskGPRegressor(rank=1, normalize_y=normalize_y, **options)
+    model.fit(X, Y, alpha=ALPHA)
+    assert np.all(model.noise_variance_ == 0.0)
+    of_f = model.predict(NEW, return_std=True)[1]
+    of_y = model.predict(NEW, return_std=True, include_noise=True)[1]
+    np.testing.assert_array_equal(of_f, of_y)
+    before = model.predict(NEW)
+    for join in (model.partial_fit, model.add_task):
+        with pytest.raises(ValueError, match="of rows that join none is known"):
+            join([[1.0, 7.0]], [0.5])
+    np.testing.assert_array_equal(model.predict(NEW), before)
+    first = PooledGP(**options)
+    with pytest.raises(ValueError, match="noise_variance=0 leaves the noise to alpha"):
+        first.partial_fit(X, Y)
+
+
 def test_drawn_hyperparameters():
     options = {"hyperparameters": "sampled", "n_draws": 8, "random_state": 0}
     model = MultiTaskGPRegressor(rank=1, **SHARED, **options)

@@ -238,8 +238,8 @@ def _sizes(problem, theta, of_terms, kernel):
     values, vectors = np.ones(n_tasks), np.eye(n_tasks)  # where nothing can be told
     with suppress(NotPositiveDefiniteError):
         D = problem.likelihood().task_gradient(start)[-1]
-        if np.isfinite(D).all() and np.linalg.eigvalsh(D)[-1] > 0.0:
-            values, vectors = np.linalg.eigh(D)
+        found = np.linalg.eigh(D) if np.isfinite(D).all() else (-values, vectors)
+        values, vectors = found if found[0][-1] > 0.0 else (values, vectors)
     along = (vectors * np.maximum(values, 0.0)) @ vectors.T
     along *= n_tasks * problem.prior.scale**2 / np.trace(along)
     return [share * along for share in problem.tuning.shares]

@@ -65,7 +65,7 @@ class Book(NamedTuple):
 
 def by_the_book(model, problem, j, new):
     """Means and variances of output j at new rows; None where rounding would count."""
-    book, (Z, of_Z) = _read(model, problem, j), _rows(model, new)
+    book, (Z, of_Z) = read_book(model, problem, j), _rows(model, new)
     X, H, of_new = book.X, book.columns(book.X, book.tasks), book.columns(Z, of_Z)
     if all(kernel.is_stationary() for kernel in book.kernels):
         X, Z = X - X[0], Z - X[0]  # scikit-learn divides before it takes differences
@@ -94,7 +94,7 @@ def _rows(model, new):
     return (features if described is None else described.inputs(features)), tasks
 
 
-def _read(model, problem, j):
+def read_book(model, problem, j):
     """The book of an output."""
     learned = {
         name: getattr(model, name)

@@ -13,10 +13,11 @@ from skmtgp._data.numbers import check_numbers
 from skmtgp._data.task_column import task_labels
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp.multitask import MultiTaskGPRegressor
+from skmtgp.wide import WideRegressor
 
 
 def fitted_model(estimator):
-    """The model at the end of a pipeline and inside a search.
+    """The model at the end of a pipeline, inside a search, or of stacked columns.
 
     Parameters
     ----------
@@ -43,7 +44,23 @@ def _last(estimator):
         return _last(estimator[-1])
     if hasattr(estimator, "best_estimator_"):
         return _last(estimator.best_estimator_)
+    if isinstance(estimator, WideRegressor) and hasattr(estimator, "estimator_"):
+        return _last(estimator.estimator_)
     return estimator
+
+
+def _refuse_wide(estimator):
+    """Raise a TypeError where an estimator takes no rows with a task."""
+    if isinstance(estimator, Pipeline):
+        _refuse_wide(estimator[-1])
+    elif isinstance(estimator, WideRegressor):
+        raise TypeError(
+            "WideRegressor has a column for each task, and this display takes rows "
+            "with a task: pass estimator_ of the WideRegressor, and X and y as "
+            "stack_tasks makes them."
+        )
+    elif hasattr(estimator, "estimator"):
+        _refuse_wide(estimator.estimator)
 
 
 def model_with(attribute, estimator, instead):
@@ -126,6 +143,7 @@ def predictions(estimator, X, y, output, *, learned=False):
     ValueError
         If y has not the outputs of the model, or not this one.
     """
+    _refuse_wide(estimator)
     target = fitted_model(estimator)._target
     # A search's own predict may not pass return_std on.
     model = getattr(estimator, "best_estimator_", estimator)
@@ -165,6 +183,7 @@ def intervals(estimator, X, level):
     TypeError
         If the model has no intervals.
     """
+    _refuse_wide(estimator)
     if isinstance(estimator, Pipeline):
         X = estimator[:-1].transform(X) if len(estimator) > 1 else X
         return intervals(estimator[-1], X, level)
@@ -197,6 +216,7 @@ def task_column(estimator, X, task_feature=None):
     ValueError
         If none tells it.
     """
+    _refuse_wide(estimator)
     if task_feature is not None:
         return task_feature
     first = _step(estimator, 0)

@@ -409,7 +409,7 @@ def make_estimator(rng, problem):
 def with_known(rng, problem, model):
     """Whether fit must succeed, of some models with known noise."""
     last = model[-1] if isinstance(model, Pipeline) else model
-    if isinstance(last, BayesianLinearRegression) or rng.integers(5):
+    if isinstance(last, BayesianLinearRegression) or rng.integers(3):
         return True
     known, legal = draw_known(rng, problem, last)
     if not legal:

@@ -18,7 +18,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, Matern
 from strategies import examples
 
-from skmtgp import MultiTaskGPRegressor
+from skmtgp import MultiTaskGPRegressor, WideRegressor
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
@@ -195,3 +195,45 @@ def test_units_orders_and_names_do_not_matter(seed, unit, names, prior, trend):
     found = np.array(model.predict(new, return_std=True)) / scale
     size = np.abs(expected).max()
     np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-7 * size)
+
+
+def test_skops():
+    """What docs/guide/persistence.md says is all that must be trusted."""
+    io = pytest.importorskip("skops.io")
+    complete = np.column_stack([np.repeat(np.arange(14.0), M), TASK])
+    there = np.arange(N) != 4
+    wide = Y.reshape(-1, M)
+    quick = {"rank": 1, "normalize_y": "shared", "noise": "shared", "max_iter": 2}
+    one = MultiTaskGPRegressor(**quick)
+    models = {
+        "all": clone(one).set_params(**PRIORS["two"], **TRENDS["of each"]),
+        "gaps": clone(one).fit(complete[there], Y[there]),
+        "wide": WideRegressor(one).fit(complete[::M, :1], wide),
+    }
+    models["all"].fit(X, Y, **KNOWN["all"])
+    named = {
+        "all": {
+            "skmtgp._data.known.Known",
+            "skmtgp._data.trend.TrendColumns",
+            "skmtgp.inference.flat.Coefficients",
+            "skmtgp.inference.flat.Flat",
+            "skmtgp.model.several.BoundSeveral",
+            "skmtgp.model.several.Forms",
+            "skmtgp.model.several.Kernels",
+            "skmtgp.model.trend.Basis",
+            "skmtgp.model.trend.Trend",
+        },
+        "gaps": {"skmtgp.inference.gaps.GappyEigen"},
+        "wide": {"skmtgp.wide.WideRegressor"},
+    }
+    usual = ("sklearn.", "skmtgp.model._nodes.", "skmtgp.inference.eigen.")
+    plain = clone(one).fit(X, Y), clone(one).fit(complete, Y)
+    known = {t for of in plain for t in io.get_untrusted_types(data=io.dumps(of))}
+    for name, model in models.items():
+        data = io.dumps(model)
+        types = io.get_untrusted_types(data=data)
+        more = {t for t in types if t not in known and not t.startswith(usual)}
+        assert more == named[name]
+        again = io.loads(data, trusted=types)
+        new = {"all": NEW, "gaps": complete[:5], "wide": complete[:5, :1]}[name]
+        np.testing.assert_array_equal(again.predict(new), model.predict(new))

@@ -92,7 +92,7 @@ def draw_known(rng, problem, model):
     kernel = params.get("kernel", params.get("estimator__kernel"))
     n, size = len(problem.codes), 1.0
     if problem.fault is None:
-        size = max(np.var(problem.y), 1e-300)
+        size = max(np.var(problem.y), 1e-12 * np.square(problem.y).max(), 1e-30)
     alpha = size * 10.0 ** rng.uniform(-6, 1) * rng.uniform(0.1, 1.0, shape)
     counts = rng.integers(1, 5, n)
     spread = np.where(counts.reshape(n, *[1] * (len(shape) - 1)) > 1, 0.3 * alpha, 0.0)

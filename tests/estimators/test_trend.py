@@ -451,19 +451,6 @@ def test_columns_that_cannot_be_told():
         MultiTaskGPRegressor(trend=[0, 2]).fit(X[:2], y[:2])
 
 
-def test_rows_that_alone_tell_a_coefficient_cannot_be_left_out():
-    X, y, _ = draw(slope=2.0)
-    few = (X[:, -1] < 2) | (np.arange(48) == np.flatnonzero(X[:, -1] == 2)[0])
-    own = model("constant", trend_per_task=True).fit(X[few], y[few])
-    with pytest.raises(ValueError, match=r"Without one of 1 rows .* of the trend"):
-        own.loo_predict()
-    shared = model("constant").fit(X[few], y[few])
-    assert np.isfinite(shared.loo_predict()).all()
-    search = RankSearchIC(clone(own), ranks=(1,), criterion="loo")
-    with pytest.raises(ValueError, match=r"Without one of 1 rows .* of the trend"):
-        search.fit(X[few], y[few])
-
-
 def test_tools_that_take_no_trend():
     X, y, _ = draw(slope=2.0)
     fitted = model(normalize_y="shared").fit(X, y)

@@ -84,15 +84,13 @@ def draw_known(rng, problem, model):
     known : dict
     legal : bool
     """
-    params = model.get_params()
-    shape = np.shape(problem.y)
-    if problem.fault and shape[:1] != (len(problem.codes),):
+    if problem.fault is not None:  # y may have any shape
         return {"alpha": 0.1}, True
+    params, shape = model.get_params(), np.shape(problem.y)
     inference = params.get("inference", params.get("estimator__inference"))
     kernel = params.get("kernel", params.get("estimator__kernel"))
-    n, size = len(problem.codes), 1.0
-    if problem.fault is None:
-        size = max(np.var(problem.y), 1e-12 * np.square(problem.y).max(), 1e-30)
+    n, largest = len(problem.codes), np.square(problem.y).max()
+    size = max(np.var(problem.y), 1e-12 * largest, 1e-30)
     alpha = size * 10.0 ** rng.uniform(-6, 1) * rng.uniform(0.1, 1.0, shape)
     counts = rng.integers(1, 5, n)
     spread = np.where(counts.reshape(n, *[1] * (len(shape) - 1)) > 1, 0.3 * alpha, 0.0)

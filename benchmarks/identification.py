@@ -1,7 +1,7 @@
 """Which load is it? The Puma 560, all six joints.
 
 ``python benchmarks/descriptors.py --save models.pkl``, then
-``python benchmarks/identification.py models.pkl --repetitions 100`` draws samples of
+``python benchmarks/identification.py models.pkl --repetitions 400`` draws samples of
 load 15, 3 kg, which the models have not seen, and estimates its ten inertial
 parameters, from torques with 1 % of noise and without: median error of the mass, and
 how many of the parameters that are told (to less than half of what is known before) are

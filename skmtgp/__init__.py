@@ -6,7 +6,12 @@ from skmtgp.identification import TaskIdentifier
 from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
-from skmtgp.pipeline import add_task, make_inverse_dynamics_regressor, partial_fit
+from skmtgp.pipeline import (
+    add_task,
+    make_inverse_dynamics_regressor,
+    partial_fit,
+    predict_interval,
+)
 from skmtgp.predictor import compile_predictor
 from skmtgp.repeats import average_repeats
 from skmtgp.single_task import SingleTaskGP
@@ -30,6 +35,7 @@ __all__ = [
     "compile_predictor",
     "make_inverse_dynamics_regressor",
     "partial_fit",
+    "predict_interval",
     "show_versions",
     "stack_tasks",
     "unstack_tasks",

@@ -79,8 +79,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
         of X without that of the task; "linear" is a constant and all columns, and
         "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense. See
-        :doc:`/guide/trend`.
+        integrated out, exactly: universal kriging. Inference is dense, or sparse where
+        that is asked for. See :doc:`/guide/trend`.
     trend_per_task : bool, default=False
         Whether each task has coefficients of its own. Tasks share them otherwise.
     noise : {"auto", "shared", "per_task"}, default="auto"
@@ -349,8 +349,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
         of X without that of the task; "linear" is a constant and all columns, and
         "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense. See
-        :doc:`/guide/trend`.
+        integrated out, exactly: universal kriging. Inference is dense, or sparse where
+        that is asked for. See :doc:`/guide/trend`.
     noise : {"auto", "shared", "per_task"}, default="auto"
         Whether the tasks share one noise variance or have one each. "auto" asks the
         data, see :class:`MultiTaskGPRegressor`.

@@ -200,11 +200,12 @@ class SamplingWarning(UserWarning):
 
 
 class TaskColumnWarning(UserWarning):
-    """The column that is taken for the tasks may be another one.
+    """The column that is taken for the tasks may be another one, or need tidying.
 
-    It has more tasks than half of the rows, or it is the last one by default and the
-    one before it looks more like labels, as where something was appended to X. The
-    message says how to tell which column is meant.
+    It has more tasks than half of the rows, or labels that differ in spaces or case
+    alone, or, in cross-validation, a task of one row. Or it is the last column, by
+    default, and the one before it looks more like labels, as where something was
+    appended to X. The message says what to do.
 
     Examples
     --------

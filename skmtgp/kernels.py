@@ -159,9 +159,10 @@ class Columns(Kernel):
     ----------
     kernel : Kernel
         The kernel of the selected features. Its hyperparameters are this kernel's.
-    columns : sequence of int
+    columns : sequence of int or str
         Indices of the features that it sees, the task column not counted. Negative ones
-        count from the end.
+        count from the end. Or names of columns, in the kernel of an estimator that is
+        fitted to a frame; its `kernel_` has their indices.
 
     Examples
     --------
@@ -174,7 +175,7 @@ class Columns(Kernel):
            [1., 1.]])
     """
 
-    def __init__(self, kernel: Kernel, columns: Sequence[int]) -> None:
+    def __init__(self, kernel: Kernel, columns: Sequence[int | str]) -> None:
         self.kernel = kernel
         self.columns = columns
 
@@ -302,7 +303,8 @@ def _positions(columns, n_features):
     ):
         raise ValueError(
             f"columns={columns!r} must be a list of indices (int) of features, the "
-            "task column not counted, such as [0, 2]."
+            "task column not counted, such as [0, 2]. An estimator that is fitted to a "
+            "frame takes names of its columns, too."
         )
     for column in positions[(positions < -n_features) | (positions >= n_features)][:1]:
         raise ValueError(

@@ -373,8 +373,9 @@ def _refuse_constant(by_task, position):
     if by_task.counts[position] == 1:
         why = ", as there is one sample"
         advice = (
-            " In cross-validation take fewer folds, give y_var, or score "
-            "cross_val_predict's predictions at once."
+            " In cross-validation take fewer folds, give y_var, such as "
+            "y.groupby(tasks).var(ddof=0) of all targets, or score cross_val_predict's "
+            "predictions at once."
         )
     raise ValueError(
         f"The targets of task {by_task.tasks[position]!r} are constant{why}, so their "

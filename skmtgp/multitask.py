@@ -21,7 +21,6 @@ from skmtgp._estimators.named_kernels import KERNEL
 from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.terms import LISTS, terms_asked_for
-from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
@@ -107,8 +106,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         scikit-learn, such as PolynomialFeatures, which is cloned and makes the columns
         of X without that of the task; "linear" is a constant and all columns, and
         "constant" a constant alone. The coefficients have a flat prior and are
-        integrated out, exactly: universal kriging. Inference is dense. See
-        :doc:`/guide/trend`.
+        integrated out, exactly: universal kriging. Inference is dense, or sparse where
+        that is asked for. See :doc:`/guide/trend`.
     trend_per_task : bool, default=False
         Whether each task has coefficients of its own. Tasks share them otherwise.
     noise : {"auto", "shared", "per_task"}, default="auto"
@@ -647,10 +646,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Section 3.3 of the paper, but for the prior, and for levels. A task with
         descriptors is known by them: nothing is learned, its rows join those of the
         others; with `diagonal` it gets the mean of the others'. Where the tasks
-        have noise variances of their own, the new one gets their geometric mean. Where
-        they have units of their own, it is taken off the mean of its samples and
-        divided by their deviation, of one or two samples by the geometric mean of the
-        others'. `n_iter_` and `n_evaluations_` are those of the border.
+        have noise variances of their own, the new one gets their geometric mean, each
+        counted as often as its task has rows. Where they have units of their own, it is
+        taken off the mean of its samples and divided by their deviation, of one or two
+        samples by the geometric mean of the others'. `n_iter_` and `n_evaluations_` are
+        those of the border.
 
         Examples
         --------
@@ -674,71 +674,6 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         model._join_task(*new_task, prior=prior)
         return model
 
-    def _join_task(self, features, label, Y, prior="tasks"):
-        """Become the model with one more task."""
-        training, position = self._training().with_task(features, label, Y)
-        self._check_room(training)
-        self._check_kernels(training.features)
-        informed, engine = prior is not None, self._engine
-        origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))
-        update = self._updating(training, origin, engine)
-        with limit_threads(self._side + len(features)):
-            outputs = self._extend(training, position, informed)
-            likelihoods, modes = map(list, zip(*outputs, strict=True))
-            thetas = [mode.theta for mode in modes]
-            outputs = zip(self._posteriors, likelihoods, thetas, strict=True)
-            posteriors = [update(*output) for output in outputs]
-            draws = self._extend_draws(training, position, informed)
-            draws = self._updated_draws(update, likelihoods, draws)
-            self._store_learned(training, engine, likelihoods, modes, posteriors)
-            self._store_updated_draws(draws)
-
-    def _check_room(self, training):
-        """Whether memory suffices for the model with a task more."""
-        n_before, n_new = (
-            len(self._likelihoods[0].inputs),
-            len(training.features) - len(self.X_train_),
-        )
-        rank = int(np.sum(self.rank_)) + sum(self._full())
-        demand, tiles = self._demand(training, rank=rank)
-        demand = replace(demand, n_missing=self._likelihoods[0].n_missing)
-        self._engine.check_joining(demand, tiles, n_before, n_new)
-
-    def _extend(self, training, position, informed):
-        """Likelihood and mode of each output with the task at `position` added."""
-        outputs = zip(
-            self._likelihoods,
-            self._posteriors,
-            self._thetas(),
-            training.data(self._engine),
-            training.trends or [None] * len(self._likelihoods),
-            strict=True,
-        )
-        for likelihood, posterior, theta, data, trend in outputs:
-            learn = self._border(likelihood, data, training, position, informed, trend)
-            prior, mode = learn(posterior, theta)
-            prior = replace(prior, trend=trend)
-            more = likelihood, prior, data, position, posterior.kernel
-            yield self._engine.joined(*more), mode
-
-    def _extend_draws(self, training, position, informed):
-        """The draws of each output, if any, with a border of the task for each."""
-        if not self._is_sampled():
-            return
-        rng = np.random.default_rng(position)
-        outputs = zip(
-            self._likelihoods,
-            self._predictive,
-            self._draws_of_outputs(),
-            training.data(self._engine),
-            training.trends or [None] * len(self._likelihoods),
-            strict=True,
-        )
-        for likelihood, mixture, thetas, data, trend in outputs:
-            learn = self._border(likelihood, data, training, position, informed, trend)
-            draws = zip(mixture.parts, thetas, strict=True)
-            yield np.array([learn(*draw, rng=rng)[1].theta for draw in draws])
-
     def _border(self, likelihood, data, training, position, informed, trend):
         """What learns the border of a new task, at a posterior and its theta."""
         new, own_noise = data.tasks == position, training.noise == "per_task"
@@ -757,6 +692,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             budget=self._budget(),
             trend=trend,
         )
+
+    def _rank_with_task(self):
+        return int(np.sum(self.rank_)) + sum(self._full())
 
     def _has_own(self, prior):
         """For each term whether a joining task has its own part, of any variance."""

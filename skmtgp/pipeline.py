@@ -1,4 +1,4 @@
-"""Pipelines: the paper's model of a robot, tasks and rows that join a fitted one."""
+"""Pipelines: the model of a robot; tasks and rows that join; intervals."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from copy import copy
 from types import NoneType
 from typing import Any, Literal, TypeVar
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
 from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_stream
 from skmtgp._estimators.base import BaseMultiTaskGP
@@ -24,7 +26,12 @@ from skmtgp.preprocessing import InverseDynamicsFeatures
 from skmtgp.robot import RigidBodyRegressor, make_semiparametric_regressor
 from skmtgp.single_task import SingleTaskGP
 
-__all__ = ["add_task", "make_inverse_dynamics_regressor", "partial_fit"]
+__all__ = [
+    "add_task",
+    "make_inverse_dynamics_regressor",
+    "partial_fit",
+    "predict_interval",
+]
 
 Model = TypeVar("Model", bound=BaseEstimator)
 # The kernels of inverse dynamics, and what stands for a joint's position in each
@@ -170,6 +177,71 @@ def partial_fit(
     partial_fit(model.steps[-1][1], X, y, max_rows=max_rows)
     model.steps = [*first.steps, model.steps[-1]]  # with a memory, fitted clones
     return model
+
+
+def predict_interval(
+    model: BaseEstimator,
+    X: ArrayLike,
+    level: float = 0.95,
+    include_noise: bool = True,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Predict intervals by a model, which may be the last step of a Pipeline.
+
+    The model's own method ``predict_interval``, after the transformers of a Pipeline
+    and inside of a search: scikit-learn's have no such method.
+
+    Parameters
+    ----------
+    model : estimator, or Pipeline or search that ends with one
+        Fitted: any model of the package.
+    X : array-like of shape (n_samples, n_features)
+        Inputs, with the task labels, as `model` takes them.
+    level : float, default=0.95
+        Probability that the interval holds an observation.
+    include_noise : bool, default=True
+        Whether the interval is that of a new observation, or that of f.
+
+    Returns
+    -------
+    lower, upper : ndarray of shape (n_samples,) or (n_samples, n_outputs)
+        Its ends, in the units of y.
+
+    Raises
+    ------
+    TypeError
+        If the model has no intervals.
+    ValueError
+        If `level` is not in [0, 1), or X cannot be used, see
+        :meth:`MultiTaskGPRegressor.predict_interval`.
+
+    Examples
+    --------
+    >>> from sklearn.compose import make_column_transformer
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from sklearn.preprocessing import StandardScaler
+    >>> from skmtgp import MultiTaskGPRegressor, predict_interval
+    >>> from skmtgp.datasets import make_sites
+    >>> X, y = make_sites()
+    >>> scaled = make_column_transformer(
+    ...     (StandardScaler(), ["hour"]), remainder="passthrough"
+    ... )
+    >>> model = make_pipeline(scaled, MultiTaskGPRegressor(rank=1)).fit(X, y)
+    >>> lower, upper = predict_interval(model, X)
+    >>> bool(((lower <= y) & (y <= upper)).mean() > 0.9)
+    True
+    """
+    if hasattr(model, "predict_interval"):
+        return model.predict_interval(X, level, include_noise)
+    if isinstance(model, Pipeline):
+        X = model[:-1].transform(X) if len(model) > 1 else X
+        return predict_interval(model[-1], X, level, include_noise)
+    if hasattr(model, "best_estimator_"):
+        return predict_interval(model.best_estimator_, X, level, include_noise)
+    check_is_fitted(model)  # of a search there is no best estimator yet
+    raise TypeError(
+        "The model must be one of skmtgp, or a Pipeline or search that ends with one, "
+        f"not a {type(model).__name__}."
+    )
 
 
 def make_inverse_dynamics_regressor(

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import pickle
 from collections.abc import Hashable, Mapping, Sequence
-from copy import copy
 from typing import Self
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.pipeline import Pipeline
-from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.labels import check_labels, encode_tasks
-from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._estimators.compiled import (
-    Chain,
-    MeansOfDescribed,
-    Transform,
-    means_of,
-)
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.model_selection import RankSearchIC
-from skmtgp.single_task import SingleTaskGP
+from skmtgp._plans import (
+    chosen_of,
+    common_tasks,
+    described_of,
+    deviations_of,
+    plain,
+    plans_of,
+    sources_of,
+    table_of,
+)
 
 __all__ = ["CompiledPredictor", "compile_predictor"]
-
-MODELS = BaseMultiTaskGP, RankSearchIC, SingleTaskGP
 
 
 def compile_predictor(
@@ -78,8 +71,9 @@ def compile_predictor(
     Predictions are those of `predict` but for rounding. In memory it is some copies of
     the training inputs, and without `std` nothing else: inputs at which several tasks
     were measured count once, and rows that do not matter to the task are left out. Of
-    sparse inference they are the inducing inputs. Where hyperparameters are sampled a
-    call takes as many times longer as there are draws. Transformers other than
+    sparse inference they are the inducing inputs. Outputs of the same rows whose
+    kernels differ in hyperparameters alone, and draws of these, are computed together,
+    which takes far less time than one after another. Transformers other than
     :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` are called as they are, which
     takes most of the time then.
 
@@ -151,22 +145,22 @@ class CompiledPredictor:
         *,
         std: bool = False,
     ) -> None:
-        keys, sources = _sources(model)
-        chosen = _chosen(keys, sources, outputs)
-        labels = _common_tasks(sources) if task is None else [_plain(task)]
+        keys, sources = sources_of(model)
+        chosen = chosen_of(keys, sources, outputs)
+        labels = common_tasks(sources) if task is None else [plain(task)]
         self.task = None if task is None else labels[0]
         self.tasks, self.outputs, self._asked = labels, list(chosen), outputs
         self.n_features_in = sources[0].n_features
         self._shape = (self.n_features_in,)
-        self._plans = _plans(sources, list(chosen.values()), labels)
+        self._plans = plans_of(sources, list(chosen.values()), labels)
         self.descriptors, self._described = None, None
         if task is None:
-            self._described = _described(sources, list(chosen.values()), labels[0])
+            self._described = described_of(sources, list(chosen.values()), labels[0])
         if self._described is not None:
-            self.descriptors = _table(sources[0], labels)
+            self.descriptors = table_of(sources[0], labels)
         self._deviations = None
         if std:
-            self._deviations = _deviations(sources, list(chosen.values()), labels)
+            self._deviations = deviations_of(sources, list(chosen.values()), labels)
 
     def __call__(
         self,
@@ -197,11 +191,9 @@ class CompiledPredictor:
         if descriptors is not None:
             return self._predict_described(x, descriptors)
         y = np.empty(len(self.outputs))
-        for features, heads in self._of_task(self._plans, task):
-            z = features(x)
-            for place, mean, k, back in heads:
-                value = mean(z)[k]
-                y[place] = value if back is None else back(np.array([value]))[0]
+        for plan in self._of_task(self._plans, task):
+            values = plan.means(plan.features(x))[:, plan.k]
+            y[plan.places] = plan.in_units(values)
         return y
 
     def predict_tasks(self, x: ArrayLike) -> NDArray[np.float64]:
@@ -220,15 +212,11 @@ class CompiledPredictor:
         x, found = self._check(x), {}
         y = np.empty((len(self.tasks), len(self.outputs)))
         for row, task in zip(y, self.tasks, strict=True):
-            for features, heads in self._plans[task]:
-                if features not in found:
-                    found[features] = features(x)
-                for place, mean, k, back in heads:
-                    key = features, mean
-                    if key not in found:
-                        found[key] = mean(found[features])
-                    value = found[key][k]
-                    row[place] = value if back is None else back(np.array([value]))[0]
+            for plan in self._plans[task]:
+                key = plan.features, plan.means
+                if key not in found:
+                    found[key] = plan.means(plan.features(x))
+                row[plan.places] = plan.in_units(found[key][:, plan.k])
         return y
 
     def by_descriptors(
@@ -261,17 +249,14 @@ class CompiledPredictor:
         x, plans = self._check(x), self._of_descriptors()[1]
         constants = np.empty(len(self.outputs))
         slopes = np.empty((len(self.outputs), self.descriptors.shape[1]))
-        before = z = None
-        for features, of, heads in plans:
-            z = z if features is before else features(x)
-            before = features
-            for place, mean, back in heads:
-                if back is not None:
-                    raise ValueError(
-                        "by_descriptors needs models without target_transform: "
-                        "through it predictions are not linear in the descriptors."
-                    )
-                constants[place], slopes[place] = of.line(mean(z))
+        for plan in plans:
+            if plan.backs is not None:
+                raise ValueError(
+                    "by_descriptors needs models without target_transform: through it "
+                    "predictions are not linear in the descriptors."
+                )
+            line = plan.means.line(plan.features(x))
+            constants[plan.places], slopes[plan.places] = line
         return constants, slopes
 
     def _of_descriptors(self):
@@ -295,13 +280,9 @@ class CompiledPredictor:
                 f"descriptors has shape {descriptors.shape}, not ({len(names)},): one "
                 f"number for each of {names}."
             )
-        before = z = None
-        for features, of, heads in plans:
-            z = z if features is before else features(x)
-            before, along = features, of.along(descriptors)
-            for place, mean, back in heads:
-                value = mean(z) @ along
-                y[place] = value if back is None else back(np.array([value]))[0]
+        for plan in plans:
+            values = plan.means(plan.features(x), descriptors)
+            y[plan.places] = plan.in_units(values)
         return y
 
     def std(
@@ -386,187 +367,3 @@ class CompiledPredictor:
                 f"task={task!r} is none that the predictor was compiled for: {known}"
                 f"{', ...' if len(plans) > 5 else ''}."
             ) from None
-
-
-class _Source:
-    """A fitted model, its features and its tasks."""
-
-    def __init__(self, model):
-        steps = [("model", model)]
-        while isinstance(steps[-1][1], Pipeline):
-            steps = [*steps[:-1], *steps[-1][1].steps]
-        if not isinstance(steps[-1][1], MODELS):
-            raise TypeError(
-                "model must be a MultiTaskGPRegressor, IndependentGP, PooledGP, "
-                "SingleTaskGP or RankSearchIC, a Pipeline that ends with one of them, "
-                f"or several of these, not a {type(steps[-1][1]).__name__}."
-            )
-        *first, self.last = (step for _, step in steps)
-        self.steps = [step for step in first if step not in (None, "passthrough")]
-        check_is_fitted(self.last)
-        self.model = copy(self.last._model())  # as it is now, whatever joins later
-        first = [*self.steps, self.last][0]
-        self.given = getattr(self.model, "_descriptors", None)
-        n_descriptors = 0 if self.given is None else len(self.given.names)
-        self.n_features = first.n_features_in_ - 1 - n_descriptors
-        self.n_outputs = len(self.model.log_marginal_likelihoods_)
-
-    def code(self, label):
-        """The position of a task."""
-        options = {"can_join": hasattr(self.last, "add_task")}
-        options["unseen"] = self.model._knows_unseen()
-        return int(encode_tasks(check_labels([label]), self.model.tasks_, **options)[0])
-
-    def features(self, label):
-        """The transformers as a function of the columns without the task."""
-        if all(hasattr(step, "_compile") for step in self.steps):
-            return Chain([step._compile(label) for step in self.steps])
-        if self.given is not None:
-            raise ValueError(
-                "compile_predictor takes a model with task_descriptors alone, or after "
-                "an InverseDynamicsFeatures that has them too."
-            )
-        return Transform(self.steps, self.model, label)
-
-    def heads(self, labels):
-        """For each label the functions of all outputs: (mean, k, back).
-
-        What they give has one number for each label, of which the k-th counts.
-        """
-        codes = [self.code(label) for label in labels]
-        columns = getattr(self.model._target, "columns", [None] * self.n_outputs)
-        backs = [column and column.back for column in columns]
-        if isinstance(self.model, SingleTaskGP):
-            alone = [means_of(self.model.estimators_[code], [0]) for code in codes]
-            found = [[(mean, 0) for mean in of_task] for of_task in alone]
-        else:
-            means = means_of(self.model, codes)
-            found = [[(mean, k) for mean in means] for k in range(len(codes))]
-        return {
-            label: [(*head, back) for head, back in zip(heads, backs, strict=True)]
-            for label, heads in zip(labels, found, strict=True)
-        }
-
-
-def _sources(model):
-    """The keys and the models that were given, checked."""
-    if isinstance(model, Mapping):
-        keys, models = list(model), model.values()
-    else:
-        several = isinstance(model, (list, tuple))
-        keys, models = None, model if several else [model]
-    sources = list(map(_Source, models))
-    if not sources:
-        raise ValueError("model is empty: give at least one fitted model.")
-    lengths = {source.n_features for source in sources}
-    if len(lengths) > 1:
-        raise ValueError(
-            f"The models take states of different lengths, {sorted(lengths)}: compile "
-            "those of each length alone."
-        )
-    return keys, sources
-
-
-def _chosen(keys, sources, outputs):
-    """By their names, which outputs are predicted: model, and position in it."""
-    found = {}
-    for i, source in enumerate(sources):
-        for j in range(source.n_outputs):
-            name = len(found) if keys is None else keys[i]
-            single = keys is None or source.n_outputs == 1
-            found[name if single else (name, j)] = i, j
-    if outputs is None:
-        return found
-    for name in outputs:
-        if name not in found:
-            raise ValueError(
-                f"outputs={outputs!r} has {name!r}, but the outputs are {list(found)}."
-            )
-    return {name: found[name] for name in outputs}
-
-
-def _common_tasks(sources):
-    """Labels that all models know."""
-    known = [source.model.tasks_.tolist() for source in sources]
-    labels = [label for label in known[0] if all(label in of for of in known)]
-    if not labels:
-        raise ValueError("The models have no task in common: name one of them.")
-    return labels
-
-
-def _plans(sources, chosen, labels):
-    """For each label what gives the outputs: features, and functions of them."""
-    heads = {i: sources[i].heads(labels) for i in dict.fromkeys(i for i, _ in chosen)}
-    plans, shared = {}, {}
-    for label in labels:
-        groups = {}
-        for place, (i, j) in enumerate(chosen):
-            features = _share(shared, sources[i].features(label))
-            group = groups.setdefault(features, [])
-            group.append((place, *heads[i][label][j]))
-        plans[label] = list(groups.items())
-    return plans
-
-
-def _share(known, features):
-    """One that does the same, if it is known already."""
-    return known.setdefault(_key(features), features)
-
-
-def _key(features):
-    """Equal for equal features; of what cannot be pickled equal to itself alone."""
-    try:
-        return pickle.dumps(features)
-    except (pickle.PicklingError, AttributeError, TypeError):
-        return id(features)
-
-
-def _table(source, labels):
-    """The descriptors of tasks."""
-    codes = [source.code(label) for label in labels]
-    given = source.given
-    return pd.DataFrame(given.table[codes], labels, list(given.names))
-
-
-def _described(sources, chosen, label):
-    """Names of the descriptors, and what gives the outputs of a task with any."""
-    used = {i: sources[i] for i in dict.fromkeys(i for i, _ in chosen)}
-    told = [source.given for source in used.values()]
-    if any(given is None for given in told):
-        return None
-    names = list(told[0].names)
-    if any(list(given.names) != names for given in told):
-        return None
-    plans, shared = [], {}
-    for i, source in used.items():
-        columns = getattr(source.model._target, "columns", [None] * source.n_outputs)
-        described = MeansOfDescribed(source.model)
-        heads = [
-            (place, described.means[j], columns[j] and columns[j].back)
-            for place, (k, j) in enumerate(chosen)
-            if k == i
-        ]
-        plans.append((_share(shared, source.features(label)), described, heads))
-    return names, plans
-
-
-def _deviations(sources, chosen, labels):
-    """For each label features, the model, its task, and which outputs it gives."""
-    plans = {}
-    for label in labels:
-        plans[label] = [
-            (
-                source.features(label),
-                source.model,
-                source.code(label),
-                [(place, j) for place, (k, j) in enumerate(chosen) if k == i],
-            )
-            for i, source in enumerate(sources)
-            if any(k == i for k, _ in chosen)
-        ]
-    return plans
-
-
-def _plain(task):
-    """A label as Python's own."""
-    return check_labels([task]).tasks[0].item()

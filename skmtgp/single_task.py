@@ -13,13 +13,14 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_theta, check_training, name_tasks
+from skmtgp._data.checks import check_theta, check_training, locate, name_tasks
 from skmtgp._data.data import Data
 from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.named_kernels import with_positions
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.targets import TargetTransform, fit_target
@@ -278,11 +279,19 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
         params["target_transform"] = None  # it was one of all tasks
+        if isinstance(self.kernel, Kernel):  # its rows have no names of columns
+            params["kernel"] = with_positions(clone(self.kernel), self._names)
         return PooledGP(**params)
+
+    def _names(self):
+        """Those of the features; None without names."""
+        if not hasattr(self, "feature_names_in_"):
+            return None
+        return locate(self)[1].tolist()
 
     def _check_tasks(self, model, features, rows, Y):
         """Whether the engine takes each task, and memory suffices for them."""
-        kernel = model._made(self.kernel, features)
+        kernel = model._made(model.kernel, features)
         check_kernel(kernel, features)
         engine = alone(self.inference, **model._options())
         prior = Prior(kernel, ones(1))

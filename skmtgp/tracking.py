@@ -160,17 +160,25 @@ class DescriptorTracker:
             If x or y has another length, or y is infinite.
         """
         y = np.asarray(y, dtype=float)
-        if y.shape != self._variances.shape or np.isinf(y).any():
-            raise ValueError(
-                f"y={y} must be {len(self._variances)} finite numbers, one for each "
-                "output of the predictor, or NaN."
-            )
+        if y.shape != self._variances.shape:
+            raise self._no_sample(y)
         constants, slopes = self.predictor.by_descriptors(x)
         off = y - constants - slopes @ self.descriptors
-        told = ~np.isnan(off)
-        step = self._step(off[told], slopes[told] * self._scale, self._variances[told])
+        slopes, variances = slopes * self._scale, self._variances
+        if not np.isfinite(off).all():
+            if np.isinf(y).any():
+                raise self._no_sample(y)
+            told = ~np.isnan(off)
+            off, slopes, variances = off[told], slopes[told], variances[told]
+        step = self._step(off, slopes, variances)
         self.descriptors = self.descriptors + self._scale * step
         return self.descriptors
+
+    def _no_sample(self, y):
+        return ValueError(
+            f"y={y} must be {len(self._variances)} finite numbers, one for each output "
+            "of the predictor, or NaN."
+        )
 
     def _step(self, off, slopes, variances):
         """The change of the scaled descriptors, and the information with the sample."""

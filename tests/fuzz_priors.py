@@ -38,7 +38,7 @@ def draw_terms(rng, problem, n_features):
 
 
 def draw_trend(rng, problem, *, per_task):
-    """Parameters of a trend of dense inference; rows may not tell its coefficients.
+    """Parameters of a trend; rows may not tell its coefficients.
 
     Parameters
     ----------
@@ -63,7 +63,9 @@ def draw_trend(rng, problem, *, per_task):
         "constant": lambda F: np.ones((len(F), 1)),
     }.get(way, lambda F: np.column_stack([np.ones(len(F)), F]))
     problem.doubtful = True
-    params = {"trend": trend, "inference": pick(rng, ["auto", "dense"])}
+    params = {"trend": trend}
+    if problem.complete:  # of which Kronecker inference takes none
+        params["inference"] = pick(rng, ["auto", "dense"])
     return params | ({"trend_per_task": bool(rng.integers(2))} if per_task else {})
 
 

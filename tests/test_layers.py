@@ -31,7 +31,7 @@ LAYERS = [
         "identification",
         "robot",
     },
-    {"predictor"},
+    {"predictor", "_plans"},
     {"tracking"},
     {"__init__"},
     {"__main__"},

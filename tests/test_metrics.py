@@ -267,7 +267,7 @@ def test_missing_task_labels(metric, data):
     y, prediction, _ = data
     tasks = TASKS.astype(object)
     tasks[2] = None
-    with pytest.raises(ValueError, match="1 missing labels"):
+    with pytest.raises(ValueError, match="1 missing label"):
         metric(y, prediction, tasks=tasks)
 
 

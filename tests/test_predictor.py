@@ -31,6 +31,7 @@ from skmtgp import (
     compile_predictor,
     make_inverse_dynamics_regressor,
 )
+from skmtgp._estimators import compiled
 from skmtgp.datasets import load_puma560
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.preprocessing import InverseDynamicsFeatures
@@ -160,8 +161,8 @@ class TestRows:
     def test_equal_inputs_count_once(self, inference):
         model = self.complete(inference)
         predictor = compile_predictor(model)
-        [(_, [(_, mean, _, _)])] = predictor._plans[0]
-        assert len(mean.parts[0].B) == 10
+        [plan] = predictor._plans[0]
+        assert plan.means.parts[0].B.shape[1] == 10
         close(of_rows(predictor, Z)[:, 0], model.predict(Z))
 
     def test_after_a_task_has_joined(self):
@@ -174,8 +175,8 @@ class TestRows:
         small, whole = (
             compile_predictor(model, task=task)._plans for task in (1, None)
         )
-        [(_, [(_, mean, _, _)])] = small[1]
-        assert len(mean.parts[0].B) == 10
+        [plan] = small[1]
+        assert plan.means.parts[0].B.shape[1] == 10
         assert len(pickle.dumps(small)) < len(pickle.dumps(whole))
 
     def test_it_keeps_little(self):
@@ -184,6 +185,35 @@ class TestRows:
         size = len(pickle.dumps(compile_predictor(model, task=1)))
         assert size < 8 * len(y) * 6 + 5000  # x, half its square, the weight, and room
         assert len(pickle.dumps(compile_predictor(model, task=1, std=True))) > 90_000
+
+
+class TestTogether:
+    """Outputs whose kernels are alike are computed together, in any order."""
+
+    @staticmethod
+    def fitted():
+        X, y = draw()
+        kernels = [RBF(), Matern(nu=0.5), RBF(0.3), RBF() + DotProduct(), RBF([1.0, 2])]
+        models = [MultiTaskGPRegressor(k, rank=1, **START).fit(X, y) for k in kernels]
+        models.append(MultiTaskGPRegressor(RBF(), rank=1, **START).fit(X[1:], y[1:]))
+        models.append(clone(MODELS["transformed"]).fit(X, y))
+        models.append(clone(MODELS["sGP"]).fit(X, y))
+        return models, np.column_stack([model.predict(Z) for model in models])
+
+    @pytest.mark.parametrize("most", [1, 2**14])
+    def test_several_models(self, most, monkeypatch):
+        monkeypatch.setattr(compiled, "TOGETHER", most)
+        models, expected = self.fitted()
+        predictor = compile_predictor(models)
+        close(of_rows(predictor, Z), expected)
+        found = [predictor.predict_tasks(z[:2])[int(z[2])] for z in Z]
+        close(np.array(found), expected)
+
+    def test_alike_is_one(self):
+        models, _ = self.fitted()
+        [plan] = compile_predictor([models[0], models[2]])._plans[0]
+        [part] = plan.means.parts
+        assert part.B.shape[0] == 2
 
 
 class TestTasks:
@@ -415,81 +445,6 @@ class TestRefused:
         models = [clone(MODELS["paper"]).fit(X + [0, 0, a], y) for a in (0, 10)]
         with pytest.raises(ValueError, match="no task in common"):
             compile_predictor(models)
-
-
-class TestDescriptors:
-    """Tasks that are described by numbers."""
-
-    KINDS = {
-        "defaults": {},
-        "without levels": {"task_levels": False},
-        "shared": {"shared": True, "rank": 1},
-        "transformed": {"target_transform": ROOTS},
-        "sampled": {"hyperparameters": "sampled", "n_draws": 4},
-        "sparse": {**SPARSE, "n_inducing": 20},
-    }
-
-    @staticmethod
-    def data():
-        rng = np.random.default_rng(0)
-        task = np.repeat(np.arange(6), 10)
-        d, x = rng.uniform(1.0, 3.0, (6, 2)), rng.uniform(0.0, 6.0, (60, 2))
-        y = d[task, 0] * np.sin(x[:, 0]) + d[task, 1] * np.cos(x[:, 1]) + task
-        return d, x, task, y + 0.05 * rng.standard_normal(60)
-
-    @pytest.mark.parametrize("kind", KINDS)
-    def test_known_tasks_and_others(self, kind):
-        d, x, task, y = self.data()
-        X = np.column_stack([d[task, 0], x, d[task, 1], task])
-        model = MultiTaskGPRegressor(
-            **{"rank": 2, "max_iter": 3, **self.KINDS[kind]}, task_descriptors=[0, 3]
-        ).fit(X, y)
-        predictor = compile_predictor(model, std=True)
-        assert predictor.n_features_in == 2
-        state, other = np.array([1.0, 4.0]), np.array([1.3, 2.9])
-        row = [[d[2, 0], *state, d[2, 1], 2]]
-        mean, std = model.predict(row, return_std=True)
-        np.testing.assert_allclose(predictor(state, task=2), mean, rtol=1e-9)
-        np.testing.assert_allclose(predictor.std(state, task=2), std, rtol=1e-6)
-        expected = model.predict([[other[0], *state, other[1], 99]])
-        found = predictor(state, descriptors=other)
-        np.testing.assert_allclose(found, expected, rtol=1e-9)
-
-    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.DescriptorWarning")
-    def test_after_features(self):
-        names = ["mass", "mc_x"]
-        X, y = load_puma560(
-            n_per_load=6, loads=[1, 2, 3, 4], descriptors=names, return_X_y=True
-        )
-        model = MultiTaskGPRegressor(rank=1, max_iter=2, task_levels=False)
-        model = make_inverse_dynamics_regressor(model, task_descriptors=[18, 19])
-        models = [clone(model).fit(X, y[:, j]) for j in (0, 1)]
-        predictor = pickle.loads(pickle.dumps(compile_predictor(models)))
-        row = X[:1].copy()
-        found = predictor(row[0, :18], task=int(row[0, -1]))
-        np.testing.assert_allclose(found, [m.predict(row)[0] for m in models])
-        row[0, 18:] = 0.7, -0.05, 50
-        found = predictor(row[0, :18], descriptors=row[0, 18:20])
-        np.testing.assert_allclose(found, [m.predict(row)[0] for m in models])
-
-    def test_what_is_refused(self):
-        d, x, task, y = self.data()
-        X = np.column_stack([d[task], x, task])
-        model = MultiTaskGPRegressor(rank=2, task_descriptors=[0, 1], **START)
-        scaled = make_pipeline(FunctionTransformer(), clone(model)).fit(X, y)
-        with pytest.raises(ValueError, match="with task_descriptors alone, or after"):
-            compile_predictor(scaled)
-        model.fit(X, y)
-        with pytest.raises(
-            ValueError, match=r"has shape \(1,\), not \(2,\): one number"
-        ):
-            compile_predictor(model)([1.0, 2.0], descriptors=[1.0])
-        plain = clone(MODELS["defaults"]).fit(X, y)
-        for wrong in (compile_predictor(model, task=2), compile_predictor(plain)):
-            with pytest.raises(
-                ValueError, match="same task_descriptors, compiled with"
-            ):
-                wrong(np.zeros(wrong.n_features_in), descriptors=[1.0, 2.0])
 
 
 def test_all_tasks_at_once(model):

@@ -325,7 +325,7 @@ def test_task_column_that_is_not_there(states, task_feature, error, message):
 @pytest.mark.parametrize(
     ("column", "value", "message"),
     [
-        ("load", None, "1 missing labels .* first in row 1"),
+        ("load", None, "1 missing label .* first in row 1"),
         ("q1", np.nan, "Input X contains NaN"),
         ("qdd2", np.inf, "Input X contains infinity"),
         ("qd1", "fast", "column ('qd1'|2) holds strings such as 'fast'"),

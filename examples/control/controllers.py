@@ -9,6 +9,7 @@ installed (`install`) when the time that it took has passed.
 import copy
 
 import numpy as np
+import pinocchio as pin
 from plant import CONTROL, torques
 
 from skmtgp import DescriptorTracker, add_task, compile_predictor, partial_fit
@@ -127,7 +128,7 @@ class Tracking(Controller):
 
     Parameters
     ----------
-    predictor : CompiledPredictor or Regression
+    predictor : CompiledPredictor, Regression or LeastSquares
         What is linear in the load: it has `by_descriptors` and `descriptors`.
     load : ndarray of shape (10,)
         What it carries at first.
@@ -177,6 +178,37 @@ class Regression:
         """Constants and slopes of the torques."""
         constants, *slopes = self._solve @ self.predictor.predict_tasks(x)
         return constants, np.transpose(slopes) / self._scale
+
+
+class LeastSquares:
+    """Links by least squares on Pinocchio's regressor, linear in the load.
+
+    What a roboticist does who has the robot's description: the load's columns of the
+    regressor are those of the last link.
+
+    Parameters
+    ----------
+    regressor : RigidBodyRegressor
+        Fitted to known loads.
+    robot : pinocchio.Model
+        The description that it was fitted with.
+    descriptors : DataFrame of shape (n_loads, 10)
+        The loads.
+    """
+
+    def __init__(self, regressor, robot, descriptors):
+        self.regressor, self.robot, self._data = regressor, robot, robot.createData()
+        self.descriptors, self.outputs = descriptors, range(robot.nv)
+        self._task, self._load = descriptors.index[0], descriptors.iloc[0].to_numpy()
+
+    def by_descriptors(self, x):
+        """Constants and slopes of the torques."""
+        columns = pin.computeJointTorqueRegressor(
+            self.robot, self._data, *np.split(x, 3)
+        )
+        slopes = columns[:, -len(self._load) :]
+        known = self.regressor.predict([[*x, self._task]])[0]
+        return known - slopes @ self._load, slopes
 
 
 class Joining(Nearest):

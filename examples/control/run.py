@@ -22,10 +22,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pinocchio as pin
 from controllers import (
     Controller,
     Exact,
     Joining,
+    LeastSquares,
     Nearest,
     Regression,
     RigidBodies,
@@ -37,7 +39,7 @@ from plant import CONTROL, Puma, Reference, torques, training_states
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, compile_predictor
 from skmtgp import make_inverse_dynamics_regressor as make_model
-from skmtgp.datasets import load_puma560
+from skmtgp.datasets import load_puma560, puma560_urdf
 from skmtgp.inspection import COLORS, color_of
 from skmtgp.robot import RigidBodyRegressor
 
@@ -58,20 +60,36 @@ LOOKS = {
     "mGP, MOSAIC": COLORS[5],
     "mGP, partial_fit": COLORS[0],
     "GP of each load, regression": color_of(IndependentGP()),
+    "rigid bodies, least squares": color_of(RigidBodyRegressor(None)),
     "mGP, tracked load": color_of(MultiTaskGPRegressor()),
     "true equations, told the load": "black",
 }
 STYLES = {"mGP, MOSAIC": "--"}  # it lies upon MMST
+STYLES["rigid bodies, empty hand"] = ":"
 
 
-def learn(loads, make, n_shaken):
-    """A model of each joint, of all loads, from the same states under each."""
+def rows_of(loads, n_shaken):
+    """The same states under each load, and their torques."""
     states = training_states(N_STATES - n_shaken, n_shaken, np.random.default_rng(0))
     labels = np.repeat(np.arange(1.0, len(loads) + 1), len(states))
     described = np.repeat(loads, len(states), axis=0)
     X = np.column_stack([np.tile(states, (len(loads), 1)), described, labels])
-    y = np.vstack([torques(states, load) for load in loads])
+    return X, np.vstack([torques(states, load) for load in loads])
+
+
+def learn(loads, make, n_shaken):
+    """A model of each joint, of all loads."""
+    X, y = rows_of(loads, n_shaken)
     return {f"tau{j + 1}": make(X, y[:, j]) for j in range(6)}
+
+
+def least_squares(loads, n_shaken=N_SHAKEN):
+    """Links and friction by least squares, from the same rows."""
+    X, y = rows_of(loads, n_shaken)
+    robot = pin.buildModelFromXML(puma560_urdf())
+    descriptors = pd.DataFrame(loads, index=np.unique(X[:, -1]))
+    regressor = RigidBodyRegressor(robot).fit(np.delete(X, range(18, 28), axis=1), y)
+    return LeastSquares(regressor, robot, descriptors)
 
 
 def multi_task(X, y, **parameters):
@@ -107,6 +125,7 @@ def learned(loads, folder, n_shaken=N_SHAKEN):
 
 def controllers(models, loads, deviations):
     """What is compared, by name."""
+    rigid = least_squares(loads[:SECOND])
     described, alone, labelled = map(
         compile_predictor, (models["described"], models["alone"], models["labelled"])
     )
@@ -123,6 +142,7 @@ def controllers(models, loads, deviations):
             labelled, models["labelled"], deviations, first
         ),
         "GP of each load, regression": lambda: Tracking(regression, light, deviations),
+        "rigid bodies, least squares": lambda: Tracking(rigid, light, deviations),
         "mGP, tracked load": lambda: Tracking(described, light, deviations),
         "true equations, told the load": lambda: Exact(light),
     }
@@ -192,6 +212,14 @@ def draw(curves, picked_up, path):
     figure.savefig(path, dpi=150)
 
 
+def median_and_worst(table):
+    """Of each controller over the paths."""
+    of_paths = table.drop(columns="path").groupby("controller", sort=False)
+    worst = of_paths.max()
+    worst["in time, %"] = of_paths["in time, %"].min()
+    return {"Median over the paths": of_paths.median(), "Worst": worst}
+
+
 def main():
     """Learn, follow the paths and print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -227,10 +255,8 @@ def main():
     table = pd.DataFrame(rows)
     if args.output:
         table.to_json(args.output, orient="records", lines=True)
-    columns = table.columns[2:]
-    means = table.groupby("controller", sort=False)[list(columns)]
-    print("\nMedian over the paths\n", means.median().round(3).to_string(), sep="\n")
-    print("\nWorst\n", means.max().round(3).to_string(), sep="\n")
+    for title, found in median_and_worst(table).items():
+        print(f"\n{title}\n", found.round(3).to_string(), sep="\n")
 
 
 if __name__ == "__main__":

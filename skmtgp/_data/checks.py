@@ -13,7 +13,7 @@ from sklearn.utils import (
 )
 
 from skmtgp._data.dask import is_dask, refuse_dask
-from skmtgp._data.labels import encode_tasks
+from skmtgp._data.labels import alike, encode_tasks
 from skmtgp._data.numbers import check_numbers, column_names
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._support.guide import NOISE, PARALLEL
@@ -151,8 +151,7 @@ def check_more(estimator, X, y):
         Numbers.
     """
     features, labels, Y = _check_joining(estimator, X, y)
-    can_join = hasattr(estimator, "add_task")
-    codes = encode_tasks(labels, estimator.tasks_, unseen=can_join)
+    codes = encode_tasks(labels, estimator.tasks_, unseen=True)
     return features, labels, codes, Y
 
 
@@ -290,10 +289,25 @@ def warn_of_training(features, tasks, y):
     _warn_of_underflow(
         y.reshape(len(y), -1), "output", ", and standard deviations mean nothing"
     )
+    _warn_of_alike(tasks)
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
         warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? The first tasks are {tasks[:5].tolist()}.",
+            TaskColumnWarning,
+        )
+
+
+def _warn_of_alike(tasks):
+    """Say which labels may be the same task, written in several ways."""
+    groups = alike(tasks.tolist())
+    if groups:
+        first = ", ".join(map(repr, groups[0]))
+        more = f", and {len(groups) - 1} more such groups" * (len(groups) > 1)
+        warn(
+            f"Tasks {first} differ in spaces or case alone{more}: they are learned as "
+            "different tasks. If they are one, give them one label, by .str.strip() "
+            "and .str.lower() of the column for example.",
             TaskColumnWarning,
         )
 
@@ -370,14 +384,17 @@ def warn_of_noise(told, tasks=None):
         return
     outputs, unknown = np.flatnonzero(~told.all(axis=1)) + 1, ~told.all(axis=0)
     which = f" of output {outputs.tolist()}" * (len(told) > 1)
+    same = ""
     if tasks is not None:
         which += f" of {name_tasks(tasks[unknown])}"
+        same = "set noise='shared' if all tasks are measured with the same precision, "
     warn(
         f"The rows do not tell the noise variance{which}: the model follows them so "
         "closely that one many times as large would be as likely. It may be far too "
         "small, and the standard deviations of predictions with it. Give more rows, "
-        "learn fewer hyperparameters, such as those of a lower rank, raise the lower "
-        f"of noise_variance_bounds, or fix what is known of it. {NOISE}",
+        f"{same}learn fewer hyperparameters, such as those of a lower rank, raise the "
+        "lower of noise_variance_bounds, a share of the variance of y, or fix what is "
+        f"known of it. {NOISE}",
         UnidentifiedNoiseWarning,
     )
 

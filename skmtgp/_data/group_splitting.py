@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_random_state
 
-from skmtgp._data.splitting import check_counts, naming, sets, tasks_of_rows
+from skmtgp._data.splitting import check_most, naming, sets, tasks_of_rows
 
 __all__ = ["TaskStratifiedGroupKFold"]
 
@@ -114,7 +114,7 @@ class TaskStratifiedGroupKFold(StratifiedGroupKFold):
         size = group.max(initial=-1) + 1, len(tasks)
         counts = np.bincount(group * size[1] + codes, minlength=np.prod(size))
         counts = counts.reshape(size)
-        check_counts(self, tasks, np.count_nonzero(counts, axis=0), "group")
+        _check_groups(self, tasks, np.count_nonzero(counts, axis=0))
         fold_of_group = self._deal(tasks, counts)
         yield from sets(fold_of_group[group], codes, self.n_splits)
 
@@ -144,6 +144,18 @@ class TaskStratifiedGroupKFold(StratifiedGroupKFold):
                 "groups of its own."
             )
         return fold
+
+
+def _check_groups(splitter, tasks, counts):
+    """Whether so many groups of each task are enough."""
+    alone = tasks[counts < 2].tolist()
+    if alone:
+        raise ValueError(
+            f"{naming('One group alone', alone)}: no fold can have the task in both "
+            "its training and its test set. Give 2 groups or more of every task, or "
+            "leave its rows out."
+        )
+    check_most(splitter, counts, "group")
 
 
 def _codes_of_groups(groups, n):

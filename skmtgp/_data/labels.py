@@ -100,11 +100,12 @@ def _check_missing(labels, index):
     """Raise a ValueError where there are missing labels."""
     missing = pd.isna(labels)
     if np.any(missing):
-        first = int(np.flatnonzero(missing)[0])
+        first, n = int(np.flatnonzero(missing)[0]), int(np.sum(missing))
         where = "" if index is None else f", index {index[first]}"
         raise ValueError(
-            f"The task column has {int(np.sum(missing))} missing labels (NaN, None or "
-            f"NA), the first in row {first}{where}. Every row needs its task."
+            f"{n} missing label{'s' * (n > 1)} of {len(labels)} (NaN, None or NA), the "
+            f"first in row {first}{where}. Every row needs its task: leave rows out, "
+            "or make the missing label a task of its own."
         )
 
 
@@ -266,6 +267,7 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
         return found[labels.codes]
     what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
     why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
+    why = why or _meant(unknown.tolist(), tasks.tolist())
     join = ", or let it join with add_task" * can_join
     share = (
         " A model with shared=True, or with task_descriptors, predicts tasks that it "
@@ -277,6 +279,39 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
         "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection does."
         f"{share}"
     )
+
+
+def alike(tasks):
+    """Labels that differ in spaces or case alone.
+
+    Parameters
+    ----------
+    tasks : list
+        Distinct labels. Only text can be alike.
+
+    Returns
+    -------
+    groups : list of lists of str
+        Those of two or more, in the order of the labels.
+    """
+    groups = {}
+    for task in tasks:
+        if isinstance(task, str):
+            groups.setdefault(_plain_text(task), []).append(task)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def _plain_text(label):
+    return " ".join(label.split()).casefold()
+
+
+def _meant(unknown, tasks):
+    """Which known task an unknown label may mean."""
+    known = {_plain_text(task): task for task in tasks if isinstance(task, str)}
+    for label in unknown:
+        if isinstance(label, str) and _plain_text(label) in known:
+            return f" Did you mean {known[_plain_text(label)]!r}?"
+    return ""
 
 
 def _enumerate(labels, most=5):

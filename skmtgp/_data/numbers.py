@@ -2,12 +2,14 @@
 
 from datetime import date, timedelta
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 from scipy.sparse import issparse
 from sklearn.utils import check_array
 
+MOST = 5  # columns that an error names
 DATES = date, timedelta, np.datetime64, np.timedelta64
 
 
@@ -110,27 +112,50 @@ def _explain(values, name, columns, task):
         parts = np.asarray(values).reshape(len(values), -1).T
     if columns is None:
         columns = column_names(values)
-    for column, part in zip(columns, parts, strict=True):
-        _check_column(np.asarray(part), name, column, task)
+    found = [
+        (column, _bad_of(np.asarray(part), name, column, task))
+        for column, part in zip(columns, parts, strict=True)
+    ]
+    found = [(column, bad) for column, bad in found if bad]
+    if found:
+        _refuse_bad(name, len(values), *found)
 
 
-def _check_column(values, name, column, task):
+class _Bad(NamedTuple):
+    """Values of a column that are not finite."""
+
+    what: str
+    n: int
+    first: int
+
+
+def _bad_of(values, name, column, task):
+    """Those of a column, or None."""
     kind = values.dtype.kind
     if kind in "OSUTmM":
         for value in values.tolist() if kind in "SUT" else values:
             _check_value(value, name, column, task)
         values = np.where(pd.isna(values), np.nan, values).astype(np.float64)
     elif kind != "f":
-        return
+        return None
     bad = ~np.isfinite(values)
-    if bad.any():
-        what = "NaN" if np.isnan(values).any() else "infinity"
-        where = "" if column is None else f" in column {column!r}"
-        raise ValueError(
-            f"Input {name} contains {what}{where}: {bad.sum()} of {len(values)} "
-            f"values, the first in row {bad.argmax()}. Every value must be a finite "
-            "number: impute those that are not, or leave their rows out."
-        )
+    if not bad.any():
+        return None
+    what = "NaN" if np.isnan(values).any() else "infinity"
+    return _Bad(what, bad.sum(), bad.argmax())
+
+
+def _refuse_bad(name, n, first, *others):
+    column, bad = first
+    where = "" if column is None else f" in column {column!r}"
+    named = ", ".join(f"{other!r} ({of.n})" for other, of in others[:MOST])
+    more = f"; more in columns {named}" if others else ""
+    more += f" and {len(others) - MOST} others" * (len(others) > MOST)
+    raise ValueError(
+        f"Input {name} contains {bad.what}{where}: {bad.n} of {n} values, the first in "
+        f"row {bad.first}{more}. Every value must be a finite number: impute those "
+        "that are not, or leave their rows out."
+    )
 
 
 def _check_value(value, name, column, task):

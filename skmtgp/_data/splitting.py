@@ -15,8 +15,11 @@ from sklearn.utils import check_consistent_length, check_random_state
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.task_column import task_labels
 from skmtgp._support.warnings import warn
+from skmtgp.exceptions import TaskColumnWarning
 
 __all__ = ["TaskStratifiedKFold"]
+
+NEVER = -1  # the fold of rows that are not tested
 
 
 class TaskStratifiedKFold(StratifiedKFold):
@@ -49,11 +52,11 @@ class TaskStratifiedKFold(StratifiedKFold):
     Notes
     -----
     A task with fewer rows than `n_splits` is in the training set of every fold, and in
-    the test set of as many folds as it has rows. At least one task must have `n_splits`
-    rows or more, and each 2 or more. Some test set holds one row alone of a task with
-    fewer than twice `n_splits` rows: its targets have no variance to normalise errors
-    by; give :func:`~skmtgp.metrics.make_normalized_mse_scorer` that of all targets,
-    `y_var`.
+    the test set of as many folds as it has rows: a task of one row is never tested, as
+    a warning says. At least one task must have `n_splits` rows or more. Some test set
+    holds one row alone of a task with fewer than twice `n_splits` rows: its targets
+    have no variance to normalise errors by; give
+    :func:`~skmtgp.metrics.make_normalized_mse_scorer` that of all targets, `y_var`.
 
     The rows of a training set come in turns of the tasks, so that its first rows, to
     which :func:`~sklearn.model_selection.learning_curve` cuts it, have every task if
@@ -116,14 +119,21 @@ class TaskStratifiedKFold(StratifiedKFold):
         Raises
         ------
         ValueError
-            If there is no such column, a label cannot be used, a task has one row, or
-            each has fewer than `n_splits`.
+            If there is no such column, a label cannot be used, or each task has fewer
+            rows than `n_splits`.
+
+        Warns
+        -----
+        TaskColumnWarning
+            If a task has one row: it is in every training set.
         """
         tasks, codes = tasks_of_rows(self, X, y)
-        check_counts(self, tasks, np.bincount(codes), "row")
+        counts = np.bincount(codes)
+        check_most(self, counts, "row")
+        _warn_of_lone(tasks[counts == 1].tolist())
         if groups is not None:
             warn("groups is ignored by TaskStratifiedKFold.", UserWarning)
-        fold_of_row = self._deal(codes)
+        fold_of_row = np.where(counts[codes] == 1, NEVER, self._deal(codes))
         yield from sets(fold_of_row, codes, self.n_splits)
 
     def _deal(self, codes):
@@ -156,15 +166,19 @@ def tasks_of_rows(splitter, X, y):
     return task_labels(X, splitter.task_feature, splitter)
 
 
-def check_counts(splitter, tasks, counts, what):
-    """Whether so many rows, or groups, of each task are enough."""
-    alone = tasks[counts < 2].tolist()
-    if alone:
-        raise ValueError(
-            f"{naming(f'One {what} alone', alone)}: no "
-            "fold can have the task in both its training and its test set. Give 2 "
-            f"{what}s or more of every task."
+def _warn_of_lone(tasks):
+    """Say which tasks have a row that no test set can have."""
+    if tasks:
+        which = naming("One row alone", tasks)
+        warn(
+            f"{which}: it is in every training set and never tested. Where each row "
+            "has to be tested, as by cross_val_predict, leave tasks of one row out.",
+            TaskColumnWarning,
         )
+
+
+def check_most(splitter, counts, what):
+    """Whether some task has so many rows, or groups, as there are folds."""
     if not counts.size:
         raise ValueError("X has 0 rows; a minimum of 1 is required.")
     if counts.max() < splitter.n_splits:

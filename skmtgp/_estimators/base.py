@@ -23,8 +23,13 @@ from skmtgp._data.trend import NAMED, read_trend
 from skmtgp._estimators.deciding import decide, decide_noise
 from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
 from skmtgp._estimators.estimator import public
-from skmtgp._estimators.named_kernels import DEFAULT, KERNEL, named_kernel
-from skmtgp._estimators.online import OnlineGP
+from skmtgp._estimators.joining import JoiningGP
+from skmtgp._estimators.named_kernels import (
+    DEFAULT,
+    KERNEL,
+    named_kernel,
+    with_positions,
+)
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import Slopes
 from skmtgp._estimators.targets import fit_target
@@ -66,7 +71,7 @@ ROUNDING = 1e-15  # of the mean of equal numbers, relative to them
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
-class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
+class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
     """Base of the Gaussian process regressors with a task column."""
 
     _parameter_constraints = {
@@ -198,7 +203,20 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         """A kernel as the user gave it, or that of the name, or the default."""
         if kernel is None or isinstance(kernel, str):
             return self._named_kernel(kernel or DEFAULT, features)
-        return clone(kernel)  # the user may change theirs
+        kernel = clone(kernel)  # the user may change theirs
+        return with_positions(kernel, self._names_of_inputs)
+
+    def _names_of_inputs(self):
+        """Those of the columns that the kernel sees; None without names."""
+        given = getattr(self, "feature_names_in_", None)
+        if given is None:
+            return None
+        position, names = locate(self)
+        if self._describes():
+            n = self.n_features_in_
+            columns = locate_descriptors(self.task_descriptors, position, n, given)
+            names = np.delete(names, columns)
+        return names.tolist()
 
     def _learns_amplitude(self):
         """Whether the model can scale itself to the targets."""
@@ -224,7 +242,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
         if stay and getattr(self, "trend", None) is not None:
             raise ValueError(
                 "trend needs the rows in memory, and X is a Dask collection. Give "
-                "arrays, or leave the trend out."
+                "arrays, which may be memory-mapped, or leave the trend out."
             )
         if stay and any(part is not None for part in given):
             raise ValueError(
@@ -418,6 +436,7 @@ class BaseMultiTaskGP(OnlineGP, metaclass=ABCMeta):
             n_exact_climbs=at_a_time(self.n_jobs, climbs),
             n_parameters=n_tasks * rank,
             n_missing=training.n_missing if engine.uses_design else 0,
+            n_coefficients=prior.n_coefficients,
         )
         x = np.asarray(training.features[:1])
         engine.check_memory(demand, TileMemory(prior.kernel, x))

@@ -1,11 +1,15 @@
 """What predictions of one row need of a fitted model, and nothing else."""
 
+from collections import defaultdict
+
 import numpy as np
 import pandas as pd
 
 from skmtgp._data.checks import locate
 from skmtgp._data.labels import check_labels
-from skmtgp.model._nodes import compile_kernel, fold
+from skmtgp.model._nodes import compile_kernel, fold, form_of
+
+TOGETHER = 2**14  # values of a kernel at a time, which the cache holds
 
 
 class Chain:
@@ -63,7 +67,7 @@ class Transform:
 
 
 def means_of(model, codes):
-    """Functions of the features, each of which gives an output of some tasks.
+    """What the means of some tasks are made of, for each output.
 
     Parameters
     ----------
@@ -75,8 +79,7 @@ def means_of(model, codes):
     Returns
     -------
     means : list of n_outputs Mean
-        Of shape (n_tasks,) for one row of features, in the units of y, or in those of
-        transformed targets.
+        In the units of y, or in those of transformed targets.
     """
     codes = np.array(codes)
     return _means(model, model._predictive_for(codes), codes)
@@ -96,7 +99,7 @@ def _means(model, posteriors, codes):
     ]
     if model._trends() is not None:
         for mean, posterior in zip(means, posteriors, strict=True):
-            mean.parts.append(OfTrend(*posterior.trend_of(codes)))
+            mean.trend = OfTrend(*posterior.trend_of(codes))
     return means
 
 
@@ -108,16 +111,101 @@ class OfTrend:
         self.constants = constants
 
     def __call__(self, z):
-        return self.columns(z[None])[0] @ self.coefficients + self.constants
+        return self.columns(z[None]) @ self.coefficients + self.constants
 
 
-class MeansOfDescribed:
-    """The means of a task with any descriptors, which they are linear in.
+class Mean:
+    """What the mean of an output is the sum of, of some tasks, in the units of y.
+
+    Attributes
+    ----------
+    constant : ndarray of shape (n_tasks,)
+        What does not depend on the inputs.
+    kernels : list of (bound, B, group)
+        Each is a kernel bound to rows and their weights for each task. Those whose
+        group is equal can be folded together.
+    trend : OfTrend or None
+        What a trend adds.
+    """
+
+    def __init__(self, summands, scale, centre):
+        self.constant, self.kernels, self.trend = centre.copy(), [], None
+        for summand in summands:
+            self.constant += summand.constants * scale
+            inputs, B = _collapsed(summand.inputs, summand.weights.T * scale)
+            if len(B):
+                kernel = summand.kernel
+                bound = compile_kernel(kernel).bind(kernel.theta, inputs)
+                group = form_of(bound), inputs.shape, inputs.tobytes()
+                self.kernels.append((bound, B, group))
+
+
+def _collapsed(inputs, B):
+    """Inputs that differ and matter, and the sums of their weights."""
+    matter = B.any(axis=1)
+    inputs, of_row = np.unique(inputs[matter], axis=0, return_inverse=True)
+    sums = np.zeros((len(inputs), B.shape[1]))
+    np.add.at(sums, of_row.ravel(), B[matter])
+    return inputs, sums
+
+
+class Means:
+    """The means of several outputs, of as many tasks each, as a function of a row.
+
+    Parameters
+    ----------
+    means : list of n_outputs Mean
+        Of the same features; of one model or of several.
+    """
+
+    def __init__(self, means):
+        self.constants, self.parts = np.stack([mean.constant for mean in means]), []
+        groups = defaultdict(list)
+        for place, mean in enumerate(means):
+            for bound, B, group in mean.kernels:
+                groups[group].append((place, bound, B))
+            if mean.trend is not None:
+                self.parts.append(_placed([place], mean.trend, len(means)))
+        for group in groups.values():
+            most = max(1, TOGETHER // len(group[0][2]))
+            for first in range(0, len(group), most):
+                places, bounds, B = zip(*group[first : first + most], strict=True)
+                folded = fold(list(bounds), np.stack(B))
+                self.parts.append(_placed(list(places), folded, len(means)))
+
+    def __call__(self, z):
+        return sum((part(z) for part in self.parts), self.constants)
+
+
+class Placed:
+    """Sums of some outputs, of which one may have several, among all of them."""
+
+    def __init__(self, places, inner, n):
+        self.inner, self.sums = inner, np.equal.outer(range(n), places).astype(float)
+
+    def __call__(self, z):
+        return self.sums @ self.inner(z)
+
+
+def _placed(places, inner, n):
+    return inner if places == list(range(n)) else Placed(places, inner, n)
+
+
+class OfDescribed:
+    """What the means of a task with any descriptors are made of.
 
     Parameters
     ----------
     model : FittedGP
         Fitted with `task_descriptors`.
+
+    Attributes
+    ----------
+    means : list of n_outputs Mean
+        Of the task in the middle of the known ones, and of those that are a step away
+        from it along one descriptor.
+    centre, scale : ndarray of shape (n_descriptors,)
+        The middle and the steps.
     """
 
     def __init__(self, model):
@@ -130,38 +218,29 @@ class MeansOfDescribed:
         posteriors = model._predictive_for(codes, rows)
         self.means = _means(model, posteriors, codes)
 
-    def along(self, descriptors):
-        """What the values of `means` are to be multiplied by and summed."""
-        steps = (descriptors - self.centre) / self.scale
-        return np.append(1.0 - steps.sum(), steps)
 
-    def line(self, values):
-        """The constant and the slopes of what `values` of `means` say."""
-        slopes = (values[1:] - values[0]) / self.scale
-        return values[0] - slopes @ self.centre, slopes
+class Described:
+    """Means of several outputs, as a linear function of the task's descriptors.
 
+    Parameters
+    ----------
+    outputs : list of n_outputs (OfDescribed, int)
+        Of the same features, each with its position among the outputs of its model.
+    """
 
-class Mean:
-    """The mean of an output in the units of y, of some tasks."""
+    def __init__(self, outputs):
+        self.means = Means([of.means[j] for of, j in outputs])
+        self.centre = np.stack([of.centre for of, _ in outputs])
+        self.scale = np.stack([of.scale for of, _ in outputs])
 
-    def __init__(self, summands, scale, centre):
-        self.parts, self.constant = [], centre.copy()
-        for summand in summands:
-            self.constant += summand.constants * scale
-            inputs, B = _collapsed(summand.inputs, summand.weights.T * scale)
-            if len(B):
-                kernel = summand.kernel
-                bound = compile_kernel(kernel).bind(kernel.theta, inputs)
-                self.parts.append(fold(bound, B))
+    def __call__(self, z, descriptors):
+        """The means of a task, of shape (n_outputs,)."""
+        values, steps = self.means(z), (descriptors - self.centre) / self.scale
+        slopes = values[:, 1:] - values[:, :1]
+        return values[:, 0] + np.einsum("od,od->o", slopes, steps)
 
-    def __call__(self, z):
-        return sum((part(z) for part in self.parts), self.constant)
-
-
-def _collapsed(inputs, B):
-    """Inputs that differ and matter, and the sums of their weights."""
-    matter = B.any(axis=1)
-    inputs, of_row = np.unique(inputs[matter], axis=0, return_inverse=True)
-    sums = np.zeros((len(inputs), B.shape[1]))
-    np.add.at(sums, of_row.ravel(), B[matter])
-    return inputs, sums
+    def line(self, z):
+        """Constants, and slopes of shape (n_outputs, n_descriptors)."""
+        values = self.means(z)
+        slopes = (values[:, 1:] - values[:, :1]) / self.scale
+        return values[:, 0] - np.einsum("od,od->o", slopes, self.centre), slopes

@@ -291,13 +291,15 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
     def _noises(self, codes):
         """Those of each draw of the hyperparameters, (n_draws, n_samples, n_outputs).
 
-        A task that was never seen has the geometric mean of the others'.
+        A task that was never seen has the geometric mean of the others', each counted
+        as often as it has rows.
         """
         noise = self._noise_variances
         if noise.shape[2] == 1:
             return np.repeat(noise.swapaxes(1, 2), len(codes), axis=1)
         with np.errstate(divide="ignore"):  # there may be none: alpha has it all
-            usual = np.exp(np.log(noise).mean(axis=2, keepdims=True))
+            logs = np.average(np.log(noise), axis=2, weights=self._n_rows)
+        usual = np.exp(logs)[..., None]
         noise = np.concatenate([noise, usual], axis=2).swapaxes(1, 2)
         return noise[:, np.minimum(codes, noise.shape[1] - 1)]
 
@@ -355,7 +357,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._store_likelihoods()
 
     def _store_rows(self, training):
-        """Keep the rows, unless they lie in Dask's partitions."""
+        """Keep the rows, unless they lie in Dask's partitions, and their numbers."""
+        self._n_rows = np.asarray(training.counts)  # of each task
         if is_dask(training.features):
             for name in ("X_train_", "tasks_train_", "y_train_", "complete_"):
                 vars(self).pop(name, None)

@@ -7,6 +7,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
 
 from skmtgp._data.checks import deviation_of, largest_of
+from skmtgp._data.task_column import locate_column
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.kernels import ARDLinear, Columns
@@ -58,6 +59,44 @@ KERNELS = {
     "linear": _linear,
 }
 KERNEL = Kernel, StrOptions(set(KERNELS)), None  # what a parameter `kernel` may be
+
+
+def with_positions(kernel, names):
+    """A kernel that has positions of columns where the user gave names.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        Is changed, where it has `Columns` with names.
+    names : callable
+        Gives the names of the features, without the task column; None without names.
+
+    Returns
+    -------
+    kernel : Kernel
+        The one that was passed.
+
+    Raises
+    ------
+    ValueError
+        If there is no such feature.
+    """
+    for part in [kernel, *kernel.get_params().values()]:
+        if isinstance(part, Columns) and _has_names(part.columns):
+            known = names()
+            part.columns = [_position(one, known) for one in part.columns]
+    return kernel
+
+
+def _position(column, names):
+    if not isinstance(column, str):
+        return column
+    return locate_column(column, None, names, "columns of the kernel")
+
+
+def _has_names(columns):
+    listed = isinstance(columns, (list, tuple, np.ndarray))
+    return listed and any(isinstance(one, str) for one in columns)
 
 
 def named_kernel(name, features):

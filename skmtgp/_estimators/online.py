@@ -39,9 +39,11 @@ class OnlineGP(FittedGP):
         Parameters
         ----------
         X : array-like of shape (n_samples, n_features)
-            Inputs, with the task labels in column `task_feature`. A
-            MultiTaskGPRegressor takes labels that it does not know, too: each is a task
-            that joins as by its method ``add_task``.
+            Inputs, with the task labels in column `task_feature`. A label that is not
+            known is that of a task that joins: a MultiTaskGPRegressor learns how it is
+            related to the others, as by its method ``add_task``; a PooledGP gives it
+            the function of all, an IndependentGP one of its own. Where the tasks have
+            noise variances or diagonals of their own, it gets their geometric mean.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         max_rows : int, default=None
@@ -59,7 +61,7 @@ class OnlineGP(FittedGP):
         TypeError
             If X or y is a Dask collection.
         ValueError
-            If a task is not known and cannot join, if X or y cannot be used or are
+            If a new task cannot join, if X or y cannot be used or are
             not like those of `fit`, if `max_rows` is below the number of tasks, or if
             the engine cannot take or drop these rows. The estimator is then as it was
             before.
@@ -247,7 +249,13 @@ class OnlineGP(FittedGP):
         rank = np.sum(getattr(self, "rank_", 1)) if rank is None else rank
         sizes = len(training.features), len(training.tasks)
         missing = training.n_missing if self._engine.uses_design else 0
-        demand = Demand(*sizes, rank=rank, n_kept=n_kept, n_missing=missing)
+        demand = Demand(
+            *sizes,
+            rank=rank,
+            n_kept=n_kept,
+            n_missing=missing,
+            n_coefficients=self._likelihoods[0].prior.n_coefficients,
+        )
         return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])
 
 

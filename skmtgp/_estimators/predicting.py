@@ -107,7 +107,8 @@ class PosteriorMixin(RegressorMixin):
         descriptors. Its uncertainty has what tasks differ by beside these: the
         variances of the levels and, on average, of the rest of `task_covariance_`.
         With `trend_per_task` none can be. Known tasks have the descriptors of `fit`.
-        With noise of each task a new one has the geometric mean of the noise variances.
+        With noise of each task a new one has the geometric mean of the noise variances,
+        each counted as often as its task has rows.
 
         With `target_transform` the first is the inverse of the mean that is learned, as
         that of scikit-learn's TransformedTargetRegressor. It is no mean but the median,

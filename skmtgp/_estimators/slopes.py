@@ -123,7 +123,7 @@ class Slopes:
         """
         place = int(np.argmax(np.equal(self.ranks, self.ranks[NOWHERE])))
         basis = self._basis(self._around(self.means[place]))
-        found = basis.coefficients(basis.Q.T @ Y)
+        found = basis.least_squares(Y)
         return [of.reshape(self._plain.slopes.shape) for of in found.T]
 
     def unexplained(self, Y, place):
@@ -198,8 +198,7 @@ def trends_with_task(units, trends, position, features, Y):
                 f"The new task has {len(H)} rows, which its {len(H)} coefficients of "
                 "the trend explain whatever they are. Give more rows."
             )
-        basis = Basis(H)
-        slopes = list(basis.coefficients(basis.Q.T @ Y).T)
+        slopes = list(Basis(H).least_squares(Y).T)
     fitted = [
         H @ (of.slopes[0] if own is None else own)
         for of, own in zip(trends, slopes, strict=True)

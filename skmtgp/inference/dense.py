@@ -7,7 +7,7 @@ from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._numerics.updates import UpdatedCholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
-from skmtgp.inference.flat import Coefficients, Flat
+from skmtgp.inference.flat import Flat
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood
@@ -199,6 +199,8 @@ class DensePosterior(Posterior):
     ----------
     cholesky : Cholesky
         Of K.
+    flat : Flat or None
+        What the trend's basis is, if there is one.
     """
 
     def __init__(self, likelihood, theta, before=None):
@@ -208,9 +210,10 @@ class DensePosterior(Posterior):
             self.cholesky = cholesky_with_jitter(lambda: likelihood.covariance(theta))
         self.jitter = self.cholesky.jitter
         noise = likelihood.prior.values(theta).noise
-        self.log_likelihood, self.alpha, flat = likelihood.solve(self.cholesky, noise)
-        if flat is not None:
-            self.coefficients = Coefficients(likelihood, flat, self.cholesky)
+        solved = likelihood.solve(self.cholesky, noise)
+        self.log_likelihood, self.alpha, self.flat = solved
+        if self.flat is not None:
+            self.coefficients = self.flat.coefficients(likelihood, self.cholesky)
         self._set_means()
 
     def _update(self, likelihood, before, origin):
@@ -248,8 +251,8 @@ class DensePosterior(Posterior):
         means = of_rows * self.alpha @ cross.T
         halves = [self.cholesky.half_solve(row[:, None] * cross.T) for row in of_rows]
         halves = np.array(halves).reshape(len(factor.T), *cross.T.shape)
-        if self.coefficients is not None:  # which add what is not explained of them
-            of_trend = -self.coefficients.flat.B.T @ halves
+        if self.flat is not None:  # whose coefficients add what is left of it
+            of_trend = -self.flat.B.T @ halves
             halves = np.concatenate([halves, of_trend], axis=1)
         return means, halves
 
@@ -257,25 +260,29 @@ class DensePosterior(Posterior):
         """What the data take off the variance of f, of shape (n_samples,)."""
         half = self._half(X, tasks)
         told = np.square(half).sum(axis=0)
-        if self.coefficients is None:
+        if self.flat is None:
             return told
-        return told - np.square(self.coefficients.spread(X, tasks, half)).sum(axis=0)
+        return told - np.square(self._spread(X, tasks, half)).sum(axis=0)
 
     def explained_covariance(self, X, tasks):
         """What they take off its covariance, (n_samples, n_samples)."""
         half = self._half(X, tasks)
-        if self.coefficients is None:
+        if self.flat is None:
             return half.T @ half
-        spread = self.coefficients.spread(X, tasks, half)
+        spread = self._spread(X, tasks, half)
         return half.T @ half - spread.T @ spread
+
+    def _spread(self, X, tasks, half):
+        """What the trend's coefficients add to f, see Coefficients."""
+        return self.coefficients.spread(X, tasks, self.flat.B.T @ half)
 
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""
         if not self.level:
             return np.zeros(self.n_tasks)
         half = self.cholesky.half_solve(np.eye(self.n_tasks)[self.tasks])
-        if self.coefficients is not None:
-            half = self.coefficients.flat.rest(half)
+        if self.flat is not None:
+            half = self.flat.rest(half)
         told = np.square(self.level * half).sum(axis=0)
         return np.maximum(self.level - told, 0.0)
 
@@ -285,9 +292,9 @@ class DensePosterior(Posterior):
         It is zero of rows without which a coefficient is not told.
         """
         diagonal = self.cholesky.inverse_diagonal()
-        if self.coefficients is None:
+        if self.flat is None:
             return diagonal
-        rest = diagonal - np.square(self.coefficients.flat.V).sum(axis=1)
+        rest = diagonal - np.square(self.flat.V).sum(axis=1)
         return np.where(rest > UNTOLD * diagonal, rest, 0.0)
 
     def _half(self, X, tasks):

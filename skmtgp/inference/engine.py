@@ -36,6 +36,8 @@ class Demand:
         Whether the rows are of one task already.
     n_missing : int
         Cells without a row, where most inputs of all tasks have one.
+    n_coefficients : int
+        Coefficients of a trend.
     """
 
     n_samples: int
@@ -48,6 +50,7 @@ class Demand:
     n_parameters: int = 0
     alone: bool = False
     n_missing: int = 0
+    n_coefficients: int = 0
 
 
 class Engine(ABC):
@@ -249,12 +252,12 @@ def check_trend(engine, prior):
     if prior.trend is not None and not engine.takes_trend:
         why = {
             "kronecker": "K without what the trend explains is no Kronecker product",
-            "sparse": "its sums over the rows have no part for a trend",
         }.get(engine.name, "this engine knows nothing of trends")
         raise ValueError(
             f"inference={engine.name!r} takes no trend, and trend has "
             f"{prior.n_coefficients} coefficients: {why}. Set inference='dense' "
-            f"or 'auto', or leave the trend out. {INFERENCE}"
+            "or 'auto', which are exact, or 'sparse' where rows are too many; or leave "
+            f"the trend out. {INFERENCE}"
         )
 
 

@@ -142,7 +142,7 @@ class Sparse(Engine):
 
     name = "sparse"
     sorts = False
-    takes_terms = True
+    takes_terms = takes_trend = True
 
     def __init__(self, n_inducing=500, inducing_inputs="greedy", n_exact=1100):
         self.n_inducing, self.inducing_inputs = n_inducing, inducing_inputs

@@ -46,6 +46,14 @@ class Flat:
         self.log_det = 2.0 * np.log(pivots).sum()
         self.V = cholesky.half_solve(self.B, transposed=True)
 
+    def coefficients(self, likelihood, cholesky):
+        """The posterior of the coefficients, from the likelihood of the rows and C."""
+        trend, basis = likelihood.prior.trend, likelihood.basis
+        half = cholesky.half_solve(likelihood.y)
+        of_basis = np.linalg.solve(self.R, self.B.T @ half)
+        mean = trend.slopes.ravel() + basis.coefficients(of_basis)
+        return Coefficients(trend, mean, basis.coefficients(np.linalg.inv(self.R)))
+
     def rest(self, half):
         """C^{-1} b without what the trend explains of it, for b in columns."""
         rest = half - self.B @ (self.B.T @ half)
@@ -57,31 +65,20 @@ class Coefficients:
 
     Parameters
     ----------
-    likelihood : DenseLikelihood
-        Of the rows.
-    flat : Flat
-        At the parameters.
-    cholesky : Cholesky
-        C.
-
-    Attributes
-    ----------
+    trend : Trend
+        Its columns.
     mean : ndarray of shape (n_coefficients,)
         Of the coefficients, in units of y.
     root : ndarray of shape (n_coefficients, rank)
         Their covariance is root root^T.
     """
 
-    def __init__(self, likelihood, flat, cholesky):
-        self.trend, self.flat, basis = likelihood.prior.trend, flat, likelihood.basis
-        half = cholesky.half_solve(likelihood.y)
-        of_basis = np.linalg.solve(flat.R, flat.B.T @ half)
-        self.mean = self.trend.slopes.ravel() + basis.coefficients(of_basis)
-        self.root = basis.coefficients(np.linalg.inv(flat.R))
+    def __init__(self, trend, mean, root):
+        self.trend, self.mean, self.root = trend, mean, root
 
     def means(self, X, tasks):
         """What the trend adds to the mean of f, (n_samples,)."""
-        return self.trend.rows(X, tasks) @ self.mean
+        return self._times(X, tasks, self.mean)
 
     def of_tasks(self, tasks):
         """Coefficients, (n_trend, n_tasks), and constants, (n_tasks,), of tasks."""
@@ -98,22 +95,59 @@ class Coefficients:
 
     def left(self, X, tasks):
         """What the trend adds to the mean of targets as they are learned."""
-        return self.trend.rows(X, tasks) @ self.beside_slopes
+        return self._times(X, tasks, self.beside_slopes)
 
-    def spread(self, X, tasks, half):
+    def _times(self, X, tasks, coefficients):
+        of_sets = coefficients.reshape(self.trend.slopes.shape)
+        return self.trend.times(X, tasks, of_sets)
+
+    def spread(self, X, tasks, explained):
         """What adds its square to the variance of f, of shape (rank, n_samples).
 
         Parameters
         ----------
         X, tasks
             Rows.
-        half : ndarray of shape (n_train, n_samples)
-            C^{-1} cov(y, f(X)).
+        explained : ndarray of shape (rank, n_samples)
+            What f would be at X if the columns times `root` were the targets.
         """
-        return self.root.T @ self.trend.rows(X, tasks).T - self.flat.B.T @ half
+        return self.root.T @ self.trend.rows(X, tasks).T - explained
 
     def in_units(self):
         """Means and deviations of shape (n_sets, n_trend)."""
         deviation = np.linalg.norm(self.root, axis=1)
         shape = self.trend.slopes.shape
         return self.mean.reshape(shape), deviation.reshape(shape)
+
+
+class WithCoefficients:
+    """What posteriors of f tell of a trend, which is part of f.
+
+    Attributes
+    ----------
+    coefficients : Coefficients or None
+        Of the trend, if there is one.
+    """
+
+    coefficients = None
+
+    def without_trend(self, y, X, tasks):
+        """Targets of training rows without what the trend adds to their means."""
+        return y if self.coefficients is None else y - self.coefficients.left(X, tasks)
+
+    def coefficients_in_units(self):
+        """Means and deviations of the trend's coefficients, (n_sets, n_trend) each."""
+        return self.coefficients.in_units()
+
+    def trend_of(self, tasks):
+        """The trend's part in the means of these tasks, in units of y.
+
+        Returns
+        -------
+        columns : callable
+            h(x) of rows of inputs, (n_samples, n_trend).
+        coefficients : ndarray of shape (n_trend, n_tasks)
+        constants : ndarray of shape (n_tasks,)
+            The part is h(x) coefficients + constants.
+        """
+        return self.coefficients.trend.columns, *self.coefficients.of_tasks(tasks)

@@ -1,7 +1,9 @@
 """The gradient of the bound: its adjoints, before and after the pass over the rows.
 
 Nothing here depends on the number of rows. Features and weights of several terms are
-stacked, see :mod:`skmtgp.inference.loadings`.
+stacked, see :mod:`skmtgp.inference.loadings`. What targets have a part in is a sum over
+their columns, of which a trend makes several: those of
+:mod:`skmtgp.inference.restricted`.
 """
 
 from typing import NamedTuple
@@ -20,9 +22,9 @@ class Adjoint(NamedTuple):
 
     Attributes
     ----------
-    omega : ndarray of shape (n_tasks, n_features)
+    omega : ndarray of shape ([n_columns,] n_tasks, n_features)
         Mean weights.
-    levels : ndarray of shape (n_tasks,)
+    levels : ndarray of shape ([n_columns,] n_tasks)
         Mean levels.
     C : ndarray of shape (n_tasks, n_features, n_features)
         (K^rho_mm - Sigma_m) / sigma_m^2, where K^rho_mm of each feature's term is
@@ -33,7 +35,7 @@ class Adjoint(NamedTuple):
         sigma_m^2.
     diagonal : ndarray of shape (n_tasks, n_terms)
         Adjoints of k^x(x_i, x_i), -1/2 K^rho_mm / sigma_m^2.
-    along : ndarray of shape (n_tasks, n_features)
+    along : ndarray of shape ([n_columns,] n_tasks, n_features)
         omega, for the adjoints.
     of_kernel : bool, default=False
         Whether `C`, `with_level` and `along` are those of k^x(Z, x_i).
@@ -52,7 +54,8 @@ class Adjoint(NamedTuple):
         """The same with adjoints of k^x(Z, x_i), by a function that gives L^{-T} b."""
         for C in self.C:
             C[...] = half_solve(C)
-        with_level, along = half_solve(self.with_level.T).T, half_solve(self.along.T).T
+        with_level, along = half_solve(self.with_level.T).T, _rows(self.along)
+        along = half_solve(along.T).T.reshape(self.along.shape)
         return self._replace(with_level=with_level, along=along, of_kernel=True)
 
 
@@ -109,13 +112,14 @@ class Gradients:
         return [self._omega_bar(q, *of) for q, of in enumerate(places)]
 
     def _omega_bar(self, q, scale, columns, rows):
-        weights, V = self.weights, self.weights.V[columns]
+        weights, V = self.weights, _rows(self.weights.V[..., columns, :])
         Omega = V.T @ V + np.tensordot(scale, weights.sums.S[:, rows, rows], 1)
         Omega += np.einsum("aaij->ij", self.covariances.inverse[columns, columns])
-        Omega.flat[:: len(Omega) + 1] -= len(V)
+        Omega.flat[:: len(Omega) + 1] -= columns.stop - columns.start
         for task, P in self.P.items():
-            own, kappa = weights.own[task, rows], weights.loadings.kappa[task, q]
-            Omega += kappa * (np.multiply.outer(own, own) - P[rows, rows])
+            own, kappa = weights.own[..., task, rows], weights.loadings.kappa[task, q]
+            own = np.atleast_2d(own)
+            Omega += kappa * (own.T @ own - P[rows, rows])
         return 0.5 * (Omega + Omega.T)
 
     def by_parameters(self, back):
@@ -141,9 +145,9 @@ class Gradients:
         rest = sums.rest / weights.noise[:, None]
         latents = self._by_latents(back.errors / weights.noise[:, None], rest)
         of_level, spread = self._spreads()
-        d_level = np.square(weights.levels) + of_level - weights.level
+        d_level = _summed(np.square(weights.levels), 1) + of_level - weights.level
         d_level = d_level.sum() / weights.level**2 if weights.level else 0.0
-        d_noise = (spread + back.squares) / weights.noise
+        d_noise = (spread + _trace(back.squares)) / weights.noise
         d_noise += (weights.K_diagonal * rest).sum(axis=1) - sums.n
         return latents, 0.5 * d_level, 0.5 * d_noise / weights.noise
 
@@ -153,8 +157,9 @@ class Gradients:
         overlaps = loadings.overlaps(self.weights.T, self.covariances.inverse)
         by_F = -np.einsum("mb,mba->ma", loadings.F, overlaps)
         for of_term, (columns, rows) in zip(rest.T, self._terms(), strict=True):
-            F, V = loadings.F[:, columns], self.weights.V[columns]
-            d_F = by_F[:, columns] + a[:, rows] @ V.T - F * of_term[:, None]
+            F, V = loadings.F[:, columns], self.weights.V[..., columns, :]
+            of_targets = _summed(a[..., rows] @ V.swapaxes(-1, -2), 2)
+            d_F = by_F[:, columns] + of_targets - F * of_term[:, None]
             latents.append((d_F, 0.5 * self._by_own(a, of_term, rows)))
         return latents
 
@@ -162,7 +167,7 @@ class Gradients:
         """Twice the gradient by kappa of a term with these features."""
         found = np.zeros(len(rest))
         for task, P in self.P.items():
-            told = np.square(a[task, rows]).sum() - np.trace(P[rows, rows])
+            told = np.square(a[..., task, rows]).sum() - np.trace(P[rows, rows])
             found[task] = told - rest[task]
         return found
 
@@ -189,7 +194,7 @@ class Gradients:
         weights, rows = self.weights, self.weights.loadings.rows[q]
         T, F = weights.T[:, rows], weights.loadings.F
         rest = weights.sums.rest[:, q] / weights.noise
-        D = a[:, rows] @ a[:, rows].T
+        D = _summed(a[..., rows] @ a[..., rows].swapaxes(-1, -2), 2)
         for task in range(len(D)):
             D[task, task] -= np.trace(T[task, :, rows]) + rest[task]
             half = self._told_of(T[task], F[task])  # (rank, m, m)
@@ -212,3 +217,18 @@ class Gradients:
         """Columns and rows of each term."""
         loadings = self.weights.loadings
         return zip(loadings.columns, loadings.rows, strict=True)
+
+
+def _rows(a):
+    """The rows of all columns of targets, one below the other."""
+    return a.reshape(-1, a.shape[-1])
+
+
+def _summed(a, ndim):
+    """The sum over columns of targets, of an array that else has `ndim` axes."""
+    return a.sum(axis=0) if a.ndim > ndim else a
+
+
+def _trace(squares):
+    """The same of products of columns with each other, (n_tasks,)."""
+    return squares if squares.ndim == 1 else np.einsum("kkm->m", squares)

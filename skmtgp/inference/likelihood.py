@@ -65,6 +65,15 @@ class Likelihood(ABC):
         """Noise variance of each row, from those that are learned."""
         return noise_of(self.known, noise[self.noise_of_row])
 
+    def usual_log_noise(self, theta):
+        """Logarithm of the noise variance of a task whose rows do not tell it.
+
+        The mean of those that were learned, each counted as often as it has rows: that
+        of two rows may be next to nothing.
+        """
+        counts = np.bincount(self.noise_of_row, minlength=self.prior.n_noise)
+        return np.average(self.prior.log_noise_at(theta), weights=counts)
+
     @property
     def side(self):
         """Rows of the matrices on which an evaluation spends its time."""

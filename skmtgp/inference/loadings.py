@@ -70,20 +70,22 @@ class Loadings:
 
         Parameters
         ----------
-        V : ndarray of shape (n_latent, n_inducing)
+        V : ndarray of shape ([n_columns,] n_latent, n_inducing)
             Of the latent functions.
 
         Returns
         -------
-        omega : ndarray of shape (n_tasks, n_features)
+        omega : ndarray of shape ([n_columns,] n_tasks, n_features)
             Of the tasks, without what they have of their own.
         """
-        return np.hstack([self.F[:, columns] @ V[columns] for columns in self.columns])
+        parts = [self.F[:, columns] @ V[..., columns, :] for columns in self.columns]
+        return np.concatenate(parts, axis=-1)
 
     def mix_back(self, t):
-        """F^T t: from (n_tasks, n_features) to (n_latent, n_inducing)."""
+        """F^T t: from (..., n_tasks, n_features) to (..., n_latent, n_inducing)."""
         pairs = zip(self.columns, self.rows, strict=True)
-        return np.vstack([self.F[:, of].T @ t[:, rows] for of, rows in pairs])
+        parts = [self.F[:, of].T @ t[..., rows] for of, rows in pairs]
+        return np.concatenate(parts, axis=-2)
 
     def shares(self, phi, tasks):
         """What v_a is multiplied by in f, of features in columns and their tasks.

@@ -13,6 +13,8 @@ WORK = 8  # arrays of a tile that come and go, at most
 # Matrices between tasks, with levels: of each climb, with where it starts, and of each
 # posterior
 OF_CLIMB, OF_POSTERIOR = 17, 8
+# Of the weights of each column of the targets, of their products, of a block's rows
+OF_COLUMN, OF_PRODUCTS, OF_BLOCK = 12, 3, 5
 # Matrices between the rows of the Fisher information, beside three for each parameter
 # of k^x and two for each function that tasks share
 OF_INFORMATION = 12
@@ -141,7 +143,9 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     demand : Demand
         What is asked for. Of M tasks that share r latent functions of Q terms it takes
         M Q^2 + r^2 matrices of m x m for each posterior that is kept; learning takes up
-        to six times that.
+        to six times that. Each coefficient of a trend is a column more of the targets:
+        M Q m + r m numbers for each posterior, up to twelve times that to learn it, and
+        as many as M products with the other columns.
     tiles : TileMemory
         What the kernel takes.
     n_inducing : int
@@ -156,6 +160,7 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     matrices = (6 * n_climbs + demand.n_kept) * of_each
     of_bound = _matrices(n_inducing, matrices)
     of_bound += tiles.of_blocks(n_inducing, n, n_climbs)
+    of_bound += _of_trend(demand, n_inducing * (n_tasks * tiles.n_terms + rank))
     of_exact = _matrices(n_exact, n_exact_climbs)
     of_exact += tiles.of_triangle(n_exact, n_exact_climbs)
     n_at_once = max(n_climbs, n_exact_climbs)
@@ -167,6 +172,18 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
         f"{rank}{_at_a_time(n_climbs)}",
         "Take fewer inducing inputs, a lower rank, n_exact or n_jobs.",
     )
+
+
+def _of_trend(demand, n_weights):
+    """Bytes of a trend in sparse inference, of as many weights for each column."""
+    if not demand.n_coefficients:
+        return 0.0
+    n_columns, size = 1 + demand.n_coefficients, min(demand.n_samples, BLOCK)
+    products = OF_PRODUCTS * demand.n_tasks * n_columns
+    of_climb = OF_COLUMN * n_weights + products + OF_BLOCK * size
+    of_posterior = n_weights + n_columns
+    of_all = demand.n_climbs * of_climb + demand.n_kept * of_posterior
+    return 8.0 * n_columns * of_all
 
 
 def check_border_memory(n_new, n_inducing, rank):

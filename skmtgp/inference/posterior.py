@@ -10,6 +10,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference import tiles
+from skmtgp.inference.flat import WithCoefficients
 from skmtgp.inference.variances import (
     diagonal,
     in_blocks,
@@ -45,7 +46,7 @@ class Summand(NamedTuple):
     constants: np.ndarray
 
 
-class Posterior(ABC):
+class Posterior(WithCoefficients, ABC):
     """Posterior of f at given parameters: the standard GP formulae with eq. 6.
 
     Parameters
@@ -90,7 +91,6 @@ class Posterior(ABC):
     """
 
     jitter = 0.0
-    coefficients = None
 
     def __init__(self, likelihood, theta):
         prior, values = likelihood.prior, likelihood.prior.values(theta)
@@ -175,14 +175,6 @@ class Posterior(ABC):
         found[:, order] = [*means, self.levels[tasks]]
         return found
 
-    def without_trend(self, y, X, tasks):
-        """Targets of training rows without what the trend adds to their means."""
-        return y if self.coefficients is None else y - self.coefficients.left(X, tasks)
-
-    def coefficients_in_units(self):
-        """Means and deviations of the trend's coefficients, (n_sets, n_trend) each."""
-        return self.coefficients.in_units()
-
     def _weighed(self):
         """The bound kernel of each term, and its weights."""
         if self.weights.ndim == 2:
@@ -233,19 +225,6 @@ class Posterior(ABC):
                 self.terms, of_terms, constants, strict=True
             )
         ]
-
-    def trend_of(self, tasks):
-        """The trend's part in the means of these tasks, in units of y.
-
-        Returns
-        -------
-        columns : callable
-            h(x) of rows of inputs, (n_samples, n_trend).
-        coefficients : ndarray of shape (n_trend, n_tasks)
-        constants : ndarray of shape (n_tasks,)
-            The part is h(x) coefficients + constants.
-        """
-        return self.coefficients.trend.columns, *self.coefficients.of_tasks(tasks)
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""

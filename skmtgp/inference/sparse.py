@@ -15,6 +15,7 @@ with the Cholesky factors L_q of k_q(Z, Z). It never lies above the log marginal
 likelihood, and equals it where Z holds all inputs.
 """
 
+from copy import copy
 from functools import partial
 
 import numpy as np
@@ -27,6 +28,7 @@ from skmtgp.inference.features import Features
 from skmtgp.inference.gradients import Gradients
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.inference.loadings import Loadings
+from skmtgp.inference.restricted import Columns
 from skmtgp.inference.sparse_posterior import SparsePosterior
 from skmtgp.inference.sums import (
     blocks,
@@ -76,6 +78,8 @@ class SparseBound(Likelihood):
     more where K^rho has a diagonal; its memory is a few arrays of block_size x m,
     M x m x m and r m x r m, not of n rows. With Q terms there are Q m features, and r
     is the sum of their ranks: O(n Q^2 m^2 + M r^2 m^2 + (r m)^3), and M x Q m x Q m.
+    A trend is integrated out: the bound is on the restricted likelihood, and its p
+    coefficients take O(n p m + p M m^2) more and p x M x m, with p columns of n rows.
 
     The rows are passed over twice. The first pass sums the Gram matrices of whitened
     features, and not those of k^x(Z, x), which would square the condition number of
@@ -100,11 +104,22 @@ class SparseBound(Likelihood):
     def __init__(self, prior, X, tasks, y, Z, block_size=BLOCK):
         super().__init__(prior, X, tasks, y)
         self.Z, self.block_size = np.asarray(Z, dtype=float), block_size
+        self.targets, self.basis = y, None
+        if prior.trend is not None:
+            self._set_trend(prior.trend)
         if self.Z.shape[1:] != X.shape[1:] or not len(self.Z):
             raise ValueError(
                 f"Z has shape {self.Z.shape}; it needs at least one row and the "
                 f"{X.shape[1]} features of X."
             )
+
+    def _set_trend(self, trend):
+        """Put the trend's columns beside the targets, if they are not all zero."""
+        tasks = np.asarray(self.tasks)
+        H = trend.own_rows(self.X, tasks)
+        basis = Columns.of_rows(trend, H, tasks)
+        if basis.rank:
+            self.targets, self.basis = np.column_stack([self.y, H]), basis
 
     @property
     def inputs(self):
@@ -115,8 +130,7 @@ class SparseBound(Likelihood):
         """The bound; NotPositiveDefiniteError where a factorisation fails."""
         with limit_threads(self.side):
             features, weights = self.forward(theta)
-            means = weights.omega, weights.levels
-            sums = self.over_rows(sum_residuals, features, *means)
+            sums = self.residuals(features, weights)
         return weights.log_density(sums.squares)
 
     def _evaluate_with_grad(self, theta):
@@ -199,8 +213,9 @@ class SparseBound(Likelihood):
 
     def with_inducing(self, Z):
         """The same model and data with other inducing inputs."""
-        rows = self.X, self.tasks, self.y
-        return SparseBound(self.prior, *rows, Z, self.block_size)
+        other = copy(self)
+        other.Z = Z
+        return other
 
     def release(self):
         """Give back memory: none is kept between evaluations."""
@@ -215,11 +230,18 @@ class SparseBound(Likelihood):
         prior, values = self.prior, self.prior.values(theta)
         features = Features(prior.kernels_with(values.kernel), self.Z)
         sums, rows = summed or (None, None)
-        more = self.over_rows(sum_features, features, prior.n_tasks, rows=rows)
+        n_columns = () if self.basis is None else (1 + self.basis.rank,)
+        options = {"rows": rows, "n_columns": n_columns}
+        more = self.over_rows(sum_features, features, prior.n_tasks, **options)
         sums = more if sums is None else sums + more
         noise = np.broadcast_to(values.noise, prior.n_tasks)
         loadings = Loadings(prior.latents(theta), len(self.Z))
         return features, Weights(sums, loadings, noise, values.level)
+
+    def residuals(self, features, weights):
+        """The second pass without the gradient."""
+        means = weights.omega, weights.levels
+        return self.over_rows(sum_residuals, features, *means, turn=weights.turn)
 
     def _backward(self, theta, *, inputs=False):
         """The features, what the gradient is made of, and the second pass."""
@@ -228,26 +250,29 @@ class SparseBound(Likelihood):
         adjoint = gradients.adjoint()
         if len(self.y) > len(adjoint.C) * len(features):
             adjoint = adjoint.pulled_back(features.pull_back)
-        back = self.over_rows(sum_gradients, features, adjoint, inputs=inputs)
+        options = {"turn": weights.turn, "inputs": inputs}
+        back = self.over_rows(sum_gradients, features, adjoint, **options)
         return features, gradients, back
 
-    def over_rows(self, function, *arguments, rows=None, **options):
+    def over_rows(self, function, *arguments, rows=None, turn=None, **options):
         """``function(*arguments, blocks, **options)`` of rows, wherever they are.
 
         The functions are those of :mod:`skmtgp.inference.sums`, whose results add up.
+        With a trend targets are columns, which `turn` makes others of.
         """
-        of_part = partial(sum_blocks, function, options, self.block_size)
-        parts = self.X, self.tasks, self.y
+        columns = self.basis if turn is None else self.basis.turned(turn)
+        of_part = partial(sum_blocks, function, options, self.block_size, columns)
+        parts = self.X, self.tasks, self.targets
         parts = parts if rows is None else [part[rows] for part in parts]
         return sum_parts(of_part, arguments, parts)
 
     def blocks(self):
-        """X, tasks and y of some rows at a time."""
-        return blocks(self.X, self.tasks, self.y, self.block_size)
+        """X, tasks and targets of some rows at a time."""
+        return blocks(self.X, self.tasks, self.targets, self.block_size)
 
     def forget_rows(self):
         """Keep what does not depend on them: no likelihood can be computed any more."""
-        self.X = self.tasks = self.y = None
+        self.X = self.tasks = self.y = self.targets = None
 
 
 def check_latent(form):

@@ -4,9 +4,11 @@ from copy import copy
 
 import numpy as np
 
+from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.flat import Coefficients, WithCoefficients
 from skmtgp.inference.posterior import Summand, bordered, loadings_of
-from skmtgp.inference.sums import sum_residuals
+from skmtgp.inference.restricted import Means, unexplained
 from skmtgp.inference.variances import (
     diagonal,
     in_blocks,
@@ -20,7 +22,7 @@ from skmtgp.model.several import terms_of
 SINGULAR = 1e-8  # of k^x(x, x): what rounding of an all but singular K_ZZ may add
 
 
-class SparsePosterior:
+class SparsePosterior(WithCoefficients):
     """Posterior of f at given parameters, by way of the inducing variables.
 
     Parameters
@@ -56,6 +58,13 @@ class SparsePosterior:
         What rounding may add to a variance, relative to its prior.
     log_likelihood : float
         The bound on the log marginal likelihood of the targets.
+    coefficients : Coefficients or None
+        Of a trend, which is part of f; the rest is then told by what it leaves of the
+        targets.
+    told : Means or None
+        What the rows say of the trend's columns.
+    columns : Columns or None
+        The targets less the trend, and its columns.
 
     Notes
     -----
@@ -68,10 +77,13 @@ class SparsePosterior:
         with limit_threads(bound.side):
             self.features, weights = bound.forward(theta, summed)
             self.sums = None if before is None else weights.sums
-            means = weights.omega, weights.levels
-            sums = bound.over_rows(sum_residuals, self.features, *means)
+            sums = bound.residuals(self.features, weights)
             self.log_likelihood = weights.log_density(sums.squares)
-            self.V, self.omega, self.levels = weights.refined(sums)
+            self.columns = self.told = None
+            means = weights.refined(sums)
+            if weights.turn is not None:
+                means = self._set_trend(bound, weights, sums.squares, means)
+            self.V, self.omega, self.levels = means
             self.covariances = Covariances(weights)  # spends the factor of `weights`
             # f^m(x) = omega_m . L^{-1} k^x(Z, x), summed over the terms
             self.weights = self.features.pull_back(self.omega.T).T
@@ -89,6 +101,17 @@ class SparsePosterior:
         rounding = rounding_of(len(bound.tasks), prior, self.noise.min())
         self.rounding = SINGULAR + rounding
 
+    def _set_trend(self, bound, weights, squares, means):
+        """What there is to tell of the trend; the means that it leaves are returned."""
+        _, _, turn = unexplained(weights.products(squares))
+        means = [np.tensordot(turn.T, of, 1) for of in means]
+        self.columns = columns = bound.basis.turned(weights.turn @ turn)
+        trend = bound.prior.trend
+        mean = trend.slopes.ravel() + columns.of_targets
+        self.coefficients = Coefficients(trend, mean, columns.of_columns)
+        self.told = Means(*(of[1:] for of in means))
+        return [of[0] for of in means]
+
     @property
     def terms(self):
         """A list of (k^x, K^rho) of each term."""
@@ -100,7 +123,10 @@ class SparsePosterior:
         return self.means_of_terms(X, tasks).sum(axis=0)
 
     def means_of_terms(self, X, tasks):
-        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples)."""
+        """Means of the terms of f, and last of the level, (n_terms + 1, n_samples).
+
+        That of a trend, if there is one, comes before the level.
+        """
 
         def of_rows(X, tasks):
             present, column = np.unique(tasks, return_inverse=True)
@@ -110,11 +136,13 @@ class SparsePosterior:
             )
 
         with limit_threads(self.bound.side):
-            means = in_blocks(of_rows, self.block_size, X, tasks, axis=1)
-        return np.vstack([means, self.levels[tasks]])
+            means = [in_blocks(of_rows, self.block_size, X, tasks, axis=1)]
+        if self.coefficients is not None:
+            means.append(self.coefficients.means(X, tasks))
+        return np.vstack([*means, self.levels[tasks]])
 
     def mean_of_tasks(self, X, tasks):
-        """Mean of f for each row of X and each of the tasks.
+        """Mean of f for each row of X and each of the tasks, without a trend.
 
         Parameters
         ----------
@@ -158,8 +186,11 @@ class SparsePosterior:
 
         def of_rows(X, tasks):
             tile = self.features.tile(X)
-            unexplained, prior = self._prior_variances(tile, X, tasks)
-            return unexplained + self._spread(tile.phi, tasks), prior
+            rest, prior = self._prior_variances(tile, X, tasks)
+            spread = self._spread(tile.phi, tasks)
+            if self.told is not None:
+                spread += _squares(self._of_trend(tile.phi, X, tasks))
+            return rest + spread, prior
 
         found = in_blocks(of_rows, self.block_size, X, tasks, axis=1)
         return without_negatives(*found, self.rounding)
@@ -181,6 +212,10 @@ class SparsePosterior:
             spread[rows] = np.einsum("ji,ji->i", of_task, Sigma @ of_task)
         return spread + covariances.of_level[tasks]
 
+    def _of_trend(self, phi, X, tasks):
+        """What the trend's coefficients add to f, see Coefficients."""
+        return self.coefficients.spread(X, tasks, self.told.at(phi, tasks))
+
     def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too, the last ones.
 
@@ -196,16 +231,20 @@ class SparsePosterior:
         ]
         posterior.K_rho = np.array(found) if len(found) > 1 else found[0]
         posterior.covariances = self.covariances.with_unseen(unseen)
-        omega = posterior.covariances.loadings.mix(self.V)[-n_unseen:]
+        mix = posterior.covariances.loadings.mix
+        omega = mix(self.V)[-n_unseen:]
         posterior.omega = np.vstack([self.omega, omega])
         weights = self.features.pull_back(omega.T).T
         posterior.weights = np.vstack([self.weights, weights])
         posterior.levels = np.append(self.levels, np.zeros(n_unseen))
+        if self.told is not None:
+            posterior.told = self.told.with_unseen(mix(self.told.V)[:, -n_unseen:])
         return posterior
 
     def level_variances(self):
         """Variance of the level of each task, given the data, (n_tasks,)."""
-        return self.covariances.level_variances()
+        found = self.covariances.level_variances()
+        return found if self.told is None else found + _squares(self.told.levels)
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
@@ -217,6 +256,9 @@ class SparsePosterior:
             K_x = kernel(X)
             covariance += K_rho[between] * (K_x - part.T @ part)
             prior = prior + np.diagonal(K_rho[between]) * np.diagonal(K_x)
+        if self.told is not None:
+            spread = self._of_trend(phi, X, tasks)
+            covariance += spread.T @ spread
         without_negatives(diagonal(covariance), prior, self.rounding)
         return covariance
 
@@ -240,7 +282,8 @@ class SparsePosterior:
         Rasmussen and Williams (2006), eq. 5.12, for the model with the features alone:
         [K^{-1} y]_i = e_i / sigma^2 with the residuals e, and [K^{-1}]_ii =
         (1 - h_i) / sigma^2 with h_i = phi_i^T Sigma_m phi_i / sigma^2. What the
-        features leave of the variance of f is added.
+        features leave of the variance of f is added. With a trend [K^{-1}]_ii is less
+        by the squares of its columns' residuals over sigma^2.
         """
         parts = [self._left_out(*block) for block in self.bound.blocks()]
         residual, told, rest, prior, noise = np.concatenate(parts, axis=1)
@@ -248,7 +291,7 @@ class SparsePosterior:
         without_negatives(rest, prior, self.rounding)
         return residual, told + rest + noise * include_noise
 
-    def _left_out(self, X, tasks, y):
+    def _left_out(self, X, tasks, targets):
         tile, noise = self.features.tile(X), self.noise[tasks]
         rest, prior = self._prior_variances(tile, X, tasks)
         share = self._spread(tile.phi, tasks) / noise
@@ -256,6 +299,12 @@ class SparsePosterior:
         # the variance is told as minus the prior's
         left, least = 1.0 - share, noise / (noise + prior - rest)
         left = np.where(left > 0.0, np.maximum(left, least), -least)
+        y = targets
+        if self.told is not None:
+            y, *columns = self.columns.of(tasks, targets).T
+            of_trend = _squares(columns - self.told.at(tile.phi, tasks)) / noise
+            share = share + of_trend  # a row may tell a coefficient alone
+            left = np.where(left > 0.0, np.maximum(left - of_trend, RESOLVED), left)
         error = y - self.levels[tasks]
         error -= np.einsum("ij,ji->i", self.omega[tasks], tile.phi)
         return np.stack(
@@ -281,23 +330,31 @@ class SparsePosterior:
         halves : ndarray of shape (rank, n_halves, n_samples)
             C_a with cov(z_a, z_b) = delta_ab k^x(X, X) - C_a^T C_b, for functions of
             two terms too, whose prior covariance is zero. n_halves is n_latent times
-            the lesser of n_samples and n_inducing.
+            the lesser of n_samples and n_inducing. With a trend what its coefficients
+            add comes last.
         """
         loadings, phi = self.covariances.loadings, self.features.tile(X).phi
         columns, part = loadings.columns[term], phi[loadings.rows[term]]
-        means, (m, n) = self.V[columns] @ part, part.shape
-        inverse = self.covariances.inverse
-        rank = len(inverse)
+        means, halves = self.V[columns] @ part, self._halves(phi, columns, part)
+        if self.told is not None:
+            of_trend = -(self.told.V[:, columns] @ part).swapaxes(0, 1)
+            halves = np.concatenate([halves, of_trend], axis=1)
+        return means, halves
+
+    def _halves(self, phi, columns, part):
+        """C_a of `latent` without a trend, for the features of a term among all."""
+        inverse, loadings = self.covariances.inverse, self.covariances.loadings
+        rank, (m, n) = len(inverse), part.shape
         if n > m:  # of the weights: I - A^{-1}
             told = -inverse.swapaxes(1, 2)
             np.einsum("aiai->ai", told)[...] += 1.0
-            return means, _root(told, rank, m)[columns] @ part
+            return _root(told, rank, m)[columns] @ part
         of_latent = loadings.of_latent(phi)
         told = -np.einsum(
             "aji,abjk,bkl->aibl", of_latent, inverse, of_latent, optimize=True
         )
         np.einsum("aial->ail", told)[...] += of_latent.swapaxes(1, 2) @ of_latent
-        return means, _root(told, rank, n)[columns]
+        return _root(told, rank, n)[columns]
 
 
 def _summed(bound, before, origin):
@@ -310,7 +367,16 @@ def _summed(bound, before, origin):
     same = same and np.array_equal(before.bound.Z, bound.Z)
     if not same or np.count_nonzero(origin >= 0) < before.sums.n.sum():
         return None
-    return before.sums, np.flatnonzero(origin < 0)
+    new, one, two = np.flatnonzero(origin < 0), before.bound.basis, bound.basis
+    if one is None or two is None:
+        return (before.sums, new) if one is two else None
+    turn = one.turn_to(two)
+    return None if turn is None else (before.sums.turned(turn), new)
+
+
+def _squares(columns):
+    """Sums of squares of columns, which come first."""
+    return np.square(columns).sum(axis=0)
 
 
 def _root(A, rank, n):

@@ -3,9 +3,12 @@
 Two passes over the rows, block by block: :func:`sum_features` goes forward,
 :func:`sum_gradients` backward. The sums of disjoint sets of rows add up to those of
 all, so that the sets may lie on different machines.
+
+Targets y may have several columns, see :mod:`skmtgp.inference.restricted`. What is
+linear in them then has an axis of columns first, what is quadratic two.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +35,7 @@ class FeatureSums(Sums):
     ----------
     S : ndarray of shape (n_tasks, n_features, n_features)
         sum_i phi_i phi_i^T.
-    s : ndarray of shape (n_tasks, n_features)
+    s : ndarray of shape ([n_columns,] n_tasks, n_features)
         sum_i phi_i y_i.
     rest : ndarray of shape (n_tasks, n_terms)
         sum_i k^x(x_i, x_i) - |phi_i|^2 of each term.
@@ -40,8 +43,10 @@ class FeatureSums(Sums):
         Numbers of rows.
     phi : ndarray of shape (n_tasks, n_features)
         sum_i phi_i.
-    y : ndarray of shape (n_tasks,)
+    y : ndarray of shape ([n_columns,] n_tasks)
         sum_i y_i.
+    squares : ndarray of shape ([n_columns, n_columns,] n_tasks)
+        sum_i y_i y_i.
     """
 
     S: np.ndarray
@@ -50,6 +55,13 @@ class FeatureSums(Sums):
     n: np.ndarray
     phi: np.ndarray
     y: np.ndarray
+    squares: np.ndarray
+
+    def turned(self, turn):
+        """The same of other columns of targets, which a matrix makes of these."""
+        s, y = (np.tensordot(turn.T, of, 1) for of in (self.s, self.y))
+        squares = np.einsum("ka,klm,lb->abm", turn, self.squares, turn)
+        return replace(self, s=s, y=y, squares=squares)
 
 
 @dataclass
@@ -58,11 +70,11 @@ class ResidualSums(Sums):
 
     Attributes
     ----------
-    squares : ndarray of shape (n_tasks,)
+    squares : ndarray of shape ([n_columns, n_columns,] n_tasks)
         sum_i e_i^2.
-    errors : ndarray of shape (n_tasks, n_features)
+    errors : ndarray of shape ([n_columns,] n_tasks, n_features)
         sum_i phi_i e_i.
-    error : ndarray of shape (n_tasks,)
+    error : ndarray of shape ([n_columns,] n_tasks)
         sum_i e_i.
     """
 
@@ -108,12 +120,14 @@ def blocks_by_task(X, tasks, y, size):
             yield features[rows], codes[rows], targets[rows]
 
 
-def sum_blocks(function, options, size, arguments, X, tasks, y):
+def sum_blocks(function, options, size, columns, arguments, X, tasks, y):
     """``function(*arguments, blocks, **options)``, a function below, of some rows."""
-    return function(*arguments, blocks_by_task(X, tasks, y, size), **options)
+    rows = blocks_by_task(X, tasks, y, size)
+    rows = rows if columns is None else columns.of_blocks(rows)
+    return function(*arguments, rows, **options)
 
 
-def sum_features(features, n_tasks, blocks):
+def sum_features(features, n_tasks, blocks, n_columns=()):
     """The forward pass over some rows.
 
     Parameters
@@ -124,16 +138,24 @@ def sum_features(features, n_tasks, blocks):
         Number of tasks M.
     blocks : iterable of (ndarray, ndarray, ndarray)
         X, tasks and y of some rows at a time.
+    n_columns : tuple of int, default=()
+        Columns of y, if it has several.
 
     Returns
     -------
     sums : FeatureSums
         Those of several sets of rows add up to those of all.
     """
-    p = len(features)
-    S, (s, phi) = np.zeros((n_tasks, p, p)), np.zeros((2, n_tasks, p))
-    rest, (n, y) = np.zeros((n_tasks, len(features.terms))), np.zeros((2, n_tasks))
-    sums = FeatureSums(S, s, rest, n, phi, y)
+    p, n_terms = len(features), len(features.terms)
+    sums = FeatureSums(
+        S=np.zeros((n_tasks, p, p)),
+        s=np.zeros((*n_columns, n_tasks, p)),
+        rest=np.zeros((n_tasks, n_terms)),
+        n=np.zeros(n_tasks),
+        phi=np.zeros((n_tasks, p)),
+        y=np.zeros((*n_columns, n_tasks)),
+        squares=np.zeros((*n_columns * 2, n_tasks)),
+    )
     for block in blocks:
         _add_features(sums, features, *block)
     return sums
@@ -144,14 +166,16 @@ def _add_features(sums, features, X, tasks, y):
     X, tasks, y, parts = _by_task(X, tasks, y)
     tile = features.tile(X)
     for task, rows in parts:
-        phi = tile.phi[:, rows]
+        phi, targets = tile.phi[:, rows], y[rows]
         sums.S[task] += phi @ phi.T
-        sums.s[task] += phi @ y[rows]
+        sums.s[..., task, :] += (phi @ targets).T
         sums.phi[task] += phi.sum(axis=1)
+        sums.squares[..., task] += targets.T @ targets
     for of_term, rest in zip(sums.rest.T, tile.rest.T, strict=True):
         of_term += np.bincount(tasks, rest, len(sums.n))
     sums.n += np.bincount(tasks, minlength=len(sums.n))
-    sums.y += np.bincount(tasks, y, len(sums.n))
+    for of_column, targets in zip(*map(np.atleast_2d, (sums.y, y.T)), strict=True):
+        of_column += np.bincount(tasks, targets, len(sums.n))
 
 
 def sum_residuals(features, omega, levels, blocks):
@@ -161,9 +185,9 @@ def sum_residuals(features, omega, levels, blocks):
     ----------
     features : Features
         At the parameters.
-    omega : ndarray of shape (n_tasks, n_features)
+    omega : ndarray of shape ([n_columns,] n_tasks, n_features)
         Weights of the features.
-    levels : ndarray of shape (n_tasks,)
+    levels : ndarray of shape ([n_columns,] n_tasks)
         c_m.
     blocks : iterable of (ndarray, ndarray, ndarray)
         X, tasks and y of some rows at a time.
@@ -173,22 +197,29 @@ def sum_residuals(features, omega, levels, blocks):
     sums : ResidualSums
         Those of several sets of rows add up to those of all.
     """
-    squares, error = np.zeros((2, len(omega)))
-    sums = ResidualSums(squares, np.zeros_like(omega), error)
+    sums = ResidualSums(*_no_residuals(omega))
     for X, tasks, y in blocks:
         X, _, y, parts = _by_task(X, tasks, y)
         _add_residuals(sums, features.tile(X).phi, omega, levels, y, parts)
     return sums
 
 
+def _no_residuals(omega):
+    """Zeros of the shapes of `ResidualSums`."""
+    *n_columns, n_tasks, _ = omega.shape
+    shapes = (*n_columns * 2, n_tasks), omega.shape, (*n_columns, n_tasks)
+    return [np.zeros(shape) for shape in shapes]
+
+
 def _add_residuals(sums, phi, omega, levels, y, parts):
     """Add those of a block to the sums, and return the residuals."""
-    error = np.empty(len(y))
+    error = np.empty(y.shape)
     for task, rows in parts:
-        error[rows] = y[rows] - levels[task] - omega[task] @ phi[:, rows]
-        sums.squares[task] += error[rows] @ error[rows]
-        sums.errors[task] += phi[:, rows] @ error[rows]
-        sums.error[task] += error[rows].sum()
+        of_f = (omega[..., task, :] @ phi[:, rows]).T
+        error[rows] = y[rows] - levels[..., task] - of_f
+        sums.squares[..., task] += error[rows].T @ error[rows]
+        sums.errors[..., task, :] += (phi[:, rows] @ error[rows]).T
+        sums.error[..., task] += error[rows].sum(axis=0)
     return error
 
 
@@ -211,14 +242,9 @@ def sum_gradients(features, adjoint, blocks, *, inputs=False):
     sums : GradientSums
         Those of several sets of rows add up to those of all.
     """
-    omega = adjoint.omega
-    sums = GradientSums(
-        squares=np.zeros(len(omega)),
-        errors=np.zeros_like(omega),
-        error=np.zeros(len(omega)),
-        theta=np.zeros(features.n_theta),
-        Z=np.zeros_like(features.Z),
-    )
+    of_residuals = _no_residuals(adjoint.omega)
+    of_theta, of_Z = np.zeros(features.n_theta), np.zeros_like(features.Z)
+    sums = GradientSums(*of_residuals, of_theta, of_Z)
     for block in blocks:
         _add_gradients(sums, features, adjoint, *block, inputs=inputs)
     return sums
@@ -229,16 +255,21 @@ def _add_gradients(sums, features, adjoint, X, tasks, y, *, inputs):
     X, tasks, y, parts = _by_task(X, tasks, y)
     tile, omega = features.tile(X), adjoint.omega
     error = _add_residuals(sums, tile.phi, omega, adjoint.levels, y, parts)
-    alpha = error / adjoint.noise[tasks]
+    alpha = error.T / adjoint.noise[tasks]
     phi_bar = np.empty_like(tile.phi)
     for task, rows in parts:
         np.matmul(adjoint.C[task], tile.phi[:, rows], out=phi_bar[:, rows])
-        phi_bar[:, rows] += np.multiply.outer(adjoint.along[task], alpha[rows])
+        phi_bar[:, rows] += _outer(adjoint.along[..., task, :], alpha[..., rows])
         phi_bar[:, rows] += adjoint.with_level[task][:, None]
     K_bar = phi_bar if adjoint.of_kernel else features.pull_back(phi_bar)
     sums.theta += tile.contract(K_bar, adjoint.diagonal[tasks])
     if inputs:
         sums.Z += tile.contract_inputs(K_bar)
+
+
+def _outer(a, b):
+    """Outer product; of several columns, which come first, the sum of theirs."""
+    return np.multiply.outer(a, b) if a.ndim == 1 else a.T @ b
 
 
 def _by_task(X, tasks, y):

@@ -10,7 +10,8 @@ phi, and, where K^rho has a diagonal kappa, with a function of each task's own:
 
 and perhaps a level c_m of variance v, which is integrated out first. Features and
 weights of several terms are stacked, see :mod:`skmtgp.inference.loadings`. Nothing here
-depends on the number of rows.
+depends on the number of rows. With a trend targets have several columns, which come
+first in the shapes below, see :mod:`skmtgp.inference.restricted`.
 """
 
 from copy import copy
@@ -18,6 +19,7 @@ from copy import copy
 import numpy as np
 
 from skmtgp._numerics.linalg import Cholesky
+from skmtgp.inference.restricted import unexplained, whitening
 
 
 def invert(cholesky):
@@ -56,12 +58,14 @@ class Weights:
         (I + S_m D_m / sigma_m^2)^{-1} of the tasks with functions of their own.
     cholesky : Cholesky
         Of A = I + sum_m F_m F_m^T (x) T_m, the precision of v.
-    V : ndarray of shape (n_latent, n_inducing)
+    V : ndarray of shape ([n_columns,] n_latent, n_inducing)
         Mean of v.
-    omega : ndarray of shape (n_tasks, n_features)
+    omega : ndarray of shape ([n_columns,] n_tasks, n_features)
         Mean of omega_m.
-    levels : ndarray of shape (n_tasks,)
+    levels : ndarray of shape ([n_columns,] n_tasks)
         Mean of c_m.
+    turn : ndarray of shape (n_columns, n_columns), default=None
+        The three are of y and the trend's columns times this.
 
     Raises
     ------
@@ -79,29 +83,73 @@ class Weights:
         self.cholesky = Cholesky(A.T)
         self.log_det += self.cholesky.log_det()
         self.log_det += np.log1p(sums.n * level / noise).sum()
-        V = self.cholesky.solve(loadings.mix_back(t).ravel())
-        self.V = V.reshape(-1, loadings.n_inducing)
+        self._set_means(t)
+        self.turn = None
+        if sums.y.ndim > 1:
+            self._turn()
+        self.penalty = self._penalty()
+
+    def _set_means(self, t):
+        """Of v, omega_m and c_m, from what `_integrate_own` has of the targets."""
+        loadings, sums = self.loadings, self.sums
+        self.V = self._solve(loadings.mix_back(t))
         shared = loadings.mix(self.V)
-        self.own = t - np.einsum("mij,mj->mi", self.T, shared)
+        self.own = t - _times(self.T, shared)
         self.omega = shared + loadings.own * self.own
-        self.penalty = np.square(self.V).sum()
-        self.penalty += np.vdot(loadings.own, np.square(self.own))
-        self.levels = self.share * (
-            sums.y - np.einsum("mi,mi->m", self.omega, sums.phi)
-        )
-        if level:
-            self.penalty += np.square(self.levels).sum() / level
+        of_f = np.einsum("...mi,mi->...m", self.omega, sums.phi)
+        self.levels = self.share * (sums.y - of_f)
+
+    def _solve(self, t):
+        """A^{-1} t, for t of shape ([n_columns,] n_latent, n_inducing)."""
+        columns = t.reshape(*t.shape[:-2], -1).T
+        return self.cholesky.solve(columns).T.reshape(t.shape)
+
+    def _turn(self):
+        """Go on with what the trend leaves of the targets, and with what is left of it.
+
+        Its log-determinant is part of that of the bound.
+        """
+        sums, noise = self.sums, self.noise
+        by_task = sums.squares - self.share * sums.y[:, None] * sums.y
+        told = self._weighed().reshape(len(sums.y), -1)
+        products = (by_task / noise).sum(axis=2)
+        products -= told @ self.omega.reshape(len(told), -1).T
+        sizes = np.einsum("kkm,m->k", sums.squares, 1.0 / noise)
+        self.turn, log_det = whitening(products, sizes)
+        self.log_det += log_det - (len(sizes) - 1) * np.log(2.0 * np.pi)
+        means = self.V, self.own, self.omega, self.levels
+        means = [np.tensordot(self.turn.T, of, 1) for of in means]
+        self.V, self.own, self.omega, self.levels = means
+
+    def _penalty(self):
+        """|v|^2 + |w|^2 + |c|^2 / v: products of the columns of several targets."""
+        found = self._products(self.V) + self._products(self.own, self.loadings.own)
+        if self.level:
+            found += self._products(self.levels) / self.level
+        return found
+
+    def _products(self, a, by=None):
+        if self.turn is None:
+            squares = np.square(a)
+            return squares.sum() if by is None else np.vdot(by, squares)
+        flat = a.reshape(len(a), -1)
+        return (flat if by is None else flat * by.ravel()) @ flat.T
+
+    def _weighed(self):
+        """sum_i phi_i y_i / sigma^2, less what the levels take, of each task."""
+        sums, shared = self.sums, self.share[:, None] * self.sums.phi
+        return (sums.s - shared * sums.y[..., None]) / self.noise[:, None]
 
     def _integrate_own(self):
         """T_m, sum_i phi_i y_i weighed likewise, and the log-determinant of this."""
         sums, shared = self.sums, self.share[:, None] * self.sums.phi
         T = sums.S - shared[..., None] * sums.phi[:, None]
         T /= self.noise[:, None, None]
-        t = (sums.s - shared * sums.y[:, None]) / self.noise[:, None]
+        t = self._weighed()
         self.keep, log_det, kappa = {}, 0.0, self.loadings.kappa
         for task, q in zip(*np.nonzero(kappa), strict=True):
-            rows = self.loadings.rows[q]
-            keep, of_term = _integrate_term(T[task], t[task], rows, kappa[task, q])
+            rows, of_task = self.loadings.rows[q], t[..., task, :].T
+            keep, of_term = _integrate_term(T[task], of_task, rows, kappa[task, q])
             before = self.keep.get(task)
             self.keep[task] = keep if before is None else keep @ before
             log_det += of_term
@@ -120,25 +168,34 @@ class Weights:
 
         Returns
         -------
-        V : ndarray of shape (n_latent, n_inducing)
+        V : ndarray of shape ([n_columns,] n_latent, n_inducing)
             Mean of v.
-        omega : ndarray of shape (n_tasks, n_features)
+        omega : ndarray of shape ([n_columns,] n_tasks, n_features)
             Mean of omega_m.
-        levels : ndarray of shape (n_tasks,)
+        levels : ndarray of shape ([n_columns,] n_tasks)
             Mean of c_m.
         """
         step = sums.error - self.levels * self.noise / (self.level or 1.0)
-        own = sums.errors - (self.share * step)[:, None] * self.sums.phi
+        own = sums.errors - (self.share * step)[..., None] * self.sums.phi
         own = own / self.noise[:, None] - self.own
         for task, keep in self.keep.items():
-            own[task] = keep @ own[task]
-        V = self.loadings.mix_back(self.own + own) - self.V
-        V = self.cholesky.solve(V.ravel()).reshape(V.shape)
+            own[..., task, :] = (keep @ own[..., task, :].T).T
+        V = self._solve(self.loadings.mix_back(self.own + own) - self.V)
         shared = self.loadings.mix(V)
-        own -= np.einsum("mij,mj->mi", self.T, shared)
+        own -= _times(self.T, shared)
         omega = shared + self.loadings.own * own
-        step -= np.einsum("mi,mi->m", omega, self.sums.phi)
+        step -= np.einsum("...mi,mi->...m", omega, self.sums.phi)
         return self.V + V, self.omega + omega, self.levels + self.share * step
+
+    def products(self, squares):
+        """y^T V^{-1} y with the covariance V, or products of the columns as they are.
+
+        Parameters
+        ----------
+        squares : ndarray of shape ([n_columns, n_columns,] n_tasks)
+            Sums of squared residuals of each task.
+        """
+        return (squares / self.noise).sum(axis=-1) + self.penalty
 
     def log_density(self, squares):
         """The bound, given the sums of squared residuals of each task.
@@ -148,9 +205,19 @@ class Weights:
         second order only, and never to a value that is too small.
         """
         log_det = self.log_det + self.sums.n @ np.log(2.0 * np.pi * self.noise)
-        fit = (squares / self.noise).sum() + self.penalty
+        fit = self.products(squares)
+        if self.turn is not None:
+            fit, of_trend, _ = unexplained(fit)
+            log_det += of_trend
         rest = np.vdot(self.K_diagonal, self.sums.rest / self.noise[:, None])
         return -0.5 * (log_det + fit + rest)
+
+
+def _times(T, omega):
+    """T_m omega_m of symmetric T_m, for omega of one column of targets or several."""
+    if omega.ndim == 2:
+        return np.einsum("mij,mj->mi", T, omega)
+    return (omega.swapaxes(0, 1) @ T).swapaxes(0, 1)
 
 
 def _integrate_term(T, t, rows, kappa):
@@ -160,7 +227,7 @@ def _integrate_term(T, t, rows, kappa):
     ----------
     T : ndarray of shape (n_features, n_features)
         Precision with which the rows of the task tell its weights.
-    t : ndarray of shape (n_features,)
+    t : ndarray of shape (n_features[, n_columns])
         Precision times weights.
     rows : slice
         The features of the term.
@@ -197,7 +264,7 @@ def _take_off(T, t, rows, others, kappa, cholesky):
     cross = T[rows, others]
     half = cholesky.half_solve(cross)
     taken = cholesky.half_solve(half, transposed=True)
-    t[others] -= kappa * t[rows] @ cross
+    t[others] -= (kappa * t[rows].T @ cross).T
     T[np.ix_(others, others)] -= kappa * half.T @ half
     T[rows, others], T[others, rows] = taken, taken.T
     return taken.T
@@ -237,7 +304,7 @@ class Covariances:
         self.loadings, self.keep = weights.loadings, weights.keep
         self.taken = weights.share[:, None] * weights.sums.phi
         self.of_level, self.level = weights.share * weights.noise, weights.level
-        rank, m = weights.V.shape
+        rank, m = weights.V.shape[-2:]
         inverse = invert(weights.cholesky).reshape(rank, m, rank, m)
         self.inverse = np.ascontiguousarray(inverse.swapaxes(1, 2))
         self.Sigma = self.loadings.covariances(self.inverse)

@@ -31,6 +31,7 @@ class Display:
     """Base of the displays."""
 
     color = COLORS[0]  # of what is predicted; from_estimator sets the model's
+    own_units = False  # whether tasks have units of their own; from_estimator asks
 
     def _set_axes(self, ax, figsize=None):
         """The axes to draw on, new ones if None."""

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.labels import Labels, check_labels
 from skmtgp._data.numbers import check_numbers
 from skmtgp._data.task_column import task_labels
@@ -70,6 +71,11 @@ def model_with(attribute, estimator, instead):
         name = type(model).__name__
         raise TypeError(f"{name} has no {attribute.rstrip('_')}: {instead}")
     return model
+
+
+def has_own_units(estimator):
+    """Whether a fitted model learned the tasks in units of their own."""
+    return getattr(fitted_model(estimator), "normalize_y_", None) == "per_task"
 
 
 def select_output(values, output, axis=-1):
@@ -229,6 +235,31 @@ def task_column(estimator, X, task_feature=None):
         f"{type(first).__name__} does not tell which column of X holds the tasks: pass "
         "task_feature, its position or name."
     )
+
+
+def columns_of_descriptors(estimator, task, n_features, names=None):
+    """Positions of the columns of X that describe tasks, as the first step says.
+
+    Parameters
+    ----------
+    estimator : estimator
+        Fitted or not.
+    task : int
+        Position of the task column.
+    n_features : int
+        Number of columns.
+    names : list of n_features, default=None
+        Their names, if they have any.
+
+    Returns
+    -------
+    positions : list of int
+    """
+    described = getattr(_step(estimator, 0), "task_descriptors", None)
+    if described is None:
+        return []
+    columns = locate_descriptors(described, task, n_features, names)
+    return np.delete(np.arange(n_features), task)[columns].tolist()
 
 
 def _step(estimator, position):

@@ -14,6 +14,7 @@ from skmtgp.inspection._drawing import Display, check_option, color_of, label_po
 from skmtgp.inspection._models import (
     check_tasks,
     check_vector,
+    has_own_units,
     predictions,
     tasks_of,
 )
@@ -95,7 +96,7 @@ class TaskResidualsDisplay(Display):
         self,
         *,
         ax: Axes | None = None,
-        kind: Literal["residual", "standardized"] = "residual",
+        kind: Literal["auto", "residual", "standardized"] = "auto",
     ) -> Self:
         """Draw a box for each task.
 
@@ -103,9 +104,10 @@ class TaskResidualsDisplay(Display):
         ----------
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
-        kind : {"residual", "standardized"}, default="residual"
+        kind : {"auto", "residual", "standardized"}, default="auto"
             Whether the residuals are in units of y or divided by `y_std`, with the
-            central interval of level 0.95 of a standard normal.
+            central interval of level 0.95 of a standard normal. "auto" divides where
+            the model has learned the tasks in units of their own.
 
         Returns
         -------
@@ -117,7 +119,7 @@ class TaskResidualsDisplay(Display):
         ValueError
             If `kind` is neither, or if `y_std` is needed and missing or not positive.
         """
-        check_option("kind", kind, ("residual", "standardized"))
+        kind = _kind(kind, self.own_units)
         residuals = self._standardized() if kind == "standardized" else self._raw()
         labels = check_tasks(self.tasks, len(residuals))
         check_consistent_length(residuals, labels.codes)
@@ -155,7 +157,7 @@ class TaskResidualsDisplay(Display):
         output: int = 0,
         task_feature: int | str | None = None,
         ax: Axes | None = None,
-        kind: Literal["residual", "standardized"] = "residual",
+        kind: Literal["auto", "residual", "standardized"] = "auto",
     ) -> Self:
         """Predict test data and draw the residuals.
 
@@ -174,10 +176,11 @@ class TaskResidualsDisplay(Display):
             of a pipeline's first step, or of its model where X has a column so named.
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
-        kind : {"residual", "standardized"}, default="residual"
+        kind : {"auto", "residual", "standardized"}, default="auto"
             Whether the residuals are in units of y or divided by their predictive
             standard deviation; the latter, with a `target_transform`, are of
-            transformed targets.
+            transformed targets. "auto" divides where the model has learned the tasks
+            in units of their own.
 
         Returns
         -------
@@ -191,11 +194,12 @@ class TaskResidualsDisplay(Display):
         ValueError
             If there is no such output or kind, or nothing tells the task column.
         """
-        learned = kind == "standardized"
+        own_units = has_own_units(estimator)
+        learned = _kind(kind, own_units) == "standardized"
         y_true, mean, std = predictions(estimator, X, y, output, learned=learned)
         tasks = tasks_of(estimator, X, task_feature)
         display = cls._of_predictions(y_true, mean, std, tasks)
-        display.color = color_of(estimator)
+        display.color, display.own_units = color_of(estimator), own_units
         return display.plot(ax=ax, kind=kind)
 
     @classmethod
@@ -207,7 +211,7 @@ class TaskResidualsDisplay(Display):
         *,
         tasks: ArrayLike | None = None,
         ax: Axes | None = None,
-        kind: Literal["residual", "standardized"] = "residual",
+        kind: Literal["auto", "residual", "standardized"] = "auto",
     ) -> Self:
         """Draw the residuals of predictions.
 
@@ -221,8 +225,9 @@ class TaskResidualsDisplay(Display):
             Task of each sample. None is one task.
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
-        kind : {"residual", "standardized"}, default="residual"
-            Whether the residuals are in units of y or divided by `y_std`.
+        kind : {"auto", "residual", "standardized"}, default="auto"
+            Whether the residuals are in units of y, as they are by "auto", or divided
+            by `y_std`.
 
         Returns
         -------
@@ -242,6 +247,14 @@ class TaskResidualsDisplay(Display):
         targets, means = check_vector(y_true, "y_true"), check_vector(y_mean, "y_mean")
         check_consistent_length(targets, means)
         return cls(residuals=targets - means, y_std=y_std, tasks=tasks)
+
+
+def _kind(kind, own_units):
+    """The kind of residuals that is meant."""
+    check_option("kind", kind, ("auto", "residual", "standardized"))
+    if kind != "auto":
+        return kind
+    return "standardized" if own_units else "residual"
 
 
 def _box_style(n_boxes, color):

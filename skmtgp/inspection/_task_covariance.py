@@ -22,7 +22,12 @@ from skmtgp.inspection._drawing import (
     longest,
     points,
 )
-from skmtgp.inspection._models import check_output, model_with, select_output
+from skmtgp.inspection._models import (
+    check_output,
+    has_own_units,
+    model_with,
+    select_output,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -93,7 +98,7 @@ class TaskCovarianceDisplay(Display):
         self,
         *,
         ax: Axes | None = None,
-        kind: Literal["covariance", "correlation"] = "covariance",
+        kind: Literal["auto", "covariance", "correlation"] = "auto",
         order: Literal["given", "similarity"] = "given",
         deviations: bool = False,
         include_values: bool | Literal["auto"] = "auto",
@@ -106,8 +111,9 @@ class TaskCovarianceDisplay(Display):
         ----------
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
-        kind : {"covariance", "correlation"}, default="covariance"
-            What is drawn.
+        kind : {"auto", "covariance", "correlation"}, default="auto"
+            What is drawn. "auto" is correlations where the model has learned the tasks
+            in units of their own, whose covariances cannot be compared.
         order : {"given", "similarity"}, default="given"
             Whether the tasks come in the order of `tasks`, or so that tasks with high
             correlation come together: hierarchical clustering by average linkage of
@@ -132,6 +138,9 @@ class TaskCovarianceDisplay(Display):
         ValueError
             If `kind` or `order` is neither, or the matrix is not one of these tasks.
         """
+        check_option("kind", kind, ("auto", "covariance", "correlation"))
+        if kind == "auto":
+            kind = "correlation" if self.own_units else "covariance"
         matrix, labels = self._matrix(kind, order, deviations)
         ax = self._set_axes(ax)
         most = 1.0 if kind == "correlation" else np.abs(matrix).max() or 1.0
@@ -147,7 +156,6 @@ class TaskCovarianceDisplay(Display):
 
     def _matrix(self, kind, order, deviations):
         """What is drawn, and the names of its rows."""
-        check_option("kind", kind, ("covariance", "correlation"))
         check_option("order", order, ("given", "similarity"))
         K = check_array(self.task_covariance, input_name="task_covariance")
         if K.shape[0] != K.shape[1]:
@@ -187,7 +195,7 @@ class TaskCovarianceDisplay(Display):
         output: int = 0,
         term: int = 0,
         ax: Axes | None = None,
-        kind: Literal["covariance", "correlation"] = "covariance",
+        kind: Literal["auto", "covariance", "correlation"] = "auto",
         order: Literal["given", "similarity"] = "given",
         deviations: bool = False,
         include_values: bool | Literal["auto"] = "auto",
@@ -207,8 +215,9 @@ class TaskCovarianceDisplay(Display):
             Which of several terms, in the order of the model's kernels.
         ax : matplotlib Axes, default=None
             Where to draw. None makes a new figure.
-        kind : {"covariance", "correlation"}, default="covariance"
-            What is drawn.
+        kind : {"auto", "covariance", "correlation"}, default="auto"
+            What is drawn. "auto" is correlations where the model has learned the tasks
+            in units of their own, whose covariances cannot be compared.
         order : {"given", "similarity"}, default="given"
             Order of the tasks, see :meth:`plot`.
         deviations : bool, default=False
@@ -241,6 +250,7 @@ class TaskCovarianceDisplay(Display):
         of_terms = select_output(K, output, axis=0)
         check_output(term, len(of_terms), "term")
         display = cls(task_covariance=of_terms[term], tasks=model.tasks_)
+        display.own_units = has_own_units(model)
         return display.plot(
             ax=ax,
             kind=kind,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -16,6 +16,7 @@ from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
 from skmtgp.inspection._drawing import Display, color_of, pyplot
 from skmtgp.inspection._models import (
+    columns_of_descriptors,
     intervals,
     select_output,
     task_column,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 MOST = 24  # panels; more cannot be read
 PANEL = 2.4, 1.9  # inches
+LEGIBLE = 12  # a curve needs this part of an axis
 
 
 class TaskPredictionDisplay(Display):
@@ -102,7 +104,7 @@ class TaskPredictionDisplay(Display):
         *,
         ax: Axes | Sequence[Axes] | None = None,
         n_cols: int | None = None,
-        sharey: bool = True,
+        sharey: bool | Literal["auto"] = "auto",
     ) -> Self:
         """Draw the panels.
 
@@ -113,9 +115,10 @@ class TaskPredictionDisplay(Display):
             figure, with a legend; of given axes, ``ax.legend()`` makes one.
         n_cols : int, default=None
             Number of panels side by side. None is at most four.
-        sharey : bool, default=True
-            Whether all panels have the same vertical axis. False suits tasks in units
-            of their own.
+        sharey : bool or "auto", default="auto"
+            Whether all panels have the same vertical axis. "auto" gives each its own
+            where half of them would use less than a twelfth of that axis, as tasks in
+            different units do.
 
         Returns
         -------
@@ -133,6 +136,7 @@ class TaskPredictionDisplay(Display):
                 f"There are {len(tasks)} tasks, more panels than can be read. Choose "
                 f"at most {MOST}: tasks=[...] of from_estimator."
             )
+        sharey = self._is_one_axis_legible() if sharey == "auto" else sharey
         self.axes_ = _panels(ax, len(tasks), n_cols, sharey)
         self.ax_, self.figure_ = self.axes_[0], self.axes_[0].figure
         self.lines_, self.bands_, self.observed_, self.truths_ = [], [], [], []
@@ -144,6 +148,15 @@ class TaskPredictionDisplay(Display):
             style = {"ncols": 4, "frameon": False, "loc": "outside upper center"}
             self.figure_.legend(handles=handles, **style)
         return self
+
+    def _is_one_axis_legible(self):
+        """Whether half of the panels have enough of an axis that all share."""
+        drawn = self.curves[["task", "lower", "upper"]].melt("task", value_name="y")
+        points = self.points[self.points["task"].isin(self.curves["task"])]
+        of_tasks = pd.concat([drawn, points])[["task", "y"]].groupby("task")["y"]
+        lowest, highest = of_tasks.min(), of_tasks.max()
+        of_all = highest.max() - lowest.min()
+        return bool((highest - lowest).median() >= of_all / LEGIBLE)
 
     def _draw(self, ax, task):
         """One panel."""
@@ -163,6 +176,9 @@ class TaskPredictionDisplay(Display):
         style = {"color": "0.35", "ms": 3, "mew": 0, "label": "observed"}
         self.observed_ += ax.plot(points["x"], points["y"], "o", **style)
         ax.set_title(str(task), fontsize="medium")
+        numbers = ax.yaxis.get_major_formatter()
+        if hasattr(numbers, "set_useOffset"):  # it would be written over the title
+            numbers.set_useOffset(False)
         if ax.xaxis.get_tick_params()["labelbottom"]:  # nothing is below
             ax.set_xlabel(self.feature)
 
@@ -176,14 +192,14 @@ class TaskPredictionDisplay(Display):
         feature: int | str | None = None,
         at: Mapping[Any, Any] | None = None,
         truth: Callable[[Any], ArrayLike] | tuple[ArrayLike, ArrayLike] | None = None,
-        tasks: Sequence[Any] | None = None,
+        tasks: Sequence[Any] | str | None = None,
         task_feature: int | str | None = None,
         output: int = 0,
         level: float = 0.95,
         n_points: int = 100,
         ax: Axes | Sequence[Axes] | None = None,
         n_cols: int | None = None,
-        sharey: bool = True,
+        sharey: bool | Literal["auto"] = "auto",
     ) -> Self:
         """Predict each task along a feature, and draw it with what was observed.
 
@@ -197,15 +213,16 @@ class TaskPredictionDisplay(Display):
             Targets that were observed.
         feature : int or str, default=None
             Position or name of the feature of the horizontal axis. None is the only
-            one beside the task.
+            one beside the task and its descriptors.
         at : dict, default=None
             Values of other features, by name or position. Those that are not given have
             the median of the task's rows, or, of text, the commonest.
         truth : callable or (X, y), default=None
             What is true, if that is known: a function of inputs such as X, or inputs
             and targets, which are drawn in the order of the feature.
-        tasks : sequence, default=None
-            Labels of the tasks to draw, in that order. None is all those of X, sorted.
+        tasks : sequence or str, default=None
+            Labels of the tasks to draw, in that order, or one of text. None is all
+            those of X, sorted.
         task_feature : int or str, default=None
             Position or name of the task column, where the estimator does not tell it.
         output : int, default=0
@@ -219,8 +236,8 @@ class TaskPredictionDisplay(Display):
             figure.
         n_cols : int, default=None
             Number of panels side by side. None is at most four.
-        sharey : bool, default=True
-            Whether all panels have the same vertical axis.
+        sharey : bool or "auto", default="auto"
+            Whether all panels have the same vertical axis, see :meth:`plot`.
 
         Returns
         -------
@@ -279,7 +296,9 @@ class _Table(NamedTuple):
         names = list(frame.columns) if dtype is None else None
         column = task_column(estimator, X, task_feature)
         task = locate_task_column(column, frame.shape[1], names)
-        return cls(frame, labels, _position(frame, feature, task), task, dtype)
+        described = columns_of_descriptors(estimator, task, frame.shape[1], names)
+        found = _position(frame, feature, [task, *described])
+        return cls(frame, labels, found, task, dtype)
 
     def x(self):
         """Values of the feature."""
@@ -321,10 +340,10 @@ class _Table(NamedTuple):
         return self._replace(frame=frame, labels=labels)
 
 
-def _position(frame, feature, task):
-    """Position of the feature to draw."""
+def _position(frame, feature, of_tasks):
+    """Position of the feature to draw; some columns are of the tasks."""
     names = list(frame.columns)
-    others = [name for j, name in enumerate(names) if j != task]
+    others = [name for j, name in enumerate(names) if j not in of_tasks]
     if feature is None:
         if len(others) == 1:
             return names.index(others[0])
@@ -333,7 +352,7 @@ def _position(frame, feature, task):
             "the horizontal axis."
         )
     found = names.index(feature) if feature in names else None
-    if found is None or found == task:
+    if found is None or found in of_tasks:
         raise ValueError(f"feature={feature!r} is not one of the features: {others}.")
     return found
 
@@ -353,6 +372,7 @@ def _chosen(tasks, labels):
     known = sorted(set(labels.tolist()))
     if tasks is None:
         return known
+    tasks = [tasks] if isinstance(tasks, str) else tasks
     unknown = [label for label in tasks if label not in known]
     if unknown or not len(tasks):
         what = f"has {unknown[0]!r}, which X has not" if unknown else "is empty"

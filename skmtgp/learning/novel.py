@@ -55,7 +55,8 @@ def learn_novel(
     own : bool, or a list of one for each term
         Whether it may have something that it shares with no other task.
     own_noise : bool
-        Whether tasks have noise variances of their own.
+        Whether tasks have noise variances of their own. The new one gets the geometric
+        mean of the others', each counted as often as it has rows.
     informed : bool
         Whether the border has the prior of `Population`; maximum likelihood otherwise.
     budget : Budget
@@ -79,7 +80,7 @@ def learn_novel(
         If the form of K^rho has no factor that a task can be added to.
     """
     begin, prior = perf_counter(), likelihood.prior
-    noise = np.exp(prior.log_noise_at(theta).mean())  # if the tasks have one each
+    log_noise = likelihood.usual_log_noise(theta)
     factors, shared, equal = map(list, zip(*_shares(prior, theta), strict=True))
     owns = own if isinstance(own, list) else [own]
     of_terms = {"own": owns, "shared": shared, "equal": equal}
@@ -88,14 +89,15 @@ def learn_novel(
         of_terms["trend"] = trend.rows_of(position, X)
     with limit_threads(len(y)):
         border = BorderLikelihood(
-            posterior, factors, X, y, noise, level=level, **of_terms
+            posterior, factors, X, y, np.exp(log_noise), level=level, **of_terms
         )
         best = learn_border(
             border, np.hstack(factors), budget, informed=informed, rng=rng
         )
         value = border.value(best.x)
     rows, of_own = _by_terms(border, best.x, len(factors))
-    prior, theta = prior.bordered(theta, rows, of_own, position, own_noise)
+    log_noise = log_noise if own_noise else None
+    prior, theta = prior.bordered(theta, rows, of_own, position, log_noise)
     seconds = perf_counter() - begin
     return prior, Mode(theta, value, *best[2:], seconds, len(y))
 
@@ -123,7 +125,42 @@ def join_described(likelihood, row, position, own_noise, posterior, theta, *, rn
     """
     prior = likelihood.prior
     own = np.sqrt(prior.unseen(theta, row[None])[1])  # of a diagonal, the mean
-    prior, theta = prior.bordered(theta, [row], [own], position, own_noise)
+    log_noise = likelihood.usual_log_noise(theta) if own_noise else None
+    prior, theta = prior.bordered(theta, [row], [own], position, log_noise)
+    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
+
+
+def join_alike(likelihood, position, own_noise, posterior, theta, *, rng=None):
+    """Extend a model whose tasks are all related alike: nothing is learned.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of the tasks so far, with a K^rho without a row for each task to learn.
+    position, own_noise, theta
+        See :func:`learn_novel`.
+    posterior, rng
+        Not needed.
+
+    Returns
+    -------
+    prior : Prior
+        Of one more task, whose part of a diagonal is the geometric mean of the others'.
+    mode : Mode
+        All parameters of that model. Its value is not known.
+
+    Raises
+    ------
+    ValueError
+        If the form of K^rho cannot be extended.
+    """
+    prior = likelihood.prior
+    form = prior.task_covariance
+    _check_extensible(form, ["bordered"], "A task that joins")
+    [(_, rho)] = prior.theta_of_terms(theta)
+    log_kappa = rho[len(rho) - form.n_kappa :]
+    own = np.exp(0.5 * log_kappa.mean()) if len(log_kappa) else None
+    prior, theta = prior.bordered(theta, [None], [own], position, own_noise)
     return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
 
 
@@ -150,15 +187,15 @@ def _by_terms(border, x, n_terms):
     return rows, [own.get(q) for q in range(n_terms)]
 
 
-def _check_extensible(form):
+def _check_extensible(form, needed=("columns", "bordered"), what="add_task"):
     """Raise a ValueError where a form of K^rho cannot get one more task."""
     inner = form
     while hasattr(inner, "form"):
         inner = inner.form
-    missing = [name for name in ("columns", "bordered") if not hasattr(inner, name)]
+    missing = [name for name in needed if not hasattr(inner, name)]
     if missing:
         raise ValueError(
-            "add_task adds a row to a factor of the task covariance, but "
+            f"{what} adds a row to a factor of the task covariance, but "
             f"{type(inner).__name__} has no {' and no '.join(missing)}. Fit the model "
             "to all tasks, or give the class these methods."
         )

@@ -524,7 +524,7 @@ class Prior:
         kernels, rhos = zip(*of_terms, strict=True)
         return np.concatenate([*kernels, *rhos, tail])
 
-    def bordered(self, theta, row, own, position, own_noise):
+    def bordered(self, theta, row, own, position, log_noise=None):
         """The prior of one more task and its theta, section 3.3.
 
         Parameters
@@ -535,9 +535,8 @@ class Prior:
             See :meth:`LowRank.bordered`; lists of those of each term.
         position : int
             Where the task goes among the others.
-        own_noise : bool
-            Whether tasks have noise variances of their own, of which one task's does
-            not tell. The new one gets the geometric mean of the others'.
+        log_noise : float, default=None
+            Logarithm of the noise variance of the task. None: all tasks have one.
 
         Returns
         -------
@@ -546,7 +545,7 @@ class Prior:
         theta : ndarray of shape (prior.n_theta,)
             Its parameters.
         """
-        *_, level, log_noise = self._split(theta)
+        *_, level, log_noises = self._split(theta)
         terms, of_terms = [], []
         for (k, form), (kernel, rho), *of in zip(
             self.terms, self.theta_of_terms(theta), row, own, strict=True
@@ -554,10 +553,10 @@ class Prior:
             form, rho = form.bordered(rho, *of, position)
             terms.append((k, form))
             of_terms.append((kernel, rho))
-        if own_noise:
-            log_noise = np.insert(log_noise, position, log_noise.mean())
-        prior = replace(self, n_noise=len(log_noise)).with_terms(terms)
-        tail = np.concatenate([level, log_noise])
+        if log_noise is not None:
+            log_noises = np.insert(log_noises, position, log_noise)
+        prior = replace(self, n_noise=len(log_noises)).with_terms(terms)
+        tail = np.concatenate([level, log_noises])
         return prior, prior.with_theta_of_terms(tail, of_terms)
 
     def with_own_noise(self, theta):

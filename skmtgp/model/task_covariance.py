@@ -44,13 +44,15 @@ class FixedTaskCovariance:
     ----------
     matrix : ndarray of shape (n_tasks, n_tasks)
         K^rho.
+    between : {0.0, 1.0}, default=0.0
+        K^rho between a task that joins and the others.
     """
 
     n_parameters = n_free = n_kappa = n_own = 0
     shared = False
 
-    def __init__(self, matrix):
-        self._matrix = matrix
+    def __init__(self, matrix, between=0.0):
+        self._matrix, self.between = matrix, between
         self.n_tasks = len(matrix)
 
     def __str__(self):
@@ -96,6 +98,14 @@ class FixedTaskCovariance:
     def derivatives(self, parameters):
         """Derivatives of K^rho: none."""
         return ()
+
+    def bordered(self, parameters, row, own, position):
+        """The model of one more task, related to the others as they are."""
+        kept = np.delete(np.arange(self.n_tasks + 1), position)
+        matrix = np.full((self.n_tasks + 1, self.n_tasks + 1), self.between)
+        matrix[np.ix_(kept, kept)] = self._matrix
+        matrix[position, position] = 1.0
+        return FixedTaskCovariance(matrix, self.between), parameters
 
     def parameters(self, K, truncation="eigen"):
         """Parameters of the member nearest to K: none."""
@@ -524,7 +534,7 @@ def identity(n_tasks, diagonal=False):
 
 def ones(n_tasks, diagonal=False):
     """K^rho = 1 1^T: tasks that cannot be told apart (pGP)."""
-    form = FixedTaskCovariance(np.ones((n_tasks, n_tasks)))
+    form = FixedTaskCovariance(np.ones((n_tasks, n_tasks)), between=1.0)
     return WithDiagonal(form) if diagonal else form
 
 

@@ -7,6 +7,7 @@ that theta has none of them.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -55,9 +56,7 @@ class Trend:
 
         Tasks that were never seen come after the others; they have none of their own.
         """
-        H, centre = self.columns(X), _of_rows(self.centre, tasks)
-        near = np.abs(H - centre) <= RESOLVED * np.abs(centre)
-        H = np.where(near, 0.0, H - centre) / _of_rows(self.scale[:, None], tasks)
+        H = self.own_rows(X, tasks)
         if not self.per_task:
             return H
         found = np.zeros((len(X), self.n_tasks, H.shape[1]))
@@ -65,14 +64,22 @@ class Trend:
         return found.reshape(len(X), -1)
 
     def rows_of(self, task, X):
-        """The columns that rows of a task have a part in, (n_samples, n_columns)."""
-        T = self.rows(X, np.full(len(X), task))
-        n_trend = self.slopes.shape[1]
-        return T[:, task * n_trend :][:, :n_trend] if self.per_task else T
+        """The columns that rows of a task have a part in, (n_samples, n_trend)."""
+        return self.own_rows(X, np.full(len(X), task))
+
+    def own_rows(self, X, tasks):
+        """The columns that each row's task has a part in, (n_samples, n_trend)."""
+        H, centre = self.columns(X), _of_rows(self.centre, tasks)
+        near = np.abs(H - centre) <= RESOLVED * np.abs(centre)
+        return np.where(near, 0.0, H - centre) / _of_rows(self.scale[:, None], tasks)
 
     def basis(self, X, tasks):
         """An orthonormal basis of the columns at some rows."""
-        return Basis(self.rows(X, tasks))
+        return self.basis_of(self.own_rows(X, tasks), tasks)
+
+    def basis_of(self, H, tasks):
+        """The same from the columns of rows, see `own_rows`."""
+        return TaskBases(H, tasks, self.n_tasks) if self.per_task else Basis(H)
 
     def log_jacobian(self, X, tasks):
         """What the trend changes in the Jacobian of targets in units of y."""
@@ -82,7 +89,14 @@ class Trend:
 
     def fitted(self, X, tasks):
         """What least squares explain of the targets, (n_samples,)."""
-        return self.rows(X, tasks) @ self.slopes.ravel()
+        return self.times(X, tasks, self.slopes)
+
+    def times(self, X, tasks, coefficients):
+        """The columns of rows times coefficients, of shape (n_sets, n_trend)."""
+        H = self.own_rows(X, tasks)
+        if not self.per_task:
+            return H @ coefficients[0]
+        return np.einsum("ij,ij->i", H, coefficients[tasks])
 
     def with_task(self, position, centre, scale, slopes):
         """The same with one more task; what is None all tasks have in common."""
@@ -122,9 +136,11 @@ class Basis:
     def __init__(self, T):
         length = np.linalg.norm(T, axis=0)
         self.length = np.where(length > 0.0, length, 1.0)
-        Q, R, order = qr(T / self.length, mode="economic", pivoting=True)
+        unit = T / self.length if len(T) else np.zeros((1, T.shape[1]))
+        Q, R, order = qr(unit, mode="economic", pivoting=True)
         rank = int((np.abs(np.diagonal(R)) > INDEPENDENT).sum())
-        self.Q, self.dependent = np.asfortranarray(Q[:, :rank]), np.sort(order[rank:])
+        self.Q = np.asfortranarray(Q[: len(T), :rank])
+        self.dependent = np.sort(order[rank:])
         self._R = np.empty((rank, T.shape[1]))  # of columns of length 1
         self._R[:, order] = R[:rank]
 
@@ -139,7 +155,76 @@ class Basis:
         R = self._R[:, independent] * self.length[independent]
         return np.linalg.slogdet(R)[1]
 
+    def least_squares(self, Y):
+        """Coefficients of the columns, in rows, that explain most of targets."""
+        return self.coefficients(self.Q.T @ Y)
+
     def coefficients(self, of_basis):
         """Those of the columns, from those of the basis, in rows."""
         found = np.linalg.lstsq(self._R, of_basis, rcond=None)[0]
         return (found.T / self.length).T
+
+
+class TaskBases:
+    """A basis of columns that tasks have of their own, one task's after another's.
+
+    Its methods are those of a Basis. What is zero in the rows of other tasks is
+    neither kept nor decomposed.
+
+    Parameters
+    ----------
+    H : ndarray of shape (n_samples, n_trend)
+        Columns of each row's task.
+    tasks : ndarray of shape (n_samples,)
+        Tasks.
+    n_tasks : int
+        Number of tasks.
+
+    Attributes
+    ----------
+    bases : list of n_tasks Basis
+        Of the rows of each task.
+    dependent : ndarray of int
+        Columns that the others make, of n_tasks times n_trend.
+    """
+
+    def __init__(self, H, tasks, n_tasks):
+        order = np.argsort(tasks, kind="stable")
+        counts = np.bincount(tasks, minlength=n_tasks)
+        self.rows = np.split(order, np.cumsum(counts)[:-1])
+        self.bases = [Basis(H[rows]) for rows in self.rows]
+        stops = np.cumsum([basis.rank for basis in self.bases])
+        self.columns = np.split(np.arange(stops[-1]), stops[:-1])
+        of_tasks = H.shape[1] * np.arange(n_tasks)
+        pairs = zip(of_tasks, self.bases, strict=True)
+        self.dependent = np.concatenate([start + of.dependent for start, of in pairs])
+
+    @property
+    def rank(self):
+        """Number of independent columns."""
+        return sum(basis.rank for basis in self.bases)
+
+    @cached_property
+    def Q(self):
+        """The basis, of shape (n_samples, rank)."""
+        Q = np.zeros((sum(map(len, self.rows)), self.rank), order="F")
+        for rows, columns, basis in self._tasks():
+            Q[np.ix_(rows, columns)] = basis.Q
+        return Q
+
+    def log_volume(self):
+        """See Basis."""
+        return sum(basis.log_volume() for basis in self.bases)
+
+    def least_squares(self, Y):
+        """See Basis."""
+        parts = zip(self.rows, self.bases, strict=True)
+        return np.concatenate([of.least_squares(Y[rows]) for rows, of in parts])
+
+    def coefficients(self, of_basis):
+        """See Basis."""
+        found = [of.coefficients(of_basis[at]) for _, at, of in self._tasks()]
+        return np.concatenate(found)
+
+    def _tasks(self):
+        return zip(self.rows, self.columns, self.bases, strict=True)

@@ -123,6 +123,7 @@ def test_rows_of_a_training_set_come_in_turns():
     ("sizes", "match"),
     [
         ([[2, 2, 2, 2], [9]], "One group alone of task 1: no fold .* 2 groups or more"),
+        ([[2, 2, 2, 2], [9]], "of every task, or leave its rows out"),
         ([[2, 2], [3, 3]], "n_splits=3 is above the number of groups .* is 2 at most"),
     ],
 )

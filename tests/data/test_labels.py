@@ -10,7 +10,13 @@ import pandas as pd
 import pytest
 
 from skmtgp import BayesianLinearRegression
-from skmtgp._data.labels import check_labels, encode_tasks, rows_by_code, sorted_tasks
+from skmtgp._data.labels import (
+    alike,
+    check_labels,
+    encode_tasks,
+    rows_by_code,
+    sorted_tasks,
+)
 from skmtgp.metrics import normalized_mean_squared_error
 
 BIG = 2**53
@@ -76,7 +82,7 @@ MISSING = {
 
 @pytest.mark.parametrize("labels", MISSING.values(), ids=MISSING)
 def test_missing_labels(labels):
-    with pytest.raises(ValueError, match=r"1 missing labels .* first in row 1"):
+    with pytest.raises(ValueError, match=r"1 missing label .* first in row 1"):
         check_labels(labels)
 
 
@@ -364,6 +370,25 @@ def test_an_unknown_task_may_join_some_models(can_join):
         encode_tasks(check_labels([4, 4]), np.array([1, 2]), can_join=can_join)
     assert ("or let it join with add_task" in str(error.value)) == can_join
     assert "labels are" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("label", "meant"), [(" Hill", "hill"), ("HILL", "hill"), ("the  mast", "the mast")]
+)
+def test_a_label_with_other_spaces_or_case_is_told_which_may_be_meant(label, meant):
+    message = f"Unknown task '{label}': .* Did you mean '{meant}'\\? Fit with"
+    with pytest.raises(ValueError, match=message):
+        encode_tasks(check_labels([label]), np.array(["hill", "the mast"]))
+    with pytest.raises(ValueError, match="Unknown task 'hil'") as error:
+        encode_tasks(check_labels(["hil"]), np.array(["hill"]))
+    assert "Did you mean" not in str(error.value)
+
+
+def test_labels_that_differ_in_spaces_or_case_alone():
+    labels = ["", " hill", "Hill", "hill", "lake", "lake 2", "lake  2", "lakes"]
+    groups = [[" hill", "Hill", "hill"], ["lake 2", "lake  2"]]
+    assert alike(labels) == groups
+    assert alike([1, 2, 10]) == alike([True, False]) == []
 
 
 def test_a_number_is_no_known_string():

@@ -178,6 +178,24 @@ class TestNotFinite:
             CoverageDisplay.from_predictions(ones, y, ones)
 
 
+def test_all_columns_with_missing_values_are_told_at_once():
+    table = pd.DataFrame(np.arange(32.0).reshape(4, 8), columns=list("abcdefgh"))
+    table.iloc[1:3, [1, 3]] = np.nan
+    match = r"in column 'b': 2 of 4 values, .* row 1; more in columns 'd' \(2\)\. Every"
+    with pytest.raises(ValueError, match=match):
+        check_numbers(table, "X")
+    table.iloc[0] = np.inf
+    match = r"columns 'b' \(3\), 'c' \(1\), .*, 'f' \(1\) and 2 others\. Every value"
+    with pytest.raises(ValueError, match=match):
+        check_numbers(table, "X")
+
+
+def test_text_is_told_before_missing_values():
+    table = pd.DataFrame({"a": [np.nan, 1.0], "operator": ["ann", "bob"]})
+    with pytest.raises(ValueError, match="column 'operator' holds strings"):
+        check_numbers(table, "X")
+
+
 def test_values_of_another_kind_are_told_by_their_column():
     table = pd.DataFrame({"x": objects([1.0, {"a": 1}]), "load": [1, 1]})
     match = r"column 'x' holds \{'a': 1\}: float\(\) argument must be a string or a"

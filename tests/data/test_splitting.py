@@ -18,6 +18,8 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp import BayesianLinearRegression
+from skmtgp.exceptions import TaskColumnWarning
+from skmtgp.metrics import make_normalized_mse_scorer
 from skmtgp.model_selection import TaskStratifiedKFold
 
 X, y = draw(per_task=6)
@@ -111,9 +113,7 @@ def test_first_rows_of_a_training_set_have_the_tasks_in_proportion(counts):
 @pytest.mark.parametrize(
     ("counts", "match"),
     [
-        ([6, 1, 6], "One row alone of task 1: no fold can have the task in both"),
-        ([1, 6, 1], "One row alone of task 0, 2: .* Give 2 rows or more"),
-        ([1] * 8, r"of task 0, 1, 2, 3, 4, \.\.\. \(8 in all\): no fold"),
+        ([1] * 8, r"n_splits=5 is above the number of rows .* is 1 at most"),
         ([4, 3, 4], "n_splits=5 is above the number of rows .* is 4 at most"),
         ([], "minimum of 1 is required"),
     ],
@@ -123,9 +123,46 @@ def test_too_few_rows(counts, match):
         next(TaskStratifiedKFold(5).split(table_of(counts)))
 
 
+@pytest.mark.parametrize(
+    ("counts", "match"),
+    [
+        ([6, 1, 6], "One row alone of task 1: it is in every training set"),
+        ([1, 6, 1], "One row alone of task 0, 2: .* by cross_val_predict, leave"),
+        ([1, 1, 1, 1, 1, 6, 1], r"of task 0, 1, 2, 3, 4, \.\.\. \(6 in all\): it is"),
+    ],
+)
+@pytest.mark.parametrize("shuffle", [False, True])
+def test_rows_of_tasks_with_no_other_are_never_tested(counts, match, shuffle):
+    table, counts = table_of(counts), np.array(counts)
+    with pytest.warns(TaskColumnWarning, match=match):
+        found = list(TaskStratifiedKFold(5, shuffle=shuffle).split(table))
+    lone = np.flatnonzero(counts[table[:, -1].astype(int)] == 1)
+    for train, test in found:
+        assert sorted([*train, *test]) == list(range(len(table)))
+        assert set(lone) <= set(train)
+    tested = np.sort(np.concatenate([test for _, test in found]))
+    assert tested.tolist() == sorted(set(range(len(table))) - set(lone))
+
+
+def test_a_task_of_one_row_does_not_stop_a_search():
+    table, y = table_of([8, 1, 8]), np.r_[np.arange(8.0), 50.0, 10.0 - np.arange(8.0)]
+    model = BayesianLinearRegression()
+    y_var = pd.Series(y).groupby(table[:, -1]).var(ddof=0)
+    search = GridSearchCV(
+        model,
+        {"pooled": [True, False]},
+        cv=TaskStratifiedKFold(4),
+        scoring=make_normalized_mse_scorer(y_var=y_var),
+    )
+    with pytest.warns(TaskColumnWarning, match="One row alone of task 1"):
+        search.fit(table, y)
+    assert np.isfinite(search.cv_results_["mean_test_score"]).all()
+    assert search.best_params_ == {"pooled": False}
+
+
 def test_name_of_a_task_with_one_row():
     table = pd.DataFrame({"a": range(5), "load": ["u", "u", "v", "u", "u"]})
-    with pytest.raises(ValueError, match="One row alone of task 'v'"):
+    with pytest.warns(TaskColumnWarning, match="One row alone of task 'v'"):
         next(TaskStratifiedKFold(2).split(table))
 
 

@@ -343,6 +343,30 @@ def test_a_second_task(noise, prior):
     assert np.isfinite(three.predict(X)).all()
 
 
+@pytest.mark.parametrize("described", [False, True])
+def test_noise_of_two_rows_does_not_become_that_of_a_new_task(described):
+    """Two rows do not tell a noise variance: the others count by their rows."""
+    X, y = draw(n_tasks=3, per_task=12)
+    keep = (X[:, -1] < 2) | (np.cumsum(X[:, -1] == 2) <= 2)
+    X, y = X[keep], y[keep] + 0.1 * np.random.default_rng(0).standard_normal(keep.sum())
+    X_new, y_new = np.insert(X[:4, :2], 2, 9.0, axis=1), y[:4]
+    options = {"noise": "per_task", "normalize_y": "shared"}
+    if described:
+        X, X_new = (np.insert(of, 2, of[:, -1], axis=1) for of in (X, X_new))
+        options["task_descriptors"] = [2]
+    model = learner(rank=1, **options).fit(X, y)
+    joined = model.add_task(X_new, y_new)
+    *old, new = np.log(joined.noise_variance_)
+    assert new == pytest.approx(np.average(old, weights=[12, 12, 2]))
+    assert abs(new - np.mean(old)) > 0.1
+    if described:  # and without any row
+        (with_noise,), (without,) = (
+            np.square(model.predict(X_new[:1], return_std=True, include_noise=noisy)[1])
+            for noisy in (True, False)
+        )
+        assert np.log(with_noise - without) == pytest.approx(new)
+
+
 def test_complete_data_stay_complete():
     x, y = draw(per_task=5, n_tasks=1)
     X = np.vstack([x, x + [0.0, 0.0, 1.0]])

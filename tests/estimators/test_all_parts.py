@@ -221,6 +221,7 @@ def test_skops():
             "skmtgp.model.several.Forms",
             "skmtgp.model.several.Kernels",
             "skmtgp.model.trend.Basis",
+            "skmtgp.model.trend.TaskBases",
             "skmtgp.model.trend.Trend",
         },
         "gaps": {"skmtgp.inference.gaps.GappyEigen"},

@@ -289,7 +289,7 @@ BAD_DATA = {
         [[0.5, "a"], [0.1, float("nan")]],
         Y[:2],
         ValueError,
-        "1 missing labels",
+        "1 missing label",
     ),
     "a number among strings in a list": (
         [[0.5, "a"], [0.1, 1]],

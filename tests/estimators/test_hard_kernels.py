@@ -51,8 +51,9 @@ BAD_KERNELS = {
             Columns(RBF(), columns),
             r"columns=.* must be a list of indices \(int\) of features, the task",
         )
-        for columns in (["x"], [], 0, "x", [0.0], [True, False], [0, True], [[0]])
+        for columns in ([], 0, "x", [0.0], [True, False], [0, True], [[0]])
     },
+    "columns by name": (Columns(RBF(), ["x"]), "'x' names a column, but X has no col"),
     "columns that are not there": (
         Columns(RBF(), [0, -3]),
         r"columns=\[0, -3\] name column -3, but X has 2 features",

@@ -187,6 +187,22 @@ def test_more_tasks_than_half_of_the_rows(estimator):
     estimator.fit(table, np.arange(24.0))
 
 
+@pytest.mark.parametrize(
+    ("labels", "match"),
+    [
+        (
+            ["u", "u ", "v"],
+            r"'u', 'u ' differ in spaces or case alone: they are learned",
+        ),
+        (["u", "u ", "v", " v", "w", "W"], "alone, and 2 more such groups: they are"),
+    ],
+)
+def test_labels_that_are_written_in_several_ways(estimator, labels, match):
+    table = changed({"load": labels * (18 // len(labels))})
+    with pytest.warns(TaskColumnWarning, match=match):
+        estimator.fit(table, y)
+
+
 RNG = np.random.default_rng(0)
 ROWS = np.column_stack([RNG.normal(size=(80, 2)), RNG.integers(0, 3, 80)])
 COUNTS = np.append(RNG.poisson(4.0, 79), 20)  # one value is of one row alone
@@ -246,9 +262,9 @@ class TestChain:
 
 
 BAD_DATA = {
-    "missing label": (with_first("load", None), y, "task column has 1 missing labels"),
-    "NaN label": (with_first("load", np.nan), y, "1 missing labels.*Every row needs"),
-    "NA label": (with_first("load", pd.NA), y, "missing labels .* first in row 0"),
+    "missing label": (with_first("load", None), y, "1 missing label of"),
+    "NaN label": (with_first("load", np.nan), y, "1 missing label.*Every row needs"),
+    "NA label": (with_first("load", pd.NA), y, "1 missing label .* first in row 0"),
     "NaN label in an array": (
         np.where(X[0, -1] == X, np.nan, X)[:, [0, 2, 1]],
         y,
@@ -423,7 +439,7 @@ def test_missing_arguments_name_the_public_class():
 NEW = {
     "unknown task": (changed({"load": "d"}), "Unknown task 'd': the model knows 'a'"),
     "number for text": (changed({"load": 1}), "Unknown task 1: the model knows 'a'"),
-    "missing label": (with_first("load", None), "1 missing labels"),
+    "missing label": (with_first("load", None), "1 missing label"),
     "NaN feature": (with_first("b", np.nan), "Input X contains NaN"),
     "other columns": (
         frame()[["b", "load", "a"]],

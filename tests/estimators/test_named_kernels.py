@@ -3,6 +3,7 @@
 import pickle
 
 import numpy as np
+import pandas as pd
 import pytest
 from samples import draw
 from sklearn import clone
@@ -42,6 +43,7 @@ GPS = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
 NAMES = pytest.mark.parametrize("name", KERNELS)
 EACH = pytest.mark.parametrize("cls", GPS)
 SHORT = {"max_iter": 3, "tol": 1.0}
+FIRST = {"max_iter": 0}  # as learning starts
 X, y = draw()
 Z = X[:5]
 
@@ -149,3 +151,65 @@ def test_clones_copies_and_compiled_predictors(name):
     np.testing.assert_array_equal(again.predict(Z), model.predict(Z))
     predict = compile_predictor(model, task=Z[0, -1])
     assert predict(Z[0, :-1]) == pytest.approx(model.predict(Z[:1])[0])
+
+
+class TestNamesOfColumns:
+    """Of a frame, in place of their positions."""
+
+    FRAME = pd.DataFrame(X[:, :-1], columns=["hour", "warmth"])
+    FRAME.insert(1, "site", np.array(["u", "v", "w"])[X[:, -1].astype(int)])
+
+    def kernel(self, hour, warmth):
+        slow = Columns(RBF(2.0), [warmth])
+        return 1.5 * Columns(ExpSineSquared(1.0, 2.0), [hour]) * slow
+
+    @pytest.mark.parametrize("cls", [*GPS, RankSearchIC])
+    def test_are_those_of_the_features(self, cls):
+        """The task column, which is between them, is not counted."""
+
+        def fitted(hour, warmth):
+            options = {"kernel": self.kernel(hour, warmth), "task_feature": "site"}
+            if cls is RankSearchIC:
+                model = MultiTaskGPRegressor(**FIRST, **options)
+                return RankSearchIC(model, ranks=(1,)).fit(self.FRAME, y)
+            return cls(**FIRST, **options).fit(self.FRAME, y)
+
+        found = fitted("hour", "warmth").predict(self.FRAME)
+        np.testing.assert_array_equal(found, fitted(0, 1).predict(self.FRAME))
+        assert np.abs(found - fitted(1, 0).predict(self.FRAME)).max() > 1e-6
+
+    def test_learned_kernels_have_positions(self):
+        kernel = self.kernel("hour", "warmth")
+        model = MultiTaskGPRegressor(kernel, rank=1, task_feature="site", **FIRST)
+        model.fit(self.FRAME, y)
+        assert "[0]" in str(model.kernel_)
+        assert "[1]" in str(model.kernel_)
+        assert model.kernel is kernel
+        assert kernel.k2.columns == ["warmth"]
+        again = clone(model).fit(self.FRAME, y)
+        np.testing.assert_array_equal(again.theta_, model.theta_)
+
+    def test_descriptors_are_not_counted(self):
+        frame = self.FRAME.assign(weight=X[:, -1])[["weight", "hour", "site", "warmth"]]
+        model = MultiTaskGPRegressor(
+            [self.kernel("hour", "warmth")],
+            rank=1,
+            task_feature="site",
+            task_descriptors=["weight"],
+            **FIRST,
+        )
+        assert str(model.fit(frame, y).kernel_).count("[1]") == 1
+        model.set_params(kernel=Columns(RBF(), ["weight"]))
+        with pytest.raises(ValueError, match=r"'weight' is not a column: \['hour', 'w"):
+            model.fit(frame, y)
+
+    @pytest.mark.parametrize("cls", GPS)
+    def test_errors(self, cls):
+        model = cls(Columns(RBF(), ["Hour"]), task_feature="site", **FIRST)
+        match = "columns of the kernel='Hour' is not a column: .* Did you mean 'hour'"
+        with pytest.raises(ValueError, match=match):
+            model.fit(self.FRAME, y)
+        with pytest.raises(ValueError, match="'Hour' names a column, but X has no"):
+            model.set_params(task_feature=-1).fit(X, y)
+        with pytest.raises(ValueError, match="fitted to a frame takes names"):
+            Columns(RBF(), ["hour"])(X)

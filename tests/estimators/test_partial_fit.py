@@ -196,12 +196,6 @@ class TestNewTasks:
         close(told(model, Z), told(refitted(model), Z))
         assert model.tasks_train_.tolist().count(4) == 4
 
-    @pytest.mark.parametrize("name", ["iGP", "pGP"])
-    def test_models_without_relations_refuse_them(self, name):
-        model = clone(MODELS[name]).fit(*parts()[0])
-        with pytest.raises(ValueError, match="Unknown task"):
-            model.partial_fit(self.NEW, self.TARGETS)
-
 
 class TestEngines:
     """What becomes of data that are not dense."""

@@ -29,6 +29,7 @@ from skmtgp.inference.sparse import SparseBound
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.model._nodes import compile_kernel, count_arrays
 from skmtgp.model.task_covariance import low_rank
+from skmtgp.model.trend import Trend
 
 
 class OwnRBF(RBF):
@@ -140,6 +141,26 @@ def test_sparse_inference_of_several_terms(n_terms, diagonal, monkeypatch):
     check_sparse_memory(demand, TileMemory(prior.kernel, one.X[:1]), m, n_exact=0)
     found = peak(bound, prior.theta())
     assert found <= counted[0] <= 3.0 * found
+
+
+@pytest.mark.parametrize(("n_tasks", "m", "own"), [(60, 30, True), (3, 150, False)])
+def test_sparse_inference_with_a_trend(n_tasks, m, own, monkeypatch):
+    n, counted, rng = 4000, [], np.random.default_rng(0)
+    X, tasks = rng.standard_normal((n, 3)), np.arange(n) % n_tasks
+    slopes = np.zeros((n_tasks if own else 1, 3))
+    trend = Trend(lambda X: X, n_tasks, own, np.zeros((1, 3)), np.ones(1), slopes)
+    prior = building.prior(RBF(ARD), low_rank(n_tasks, 1), levels=True, trend=trend)
+    bound = SparseBound(prior, X, tasks, rng.standard_normal(n), X[:m].copy())
+    monkeypatch.setattr(memory, "_of_tasks", lambda *_: 0.0)
+    monkeypatch.setattr(memory, "check_available", lambda of, *_: counted.append(of))
+    demand = Demand(n, n_tasks, n_coefficients=prior.n_coefficients)
+    check_sparse_memory(demand, TileMemory(prior.kernel, X[:1]), m, n_exact=0)
+    found = peak(bound, prior.theta())
+    assert found <= counted[0] <= 3.0 * found
+    tracemalloc.start()
+    bound.posterior(prior.theta())
+    assert tracemalloc.get_traced_memory()[1] <= counted[0]
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("kernel", [RBF(), RBF(ARD), Matern(ARD, nu=0.5)])

@@ -100,6 +100,13 @@ class TestWarning:
         assert messages[0].startswith(MESSAGE)
         assert messages[0].endswith("page 'Noise, and data without it'.")
 
+    @pytest.mark.parametrize("noise", ["shared", "per_task"])
+    def test_shared_noise_is_advised_where_tasks_have_one_each(self, noise):
+        X, y = draw(3, 5, 103)
+        messages = fitted(clone(SHARED).set_params(noise=noise), X, y)[1]
+        advised = "set noise='shared' if all tasks are measured" in messages[0]
+        assert advised == (noise == "per_task")
+
     @each
     @pytest.mark.parametrize("per_task", [5, 20])
     def test_noise_that_is_found(self, model, per_task):

@@ -1,4 +1,6 @@
-"""Models with a trend, for the tests of dense inference."""
+"""Models with a trend, for the tests of dense and of sparse inference."""
+
+from functools import partial
 
 import building
 import numpy as np
@@ -18,6 +20,10 @@ TERMS = {
     "two": [
         (RBF([2.0, 3.0]), low_rank(M, 1, shared=True)),
         (Matern(0.4, nu=1.5), low_rank(M, 1)),
+    ],
+    "two diagonals": [
+        (RBF([2.0, 3.0]), low_rank(M, 1, diagonal=True)),
+        (Matern(0.4, nu=1.5), low_rank(M, 1, diagonal=True)),
     ],
 }
 
@@ -53,14 +59,17 @@ def by_hand(trend, X, tasks):
     return np.array(rows)
 
 
-def make(terms, n_noise=1, levels=True, trend=None, seed=0, rows=None):
+def make(terms, n_noise=1, levels=True, trend=None, seed=0, rows=None, Z=None):
+    """A likelihood, with inducing inputs Z the bound, and parameters."""
     kernels, forms = zip(*terms, strict=True)
     several = len(terms) > 1
-    likelihood = building.dense(
+    build = building.dense if Z is None else partial(building.sparse, block_size=7)
+    likelihood = build(
         Kernels(kernels) if several else kernels[0],
         Forms(forms) if several else forms[0],
         *(rows or draw()),
-        n_noise,
+        *([] if Z is None else [Z]),
+        n_noise=n_noise,
         levels=levels,
         trend=trend,
     )

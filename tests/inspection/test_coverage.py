@@ -61,7 +61,7 @@ class TestCoverage:
             ({"levels": [0.5, 1.0]}, "level=1.0 must be a number between 0 and 1"),
             ({"y_std": [0.0, 1.0]}, "y_std must be positive"),
             ({"tasks": ["a"]}, "inconsistent numbers of samples"),
-            ({"tasks": ["a", None]}, "1 missing labels"),
+            ({"tasks": ["a", None]}, "1 missing label"),
         ],
     )
     def test_errors(self, change, message):

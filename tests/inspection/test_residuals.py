@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pictured import TASKS, X, Y, line_spacing, texts
+from pictured import QUICK, TASKS, X, Y, line_spacing, texts, y
 
+from skmtgp import MultiTaskGPRegressor
 from skmtgp.inspection import TaskResidualsDisplay
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -32,6 +33,15 @@ class TestTaskResiduals:
         assert_allclose(medians, expected)
         assert_array_equal(display.tasks_, [0, 1, 2])
 
+    @pytest.mark.parametrize("units", ["per_task", "shared"])
+    def test_tasks_in_units_of_their_own_are_standardized(self, units):
+        model = MultiTaskGPRegressor(rank=1, normalize_y=units, **QUICK).fit(X, y)
+        display = TaskResidualsDisplay.from_estimator(model, X, y)
+        divided = display.ax_.get_ylabel() == "residual / standard deviation"
+        assert divided == (units == "per_task")
+        display.plot(kind="residual")
+        assert display.ax_.get_ylabel() == "residual"
+
     def test_one_task(self):
         display = TaskResidualsDisplay(residuals=[1.0, 2.0]).plot()
         assert texts(display.ax_.get_xticklabels()) == ["all"]
@@ -45,7 +55,7 @@ class TestTaskResiduals:
     @pytest.mark.parametrize(
         ("change", "message"),
         [
-            ({"kind": "squared"}, "kind='squared' must be one of 'residual', 'stand"),
+            ({"kind": "squared"}, "kind='squared' must be one of 'auto', 'residual"),
             ({"kind": "standardized"}, "kind='standardized' needs y_std"),
             ({"kind": "standardized", "y_std": [1, 0]}, "y_std must be positive"),
             ({"y_mean": [1.0]}, "inconsistent numbers of samples"),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from pictured import FRAME, QUICK, line_spacing, texts, y
+from pictured import FRAME, QUICK, X, line_spacing, texts, y
 
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.inspection import TaskCovarianceDisplay
@@ -35,6 +35,16 @@ class TestTaskCovariance:
         assert texts(display.text_[0]) == ["1.00", low, "0.90", low, "0.90", low]
         assert display.text_[0, 0].get_color() == "white"
         assert display.text_[0, 1].get_color() == "black"
+
+    @pytest.mark.parametrize("units", ["per_task", "shared"])
+    def test_tasks_in_units_of_their_own_are_correlated(self, units):
+        """Their covariances cannot be compared: one would see the largest alone."""
+        model = MultiTaskGPRegressor(rank=1, normalize_y=units, **QUICK).fit(X, y)
+        display = TaskCovarianceDisplay.from_estimator(model)
+        kind = "correlation" if units == "per_task" else "covariance"
+        assert display.colorbar_.ax.get_ylabel() == f"task {kind}"
+        display.plot(kind="covariance")
+        assert_array_equal(display.im_.get_array(), model.task_covariance_)
 
     def test_order_by_similarity(self):
         R, K = blocks()
@@ -97,7 +107,7 @@ class TestTaskCovariance:
     @pytest.mark.parametrize(
         ("K", "options", "message"),
         [
-            (np.eye(2), {"kind": "both"}, "kind='both' must be one of 'covariance'"),
+            (np.eye(2), {"kind": "both"}, "kind='both' must be one of 'auto', 'cov"),
             (np.eye(2), {"order": "sorted"}, "order='sorted' must be one of 'given'"),
             (np.ones((2, 3)), {}, r"shape \(2, 3\); it must be square"),
             ([[np.nan]], {}, "task_covariance contains NaN"),

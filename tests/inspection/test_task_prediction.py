@@ -99,6 +99,41 @@ def test_tasks_are_chosen_in_an_order(named):
     assert texts(ax.title for ax in shown.axes_) == ["w", "u"]
 
 
+def test_one_task_by_its_name(named):
+    shown = TaskPredictionDisplay.from_estimator(
+        named, FRAME, y, feature="a", tasks="w"
+    )
+    assert texts(ax.title for ax in shown.axes_) == ["w"]
+
+
+def share_y(shown):
+    first, *others = (ax.get_ylim() for ax in shown.axes_)
+    return all(limits == first for limits in others)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e4])
+def test_panels_of_different_units_have_their_own_axes(scale):
+    in_units = y * np.where(TASKS == 2, scale, 1.0)
+    model = MultiTaskGPRegressor(rank=1, normalize_y="per_task", **QUICK)
+    model.fit(SIMPLE, in_units)
+    shown = TaskPredictionDisplay.from_estimator(model, SIMPLE, in_units)
+    assert share_y(shown) == (scale == 1.0)
+    assert share_y(shown.plot(sharey=True))
+    assert not share_y(shown.plot(sharey=False))
+    of_two = {"tasks": [0, 1]}  # those that are not drawn do not matter
+    assert share_y(
+        TaskPredictionDisplay.from_estimator(model, SIMPLE, in_units, **of_two)
+    )
+
+
+def test_large_levels_are_not_written_over_the_title(simple):
+    shown = TaskPredictionDisplay.from_estimator(simple, SIMPLE, y + 65553.0)
+    curves = shown.curves.assign(**shown.curves[["mean", "lower", "upper"]] + 65553.0)
+    shown = TaskPredictionDisplay(curves=curves, points=shown.points).plot(sharey=False)
+    shown.figure_.draw_without_rendering()
+    assert {ax.yaxis.get_offset_text().get_text() for ax in shown.axes_} == {""}
+
+
 def test_axes_of_the_user(simple):
     figure, axes = plt.subplots(1, 3)
     shown = TaskPredictionDisplay.from_estimator(simple, SIMPLE, y, ax=axes)
@@ -138,6 +173,17 @@ def test_scaled_features(named):
         model, FRAME, y, task_feature="load", feature="b", n_points=5
     )
     assert shown.lines_[0].get_xdata()[0] == FRAME["b"].min()
+
+
+def test_descriptors_are_no_features():
+    described = np.column_stack([X[:, 0], np.choose(TASKS, [1.0, 2.0, 4.0]), TASKS])
+    model = MultiTaskGPRegressor(rank=1, task_descriptors=[1], max_iter=0)
+    model.fit(described, y)
+    shown = TaskPredictionDisplay.from_estimator(model, described, y, n_points=5)
+    assert shown.feature == "0"
+    assert shown.lines_[0].get_xdata()[0] == X[:, 0].min()
+    with pytest.raises(ValueError, match=r"feature=1 is not one of .* \[0\]"):
+        TaskPredictionDisplay.from_estimator(model, described, y, feature=1)
 
 
 @pytest.mark.parametrize(

@@ -256,7 +256,7 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     kernel, _, log_noise = building.parts(larger, mode.theta)
     np.testing.assert_array_equal(kernel, KERNEL.theta)
     old = building.parts(problem.likelihood, problem.theta)[2]
-    if per_task:  # the geometric mean of the others
+    if per_task:  # the geometric mean of the others, which have as many rows
         old = np.insert(old, position, old.mean())
     np.testing.assert_allclose(log_noise, old, rtol=1e-15)
     assert mode.n_samples == 8

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skmtgp.model.trend import Basis, Trend
+from skmtgp.model.trend import Basis, TaskBases, Trend
 
 
 def columns(X):
@@ -99,3 +99,35 @@ def test_the_jacobian():
     halved = Trend(columns, 2, False, np.zeros((1, 2)), np.full(1, 2.0), of_y.slopes)
     np.testing.assert_allclose(halved.log_jacobian(X, TASKS), 2 * np.log(2.0))
     assert of_y.log_jacobian(X, TASKS) == 0.0
+
+
+@pytest.mark.parametrize("order", [[0, 1, 2], [2, 0, 1]])
+def test_bases_of_tasks_are_one_of_all_columns(order):
+    rng = np.random.default_rng(0)
+    H = rng.standard_normal((14, 3)) * [1.0, 1e6, 1e-6]
+    tasks = np.argsort(order)[np.arange(14) % 2]  # one of the three has no rows
+    H[tasks == tasks[0], 2] = 0.0
+    T = np.zeros((14, 3, 3))
+    T[np.arange(14), tasks] = H
+    T = T.reshape(14, 9)
+    found, expected = TaskBases(H, tasks, 3), Basis(T)
+    assert found.rank == expected.rank == 5
+    np.testing.assert_array_equal(found.dependent, expected.dependent)
+    np.testing.assert_allclose(found.log_volume(), expected.log_volume())
+    projections = [of.Q @ of.Q.T for of in (found, expected)]
+    np.testing.assert_allclose(*projections, atol=1e-14)
+    Y = rng.standard_normal((14, 2))
+    for y in (Y, Y[:, 0]):
+        beta = found.least_squares(y)
+        explained = [T @ beta, T @ expected.least_squares(y)]
+        np.testing.assert_allclose(*explained, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(found.coefficients(found.Q.T @ y), beta, rtol=1e-9)
+
+
+def test_times_coefficients():
+    beta = np.array([[0.5, -1.0], [2.0, 3.0]])
+    for per_task in (False, True):
+        of = trend(per_task)
+        used = beta if per_task else beta[:1]
+        expected = of.rows(X, TASKS) @ used.ravel()
+        np.testing.assert_allclose(of.times(X, TASKS, used), expected)

@@ -10,6 +10,7 @@ pytest.importorskip("pinocchio")
 sys.path.insert(0, str(Path(__file__).parents[2] / "examples" / "control"))
 plant = pytest.importorskip("plant")
 controllers = pytest.importorskip("controllers")
+run = pytest.importorskip("run")
 sys.path.pop(0)
 
 from skmtgp.datasets import load_puma560  # noqa: E402
@@ -135,6 +136,13 @@ def test_models_of_loads_are_a_linear_function_of_the_load():
     np.testing.assert_allclose(
         constants + slopes @ LOAD, torque_of(state)[0], rtol=1e-6
     )
+
+
+def test_links_by_least_squares_are_a_linear_function_of_the_load():
+    rigid = run.least_squares(Equations.descriptors.to_numpy(float), n_shaken=100)
+    constants, slopes = rigid.by_descriptors(REFERENCE.ahead[700])
+    torque = torque_of(REFERENCE.ahead[700])[0]
+    np.testing.assert_allclose(constants + slopes @ LOAD, torque, rtol=1e-8)
 
 
 def test_training_states_shake_about_the_paths():

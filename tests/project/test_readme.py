@@ -2,11 +2,13 @@
 
 import re
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.exceptions import ConvergenceWarning
 
 from skmtgp.datasets import make_sites
 from skmtgp.exceptions import UnidentifiedNoiseWarning
@@ -58,7 +60,7 @@ def test_errors_of_the_sites(text):
 
 
 def test_the_robot(blocks, capsys):
-    exec(blocks[2], {})
+    exec(blocks[3], {})
     *_, alone, together = re.findall(r"\) (\S+)$", capsys.readouterr().out, re.M)
     assert 0.0 < float(together) < 0.1 * float(alone)
 
@@ -78,6 +80,30 @@ def test_data_of_your_own(blocks, sites):
     assert (names["lower"] < names["upper"]).all()
     assert names["model"].tasks_.tolist() == list("abcde")
     assert names["search"].best_estimator_.tasks_.tolist() == list("abcd")
+
+
+def test_a_table_with_gaps_and_text(blocks):
+    rng = np.random.default_rng(0)
+    table = pd.DataFrame(
+        {
+            "site": np.repeat(["a", "b", "c"], [25, 12, 2]),
+            "temperature": rng.uniform(0, 6, 39),
+            "humidity": rng.uniform(0, 1, 39),
+            "operator": rng.choice(["ann", "bob"], 39),
+        }
+    )
+    y = np.sin(table["temperature"]) * table["site"].map({"a": 1, "b": 1e3, "c": 2})
+    y += 0.1 * rng.standard_normal(39) * table["site"].map({"a": 1, "b": 1e3, "c": 1})
+    table.loc[::7, "humidity"] = np.nan
+    names = {"table": table, "y": y, "new_table": table[:4]}
+    quick = 'rank=1, max_iter=3, learning="staged", noise="shared", '
+    code = blocks[2].replace("GPRegressor(", f"GPRegressor({quick}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        exec(code, names)
+    assert (names["lower"] < names["upper"]).all()
+    assert np.isfinite(names["search"].cv_results_["mean_test_score"]).all()
+    assert names["search"].best_estimator_[-1].tasks_.tolist() == ["a", "b", "c"]
 
 
 def test_folds_have_the_tasks_of_the_model(text):

@@ -2,6 +2,7 @@
 
 import importlib.util
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -141,6 +142,40 @@ def test_what_is_not_ready_is_named(release, name, before, after, match):
     assert before in text
     path.write_text(text.replace(before, after), "utf-8")
     assert re.search(match, "\n".join(checks().findings(release)))
+
+
+def test_links_of_the_readme_are_absolute_in_the_metadata(release):
+    """PyPI shows it by itself, without the files that it links to."""
+    pytest.importorskip("hatchling")
+    spec = importlib.util.spec_from_file_location("hook", ROOT / "hatch_build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    shutil.copy(ROOT / "README.md", release)
+    metadata = {}
+    module.CustomMetadataHook(str(release), {}).update(metadata)
+    readme = (ROOT / "README.md").read_text("utf-8")
+    before, after = (
+        re.findall(r"\]\(([^)]+)\)", text)
+        for text in (readme, metadata["readme"]["text"])
+    )
+    assert len(before) == len(after)
+    assert all(url.startswith(("https://", "#")) for url in after)
+    assert [url for url in before if "://" in url] == [
+        url for url in after if url in before
+    ]
+    urls = PROJECT["urls"] | {"Repository": REPOSITORY}
+    found = module.absolute(
+        "![a](docs/images/a.png) [b](docs/guide/b.md#c), [two\nlines](examples/d.py) "
+        "[e](https://e.org) [f](#f)",
+        urls,
+        "9.1",
+    )
+    assert found == (
+        f"![a]({REPOSITORY}/raw/v9.1/docs/images/a.png) "
+        "[b](https://skmtgp.readthedocs.io/en/stable/guide/b.html#c), "
+        f"[two\nlines]({REPOSITORY}/blob/v9.1/examples/d.py) "
+        "[e](https://e.org) [f](#f)"
+    )
 
 
 def test_links_are_those_of_the_metadata():

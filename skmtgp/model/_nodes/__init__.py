@@ -13,13 +13,14 @@ each element of theta. Arrays that last until then may be made by the caller, wh
 ``new`` to ``block``: it returns one for the tile, or None where numpy is to make it.
 ``times(rows, columns, B)`` is the tile's product with a matrix, without a tape.
 ``contract_inputs`` is the contraction of the derivative by the inputs of the rows.
-``fold`` is the product of one row, of any input, with a vector: what a prediction is.
+``fold`` is the product of one row, of any input, with a vector: what a prediction is;
+``form_of`` says which kernels are folded together.
 """
 
 from skmtgp.model._nodes.expressions import NODES, UnknownNode, compile_kernel
+from skmtgp.model._nodes.folds import fold, form_of
 from skmtgp.model._nodes.inputs import contract_inputs
 from skmtgp.model._nodes.memory import count_arrays, count_elements
-from skmtgp.model._nodes.rows import fold
 from skmtgp.model._nodes.terms import Bound, Node, allocate
 
 __all__ = [
@@ -33,4 +34,5 @@ __all__ = [
     "count_arrays",
     "count_elements",
     "fold",
+    "form_of",
 ]

@@ -1,12 +1,13 @@
-"""A kernel of one input at a time, in the fewest steps: for predictions that are due.
+"""Kernels of one input at a time, in the fewest steps: for predictions that are due.
 
-What ``bound.against(z)`` prepares anew for each set of rows is prepared once. A bound
-kernel without a function here is asked for its tiles.
+What ``bound.against(z)`` prepares anew for each set of rows is prepared once. Numpy's
+calls take longer than the arithmetic here, so kernels that differ in their
+hyperparameters alone, as those of a robot's joints do, are computed together: arrays
+have a leading axis of kernels. One that has no function here is asked for its tiles.
 """
 
 from collections import defaultdict
 from functools import reduce, singledispatch
-from math import prod
 
 import numpy as np
 
@@ -17,119 +18,90 @@ from skmtgp.model._nodes.expressions import (
     BoundProduct,
     BoundSum,
 )
-from skmtgp.model._nodes.terms import BoundConstant, BoundLinear, BoundStationary
+from skmtgp.model._nodes.terms import (
+    BoundConstant,
+    BoundLinear,
+    BoundStationary,
+    BoundWhite,
+)
 
 
-@singledispatch
-def fold(bound, B):
-    """Sums over rows x_i of B_ij k(z, x_i), as a function of one input z.
-
-    Parameters
-    ----------
-    bound : Bound
-        The kernel between the rows x_i.
-    B : ndarray of shape (n_rows, n_sums)
-        Weights.
-
-    Returns
-    -------
-    folded : callable
-        ``folded(z)``, of shape (n_sums,), for z of shape (n_features,). It can be
-        pickled.
-    """
-    return FoldedRow(row_of(bound, len(B)), B)
-
-
-@fold.register
-def _(bound: BoundConstant, B):
-    return Affine(None, bound.c * B.sum(axis=0))
-
-
-@fold.register
-def _(bound: BoundLinear, B):
-    V = bound.w[:, None] * (bound.right.T @ B)
-    return Affine(V[:-1], V[-1])
-
-
-@fold.register
-def _(bound: BoundColumns, B):
-    return OfColumns(bound.columns, fold(bound.inner, B))
-
-
-@fold.register
-def _(bound: BoundSum, B):
-    return Total([fold(part, B) for part in bound.parts])
-
-
-@fold.register
-def _(bound: BoundProduct, B):
-    others = [part for part in bound.parts if not isinstance(part, BoundConstant)]
-    if len(others) != 1:
-        return FoldedRow(row_of(bound, len(B)), B)
-    constants = (part.c for part in bound.parts if part is not others[0])
-    return fold(others[0], prod(constants) * B)
-
-
-@singledispatch
-def row_of(bound, n):
+def row_of(bounds, n):
     """The values k(z, x_i), as a function of one input z.
 
     Parameters
     ----------
-    bound : Bound
-        The kernel between the rows x_i.
+    bounds : list of n_kernels Bound
+        Kernels of one form, between the same rows x_i.
     n : int
-        How many there are.
+        How many rows there are.
 
     Returns
     -------
     row : callable
-        ``row(z)`` has shape (n,), or is a number where all are the same. It can be
-        pickled.
+        ``row(z)`` has shape (n_kernels, n), or (n_kernels, 1) where all are the same.
+        It can be pickled.
     """
-    return RowOfTile(bound, n)
+    return _row_of(bounds[0], bounds, n)
 
 
-@row_of.register
-def _(bound: BoundConstant, n):
-    return Affine(None, bound.c)
+@singledispatch
+def _row_of(first, bounds, n):
+    return RowOfTile(first, n)
 
 
-@row_of.register
-def _(bound: BoundLinear, n):
-    return LinearRow(bound.right[:, :-1] * bound.w[:-1], bound.w[-1])
+@_row_of.register
+def _(first: BoundConstant, bounds, n):
+    return Constant(constants_of(bounds))
 
 
-@row_of.register
-def _(bound: BoundStationary, n):
-    of = bound.differences
-    careful = of.near or len(of.wide)
-    return RowOfTile(bound, n) if careful else StationaryRow(bound)
+@_row_of.register
+def _(first: BoundWhite, bounds, n):
+    return Constant(np.zeros((len(bounds), 1)))  # z is none of the rows
 
 
-@row_of.register
-def _(bound: BoundColumns, n):
-    return OfColumns(bound.columns, row_of(bound.inner, n))
+@_row_of.register
+def _(first: BoundLinear, bounds, n):
+    return LinearRow(bounds)
 
 
-@row_of.register
-def _(bound: BoundSum, n):
-    return Total([row_of(part, n) for part in bound.parts])
+@_row_of.register
+def _(first: BoundStationary, bounds, n):
+    return RowOfTile(first, n) if is_careful(first) else StationaryRow(bounds)
 
 
-@row_of.register
-def _(bound: BoundProduct, n):
+@_row_of.register
+def _(first: BoundColumns, bounds, n):
+    return OfColumns(first.columns, row_of([bound.inner for bound in bounds], n))
+
+
+@_row_of.register
+def _(first: BoundSum, bounds, n):
+    return total_of([row_of(of_part, n) for of_part in parts_of(bounds)])
+
+
+@_row_of.register
+def _(first: BoundPower, bounds, n):
+    return Power(row_of([bound.inner for bound in bounds], n), first.exponent)
+
+
+@_row_of.register
+def _(first: BoundProduct, bounds, n):
+    others, constant = without_constants(bounds)
     alike, rows = defaultdict(list), []  # a robot has a linear factor for each joint
-    for part in bound.parts:
-        inner, exponent = _power_of(part)
+    for of_part in others:
+        inner, exponent = _power_of(of_part[0])
         if isinstance(inner, BoundColumns) and isinstance(inner.inner, BoundLinear):
-            alike[len(inner.columns), exponent].append(inner)
+            inner = [_power_of(bound)[0] for bound in of_part]
+            alike[len(inner[0].columns), exponent].append(inner)
         else:
-            rows.append(row_of(part, n))
+            rows.append(row_of(of_part, n))
     for (_, exponent), factors in alike.items():
         row = LinearFactors(factors)
         rows.append(row if exponent == 1 else Power(row, exponent))
-    return Times(rows)
+    if not rows or (constant != 1.0).any():
+        rows.append(Constant(constant))
+    return Times(rows) if len(rows) > 1 else rows[0]
 
 
 def _power_of(bound):
@@ -137,11 +109,6 @@ def _power_of(bound):
     if isinstance(bound, BoundPower):
         return bound.inner, bound.exponent
     return bound, 1
-
-
-@row_of.register
-def _(bound: BoundPower, n):
-    return Power(row_of(bound.inner, n), bound.exponent)
 
 
 class RowOfTile:
@@ -152,50 +119,68 @@ class RowOfTile:
 
     def __call__(self, z):
         K, _ = self.bound.against(z[None]).block(self.rows, self.cols)
-        return K[0] if np.ndim(K) else K
+        return K if np.ndim(K) else np.array([[K]])
+
+
+class Constant:
+    """The same number for all rows."""
+
+    def __init__(self, c):
+        self.c = c
+
+    def __call__(self, z):
+        return self.c
 
 
 class LinearRow:
-    """A matrix times z, and a bias."""
+    """Weighted products with each row, and a bias."""
 
-    def __init__(self, W, bias):
-        self.W, self.bias = W, bias
+    def __init__(self, bounds):
+        w = np.stack([bound.w for bound in bounds])
+        self.weights, self.bias = w[:, :-1], w[:, -1:]
+        self.Z = np.ascontiguousarray(bounds[0].right[:, :-1].T)
+        self.is_affine = bool(self.bias.any())
 
     def __call__(self, z):
-        row = self.W @ z
-        row += self.bias
-        return row
+        row = (self.weights * z) @ self.Z
+        return row + self.bias if self.is_affine else row
 
 
 class LinearFactors:
     """The product of linear kernels of as many features each."""
 
     def __init__(self, factors):
-        self.columns = np.array([factor.columns for factor in factors])
-        bounds = [factor.inner for factor in factors]
-        self.W = np.stack([bound.right[:, :-1] * bound.w[:-1] for bound in bounds])
-        self.bias = np.array([bound.w[-1] for bound in bounds])[:, None, None]
+        self.columns = np.array([of[0].columns for of in factors])[:, None]
+        w = np.array([[bound.inner.w for bound in of] for of in factors])
+        self.weights, self.bias = w[..., :-1].copy(), w[..., -1:].copy()
+        self.Z = np.stack([of[0].inner.right[:, :-1].T for of in factors])
 
     def __call__(self, z):
-        rows = self.W @ z[self.columns][..., None]
+        rows = (self.weights * z.take(self.columns)) @ self.Z
         rows += self.bias
-        return np.multiply.reduce(rows, axis=0)[:, 0]
+        return np.multiply.reduce(rows, axis=0)
 
 
 class StationaryRow:
     """A function of the scaled distance, see `Differences`."""
 
-    def __init__(self, bound):
-        of = bound.differences
-        self.center, self.l, self.shape = of.center, of.l, bound.shape
-        self.Z, self.halves = np.ascontiguousarray(of.left[:, :-2]), of.left[:, -2]
-        self.profile = bound.node.profile
+    def __init__(self, bounds):
+        several = [bound.differences for bound in bounds]
+        self.center, X = several[0].center, several[0].sets[1]
+        self.Z = np.ascontiguousarray((X - self.center).T)
+        self.l = np.stack([np.broadcast_to(of.l, X.shape[1]) for of in several])
+        self.halves = np.stack([of.left[:, -2] for of in several])
+        self.profile = bounds[0].node.profile
+        self.shape = {
+            name: np.array([[bound.shape[name]] for bound in bounds])
+            for name in bounds[0].shape
+        }
 
     def __call__(self, z):
         z = (z - self.center) / self.l
-        e = self.Z @ z
+        e = (z / self.l) @ self.Z
         e += self.halves
-        e -= min(0.5 * float(z @ z), FAR)
+        e -= np.minimum(0.5 * np.einsum("kd,kd->k", z, z), FAR)[:, None]
         np.minimum(e, 0.0, out=e)
         return self.profile(e, **self.shape)[0]
 
@@ -217,8 +202,11 @@ class Total:
         self.parts = parts
 
     def __call__(self, z):
-        first, *others = self.parts
-        return sum((part(z) for part in others), first(z))
+        return reduce(np.add, [part(z) for part in self.parts])
+
+
+def total_of(parts):
+    return Total(parts) if len(parts) > 1 else parts[0]
 
 
 class Times:
@@ -242,22 +230,26 @@ class Power:
         return np.square(row) if self.exponent == 2 else row**self.exponent
 
 
-class Affine:
-    """z V + c; without V the constant c."""
-
-    def __init__(self, V, c):
-        self.V, self.c = V, c
-
-    def __call__(self, z):
-        return self.c if self.V is None else z @ self.V + self.c
+def parts_of(bounds):
+    """Of each part of a sum or a product the kernels."""
+    return list(map(list, zip(*(bound.parts for bound in bounds), strict=True)))
 
 
-class FoldedRow:
-    """A row times weights."""
+def constants_of(bounds):
+    return np.array([[bound.c] for bound in bounds])
 
-    def __init__(self, row, B):
-        self.row, self.B, self.total = row, B, B.sum(axis=0)
 
-    def __call__(self, z):
-        row = self.row(z)
-        return row @ self.B if np.ndim(row) else row * self.total
+def without_constants(bounds):
+    """Of each factor the kernels, and the product of those that are constant."""
+    others, product = [], np.ones((len(bounds), 1))
+    for of_part in parts_of(bounds):
+        if isinstance(of_part[0], BoundConstant):
+            product *= constants_of(of_part)
+        else:
+            others.append(of_part)
+    return others, product
+
+
+def is_careful(bound):
+    """Whether distances need more than a product of matrices, see `Differences`."""
+    return bool(bound.differences.near or len(bound.differences.wide))

@@ -349,9 +349,10 @@ def _last(estimator):
             f"{len(model.rank_)} terms. Fit it with one of them, or with their sum."
         )
     if model._trends() is not None:
+        names = ", ".join(map(repr, model.trend_names_.tolist()))
         raise ValueError(
             "TaskIdentifier takes models without a trend, and this one has the columns "
-            f"{', '.join(map(repr, model.trend_names_))}. Fit it with trend=None."
+            f"{names}. Fit it with trend=None."
         )
     if model._units.per_task:
         raise ValueError(

@@ -33,6 +33,7 @@ from skmtgp._estimators.ranks_of_terms import (
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.inference.engines import repeats_rows
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -246,7 +247,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self
 
     def _fit(self, model, X, y, progress, given):
-        X, y, given = weighed_rows(X, y, given, repeats=not model._takes_known())
+        X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
         training = model._read(X, y, progress, given)
         if len(model._terms()) > 1:
             self._fit_terms(model, training, progress)
@@ -358,10 +359,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             ranks = range(min(n_rows, MOST_RANK) + 1)
             free = [low_rank(n_rows, rank).n_free for rank in ranks]
             return [r for r in ranks if r < 2 or ROWS * free[r] <= n]
-        ranks = np.asarray(self.ranks)
+        tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
+        ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
+            more = " Tuples are for estimators with a list of kernels." * tuples
             raise ValueError(
                 f"ranks={self.ranks!r} must be a sequence of one or more integers."
+                f"{more}"
             )
         if ranks.min() < 0:
             raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")

@@ -720,6 +720,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
+        self._refuse_exact_rows()
         new_task, model = check_new_task(self, X, y), copy(self)
         model._join_task(*new_task, prior=prior)
         return model

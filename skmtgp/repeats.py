@@ -6,6 +6,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
+from skmtgp._data.dask import refuse_dask
+from skmtgp._data.numbers import as_frame, check_numbers
+
 __all__ = ["average_repeats"]
 
 
@@ -43,8 +46,11 @@ def average_repeats(
 
     Raises
     ------
+    TypeError
+        If X or y is a Dask collection.
     ValueError
-        If y has another number of rows than X, or is not finite.
+        If X is no table, or has no rows, or if y has another number of rows, or is not
+        finite.
 
     Examples
     --------
@@ -63,15 +69,16 @@ def average_repeats(
     >>> bool(np.isclose(value, all_rows.log_marginal_likelihood(few.theta_)))
     True
     """
-    table = pd.DataFrame(np.asarray(X) if not hasattr(X, "iloc") else X)
-    Y = np.asarray(y, dtype=np.float64)
+    for name, data in (("X", X), ("y", y)):
+        refuse_dask(name, data, "Collect them first, with compute().")
+    X = as_frame(X)
+    table = _table(X)
+    Y = check_numbers(y, "y")
     if Y.ndim not in (1, 2) or len(Y) != len(table):
         raise ValueError(
             f"y has shape {Y.shape}, but X has {len(table)} rows: give a target, or a "
             "row of them, for each."
         )
-    if not np.isfinite(Y).all():
-        raise ValueError("y must be finite: leave out rows that were not measured.")
     columns = list(range(table.shape[1]))
     codes = table.set_axis(columns, axis=1).groupby(columns, sort=False, dropna=False)
     codes = codes.ngroup().to_numpy()
@@ -79,8 +86,21 @@ def average_repeats(
     counts = np.bincount(codes).astype(np.float64)
     means = _means(codes, Y, counts)
     variances = _means(codes, np.square(Y - means[codes]), counts)
-    X = X.iloc[first] if hasattr(X, "iloc") else np.asarray(X)[first]
+    X = X.iloc[first] if table is X else np.asarray(X)[first]
     return X, _like(y, first, means), counts, variances
+
+
+def _table(X):
+    """X as a frame."""
+    if isinstance(X, pd.DataFrame) and len(X):
+        return X
+    array = np.asarray(X)
+    if array.ndim != 2 or not len(array):
+        raise ValueError(
+            f"X has shape {array.shape}: give a table of one row or more, with the "
+            "column of the tasks."
+        )
+    return pd.DataFrame(array)
 
 
 def _means(codes, Y, counts):

@@ -31,7 +31,7 @@ from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
-from skmtgp.inference.engines import alone
+from skmtgp.inference.engines import alone, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import FEW, foresee
 from skmtgp.model.kernel_check import check_kernel
@@ -265,7 +265,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance
-            repeats = self.inference not in ("auto", "dense")
+            repeats = repeats_rows(self.inference)
             X, y, given = weighed_rows(X, y, given, repeats=repeats)
             features, codes, tasks, Y = check_training(self, X, y)
             known = read_known(*given, Y.reshape(len(Y), -1).shape)

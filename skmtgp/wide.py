@@ -18,6 +18,7 @@ from sklearn.utils.validation import (
 )
 
 from skmtgp._data.dask import refuse_dask
+from skmtgp._data.labels import check_labels
 from skmtgp._data.numbers import as_frame, check_numbers, column_names
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._support.progress import fitting
@@ -199,17 +200,48 @@ def _as_table(values):
 
 def _check_wide(values, columns, name="y"):
     """Targets as float64, of shape (n_samples, n_tasks), with NaN for gaps."""
-    frame = pd.DataFrame(_as_table(values))
-    gaps = frame.isna().to_numpy()
-    Y = check_numbers(frame.where(~gaps, 0.0), name, columns)
-    Y = np.where(gaps, np.nan, Y)
-    empty = np.flatnonzero(gaps.all(axis=0))
+    Y = _with_gaps(values, columns, name)
+    empty = np.flatnonzero(np.isnan(Y).all(axis=0))
     if empty.size:
         raise ValueError(
             f"Column {columns[empty[0]]!r} of {name} has no value, so this task cannot "
             "be learned. Leave it out."
         )
     return Y
+
+
+def _with_gaps(values, columns, name):
+    frame = pd.DataFrame(_as_table(values))
+    gaps = frame.isna().to_numpy()
+    Y = check_numbers(frame.where(~gaps, 0.0), name, columns)
+    return np.where(gaps, np.nan, Y)
+
+
+def _names(values):
+    """Names of the columns of targets, which are checked."""
+    if values.ndim not in (1, 2):
+        raise ValueError(
+            f"y has {values.ndim} dimensions: give a column for each task, of shape "
+            "(n_samples, n_outputs), or (n_samples,) for a single one."
+        )
+    names = [0] if values.ndim == 1 else column_names(values)
+    twice = [name for k, name in enumerate(names) if name in names[:k]]
+    if twice:
+        raise ValueError(f"y has the column {twice[0]!r} twice. Rename one of them.")
+    if not names:
+        raise ValueError("y has no columns: give one for each task.")
+    return names
+
+
+def _check_labels(names):
+    """Raise a ValueError where names of columns cannot be those of tasks."""
+    try:
+        check_labels(pd.Series(names, dtype=object))
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"The columns of y, {names!r}, cannot name the tasks. Name all of them by "
+            f"strings, with y.columns = y.columns.map(str) for example: {error}"
+        ) from error
 
 
 class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
@@ -314,8 +346,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
                 "None."
             )
         table, Y = self._table(X, reset=True), _as_table(y)
-        self._single = Y.ndim == 1
-        names = [0] if self._single else column_names(Y)
+        self._single, names = Y.ndim == 1, _names(Y)
+        if isinstance(table, pd.DataFrame):
+            _check_labels(names)
         Y = _check_wide(Y, names)
         check_consistent_length(table, Y)
         self.outputs_ = np.empty(len(names), dtype=object)
@@ -507,7 +540,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def score(
         self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
     ) -> float:
-        """Return the R² of each output, averaged; NaN are left out.
+        """Return the R² of each output, averaged; NaN and columns of NaN are left out.
 
         Parameters
         ----------
@@ -531,14 +564,34 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If X or y cannot be used.
         """
         mean = np.reshape(self.predict(X), (-1, len(self.outputs_)))
-        Y = _check_wide(y, self.outputs_.tolist())
+        table = _as_table(y)
+        self._check_outputs(table)
+        Y = _with_gaps(table, self.outputs_.tolist(), "y")
         check_consistent_length(mean, Y, sample_weight)
+        seen = ~np.isnan(Y)
+        if not seen.any():
+            raise ValueError("y has no value to compare predictions with.")
         scores = []
-        for true, found in zip(Y.T, mean.T, strict=True):
-            seen = ~np.isnan(true)
-            weight = None if sample_weight is None else np.asarray(sample_weight)[seen]
-            scores.append(r2_score(true[seen], found[seen], sample_weight=weight))
+        for j in np.flatnonzero(seen.any(axis=0)):
+            rows = seen[:, j]
+            weight = None if sample_weight is None else np.asarray(sample_weight)[rows]
+            pair = Y[rows, j], mean[rows, j]
+            scores.append(r2_score(*pair, sample_weight=weight))
         return float(np.mean(scores))
+
+    def _check_outputs(self, y):
+        """Raise a ValueError where targets have other columns than in fit."""
+        names, known = _names(y), self.outputs_.tolist()
+        if len(names) != len(known):
+            raise ValueError(
+                f"y has {len(names)} columns, but the model was fitted to {len(known)}."
+            )
+        named = isinstance(y, pd.DataFrame) and known != list(range(len(known)))
+        if named and names != known:
+            raise ValueError(
+                f"y has the columns {names}, but the model was fitted to {known}. Give "
+                "them in this order."
+            )
 
     def __sklearn_tags__(self):
         tags = super().__sklearn_tags__()

@@ -8,127 +8,31 @@ anything but the package's own, or change what it should not.
 
 import argparse
 import contextlib
-import io
 import pickle
 import signal
 import sys
 import time
 import traceback
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
 from unittest.mock import patch
 
 import numpy as np
-import textbook
+from fuzz_book import by_the_book
+from fuzz_calls import ERRORS, Wrong, attempt, require, watched
 from fuzz_inputs import make_estimator, make_problem
-from samples import outputs
+from fuzz_wide import WideCase
 from sklearn.base import clone
-from sklearn.exceptions import (
-    ConvergenceWarning,
-    NotFittedError,
-    UndefinedMetricWarning,
-)
+from sklearn.exceptions import NotFittedError
 from sklearn.pipeline import Pipeline
 
 from skmtgp import add_task, exceptions, metrics
-from skmtgp._data.checks import check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._numerics import memory as _memory
 from skmtgp._numerics.parallel import ONE_THREAD
 from skmtgp.model_selection import TaskStratifiedKFold
 
-ERRORS = ValueError, TypeError, NotFittedError, exceptions.InsufficientMemoryError
-WARNINGS = (
-    ConvergenceWarning,
-    UndefinedMetricWarning,  # of r2_score, for a single row
-    exceptions.AmbiguousFitWarning,
-    exceptions.ConstantTargetWarning,
-    exceptions.CorrelatedResidualsWarning,
-    exceptions.JitterWarning,
-    exceptions.PrecisionWarning,
-    exceptions.TaskColumnWarning,
-    exceptions.UnderflowWarning,
-    exceptions.UnidentifiedNoiseWarning,
-)
-LONGEST = 30  # seconds of a case
-
-
-class Wrong(AssertionError):
-    """What must not happen did."""
-
-
-def require(condition, what):
-    if not condition:
-        raise Wrong(what)
-
-
-def is_documented(error):
-    """Whether an error is of a documented class; NumPy's LinAlgError is not."""
-    ours = isinstance(error, exceptions.NotPositiveDefiniteError)
-    return isinstance(error, ERRORS) and (
-        ours or not isinstance(error, np.linalg.LinAlgError)
-    )
-
-
-@contextlib.contextmanager
-def watched(what, warns=()):
-    """Context in which nothing is printed, and warnings are the package's own."""
-    out = io.StringIO()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
-            yield
-    require(not out.getvalue(), f"{what} printed {out.getvalue()[:200]!r}")
-    for w in caught:
-        where = f"{w.category.__name__}: {w.message} ({w.filename}:{w.lineno})"
-        expected = issubclass(w.category, (*WARNINGS, *warns))
-        require(expected, f"{what} warned of {where}")
-
-
-def attempt(what, call, *args, legal=True, warns=(), **options):
-    """What the call returns, or None where it was refused as it should be."""
-    try:
-        with watched(what, warns):
-            return call(*args, **options)
-    except (Wrong, TimeoutError):
-        raise
-    except BaseException as error:
-        described = f"{what} raised {type(error).__name__}: {error}"
-        require(is_documented(error), described)
-        require(not legal, f"{described}, and the input is legal")
-        return None
-
-
-class Expected(NamedTuple):
-    """Predictions by the book, and sizes to compare errors with."""
-
-    mean: np.ndarray
-    variance: np.ndarray
-    size: float
-    prior: float
-
-
-def by_the_book(model, j, X, tasks):
-    """Means and variances of output j; None where rounding would count."""
-    output = outputs(model)[j]
-    known, y = model.X_train_, model.y_train_.reshape(len(model.X_train_), -1)[:, j]
-    if (
-        output.kernel.is_stationary()
-    ):  # scikit-learn divides before it takes differences
-        X, known = X - known[0], known - known[0]
-    rows = known, model.tasks_train_
-    K = output.covariance(*rows)
-    if not np.isfinite(K).all() or not np.linalg.cond(K) < 1e8:
-        return None
-    mean, covariance = output.posterior(*rows, y, X, tasks)
-    of_f = output.K_rho[tasks, tasks] * output.kernel.diag(X)
-    of_f += textbook.of_rows(output.level, tasks)
-    size = np.abs(y - textbook.of_rows(output.centre, model.tasks_train_)).max()
-    size += np.abs(output.centre).max() + np.finfo(float).tiny
-    prior = max(np.diagonal(K).max(), of_f.max())
-    return Expected(mean, np.diagonal(covariance), size, prior)
+LONGEST = 30  # seconds of the processor for a case; ten times as long on the clock
 
 
 def blas_threads():
@@ -155,8 +59,8 @@ class Case:
         Data, and whether they can be used.
     estimator : estimator
         Not fitted.
-    legal : bool
-        Whether fit must succeed.
+    usable, legal : bool
+        Whether fit may succeed, and whether it must.
     """
 
     seed: list
@@ -165,11 +69,12 @@ class Case:
         self.rng = np.random.default_rng(self.seed)
         self.problem = make_problem(self.rng)
         self.estimator, legal = make_estimator(self.rng, self.problem)
-        self.legal = legal and self.problem.fault is None
+        self.usable = legal and self.problem.fault is None
+        self.legal = self.usable and not self.problem.doubtful
 
     def __str__(self):
         shape = np.shape(self.problem.X), np.shape(self.problem.y)
-        faults = self.problem.fault, self.problem.wrong, "illegal parameter"
+        faults = self.problem.fault, self.problem.wrong, "illegal or doubtful"
         kind = "legal" if self.legal else next(filter(None, faults))
         return f"{self.estimator!r} on {shape[0]} and {shape[1]}, {kind}"
 
@@ -179,14 +84,17 @@ class Case:
         model = self.fit()
         wrong = self.problem.wrong
         require(not wrong or model is None, f"{wrong} was taken")
-        if model is None or not self.legal:  # the tasks may be another column
-            return
+        doubtful = self.problem.doubtful and self.problem.fault is None
+        if model is None or not (self.legal or (self.usable and doubtful)):
+            return  # the tasks may be another column
         calls = [
             self.check_tasks,
             self.check_by_the_book,
             self.check_threads,
             self.check_memory,
             self.check_predictions,
+            self.check_terms,
+            self.check_more_rows,
             self.check_samples,
             self.check_likelihood,
             self.check_copies,
@@ -224,12 +132,17 @@ class Case:
         """The fitted model, or None where fit was refused."""
         before = dict(vars(self.estimator))
         X, y = self.problem.X, self.problem.y
-        model = attempt("fit", self.estimator.fit, X, y, legal=self.legal)
+        known = self.problem.known
+        model = attempt("fit", self.estimator.fit, X, y, legal=self.legal, **known)
         if model is None and not isinstance(self.estimator, Pipeline):
             after = vars(self.estimator)
             same = all(after.get(name) is value for name, value in before.items())
             require(same and after.keys() == before.keys(), "fit failed half-way")
         return model
+
+    def fit_again(self, model):
+        """A clone, fitted to the same."""
+        return clone(model).fit(self.problem.X, self.problem.y, **self.problem.known)
 
     def check_predictions(self, model):
         noisy = {"include_noise": bool(self.rng.integers(2))}
@@ -254,11 +167,10 @@ class Case:
         """Exact inference is the textbook's, where that has digits."""
         if not isinstance(model, BaseMultiTaskGP) or model.inference_ == "sparse":
             return
-        X, tasks = check_test(model, self.problem.new)
         found = model.predict(self.problem.new, return_std=True)
-        mean, std = (of.reshape(len(X), -1).T for of in found)
+        mean, std = (of.reshape(len(of), -1).T for of in found)
         for j in range(len(mean)):
-            expected = by_the_book(model, j, X, tasks)
+            expected = by_the_book(model, self.problem, j, self.problem.new)
             if expected is None:
                 return
             for what, one, other, scale in [
@@ -268,14 +180,39 @@ class Case:
                 worst = np.abs(one - other).max() / scale
                 require(worst < 1e-6, f"the {what} is {worst:.1e} from the textbook's")
 
+    def check_terms(self, model):
+        """Its terms, and the trend and level, sum to a prediction."""
+        if not hasattr(model, "predict_terms"):
+            return
+        terms = attempt("predict_terms", model.predict_terms, self.problem.new)
+        mean, size = model.predict(self.problem.new), np.abs(terms).max()
+        same = np.allclose(terms.sum(axis=-1), mean, rtol=1e-9, atol=1e-9 * size)
+        require(same, "the terms do not sum to the prediction")
+
+    def check_more_rows(self, model):
+        """Rows that join make the posterior of all rows."""
+        if not hasattr(model, "partial_fit") or self.rng.integers(2):
+            return
+        n, joined = int(self.rng.integers(1, 4)), pickle.loads(pickle.dumps(model))
+        rows = self.problem.new[:n], self.problem.y[::2][:n]
+        most = [None, len(self.problem.y)][self.rng.integers(2)]
+        legal = most is None and "trend=" not in repr(model)
+        legal = legal and "noise_variance=0," not in repr(model)
+        if attempt(
+            "partial_fit", joined.partial_fit, *rows, max_rows=most, legal=legal
+        ):
+            self.check_by_the_book(joined)
+            mean = attempt("predict", joined.predict, self.problem.new)
+            require(np.isfinite(mean).all(), "a mean is not finite after partial_fit")
+
     def check_threads(self, model):
         """Calls at the same time give the same bits, and leave BLAS as it was."""
         if self.rng.integers(4):
             return
-        X, y, new = self.problem.X, self.problem.y, self.problem.new
+        new = self.problem.new
         before, expected = blas_threads(), model.predict(new)
         with watched("threads"), ThreadPoolExecutor(3) as pool:
-            fit = pool.submit(quietly, clone(model).fit, X, y)
+            fit = pool.submit(quietly, self.fit_again, model)
             calls = [pool.submit(model.predict, new) for _ in range(6)]
             found = [call.result() for call in (*calls, fit)][:-1]
         after = blas_threads()
@@ -287,10 +224,10 @@ class Case:
         """Where memory does not suffice, an error says so; else nothing changes."""
         if self.rng.integers(4):
             return
-        X, y, new = self.problem.X, self.problem.y, self.problem.new
+        new = self.problem.new
         left = 10.0 ** self.rng.uniform(1, 6)
         with patch.object(_memory, "available_memory", lambda: left):
-            again = attempt("fit", clone(model).fit, X, y, legal=False)
+            again = attempt("fit", self.fit_again, model, legal=False)
         if again is not None and not self.problem.random:
             same = np.allclose(again.predict(new), model.predict(new), rtol=1e-6)
             require(same, "what memory is left changes results")
@@ -372,7 +309,8 @@ class Case:
         X, y, legal = self.problem.novel(self.rng)
         able = hasattr(model[-1] if isinstance(model, Pipeline) else model, "add_task")
         prior = [None, "tasks"][self.rng.integers(2)]
-        legal = legal and able
+        legal = legal and able and "trend_per_task=True" not in repr(model)
+        legal = legal and "noise_variance=0," not in repr(model)
         extended = attempt("add_task", add_task, model, X, y, prior=prior, legal=legal)
         if extended is not None:
             means = attempt("predict", extended.predict, X)
@@ -383,7 +321,12 @@ class Case:
             return
         sparse = "inference='sparse'" in repr(model)  # whose digits end earlier
         warns = (exceptions.NegativeVarianceWarning,) * sparse
-        mean, std = attempt("loo_predict", model.loo_predict, warns=warns)
+        legal = "trend=" not in repr(model)  # of which a row may tell all
+        calls = model.loo_predict
+        found = attempt("loo_predict", calls, warns=warns, legal=legal)
+        if found is None:
+            return
+        mean, std = found
         finite = np.isfinite(mean).all() and np.isfinite(std).all()
         require(finite and (std >= 0.0).all(), "loo_predict is not finite")
 
@@ -394,7 +337,7 @@ class Case:
         if not isinstance(model, Pipeline):
             same = all(vars(model).get(name) is v for name, v in before.items())
             require(same and vars(model).keys() == before.keys(), "fit half-failed")
-        again = attempt("fit", clone(model).fit, self.problem.X, self.problem.y)
+        again = attempt("fit", self.fit_again, model)
         X = self.problem.new
         same = np.allclose(again.predict(X), model.predict(X), rtol=1e-6)
         require(same or self.problem.random, "fit depends on what was fitted before")
@@ -404,18 +347,29 @@ def overdue(*_):
     raise TimeoutError(f"the case took more than {LONGEST} s")
 
 
+def limit(seconds):
+    """Let a case be overdue after so long; a busy machine does not count. 0 ends it."""
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    signal.alarm(10 * seconds)
+
+
+def make_case(seed, k):
+    """One case of twelve is a table with a column for each task."""
+    return (Case if k % 12 else WideCase)([seed, k])
+
+
 def run_case(seed, k):
     """What was wrong with a case, or None."""
-    signal.alarm(LONGEST)
+    limit(LONGEST)
     case = None
     try:
-        case = Case([seed, k])
+        case = make_case(seed, k)
         case.run()
     except Exception as error:
         why = str(error) if isinstance(error, Wrong) else traceback.format_exc()
         return f"case {k}: {case}\n    {why}"
     finally:
-        signal.alarm(0)
+        limit(0)
     return None
 
 
@@ -432,13 +386,14 @@ def read_arguments():
 def main():
     options = read_arguments()
     signal.signal(signal.SIGALRM, overdue)
+    signal.signal(signal.SIGPROF, overdue)
     cases = range(options.cases) if options.case is None else [options.case]
     begin, failures, done = time.perf_counter(), 0, 0
     for k in cases:
         if time.perf_counter() - begin > 60.0 * options.minutes:
             break
         if options.verbose:
-            print(f"case {k}: {Case([options.seed, k])}", flush=True)
+            print(f"case {k}: {make_case(options.seed, k)}", flush=True)
         wrong = run_case(options.seed, k)
         done += 1
         if wrong:

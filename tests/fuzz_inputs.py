@@ -5,18 +5,11 @@ from enum import Enum
 
 import numpy as np
 import pandas as pd
+from fuzz_kernels import Parabola, make_kernel, wrong_kernels
+from fuzz_priors import draw_known, draw_terms, draw_trend, has_noise, pick
 from scipy.sparse import csr_array
 from sklearn.compose import ColumnTransformer
-from sklearn.gaussian_process.kernels import (
-    RBF,
-    ConstantKernel,
-    DotProduct,
-    ExpSineSquared,
-    Matern,
-    RationalQuadratic,
-    WhiteKernel,
-)
-from sklearn.pipeline import make_pipeline
+from sklearn.pipeline import Pipeline, make_pipeline
 from sklearn.preprocessing import MinMaxScaler
 
 from skmtgp import (
@@ -28,7 +21,6 @@ from skmtgp import (
     SingleTaskGP,
     make_inverse_dynamics_regressor,
 )
-from skmtgp.kernels import ARDLinear, Columns
 
 
 class Site(str, Enum):  # noqa: UP042 - numpy would keep "Site."
@@ -45,10 +37,6 @@ LABELS = {
     "large": np.array([2**53 + k for k in range(-2, 7)], dtype=object),
     "larger": np.array([2**63 - k for k in range(1, 10)], dtype=object),
 }
-
-
-def pick(rng, options):
-    return options[rng.integers(len(options))]
 
 
 @dataclass
@@ -73,6 +61,16 @@ class Problem:
         What every fit must refuse, by name.
     random : bool
         Whether fit may differ from time to time.
+    descriptor : int or None
+        Which feature describes the tasks, if one does.
+    complete : bool
+        Whether nearly all tasks were observed at the same inputs.
+    known : dict
+        Other arguments of fit.
+    trend : callable or None
+        Columns of the trend of some features.
+    doubtful : bool
+        Whether fit may refuse the data, but need not.
     """
 
     features: np.ndarray
@@ -86,6 +84,11 @@ class Problem:
     fault: str = None
     wrong: str = None
     random: bool = field(default=False)
+    descriptor: int = None
+    complete: bool = False
+    known: dict = field(default_factory=dict)
+    trend: object = None
+    doubtful: bool = False
 
     def __post_init__(self):
         self.labels = self.names[self.codes]
@@ -93,6 +96,8 @@ class Problem:
         self.X = self.table(self.features, self.labels)
         half = slice(None, None, 2)
         moved = self.features[half] + 0.1 * self.features.std(axis=0)
+        if self.descriptor is not None:
+            moved[:, self.descriptor] = self.features[half, self.descriptor]
         self.new = self.table(moved, self.labels[half])
 
     def table(self, features, labels):
@@ -116,12 +121,20 @@ class Problem:
             ways.append(f"c{self.position}")
         return pick(rng, ways)
 
+    def name_of(self, feature):
+        """What a feature is called in X."""
+        column = feature + (feature >= self.position)
+        return f"c{column}" if self.container == "frame" else column
+
     def novel(self, rng):
         """X and y of a new task, and whether they can be added."""
         n = int(rng.integers(1, 4))
         label = self.names[[-1]] if rng.integers(4) else self.labels[:1]
         rows = rng.integers(len(self.y), size=n)
-        table = self.table(self.features[rows], np.repeat(label, n))
+        features = self.features[rows]
+        if self.descriptor is not None:
+            features[:, self.descriptor] = features[0, self.descriptor]
+        table = self.table(features, np.repeat(label, n))
         return table, self.y[rows], label[0] == self.names[-1]
 
     def bad_new(self, rng):
@@ -135,16 +148,35 @@ class Problem:
 
 def make_problem(rng):
     """Data of 1 to 8 tasks, 1 to 40 rows and 1 to 4 features, often with a fault."""
-    n_tasks, n, p = (int(rng.integers(1, most + 1)) for most in (8, 40, 4))
-    codes = rng.integers(n_tasks, size=n)
+    way = pick(rng, ["any"] * 6 + ["complete", "described"])
+    features, codes = make_design(rng) if way == "complete" else make_rows(rng)
+    descriptor = None
+    if way == "described":
+        descriptor = features.shape[1]
+        features = np.column_stack([features, rng.normal(size=9)[codes]])
     container = pick(rng, ["array", "array", "object", "list", "frame"])
     kinds = ["int"] if container == "array" else list(LABELS)
     names = rng.permutation(LABELS[pick(rng, kinds)])
-    features = make_features(rng, n, p)
     y = make_targets(rng, features, codes)
-    position = int(rng.integers(p + 1))
-    problem = Problem(features, codes, names, y, position, container)
+    position = int(rng.integers(features.shape[1] + 1))
+    more = {"descriptor": descriptor, "complete": way == "complete"}
+    problem = Problem(features, codes, names, y, position, container, **more)
     return spoil(rng, problem) if rng.integers(4) == 0 else problem
+
+
+def make_rows(rng):
+    """Features and tasks in no order."""
+    n_tasks, n, p = (int(rng.integers(1, most + 1)) for most in (8, 40, 4))
+    return make_features(rng, n, p), rng.integers(n_tasks, size=n)
+
+
+def make_design(rng):
+    """Features and tasks of complete data, of which up to a tenth is missing."""
+    n_tasks, n_inputs, p = (int(rng.integers(2, most)) for most in (5, 9, 4))
+    cells = rng.permutation(n_tasks * n_inputs)
+    cells = cells[: len(cells) - rng.integers(len(cells) // 10 + 1)]
+    rows, codes = np.divmod(cells, n_tasks)
+    return rng.normal(size=(n_inputs, p))[rows], codes
 
 
 def make_features(rng, n, p):
@@ -231,75 +263,21 @@ FAULTS = dict.fromkeys(VALUES) | {
 }
 
 
-class WrongDiagonal(RBF):
-    """A kernel of a user's whose diagonal is not that of its values."""
-
-    def diag(self, X):
-        return np.full(len(X), 0.25)
-
-
-class Parabola(RBF):
-    """A function of a user's that is no covariance: 1 - d^2."""
-
-    def __call__(self, X, Y=None, eval_gradient=False):
-        X, Z = np.asarray(X), np.asarray(X if Y is None else Y)
-        K = 1.0 - np.square((X[:, None] - Z) / self.length_scale).sum(axis=2)
-        return (K, 2.0 * (1.0 - K)[:, :, None]) if eval_gradient else K
-
-
-class NoGradient(RBF):
-    """A kernel of a user's whose gradient is not a number."""
-
-    def __call__(self, X, Y=None, eval_gradient=False):
-        K = super().__call__(X, Y, eval_gradient)
-        return (K[0], K[1] * np.nan) if eval_gradient else K
-
-
-def wrong_kernels(p):
-    """Kernels that every fit must refuse, by the number of features."""
-    wrong = [
-        WrongDiagonal(),
-        ConstantKernel() * WrongDiagonal() + RBF(),
-        NoGradient(),
-        Matern(nu=50),
-        Columns(None, [0]),
-        Columns(RBF(), ["x"]),
-        RBF(np.nan, "fixed"),
-    ]
-    return wrong if p == 1 else [*wrong, ExpSineSquared(), ExpSineSquared() + RBF()]
-
-
-def make_kernel(rng, p):
-    kernels = [
-        None,
-        None,
-        RBF(np.ones(p)),
-        ConstantKernel() * RBF(),
-        ARDLinear(np.ones(p)) + ConstantKernel() * Columns(RBF(), [0]),
-        Matern(nu=1.5) + WhiteKernel(),
-        RationalQuadratic() * ConstantKernel(2.0, "fixed"),
-        DotProduct() + RBF(length_scale_bounds="fixed"),
-        Columns(ExpSineSquared(), [0]) * RBF() + RationalQuadratic() ** 2,
-        RBF(0.1) + Matern(nu=0.5) + Matern(nu=2.5) * ConstantKernel() + DotProduct(),
-    ]
-    return kernels[rng.integers(len(kernels))]
-
-
 NOISES = ["auto", "shared", "per_task"]
 
 
-def common_params(rng, problem):
+def common_params(rng, problem, n_features=None):
     fixed = {"noise_variance": 10.0 ** rng.uniform(-12, 1)}
     fixed["noise_variance_bounds"] = "fixed"
     learned = {"noise_variance": 10.0 ** rng.uniform(-9, 1)}
-    kernel = make_kernel(rng, problem.features.shape[1])
-    has_noise = "WhiteKernel" in repr(kernel)
-    has_derivative = "ExpSineSquared" not in repr(kernel)
+    kernel = make_kernel(rng, n_features or problem.features.shape[1])
+    has_derivative = "ExpSineSquared" not in repr(kernel) and kernel != "periodic"
+    engines = ["auto", "auto", "kronecker" if problem.complete else "sparse"]
     return pick(rng, [fixed, learned, learned, {}]) | {
         "kernel": kernel,
         "task_feature": problem.task_feature(rng),
         "normalize_y": bool(rng.integers(4)),
-        "inference": pick(rng, ["auto", "auto", "auto" if has_noise else "sparse"]),
+        "inference": "auto" if has_noise(kernel) else pick(rng, engines),
         "n_inducing": pick(rng, [1, 3, 10, 500]),
         "inducing_inputs": pick(
             rng, ["greedy", "k-means", "optimised"][: has_derivative + 2]
@@ -320,6 +298,8 @@ def fixed_model(rng, problem):
     own = {"noise": pick(rng, NOISES), "diagonal": not rng.integers(3)}
     if cls is IndependentGP:
         own |= level_params(rng)
+    if rng.integers(4) == 0:
+        own |= draw_trend(rng, problem, per_task=cls is IndependentGP)
     return cls(**common_params(rng, problem) | own)
 
 
@@ -327,19 +307,32 @@ def single_model(rng, problem):
     return SingleTaskGP(**common_params(rng, problem))
 
 
-def multi_model(rng, problem):
-    params = common_params(rng, problem) | level_params(rng)
-    params |= {
-        "rank": pick(rng, [None, 1, 1 + int(rng.integers(problem.n_tasks))]),
+def multi_model(rng, problem, *, piped=False):
+    """One of any prior; `piped`, of one where columns are elsewhere."""
+    rank = pick(rng, [None, 1, 1 + int(rng.integers(problem.n_tasks))])
+    params = {
+        "rank": rank,
         "noise": pick(rng, NOISES),
         "diagonal": not rng.integers(4),
         "learning": pick(rng, ["annealed", "staged", "simultaneous"]),
         "truncation": pick(rng, ["eigen", "cholesky"]),
         "n_restarts_optimizer": int(rng.integers(4) == 0),
         "random_state": pick(rng, [0, None]),
+        "hyperparameters": pick(rng, ["mode"] * 6 + ["map"]),
     }
+    n_features, more = problem.features.shape[1], {}
+    if problem.descriptor is not None and not piped and rng.integers(4):
+        n_features -= 1
+        most = min(2, problem.n_tasks)
+        more["task_descriptors"] = [problem.name_of(problem.descriptor)]
+        more["rank"] = rank if rank is None else min(rank, most)
+    elif rng.integers(4) == 0:
+        more |= draw_terms(rng, problem, n_features)
+    if not piped and problem.descriptor is None and rng.integers(5) == 0:
+        more |= draw_trend(rng, problem, per_task=True)
     problem.random = params["random_state"] is None
-    return MultiTaskGPRegressor(**params)
+    common = common_params(rng, problem, n_features) | level_params(rng)
+    return MultiTaskGPRegressor(**common | params | more)
 
 
 def linear_model(rng, problem):
@@ -356,6 +349,9 @@ def linear_model(rng, problem):
 def search_model(rng, problem):
     model = multi_model(rng, problem).set_params(n_restarts_optimizer=0)
     ranks = rng.integers(1, 6, size=rng.integers(1, 3)).tolist()
+    if isinstance(model.kernel, list | tuple):
+        most = len(model.kernel) + 1
+        ranks.append((1,) * int(rng.integers(1, most)))
     criterion, keep = pick(rng, ["bic", "aic", "hqc"]), bool(rng.integers(2))
     return RankSearchIC(model, ranks=ranks, criterion=criterion, keep_estimators=keep)
 
@@ -366,7 +362,7 @@ def piped_model(rng, problem):
     scaled = ColumnTransformer(
         [("scaled", MinMaxScaler(), columns.tolist())], remainder="passthrough"
     )
-    model = multi_model(rng, problem).set_params(task_feature=-1)
+    model = multi_model(rng, problem, piped=True).set_params(task_feature=-1)
     return make_pipeline(scaled, model)
 
 
@@ -374,7 +370,10 @@ def robot_model(rng, problem):
     """The paper's pipeline, where there are three features: one joint."""
     if problem.features.shape[1] != 3:
         return piped_model(rng, problem)
-    model = multi_model(rng, problem).set_params(task_feature=-1, kernel=None)
+    model = multi_model(rng, problem, piped=True)
+    if isinstance(model.kernel, list | tuple):
+        return piped_model(rng, problem)
+    model.set_params(task_feature=-1, kernel=None)
     return make_inverse_dynamics_regressor(
         model, n_joints=1, task_feature=problem.task_feature(rng)
     )
@@ -399,9 +398,22 @@ def make_estimator(rng, problem):
             problem.wrong = f"kernel={type(kernel).__name__}"
         return model.set_params(kernel=kernel), False
     if chance > 2:
-        return model, True
+        return model, with_known(rng, problem, model)
     names = [n for n in model.get_params(deep=False) if n not in ("steps", "n_jobs")]
     names = [n for n in names if n not in ("verbose", "memory", "transform_input")]
     if names:
         model.set_params(**{pick(rng, names): JUNK[rng.integers(len(JUNK))]})
     return model, not names
+
+
+def with_known(rng, problem, model):
+    """Whether fit must succeed, of some models with known noise."""
+    last = model[-1] if isinstance(model, Pipeline) else model
+    if isinstance(last, BayesianLinearRegression) or rng.integers(3):
+        return True
+    known, legal = draw_known(rng, problem, last)
+    if not legal:
+        problem.wrong = f"fit({', '.join(known)})"
+    prefix = "" if last is model else f"{model.steps[-1][0]}__"
+    problem.known = {prefix + name: value for name, value in known.items()}
+    return legal

@@ -274,6 +274,8 @@ def test_likelihood_of_what_is_not_fitted():
         ({"ranks": []}, r"ranks=\[\] must be a sequence of one or more integers"),
         ({"ranks": [1.0, 2.0]}, "must be a sequence of one or more integers"),
         ({"ranks": [[1, 2]]}, "must be a sequence of one or more integers"),
+        ({"ranks": [(1,), (1, 1)]}, "integers. Tuples are for .* a list of kernels"),
+        ({"ranks": [1, (1, 1)]}, "integers. Tuples are for .* a list of kernels"),
         ({"ranks": [True]}, "must be a sequence of one or more integers"),
         ({"ranks": (2, -1)}, r"ranks=\(2, -1\) must be 0 or more"),
         ({"ranks": 2}, "'ranks' parameter of RankSearchIC must be an array-like"),

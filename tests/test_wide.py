@@ -232,6 +232,36 @@ def test_score_leaves_gaps_out(fitted):
     assert fitted.score(X, GAPS, sample_weight=weight) == pytest.approx(half)
 
 
+def test_columns_without_a_value_are_left_out_of_the_score(fitted):
+    """As there are in a fold of the rows."""
+    empty = GAPS.copy()
+    empty[:, 1] = np.nan
+    mean, seen = fitted.predict(X), ~np.isnan(GAPS)
+    parts = [
+        r2_score(
+            GAPS[seen[:, j], j], mean[seen[:, j], j], sample_weight=X[seen[:, j], 0]
+        )
+        for j in (0, 2)
+    ]
+    score = fitted.score(X, empty, sample_weight=X[:, 0])
+    assert score == pytest.approx(np.mean(parts), rel=1e-12)
+    with pytest.raises(ValueError, match="y has no value to compare"):
+        fitted.score(X, np.full(Y.shape, np.nan))
+
+
+def test_scores_are_of_the_columns_of_fit(fitted):
+    named = WideRegressor(QUICK).fit(FRAME, WIDE)
+    assert named.score(FRAME, GAPS) == named.score(FRAME, WIDE)
+    assert fitted.score(X, WIDE) == fitted.score(X, GAPS)  # without names in fit
+    for other in (WIDE[["lead", "zinc", "tin"]], WIDE.add_suffix("_ppm")):
+        with pytest.raises(
+            ValueError, match=r"fitted to \['zinc', 'lead', 'tin'\]. Giv"
+        ):
+            named.score(FRAME, other)
+    with pytest.raises(ValueError, match=r"y has 2 columns, .* was fitted to 3"):
+        fitted.score(X, GAPS[:, :2])
+
+
 def test_one_output_is_one_dimensional():
     model = WideRegressor(QUICK).fit(X, Y[:, 0])
     mean, std = model.predict(NEW, return_std=True)
@@ -271,6 +301,20 @@ def test_pickles(fitted):
         (X, np.where(np.eye(12, 3), np.inf, Y), "inf"),
         (FRAME.assign(task=1), WIDE, "X already has a column 'task'"),
         (X[:5], Y, "inconsistent numbers of samples"),
+        (X, Y[:, :, None], "y has 3 dimensions: give a column for each task"),
+        (X, Y[:, :0], "y has no columns"),
+        (X, WIDE.set_axis(["a", "b", "a"], axis=1), "y has the column 'a' twice"),
+        (
+            FRAME,
+            WIDE.set_axis(pd.date_range("2020", periods=3), axis=1),
+            r"The columns of y, .* cannot name the tasks. Name all of them by strings",
+        ),
+        (
+            FRAME,
+            WIDE.set_axis([["a", "a", "b"], [1, 2, 1]], axis=1),
+            "cannot name the tasks. .* not tuple",
+        ),
+        (FRAME, WIDE.set_axis(["a", 1, 2.5], axis=1), "cannot name the tasks. .* mix"),
     ],
 )
 def test_what_cannot_be_fitted(x, y, match, fitted):

@@ -14,10 +14,17 @@ with their variance s^2 about their mean.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from reprlib import repr as shorten
 
 import numpy as np
+import pandas as pd
 from sklearn.utils import _safe_indexing
 from sklearn.utils.validation import _num_samples
+
+from skmtgp._numerics.memory import check_available
+
+ARGUMENTS = "alpha", "sample_weight", "repeat_variance"
+PANDAS = pd.Series, pd.DataFrame
 
 
 @dataclass(frozen=True)
@@ -124,22 +131,15 @@ def weighed_rows(X, y, given, *, repeats):
     X, y, given
         Without rows of weight 0. Nothing is known where all weights are 1 then.
     """
+    _refuse_another_order(given, X, y)
     alpha, weights, variance = given
+    weights = None if weights is None else _weights(weights, X)
     if weights is None:
-        return X, y, given
-    weights = np.asarray(weights)
-    whole = weights.ndim == 1 and weights.dtype.kind in "biuf" and len(weights)
-    if not whole or len(weights) != _num_samples(X) or not weights.any():
-        return X, y, given  # reading says what is wrong
+        return X, y, given  # reading says what is wrong, if anything is
     counts = (weights != 0).astype(int)
     alone = alpha is None and variance is None
-    if (
-        repeats
-        and alone
-        and (weights == np.floor(weights)).all()
-        and weights.min() >= 0
-    ):
-        counts, weights = weights.astype(int), np.ones(len(weights))
+    if repeats and alone and (weights == np.floor(weights)).all():
+        counts, weights = _as_often(weights, X), np.ones(len(weights))
     if (counts != 1).any():
         rows = np.repeat(np.arange(len(counts)), counts)
         X, y, weights = (_safe_indexing(of, rows) for of in (X, y, weights))
@@ -149,6 +149,52 @@ def weighed_rows(X, y, given, *, repeats):
         )
     known = not (alone and (weights == 1).all())
     return X, y, (alpha, weights if known else None, variance)
+
+
+def _refuse_another_order(given, X, y):
+    """Raise a ValueError where an index has the labels of the rows in another order."""
+    indices = [of.index for of in (X, y) if isinstance(of, PANDAS)]
+    for name, part in zip(ARGUMENTS, given, strict=True):
+        own = part.index if isinstance(part, PANDAS) else None
+        if own is None or any(map(own.equals, indices)):
+            continue
+        others = [index for index in indices if _are_of_the_same_rows(own, index)]
+        if others:
+            raise ValueError(
+                f"{name} has the labels of the rows in another order: it begins with "
+                f"{own[0]}, X or y with {others[0][0]}, and what belongs together "
+                f"is told by position. Give {name}.loc[X.index], or {name}.to_numpy() "
+                "if the positions are right."
+            )
+
+
+def _are_of_the_same_rows(index, other):
+    same = len(index) == len(other) and index.isin(other).all()
+    return same and other.isin(index).all()
+
+
+def _weights(given, X):
+    """Weights of the rows, of shape (n_samples,); None where they cannot be used."""
+    try:
+        weights = _as_floats(given)
+    except (TypeError, ValueError):
+        return None
+    n = _num_samples(X)
+    if weights.shape == (n, 1) or weights.ndim == 0:
+        weights = np.broadcast_to(weights.ravel(), n)
+    usable = weights.shape == (n,) and np.isfinite(weights).all() and weights.any()
+    return weights if usable and weights.min() >= 0.0 else None
+
+
+def _as_often(weights, X):
+    """The weights as counts of rows, if memory has room for as many."""
+    columns = np.shape(X)[1] if np.ndim(X) == 2 else 1
+    check_available(
+        8.0 * (columns + 2) * weights.sum(),
+        f"sample_weight, as {weights.sum():g} rows that are repeated,",
+        "Set inference='dense', which takes counts.",
+    )
+    return weights.astype(int)
 
 
 def read_known(alpha, sample_weight, repeat_variance, shape):
@@ -183,6 +229,13 @@ def read_known(alpha, sample_weight, repeat_variance, shape):
         )
     variance = _numbers("alpha", alpha, shape, default=0.0)
     spread = _numbers("repeat_variance", repeat_variance, shape, default=0.0)
+    of_one = spread[counts == 1.0]
+    if of_one.any():
+        raise ValueError(
+            f"repeat_variance has {of_one[of_one > 0.0][0]:g} in a row of "
+            "sample_weight 1: one measurement is its own mean, with a variance of 0 "
+            "about it. What is known of its noise is its alpha."
+        )
     return Known(variance, counts, spread)
 
 
@@ -190,9 +243,12 @@ def _numbers(name, value, shape, *, default):
     """An argument as an array of the shape, or a ValueError."""
     value = default if value is None else value
     try:
-        given = np.asarray(value, dtype=np.float64)
+        given = _as_floats(value)
     except (TypeError, ValueError) as error:
-        raise ValueError(f"{name}={value!r} must be numbers.") from error
+        shown = " ".join(shorten(value).split())
+        raise ValueError(
+            f"{name}={shown} must be real numbers, of which none is missing."
+        ) from error
     if given.ndim == 1:
         given = given[:, None]
     fits = given.ndim == 0 or given.shape in {shape, (shape[0], 1)}
@@ -208,3 +264,10 @@ def _numbers(name, value, shape, *, default):
             f"{name} has {given[bad][0]:g}, and must be finite numbers of 0 or more."
         )
     return np.array(np.broadcast_to(given, shape))
+
+
+def _as_floats(value):
+    given = np.asarray(value)
+    if given.dtype.kind == "c":  # NumPy would drop what is imaginary
+        raise TypeError("complex numbers")
+    return given.astype(np.float64)

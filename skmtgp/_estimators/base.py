@@ -51,7 +51,7 @@ from skmtgp.inference.engine import (
     check_terms,
     check_trend,
 )
-from skmtgp.inference.engines import ENGINES, Dense, choose, leaves_rows
+from skmtgp.inference.engines import ENGINES, choose, leaves_rows, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
@@ -67,6 +67,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 CENTRED = 1.0
 TRANSFORMER = "fit", "transform", "inverse_transform"
 NOTHING = None, None, None  # is known of the noise of the rows
+ROUNDING = 1e-15  # of the mean of equal numbers, relative to them
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
@@ -141,7 +142,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             is 1.
         repeat_variance : array-like of the shape of y, default=None
             Variance of these measurements around their mean: the sum of squares divided
-            by their number. None is 0. See :func:`~skmtgp.average_repeats`.
+            by their number, and not by one less. It is 0 for a single measurement. None
+            is 0 for all: the measurements were equal, as without noise. See
+            :func:`~skmtgp.average_repeats`.
 
         Returns
         -------
@@ -157,7 +160,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance
-            X, y, given = weighed_rows(X, y, given, repeats=not self._takes_known())
+            X, y, given = weighed_rows(
+                X, y, given, repeats=repeats_rows(self.inference)
+            )
             training = self._read(X, y, progress, given)
             problems = self._problems(training)
             problems = self._foretell(problems, problems[0].prior.n_terms)
@@ -179,15 +184,6 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
                 name = about(problem, problem.prior.task_covariance)
                 say(f"{name}{in_words(problem, mode.value)}")
         return training, problems, modes
-
-    def _takes_known(self):
-        """Whether the engine that is asked for takes what is known of the noise."""
-        engine = (
-            ENGINES.get(self.inference, Dense)
-            if isinstance(self.inference, str)
-            else self.inference
-        )
-        return engine.takes_known
 
     def _foretell(self, problems, n_forms=1):
         """The problems with the pace of learning; where it is slow, that is said."""
@@ -415,7 +411,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
 
     def _scaled(self, prior, data, units):
         """The prior with starting values and bounds relative to the targets."""
-        deviation, scale = data.deviation or 1.0, data.size or 1.0
+        deviation, scale = data.deviation, data.size or 1.0
+        if deviation < ROUNDING * scale:  # constant targets
+            deviation = 1.0
         start, bounds = self.noise_variance, self._check_noise_bounds(data.known)
         start = max(start, NO_NOISE)
         bounds = (start,) * 2 if isinstance(bounds, str) else bounds

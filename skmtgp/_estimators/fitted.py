@@ -299,8 +299,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         noise = self._noise_variances
         if noise.shape[2] == 1:
             return np.repeat(noise.swapaxes(1, 2), len(codes), axis=1)
-        usual = np.exp(np.average(np.log(noise), axis=2, weights=self._n_rows))
-        noise = np.concatenate([noise, usual[..., None]], axis=2).swapaxes(1, 2)
+        with np.errstate(divide="ignore"):  # there may be none: alpha has it all
+            logs = np.average(np.log(noise), axis=2, weights=self._n_rows)
+        usual = np.exp(logs)[..., None]
+        noise = np.concatenate([noise, usual], axis=2).swapaxes(1, 2)
         return noise[:, np.minimum(codes, noise.shape[1] - 1)]
 
     # what is kept of a fit

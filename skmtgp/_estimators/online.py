@@ -99,6 +99,7 @@ class OnlineGP(FittedGP):
         check_stream(X, y, max_rows)
         model = copy(self)
         if hasattr(model, "tasks_"):
+            model._refuse_exact_rows()
             model._join_all(X, y)
         else:
             model.fit(X, y)
@@ -106,6 +107,15 @@ class OnlineGP(FittedGP):
             model._drop(max_rows)
         self.__dict__ = vars(model)  # all at once, whatever fails before
         return self
+
+    def _refuse_exact_rows(self):
+        """Raise a ValueError where rows that join would count as exact."""
+        if self.noise_variance == 0.0:
+            raise ValueError(
+                "noise_variance=0 leaves the noise to alpha, and of rows that join "
+                "none is known: they would count as exact. Fit all rows with the alpha "
+                "of each, or let fit learn a noise variance."
+            )
 
     def _join_all(self, X, y):
         """Let rows of known tasks join, then each new task."""
@@ -122,6 +132,8 @@ class OnlineGP(FittedGP):
     def _join_rows(self, features, codes, Y):
         """Let rows of known tasks join."""
         before, n_new = self._training(), len(Y)
+        if before.descriptors is not None:
+            features = before.descriptors.inputs(features)
         training = before.with_rows(features, codes, Y)
         known = sample_rows(before.features)[:KNOWN]
         self._check_kernels(np.vstack([known, sample_rows(features)]))

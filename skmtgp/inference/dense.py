@@ -13,6 +13,8 @@ from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TiledLikelihood
 from skmtgp.model.several import BoundSeveral
 
+UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
+
 
 class DenseLikelihood(TiledLikelihood):
     """The likelihood of any data, by the Cholesky decomposition of K.
@@ -285,11 +287,15 @@ class DensePosterior(Posterior):
         return np.maximum(self.level - told, 0.0)
 
     def precision(self):
-        """The diagonal of K^{-1}, or of P with a trend, of shape (n_train,)."""
+        """The diagonal of K^{-1}, or of P with a trend, of shape (n_train,).
+
+        It is zero of rows without which a coefficient is not told.
+        """
         diagonal = self.cholesky.inverse_diagonal()
         if self.flat is None:
             return diagonal
-        return diagonal - np.square(self.flat.V).sum(axis=1)
+        rest = diagonal - np.square(self.flat.V).sum(axis=1)
+        return np.where(rest > UNTOLD * diagonal, rest, 0.0)
 
     def _half(self, X, tasks):
         """C^{-1} K(X_train, X), where K_train = C C^T."""

@@ -238,6 +238,15 @@ def alone(inference, **options):
     return choose("dense" if inference == "auto" else inference, None, None, **options)
 
 
+def repeats_rows(inference):
+    """Whether rows are repeated as often as they count, as the engine takes no counts.
+
+    One that needs each input once would refuse them as repeated.
+    """
+    engine = ENGINES.get(inference, Dense) if isinstance(inference, str) else inference
+    return not (engine.takes_known or engine.uses_design)
+
+
 def leaves_rows(inference):
     """Whether rows stay where they are, in Dask's partitions or in files."""
     return not getattr(

@@ -264,12 +264,25 @@ class Posterior(WithCoefficients, ABC):
             Its variance. Jitter that was added to a singular covariance counts as
             noise.
 
+        Raises
+        ------
+        ValueError
+            If the others do not tell the trend of one.
+
         Notes
         -----
         Rasmussen and Williams (2006), eq. 5.12: y_i - mu_i = alpha_i / [K^{-1}]_ii,
         and 1 / [K^{-1}]_ii is the variance of y_i given the others.
         """
         precision = self.precision()
+        if not precision.all():
+            raise ValueError(
+                f"Without one of {(precision == 0.0).sum()} rows nothing tells a "
+                "coefficient of the trend, and the row cannot be predicted from the "
+                "others: such as that of a task with no more rows than coefficients. "
+                "Give more rows or fewer columns of the trend, or set "
+                "trend_per_task=False."
+            )
         noise, of_y = self.noise + self.jitter, 1.0 / precision
         variance = without_negatives(of_y - noise, of_y + noise, self.rounding)
         return self.alpha / precision, variance + noise * include_noise

@@ -14,10 +14,11 @@ from skmtgp._data.numbers import check_numbers
 from skmtgp._data.task_column import task_labels
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp.multitask import MultiTaskGPRegressor
+from skmtgp.wide import WideRegressor
 
 
 def fitted_model(estimator):
-    """The model at the end of a pipeline and inside a search.
+    """The model at the end of a pipeline, inside a search, or of stacked columns.
 
     Parameters
     ----------
@@ -44,7 +45,23 @@ def _last(estimator):
         return _last(estimator[-1])
     if hasattr(estimator, "best_estimator_"):
         return _last(estimator.best_estimator_)
+    if isinstance(estimator, WideRegressor) and hasattr(estimator, "estimator_"):
+        return _last(estimator.estimator_)
     return estimator
+
+
+def _refuse_wide(estimator):
+    """Raise a TypeError where an estimator takes no rows with a task."""
+    if isinstance(estimator, Pipeline):
+        _refuse_wide(estimator[-1])
+    elif isinstance(estimator, WideRegressor):
+        raise TypeError(
+            "WideRegressor has a column for each task, and this display takes rows "
+            "with a task: pass estimator_ of the WideRegressor, and X and y as "
+            "stack_tasks makes them."
+        )
+    elif hasattr(estimator, "estimator"):
+        _refuse_wide(estimator.estimator)
 
 
 def model_with(attribute, estimator, instead):
@@ -86,10 +103,9 @@ def check_output(output, n_outputs, name="output"):
     """Raise a ValueError unless there is such an output, or such a term."""
     is_int = isinstance(output, Integral) and not isinstance(output, bool)
     if not is_int or not 0 <= output < n_outputs:
-        raise ValueError(
-            f"{name}={output!r} must be an integer from 0 to {n_outputs - 1}, as there "
-            f"are {n_outputs} {name}s."
-        )
+        there = f"are {n_outputs} {name}s" if n_outputs > 1 else f"is one {name}"
+        allowed = f"an integer from 0 to {n_outputs - 1}" if n_outputs > 1 else "0"
+        raise ValueError(f"{name}={output!r} must be {allowed}, as there {there}.")
 
 
 def _as_learned(estimator):
@@ -133,6 +149,7 @@ def predictions(estimator, X, y, output, *, learned=False):
     ValueError
         If y has not the outputs of the model, or not this one.
     """
+    _refuse_wide(estimator)
     target = fitted_model(estimator)._target
     # A search's own predict may not pass return_std on.
     model = getattr(estimator, "best_estimator_", estimator)
@@ -172,6 +189,7 @@ def intervals(estimator, X, level):
     TypeError
         If the model has no intervals.
     """
+    _refuse_wide(estimator)
     if isinstance(estimator, Pipeline):
         X = estimator[:-1].transform(X) if len(estimator) > 1 else X
         return intervals(estimator[-1], X, level)
@@ -204,6 +222,7 @@ def task_column(estimator, X, task_feature=None):
     ValueError
         If none tells it.
     """
+    _refuse_wide(estimator)
     if task_feature is not None:
         return task_feature
     first = _step(estimator, 0)

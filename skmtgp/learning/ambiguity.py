@@ -62,6 +62,7 @@ def rivals_of(best, modes):
     ended = [of for of in modes if of is not best and of.converged]
     rivals = [Rival(of.theta, of.value) for of in ended]
     rivals += [rival for of in modes for rival in of.rivals]
+    rivals = [of for of in rivals if np.isfinite(of.value)]  # of failed climbs not
     near = [of for of in rivals if abs(best.value - of.value) < REACH]
     return tuple(sorted(near, key=lambda of: -of.value)[:MOST])
 

@@ -51,7 +51,7 @@ def learn_forms(learn, problems, forms, *, until_worse=False, **options):
     while rest and not (until_worse and _falls(problems, begun, modes)):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
-    return modes if begun[0] is forms[0] else [_counting(*modes), *modes[2:]]
+    return modes if begun[0] is forms[0] else [_counting(*modes[:2]), *modes[2:]]
 
 
 def told(part, forms):

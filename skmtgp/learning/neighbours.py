@@ -90,6 +90,8 @@ def _along(tasks, places):
 
 def _is_rare(value, variance, third):
     """Whether so large a value is rare, of given moments and mean zero."""
+    if not variance > 0.0:  # rounding has left nothing
+        return False
     skewness = max(third / variance**1.5, 1e-3)
     freedom = 8.0 / skewness**2
     standard = value / np.sqrt(variance)

@@ -8,6 +8,7 @@ that.
 
 import numpy as np
 
+from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.learning.climbing import annealed, climb, shake
 from skmtgp.learning.problem import best_of
 
@@ -173,7 +174,10 @@ def with_columns(lower, higher, mode):
     """
     if not has_columns_more(lower, higher):  # as where 1 1^T is of rank 1
         return _with_more(lower, higher, mode, 0.0)
-    D = lower.likelihood().task_gradient(mode.theta)
+    try:
+        D = lower.likelihood().task_gradient(mode.theta)
+    except NotPositiveDefiniteError:  # a climb that failed from its start
+        return _with_more(lower, higher, mode, 0.0)
     vectors = lower.prior.task_covariance.directions(D)
     size = np.sqrt(np.trace(lower.prior.K_rho_at(mode.theta)))
     candidates = [

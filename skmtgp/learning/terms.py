@@ -10,6 +10,7 @@ rows. A model with a term less is part of one with it: no mode is worse. By spar
 inference terms are grown from the rows that it is exact of; the bound is of all terms.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from operator import itemgetter
@@ -20,6 +21,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.progress import say, silent
+from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.learning.climbing import climb, refine, shake
 from skmtgp.learning.problem import Mode, Problem, best_of
 from skmtgp.learning.summarised import exact_part, learn_rest
@@ -233,10 +235,11 @@ def _sizes(problem, theta, of_terms, kernel):
     """Matrices K^rho of several sizes along the derivative of the likelihood."""
     n_tasks, zero = problem.prior.n_tasks, np.zeros((problem.prior.n_tasks,) * 2)
     start = _begin(problem, theta, of_terms, (kernel, zero))
-    D = problem.likelihood().task_gradient(start)[-1]
-    values, vectors = np.linalg.eigh(D)
-    if not (np.isfinite(values).all() and values[-1] > 0.0):
-        D, values, vectors = np.eye(n_tasks), np.ones(n_tasks), np.eye(n_tasks)
+    values, vectors = np.ones(n_tasks), np.eye(n_tasks)  # where nothing can be told
+    with suppress(NotPositiveDefiniteError):
+        D = problem.likelihood().task_gradient(start)[-1]
+        found = np.linalg.eigh(D) if np.isfinite(D).all() else (-values, vectors)
+        values, vectors = found if found[0][-1] > 0.0 else (values, vectors)
     along = (vectors * np.maximum(values, 0.0)) @ vectors.T
     along *= n_tasks * problem.prior.scale**2 / np.trace(along)
     return [share * along for share in problem.tuning.shares]

@@ -1,11 +1,13 @@
 """What is known of the noise of each row."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import norm
 
 from skmtgp._data.data import Data
-from skmtgp._data.known import Known, read_known
+from skmtgp._data.known import Known, read_known, weighed_rows
+from skmtgp.exceptions import InsufficientMemoryError
 
 rng = np.random.default_rng(0)
 
@@ -41,7 +43,7 @@ def test_slope_and_information():
 
 
 def test_parts_and_more_rows():
-    known = read_known([[1.0, 2.0], [3.0, 4.0]], [1, 5], 0.5, (2, 2))
+    known = read_known([[1.0, 2.0], [3.0, 4.0]], [1, 5], [0.0, 0.5], (2, 2))
     np.testing.assert_array_equal(known.part([1]).variance, [[3.0, 4.0]])
     np.testing.assert_array_equal(known.output(1).variance, [2.0, 4.0])
     longer = known.followed_by(1)
@@ -73,7 +75,10 @@ def test_nothing_known():
         ({"alpha": -0.5}, "alpha has -0.5, and must be finite numbers of 0 or more"),
         ({"alpha": [0.1, np.nan, 0.1]}, "alpha has nan"),
         ({"alpha": [1.0, 2.0]}, r"alpha has shape \(2,\), but X has 3 samples"),
-        ({"alpha": "much"}, "alpha='much' must be numbers"),
+        ({"alpha": "much"}, "alpha='much' must be real numbers"),
+        ({"alpha": [1j, 1, 1]}, r"alpha=\[1j, 1, 1\] must be real numbers"),
+        ({"alpha": ["many"] * 90}, r"'many', 'many', \.\.\.\] must be real numbers"),
+        ({"alpha": [0.1, pd.NA, 0.2]}, "of which none is missing"),
         (
             {"sample_weight": [1, 0, 1]},
             "sample_weight has 0, but .* or zero weight",
@@ -81,9 +86,68 @@ def test_nothing_known():
         ({"sample_weight": [1, 2]}, "sample_weight has shape"),
         ({"repeat_variance": 0.1}, "repeat_variance needs sample_weight"),
         ({"sample_weight": 2, "repeat_variance": np.inf}, "repeat_variance has inf"),
+        (
+            {"sample_weight": [2, 1, 2], "repeat_variance": 0.3},
+            "repeat_variance has 0.3 in a row of sample_weight 1: one measurement",
+        ),
     ],
 )
 def test_what_cannot_be_known(given, match):
     names = "alpha", "sample_weight", "repeat_variance"
     with pytest.raises(ValueError, match=match):
         read_known(*(given.get(name) for name in names), (3, 1))
+
+
+def weighed(weights, *, alpha=None, repeats=True):
+    X, y = np.arange(6.0).reshape(3, 2), np.arange(3.0)
+    return weighed_rows(X, y, (alpha, weights, None), repeats=repeats)
+
+
+@pytest.mark.parametrize(
+    "weights",
+    [2, 2.0, [2, 2, 2], [[2.0]] * 3, np.full(3, 2, object), pd.Series([2, 2, 2])],
+    ids=repr,
+)
+def test_rows_are_repeated_in_whatever_form_weights_come(weights):
+    _, y, given = weighed(weights)
+    assert y.tolist() == [0, 0, 1, 1, 2, 2]
+    assert given == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    "weights", [-1, [1, np.nan, 1], [1, np.inf, 1], 0, [1, 2], "a", [1j, 1, 1]]
+)
+def test_weights_that_are_none_are_left_to_reading(weights):
+    X, y, given = weighed(weights)
+    assert len(X) == len(y) == 3
+    assert given[1] is weights
+    with pytest.raises(ValueError, match="sample_weight"):
+        read_known(*given, (3, 1))
+
+
+def test_more_repeats_than_memory_holds():
+    with pytest.raises(
+        InsufficientMemoryError, match=r"as 3e\+200 rows that are repea"
+    ):
+        weighed(1e200)
+    assert len(weighed(1e200, repeats=False)[0]) == 3
+
+
+def test_a_series_in_another_order_is_refused():
+    frame = pd.DataFrame({"x": [1.0, 2.0, 3.0], "task": list("aab")}, index=[5, 3, 4])
+    y, alpha = frame["x"], pd.Series([0.1, 0.2, 0.3], index=[5, 3, 4])
+    ours = alpha, None, None
+    assert weighed_rows(frame, y, ours, repeats=False)[2][0] is alpha
+    for other in (alpha.sort_index(), alpha.to_frame().sort_index()):
+        theirs = other, None, None
+        with pytest.raises(
+            ValueError, match=r"alpha has the labels .*with 3, .*with 5"
+        ):
+            weighed_rows(frame, y, theirs, repeats=False)
+        # scaled features have often another index, and positions count
+        array = frame.to_numpy()
+        assert weighed_rows(array, y.to_numpy(), theirs, repeats=False)[0] is array
+    numbered = alpha.reset_index(drop=True)
+    assert weighed_rows(frame, y, (numbered, None, None), repeats=False)[1] is y
+    scaled = frame.sort_index().assign(x=y.to_numpy())
+    assert weighed_rows(scaled, y, ours, repeats=False)[0] is scaled

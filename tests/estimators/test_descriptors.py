@@ -253,6 +253,30 @@ def test_a_task_joins_without_anything_to_learn(engine, place):
     assert np.abs(joined.predict(new) - y_new).max() < 0.1
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_rows_that_join(engine):
+    """Rows of known tasks, and of one that is new, in one call."""
+    data = draw(complete=engine == "kronecker")
+    options = QUICK | ENGINES[engine] | {"rank": 2, "task_levels": False}
+    model = MultiTaskGPRegressor(**options).fit(*data)
+    few = np.vstack([data[0][:2], [[1.0, 5.0, 1.3, 99]]])
+    few[:2, 0] += 0.05
+    more = f(few[:, 0], few[:, 1], few[:, 2])
+    if engine == "kronecker":  # complete data no more
+        model.set_params(inference="auto")
+    joined = model.partial_fit(few, more)
+    assert joined.X_train_.shape == (len(data[0]) + 3, 1)
+    assert joined.task_descriptors_.loc[99].tolist() == [5.0, 1.3]
+    expected = book(joined, NEW)
+    mean, cov = joined.predict(NEW, return_cov=True)
+    if engine != "sparse":  # whose inducing inputs are few
+        np.testing.assert_allclose(mean, expected[0], atol=1e-6)
+        np.testing.assert_allclose(cov, expected[1], atol=1e-6)
+    assert np.abs(joined.predict(few) - more).max() < 0.1
+    with pytest.raises(ValueError, match=r"descriptor 1 of task 0 is 1\.0, but was 0"):
+        joined.partial_fit([[1.0, 1.0, SIZE[0], 0]], [0.0])
+
+
 def test_a_task_that_joins_gets_the_mean_of_the_diagonal():
     options = QUICK | {"rank": 1, "diagonal": True, "task_levels": False}
     model = MultiTaskGPRegressor(**options).fit(X, y)

@@ -24,10 +24,16 @@ from samples import posteriors
 from scipy.sparse import csr_array
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
-from sklearn.gaussian_process.kernels import RBF, Matern, RationalQuadratic
+from sklearn.gaussian_process.kernels import (
+    RBF,
+    ExpSineSquared,
+    Matern,
+    RationalQuadratic,
+)
 
 from skmtgp import (
     BayesianLinearRegression,
+    IndependentGP,
     MultiTaskGPRegressor,
     PooledGP,
     RankSearchIC,
@@ -39,6 +45,7 @@ from skmtgp.exceptions import (
     UnderflowWarning,
 )
 from skmtgp.inference.dense import DenseLikelihood
+from skmtgp.kernels import Columns
 
 pytestmark = pytest.mark.usefixtures("nothing_is_printed")
 
@@ -103,6 +110,18 @@ class TestTargets:
     def test_constant(self, model):
         mean, _ = assert_sound(fitted(model, X, np.full(24, 3.0)), X)
         np.testing.assert_allclose(mean, 3.0, rtol=1e-6)
+
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.ConstantTargetWarning")
+    def test_constant_with_a_rounded_mean(self):
+        """Its deviation is not zero, but noise of that size cannot be computed."""
+        wave = Columns(ExpSineSquared(), [0]) * RBF() + RationalQuadratic() ** 2
+        options = {"inference": "sparse", "n_inducing": 3, "n_exact": 7}
+        model = IndependentGP(wave, normalize_y=False, task_levels=False, **options)
+        X = np.column_stack([np.linspace(0.0, 4.0, 35) ** 2, np.arange(35) % 3])
+        y = np.full(35, 0.1)
+        assert y.std() > 0.0
+        mean, _ = assert_sound(fitted(model, X, y, max_iter=10, tol=3.0), X)
+        np.testing.assert_allclose(mean, 0.1, rtol=0.1)
 
     @each
     def test_as_large_as_1e300(self, model):

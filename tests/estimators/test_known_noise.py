@@ -41,6 +41,7 @@ X = np.column_stack([RNG.uniform(0, 6, N), TASK])
 ALPHA = RNG.uniform(0.01, 0.4, N)
 Y = np.sin(X[:, 0]) * (1 + TASK) + TASK + np.sqrt(ALPHA) * RNG.standard_normal(N)
 COUNTS = RNG.integers(1, 5, N).astype(float)
+SPREAD = np.where(COUNTS > 1, 0.1, 0.0)
 ROWS = np.repeat(np.arange(N), COUNTS.astype(int))
 Y_ALL = Y[ROWS] + 0.3 * RNG.standard_normal(len(ROWS))
 NEW = np.array([[0.5, 0], [2.5, 1], [5.0, 2], [3.0, 0]])
@@ -63,7 +64,7 @@ def test_predictions_are_those_of_the_textbook(normalize_y, noise):
     """From what is told after fit, in units of y."""
     options = {"normalize_y": normalize_y, "noise": noise, "max_iter": 20}
     model = MultiTaskGPRegressor(rank=1, **options)
-    model.fit(X, Y, alpha=ALPHA, sample_weight=COUNTS, repeat_variance=0.1)
+    model.fit(X, Y, alpha=ALPHA, sample_weight=COUNTS, repeat_variance=SPREAD)
 
     def covariance(A, B):
         of_A, of_B = A[:, 1].astype(int), B[:, 1].astype(int)
@@ -94,7 +95,7 @@ def test_predictions_are_those_of_the_textbook(normalize_y, noise):
         residual @ P @ residual + np.linalg.slogdet(K)[1] + N * np.log(2 * np.pi)
     )
     v = learned + ALPHA
-    more = (COUNTS - 1) * np.log(2 * np.pi * v) + np.log(COUNTS) + COUNTS * 0.1 / v
+    more = (COUNTS - 1) * np.log(2 * np.pi * v) + np.log(COUNTS) + COUNTS * SPREAD / v
     value -= 0.5 * more.sum()
     assert model.log_marginal_likelihood_value_ == pytest.approx(value, rel=1e-9)
 
@@ -113,7 +114,7 @@ def test_predictions_are_those_of_the_textbook(normalize_y, noise):
 def test_gradients(options):
     options = {"rank": 1, "max_iter": 3, "normalize_y": "shared"} | options
     model = MultiTaskGPRegressor(**options)
-    model.fit(X, Y, alpha=ALPHA, sample_weight=COUNTS, repeat_variance=0.05)
+    model.fit(X, Y, alpha=ALPHA, sample_weight=COUNTS, repeat_variance=SPREAD)
     theta = model.theta_ + 0.1 * RNG.standard_normal(len(model.theta_))
     gradient = model.log_marginal_likelihood(theta, eval_gradient=True)[1]
     for i, one in enumerate(1e-5 * np.eye(len(theta))):
@@ -271,6 +272,26 @@ def test_rows_and_tasks_that_join_later(model):
     assert with_task._known.counts.shape == (N + 3,)
 
 
+@pytest.mark.parametrize("normalize_y", ["shared", "per_task"])
+def test_all_noise_may_be_known(normalize_y):
+    """Nothing is learned then, and rows that join would be exact."""
+    options = {"noise_variance": 0, "noise_variance_bounds": "fixed", "max_iter": 5}
+    model = MultiTaskGPRegressor(rank=1, normalize_y=normalize_y, **options)
+    model.fit(X, Y, alpha=ALPHA)
+    assert np.all(model.noise_variance_ == 0.0)
+    of_f = model.predict(NEW, return_std=True)[1]
+    of_y = model.predict(NEW, return_std=True, include_noise=True)[1]
+    np.testing.assert_array_equal(of_f, of_y)
+    before = model.predict(NEW)
+    for join in (model.partial_fit, model.add_task):
+        with pytest.raises(ValueError, match="of rows that join none is known"):
+            join([[1.0, 7.0]], [0.5])
+    np.testing.assert_array_equal(model.predict(NEW), before)
+    first = PooledGP(**options)
+    with pytest.raises(ValueError, match="noise_variance=0 leaves the noise to alpha"):
+        first.partial_fit(X, Y)
+
+
 def test_drawn_hyperparameters():
     options = {"hyperparameters": "sampled", "n_draws": 8, "random_state": 0}
     model = MultiTaskGPRegressor(rank=1, **SHARED, **options)
@@ -361,6 +382,19 @@ def test_engines_that_take_no_counts_repeat_rows():
     rows = np.repeat(np.arange(N), weights)
     expected = PooledGP(**options).fit(X[rows], Y[rows]).predict(NEW)
     np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_complete_data_are_not_repeated():
+    """Kronecker inference is told what is wrong: the counts, not that rows repeat."""
+    rows = np.column_stack([np.repeat(np.arange(12.0), 3), TASK])
+    for model in (MultiTaskGPRegressor(rank=1), IndependentGP()):
+        model.set_params(inference="kronecker", max_iter=2)
+        with pytest.raises(ValueError, match="takes no alpha, and no sample_weight"):
+            model.fit(rows, Y, sample_weight=2)
+        found = model.fit(rows, Y, sample_weight=np.arange(N) != 4).predict(NEW)
+        kept = np.arange(N) != 4
+        expected = model.fit(rows[kept], Y[kept]).predict(NEW)
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_weights_of_one_say_nothing():

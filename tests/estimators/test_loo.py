@@ -335,3 +335,19 @@ def test_diagonal_of_the_inverse():
     np.testing.assert_allclose(cholesky.inverse_diagonal(), expected, rtol=1e-11)
     np.testing.assert_array_equal(cholesky.factor, factor)
     assert np.isnan(factor).any()
+
+
+def test_rows_that_alone_tell_a_coefficient_of_a_trend():
+    """A task of one row, with a constant of its own."""
+    rng = np.random.default_rng(0)
+    x, task = rng.uniform(0, 6, 31), np.append(np.arange(30) % 2, 2)
+    X, y = np.column_stack([x, task]), np.sin(x) + task
+    options = {"rank": 1, "trend": "constant", "noise": "shared", "max_iter": 5}
+    own = MultiTaskGPRegressor(**options, trend_per_task=True).fit(X, y)
+    with pytest.raises(ValueError, match=r"Without one of 1 rows .* of the trend"):
+        own.loo_predict()
+    shared = MultiTaskGPRegressor(**options).fit(X, y)
+    assert np.isfinite(shared.loo_predict()).all()
+    search = RankSearchIC(own, ranks=(1,), criterion="loo")
+    with pytest.raises(ValueError, match=r"Without one of 1 rows .* of the trend"):
+        search.fit(X, y)

@@ -453,7 +453,7 @@ def test_columns_that_cannot_be_told():
 def test_tools_that_take_no_trend():
     X, y, _ = draw(slope=2.0)
     fitted = model(normalize_y="shared").fit(X, y)
-    with pytest.raises(ValueError, match="TaskIdentifier takes models without a tr"):
+    with pytest.raises(ValueError, match=r"without a trend, .* columns '0', '1'"):
         TaskIdentifier(fitted).predict_proba(X[:3, :2], y[:3])
     with pytest.raises(ValueError, match=r"TransferDisplay compares .* no trend"):
         TransferDisplay.from_estimator(fitted)

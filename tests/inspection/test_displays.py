@@ -13,13 +13,21 @@ from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, inspection
+from skmtgp import (
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    WideRegressor,
+    inspection,
+    stack_tasks,
+)
 from skmtgp.inspection import (
     CoverageDisplay,
     KernelRelevanceDisplay,
     RankSelectionDisplay,
     TaskCovarianceDisplay,
     TaskLearningCurveDisplay,
+    TaskPredictionDisplay,
     TaskResidualsDisplay,
     TrajectoryDisplay,
     TransferDisplay,
@@ -61,6 +69,28 @@ class TestAllDisplays:
     def test_models_without_them(self, fitted, display, name):
         with pytest.raises(TypeError, match=rf"{name} has no (task_cov|kernel).*its"):
             display.from_estimator(fitted[name])
+
+    def test_columns_of_tasks(self):
+        """What the model is, is shown; data need rows with a task."""
+        wide = WideRegressor(MultiTaskGPRegressor(rank=1, **QUICK))
+        table = pd.DataFrame(X[:9, :2], columns=["a", "b"])
+        targets = pd.DataFrame({"u": Y[:9, 0], "v": Y[:9, 1]})
+        with pytest.raises(NotFittedError):
+            TaskCovarianceDisplay.from_estimator(wide)
+        with pytest.raises(TypeError, match="this display takes rows with a task"):
+            TaskLearningCurveDisplay.from_estimator(wide, table, targets)
+        with pytest.warns(ConvergenceWarning):
+            wide.fit(table, targets)
+        shown = TaskCovarianceDisplay.from_estimator(wide)
+        assert texts(shown.ax_.get_xticklabels()) == ["u", "v"]
+        for display in OF_MODELS:
+            display.from_estimator(make_pipeline(wide))
+        for display in (*OF_DATA, TaskPredictionDisplay):
+            with pytest.raises(TypeError, match="pass estimator_ of the WideRegressor"):
+                display.from_estimator(make_pipeline(wide), table, targets)
+        rows, y = stack_tasks(table.join(targets), ["u", "v"])
+        shown = CoverageDisplay.from_estimator(wide.estimator_, rows, y)
+        assert shown.figure_ is shown.ax_.figure
 
     @pytest.mark.parametrize("display", [*OF_DATA, *OF_MODELS, RankSelectionDisplay])
     @pytest.mark.parametrize("wrap", [lambda m: m, make_pipeline])

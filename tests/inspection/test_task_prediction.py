@@ -195,7 +195,7 @@ def test_descriptors_are_no_features():
         ({"feature": "a", "at": {"c": 1}}, "at has 'c', which is not a column"),
         ({"feature": "a", "tasks": ["z"]}, "tasks has 'z', which X has not"),
         ({"feature": "a", "tasks": []}, "tasks is empty"),
-        ({"feature": "a", "output": 1}, "output=1 must be an integer from 0 to 0"),
+        ({"feature": "a", "output": 1}, "output=1 must be 0, as there is one output"),
         ({"feature": "a", "level": 2.0}, "level=2.0 must be"),
     ],
 )

@@ -51,6 +51,11 @@ def test_what_is_no_rival(problem, modes):
     assert doubt_about(problem, truth) is None
 
 
+def test_climbs_that_failed_are_no_rivals(modes):
+    failed = [of._replace(value=-np.inf) for of in modes]
+    assert best_of(failed).rivals == ()
+
+
 def test_rivals_of_those_that_were_preferred_count(problem, modes):
     truth, other = modes
     better = truth._replace(value=truth.value + 0.3)

@@ -100,6 +100,19 @@ def test_a_rank_that_is_learned_alone_begins_at_a_lower_one():
     assert mode.n_evaluations > grown.n_evaluations
 
 
+def test_ranks_of_which_none_can_be_told_begin_at_a_lower_one():
+    problems, learn, learned = pose(*draw(2))
+    forms = [low_rank(M, rank) for rank in (2, 3, 4)]
+    modes = learn_forms(learn, problems, forms, **RUNNING)
+    assert learned == [(60, 1)]
+    assert len(modes) == 3
+    [[alone]] = learn_forms(learn, problems, forms[:1], **RUNNING)
+    assert modes[0][0].n_evaluations == alone.n_evaluations
+    values = np.array([mode.value for [mode] in modes])
+    assert values[0] == alone.value
+    assert (np.diff(values) >= 0.0).all()
+
+
 @pytest.mark.parametrize(("until_worse", "n"), [(False, 5), (True, 3)])
 def test_a_search_ends_when_ranks_get_worse(until_worse, n):
     problems, learn, _ = pose(*draw(1))

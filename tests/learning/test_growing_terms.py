@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 
+from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import Columns
 from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.ranks import learn_ranks
@@ -163,3 +165,13 @@ def test_forms_know_their_terms():
     K = np.stack([np.diag([1.0, 2.0, 0.0]), np.ones((M, M))])
     found = form.matrix(form.parameters(K))
     np.testing.assert_allclose(found, K, atol=1e-12)
+
+
+def test_a_term_grows_where_no_derivative_can_be_told(monkeypatch):
+    def fail(*_):
+        raise NotPositiveDefiniteError("pivot 3 of 15 is not positive")
+
+    problem, _ = make(0, [(RBF(SLOW, WIDE), ONE), (RBF(FAST, WIDE), ONE)])
+    monkeypatch.setattr(DenseLikelihood, "task_gradient", fail)
+    alone = learn(of_terms(problem, problem.prior.terms[:1]))
+    assert learn(problem).value > alone.value + 10.0

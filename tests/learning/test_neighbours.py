@@ -52,6 +52,12 @@ def test_it_is_found_in_the_order_of_the_rows(white, walking):
     assert correlated_share(*at_truth(replace(walking, **parts))) == 0.0
 
 
+@pytest.mark.parametrize("variance", [0.0, -1e-9, np.nan])
+def test_a_variance_that_rounding_took_tells_nothing(variance):
+    assert not neighbours._is_rare(variance, variance, 1.0)
+    assert neighbours._is_rare(9.0, 1.0, 1e-9)
+
+
 def test_levels_that_are_not_in_the_model_are_no_noise(white):
     data = replace(white, y=white.y + 0.3 * (white.tasks - 1.0))
     assert correlated_share(*at_truth(data)) == 0.0

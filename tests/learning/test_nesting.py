@@ -13,9 +13,11 @@ from drawn import (
     start_of,
 )
 
+from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import nesting
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.nesting import descend, detour, nest
+from skmtgp.learning.nesting import descend, detour, nest, with_columns
 from skmtgp.learning.stages import first_stage
 from skmtgp.model.task_covariance import identity, low_rank
 
@@ -72,6 +74,19 @@ class TestNest:
         problems = pose_each(data, forms[:2], max_iter=0)  # the start alone
         nested = nest(problems, modes[:2])
         assert nested[1].value > nested[0].value + 0.01
+
+    def test_from_where_nothing_can_be_told(self, data, forms, modes, monkeypatch):
+        """As where the whole climb of the lower rank has failed."""
+
+        def fail(*_):
+            raise NotPositiveDefiniteError("pivot 3 of 15 is not positive")
+
+        monkeypatch.setattr(DenseLikelihood, "task_gradient", fail)
+        problems = pose_each(data, forms[:2])
+        start = with_columns(*problems, modes[0])
+        value = problems[1].likelihood().value(start)
+        assert value == pytest.approx(modes[0].value, rel=1e-9)
+        assert nest(problems, modes[:2])[1].value >= modes[0].value - 1e-9
 
     def test_the_lower_mode_is_the_last_resort(self, data, forms, modes, monkeypatch):
         monkeypatch.setattr(nesting, "climb", lambda *args: modes[1])

@@ -271,3 +271,15 @@ def test_engines(seconds, engine, name):
     np.testing.assert_allclose(posterior.mean(Z, at), mean, rtol=0.0, atol=1e-9)
     variance = posterior.variance(Z, at)
     np.testing.assert_allclose(variance, np.diagonal(cov), rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("alpha", [1.0, 1e3, 1e6])
+def test_a_large_power_keeps_its_digits(alpha):
+    """(1 + s / 2 alpha)^-alpha, of whose base rounding would count alpha times."""
+    x, kernel = np.linspace(0.0, 3.0, 40)[:, None], RationalQuadratic(0.7, alpha)
+    theta = np.exp(kernel.theta).tolist()
+    power, scale = (Decimal(value) for value in theta)
+    found, _ = compile_kernel(kernel).bind(kernel.theta, x).block(every, every)
+    for z, value in zip(x[:, 0].tolist(), found[0], strict=True):
+        base = 1 + (Decimal(z) / scale) ** 2 / (2 * power)
+        assert value == pytest.approx(float((-power * base.ln()).exp()), rel=1e-13)

@@ -292,9 +292,9 @@ def _root(e, factor):
 
 
 def _rational_quadratic(e, alpha):
-    base = 1.0 - e / alpha
-    K = base**-alpha
-    return K, np.divide(K, base, out=e)
+    more = e / -alpha  # a large power of 1 + more has its digits in the logarithm alone
+    K = np.exp(-alpha * np.log1p(more))
+    return K, np.divide(K, 1.0 + more, out=e)
 
 
 class StationaryNode(Node):

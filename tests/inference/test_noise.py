@@ -98,7 +98,7 @@ class TestWarning:
         assert model.noise_variance_ < 1e-3 * NOISE**2
         assert len(messages) == 1
         assert messages[0].startswith(MESSAGE)
-        assert messages[0].endswith("page 'Noise, and data without it'.")
+        assert messages[0].endswith("page 'Noise'.")
 
     @each
     @pytest.mark.parametrize("per_task", [5, 20])

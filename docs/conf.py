@@ -89,7 +89,11 @@ sphinx_gallery_conf = {
     "min_reported_time": 1,  # seconds
     "image_srcset": ["2x"],  # sharp on phones
     "parallel": 2,
-    "reset_modules": ("matplotlib", "gallery_order.short_warnings"),
+    "reset_modules": (
+        "matplotlib",
+        "gallery_order.short_warnings",
+        "gallery_order.project_colors",
+    ),
     "abort_on_example_error": True,
     "capture_repr": (),
     "write_computation_times": False,

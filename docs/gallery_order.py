@@ -1,8 +1,10 @@
-"""The order of the examples, and how they warn. docs/conf.py asks for both."""
+"""The order of the examples, their colours, and how they warn, for docs/conf.py."""
 
 import re
 import warnings
 from pathlib import Path
+
+from skmtgp.inspection import COLORS
 
 INDEX = Path(__file__).parents[1] / "examples" / "gallery" / "index.rst"
 ORDER = re.findall(r"^   (plot_\w+)$", INDEX.read_text("utf-8"), re.MULTILINE)
@@ -24,3 +26,10 @@ def short_warnings(gallery_conf, name):
         return line if new else ""
 
     warnings.formatwarning = format_once
+
+
+def project_colors(gallery_conf, name):
+    """Lines of no model have the project's colours, too, in their order."""
+    import matplotlib as mpl
+
+    mpl.rcParams["axes.prop_cycle"] = mpl.cycler(color=COLORS)

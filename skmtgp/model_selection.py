@@ -236,11 +236,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if len(model._terms()) > 1:
             self._fit_terms(model, training, progress)
             return
-        if self.criterion == "loo" and is_dask(training.features):
-            raise ValueError(
-                "criterion='loo' leaves out one row after another, which Dask "
-                "collections do not allow. Use criterion='bic', or fit to arrays."
-            )
+        self._check_criterion(training)
         ranks = self._check_ranks(training.n_told, len(training.Y))
         simpler = len(training.tasks) > 1 and self._asks_simpler()
         n_forms = len(ranks) + len(SIMPLER) * simpler
@@ -251,20 +247,25 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
         data = problems[0].data
-        described = training.descriptors is not None or training.trends is not None
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms))
+        described = training.descriptors is not None or training.trends is not None
         asks = simpler and exact and not described
         alone = _alone(model, training, X, y, given) if asks else None
         with limit_threads(side(problems)):
-            until_worse = self.ranks is None
-            modes = model._learn_ranks(
-                problems, forms, progress, until_worse=until_worse
-            )
+            growing = {"until_worse": self.ranks is None}
+            modes = model._learn_ranks(problems, forms, progress, **growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
             decided = decide_noise(model, training, of_forms, modes)
             self._keep(model, settings, alone, *model._tell(training, *decided))
+
+    def _check_criterion(self, training):
+        if self.criterion == "loo" and is_dask(training.features):
+            raise ValueError(
+                "criterion='loo' leaves out one row after another, which Dask "
+                "collections do not allow. Use criterion='bic', or fit to arrays."
+            )
 
     def _fit_terms(self, model, training, progress):
         """The same of several terms, whose candidates have each their own prior."""

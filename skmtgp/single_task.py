@@ -254,23 +254,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
         Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
         self.tasks_, self.tasks_train_ = tasks, codes
-        params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
-        params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
-        params["target_transform"] = None  # it was one of all tasks
-        model = PooledGP(**params)
+        model = self._of_one_task()
         X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
-        kernel = model._made(self.kernel, features)
-        check_kernel(kernel, features)
-        engine, prior = (
-            alone(self.inference, **model._options()),
-            Prior(kernel, ones(1)),
-        )
-        for m, r in enumerate(rows):  # while the tasks have their labels
-            task = Data(features[r], np.zeros_like(r), Y[r], 1)
-            engine.check(prior, task, self.tasks_[[m]])
-        tiles = TileMemory(kernel, features[:1])
-        self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
+        self._check_tasks(model, features, rows, Y)
         self._foretell(model, rows, features, Y, known)
         names = [self._in_words(m) for m in range(len(rows))]
         results = run(
@@ -285,6 +272,25 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self._warn([caught for _, caught in results])
         self._store([estimator for estimator, _ in results])
         self._store_target(target)
+
+    def _of_one_task(self):
+        """The model that each task gets."""
+        params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
+        params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
+        params["target_transform"] = None  # it was one of all tasks
+        return PooledGP(**params)
+
+    def _check_tasks(self, model, features, rows, Y):
+        """Whether the engine takes each task, and memory suffices for them."""
+        kernel = model._made(self.kernel, features)
+        check_kernel(kernel, features)
+        engine = alone(self.inference, **model._options())
+        prior = Prior(kernel, ones(1))
+        for m, r in enumerate(rows):  # while the tasks have their labels
+            task = Data(features[r], np.zeros_like(r), Y[r], 1)
+            engine.check(prior, task, self.tasks_[[m]])
+        tiles = TileMemory(kernel, features[:1])
+        self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
 
     def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""

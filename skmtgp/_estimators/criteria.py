@@ -83,7 +83,6 @@ def tabulate(training, of_forms, modes, alone, criterion):
     -------
     table : dict of str to ndarray of shape (n_candidates,)
     """
-    log_n = np.log(training.measured.sum() * len(modes[0]))
     jacobian = training.log_jacobian()
     values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
     values += jacobian
@@ -96,17 +95,9 @@ def tabulate(training, of_forms, modes, alone, criterion):
         names, ranks = [*names, ALONE], [*ranks, 0]
         count.append(alone.estimator.n_hyperparameters_)
         seconds.append(alone.seconds)
-    log_likelihood, count = values.sum(axis=1), np.array(count)
-    deviance = -2.0 * log_likelihood
-    table = {
-        "rank": rank_column(ranks),
-        "model": names,
-        "log_marginal_likelihood": log_likelihood,
-        "n_hyperparameters": count,
-        "bic": deviance + count * log_n,  # eq. 8
-        "aic": deviance + count * 2.0,
-        "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
-    }
+    n = training.measured.sum() * len(modes[0])
+    table = {"rank": rank_column(ranks), "model": names}
+    table |= _information(values.sum(axis=1), np.array(count), n)
     if criterion in DENSITIES:
         of_form, of_alone = DENSITIES[criterion]
         scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
@@ -117,6 +108,18 @@ def tabulate(training, of_forms, modes, alone, criterion):
     if not training.single_output:
         table |= {_of_output(j): column for j, column in enumerate(values.T)}
     return {name: np.asarray(column) for name, column in table.items()}
+
+
+def _information(log_likelihood, count, n):
+    """What follows from log likelihoods, counts of hyperparameters and of targets."""
+    deviance, log_n = -2.0 * log_likelihood, np.log(n)
+    return {
+        "log_marginal_likelihood": log_likelihood,
+        "n_hyperparameters": count,
+        "bic": deviance + count * log_n,  # eq. 8
+        "aic": deviance + count * 2.0,
+        "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
+    }
 
 
 def _of_output(j):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
@@ -100,29 +102,15 @@ def prepare_trajectory(
     order, unwrap = check_count("order", order), check_flag("unwrap", unwrap)
     even, fs = _even_times(time, max(cutoff, tau_cutoff))
 
-    def smooth(values, at):
-        """Filtered, at even times, as a function of time."""
-        if not np.allclose(time, even, rtol=0.0, atol=EVEN / fs):
-            values = make_interp_spline(time, values, k=3)(even)
-        filtered = sosfiltfilt(
-            butter(order, at, fs=fs, output="sos"),
-            values,
-            axis=0,
-            padlen=min(len(even) - 1, int(np.ceil(fs / at))),
-        )
-        return make_interp_spline(even, filtered, k=QUINTIC)
-
+    smooth = partial(_smooth, time=time, even=even, fs=fs, order=order)
     position = smooth(np.unwrap(q, axis=0) if unwrap else q, cutoff)
     velocity = position.derivative()
     if qd is not None:
         velocity = smooth(check_numbers("qd", qd, q.shape), cutoff)
     parts = position, velocity, velocity.derivative(), smooth(tau, tau_cutoff)
     kept = _kept_times(even, fs, rate, UNKNOWN / cutoff if trim is None else trim)
-    names = [
-        f"{name}{j}"
-        for name in ("q", "qd", "qdd", "tau")
-        for j in range(1, q.shape[1] + 1)
-    ]
+    joints = range(1, q.shape[1] + 1)
+    names = [f"{name}{j}" for name in ("q", "qd", "qdd", "tau") for j in joints]
     frame = pd.DataFrame(np.hstack([part(kept) for part in parts]), columns=names)
     frame.insert(0, "time", kept)
     return frame
@@ -155,6 +143,19 @@ def _even_times(time, cutoff):
             "there is not known: prepare the rows before and after it on their own."
         )
     return np.linspace(time[0], time[-1], len(time)), 1.0 / step
+
+
+def _smooth(values, cutoff, *, time, even, fs, order):
+    """Filtered, at even times, as a function of time."""
+    if not np.allclose(time, even, rtol=0.0, atol=EVEN / fs):
+        values = make_interp_spline(time, values, k=3)(even)
+    filtered = sosfiltfilt(
+        butter(order, cutoff, fs=fs, output="sos"),
+        values,
+        axis=0,
+        padlen=min(len(even) - 1, int(np.ceil(fs / cutoff))),
+    )
+    return make_interp_spline(even, filtered, k=QUINTIC)
 
 
 def _kept_times(even, fs, rate, trim):

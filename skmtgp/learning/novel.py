@@ -6,6 +6,7 @@ it also what the task shares with no other. One or two samples do not determine 
 unless told otherwise we add what the rows of the tasks so far tell of it.
 """
 
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -207,6 +208,22 @@ class Population:
         return -0.5 * (nu + self.rank) * np.log(distance), gradient
 
 
+def _negative_density(border, rows, informed, u):
+    """What is minimised over a row's coordinates u, and its gradient."""
+    value, gradient = border.value_and_grad(rows.row(u))
+    gradient = rows.scale.T @ gradient
+    if informed:
+        log_prior, slope = rows.log_prior(u)
+        value, gradient = value + log_prior, gradient + slope
+    return -value, -gradient
+
+
+def _information(border, rows, u):
+    """Fisher's information of u, with that of the prior."""
+    information = border.fisher_information(rows.row(u))
+    return rows.scale.T @ information @ rows.scale + np.eye(len(u))
+
+
 def learn_border(border, factor, budget, *, informed, rng=None):
     """The border that the novel task's samples, and perhaps the prior, tell.
 
@@ -230,19 +247,8 @@ def learn_border(border, factor, budget, *, informed, rng=None):
         there is one; evaluations of all.
     """
     rows = Population(factor, border.own)
-
-    def objective(u):
-        value, gradient = border.value_and_grad(rows.row(u))
-        gradient = rows.scale.T @ gradient
-        if informed:
-            log_prior, slope = rows.log_prior(u)
-            value, gradient = value + log_prior, gradient + slope
-        return -value, -gradient
-
-    def metric(u):
-        information = border.fisher_information(rows.row(u))
-        return rows.scale.T @ information @ rows.scale + np.eye(len(u))
-
+    objective = partial(_negative_density, border, rows, informed)
+    metric = partial(_information, border, rows)
     upper = np.full_like(rows.lower, TUNING.farthest)
     own = TUNING.first * rows.scale[-1, -1] if border.own else 0.0
     starts = [

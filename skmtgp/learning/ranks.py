@@ -79,16 +79,7 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
         ([problem.with_form(form) for form in forms], of)
         for problem, of in zip(coarse, starts, strict=True)
     ]
-    n_modes = len(jobs) * len(forms)
-    n_starts = len(starts[0])
-    told = {}
-    each = description(coarse, forms, n_starts, told=told)
-    again = "climbed again from more noise"
-    shaken = description(coarse, forms, stage=again, told=told)
-    reporters = (
-        partial(progress, "starts", n_starts * n_modes, each),
-        partial(progress, "learning", n_modes, shaken),
-    )
+    reporters = _reporters(progress, coarse, forms, len(starts[0]))
     modes = second_stage(jobs, shakes=1, n_jobs=n_jobs, reporters=reporters)
     if len(forms) == 1 and not fine:  # else other ranks and rows help
         ways = [(*of, mode) for of, mode in zip(jobs, modes, strict=True)]
@@ -103,6 +94,18 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     report = progress("learning from all rows", len(jobs), of_all)
     modes = by_output(run(refine, jobs, n_jobs=n_jobs, report=report), forms)
     return run(nest, _of_output(problems, forms, modes), n_jobs=n_jobs)
+
+
+def _reporters(progress, problems, forms, n_starts):
+    """Make what tells of the starts, and of what is learned from the best."""
+    told, n_modes = {}, len(problems) * len(forms)
+    each = description(problems, forms, n_starts, told=told)
+    again = "climbed again from more noise"
+    shaken = description(problems, forms, stage=again, told=told)
+    return (
+        partial(progress, "starts", n_starts * n_modes, each),
+        partial(progress, "learning", n_modes, shaken),
+    )
 
 
 def _another_way(problems, starts, mode):

@@ -198,7 +198,7 @@ def test_favicon(contents):
 
 FOUND = {  # what readers look for, and the title of what they should find first
     "GPU": "Speed",
-    "kriging": "[Kk]riging|The model",
+    "kriging": "[Kk]riging",
     "missing": "missing",
     "offset": "levels",
     "plot": "Plots",

@@ -1,5 +1,5 @@
 """Pages of the user guide that errors and warnings refer to."""
 
 INFERENCE = "See the user guide, page 'Speed and large data'."
-NOISE = "See the user guide, page 'Noise, and data without it'."
+NOISE = "See the user guide, page 'Noise'."
 PARALLEL = "See the user guide, page 'Parallel computing: cores and clusters'."

@@ -98,7 +98,7 @@ class TestWarning:
         assert model.noise_variance_ < 1e-3 * NOISE**2
         assert len(messages) == 1
         assert messages[0].startswith(MESSAGE)
-        assert messages[0].endswith("page 'Noise, and data without it'.")
+        assert messages[0].endswith("page 'Noise'.")
 
     @pytest.mark.parametrize("noise", ["shared", "per_task"])
     def test_shared_noise_is_advised_where_tasks_have_one_each(self, noise):

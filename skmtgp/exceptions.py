@@ -202,6 +202,22 @@ class SamplingWarning(UserWarning):
     """
 
 
+class SmallTaskWarning(UserWarning):
+    """Some tasks have one to three rows in fit, and others have more.
+
+    So few rows do not determine how a task is related to the others: a function that is
+    far larger than theirs may be the likeliest. Predictions of such a task may be far
+    off, and their intervals too narrow. ``add_task`` and ``hyperparameters="sampled"``
+    use what is known of the other tasks.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import SmallTaskWarning
+    >>> warnings.simplefilter("error", SmallTaskWarning)
+    """
+
+
 class TaskColumnWarning(UserWarning):
     """The column that counts as the task column may be the wrong one, or need tidying.
 

@@ -21,7 +21,6 @@ from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
 from skmtgp._estimators.deciding import decide_noise
-from skmtgp._estimators.doubts import warn_of_doubts
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
@@ -337,9 +336,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if best < len(modes):
             rank = settings[best]["rank"]
             self.best_rank_ = tuple(rank) if isinstance(rank, list) else rank
-            self.best_estimator_._warn_of_noise(modes[best])
-            sampled = self.best_estimator_._is_sampled()
-            warn_of_doubts(of_forms[best], modes[best], sampled=sampled)
+            self.best_estimator_._warn_of_fit(training, of_forms[best], modes[best])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())

@@ -23,6 +23,7 @@ WARNINGS = (
     exceptions.DescriptorWarning,
     exceptions.JitterWarning,
     exceptions.PrecisionWarning,
+    exceptions.SmallTaskWarning,
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,
     exceptions.UnidentifiedNoiseWarning,

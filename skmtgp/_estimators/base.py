@@ -21,7 +21,11 @@ from skmtgp._data.labels import Labels
 from skmtgp._data.partitions import check_partitions
 from skmtgp._data.trend import NAMED, read_trend
 from skmtgp._estimators.deciding import decide, decide_noise
-from skmtgp._estimators.doubts import warn_of_doubts, warn_of_duration
+from skmtgp._estimators.doubts import (
+    warn_of_doubts,
+    warn_of_duration,
+    warn_of_small_tasks,
+)
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import (
@@ -171,9 +175,16 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
                 decided = decide_noise(self, training, *([of] for of in learned))
                 training, [problems], [modes] = self._tell(training, *decided)
                 self._store(training, problems, modes)
-                self._warn_of_noise(modes)
-                warn_of_doubts(problems, modes, sampled=self._is_sampled())
+                self._warn_of_fit(training, problems, modes)
         return self
+
+    def _warn_of_fit(self, training, problems, modes):
+        """Say what the fit leaves in doubt."""
+        sampled = self._is_sampled()
+        self._warn_of_noise(modes)
+        if self.max_iter and not sampled:
+            warn_of_small_tasks(training, problems[0].prior.task_covariance)
+        warn_of_doubts(problems, modes, sampled=sampled)
 
     def _tell(self, before, training, problems, modes):
         """The same; says if the noise is another than learning began with."""

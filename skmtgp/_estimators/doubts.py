@@ -1,16 +1,22 @@
 """What a user should know before learning begins, and what it leaves in doubt."""
 
+import numpy as np
+
+from skmtgp._data.checks import name_tasks
 from skmtgp._data.dask import is_dask
+from skmtgp._estimators.units import count_tasks
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     AmbiguousFitWarning,
     CorrelatedResidualsWarning,
     LongFitWarning,
+    SmallTaskWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
 
 LONG = 120.0  # seconds of learning that a user wants to know of before
+SMALL = 3  # rows of a task from which fit learns worse than add_task does
 
 
 def warn_of_duration(learning, seconds):
@@ -24,6 +30,32 @@ def warn_of_duration(learning, seconds):
         "fewer rows take less time.",
         LongFitWarning,
     )
+
+
+def warn_of_small_tasks(training, form):
+    """Say which tasks have too few rows to be related to the others by likelihood.
+
+    Parameters
+    ----------
+    training : Training
+        What was learned from.
+    form : task covariance
+        K^rho.
+    """
+    if training.descriptors is not None or not np.any(getattr(form, "rank", 0)):
+        return
+    n_rows = count_tasks(training.codes, len(training.tasks), training.known)
+    small = n_rows <= SMALL
+    if small.any() and not small.all():
+        names = name_tasks(training.tasks[small])
+        warn(
+            f"T{names[1:]}: at most {SMALL} rows. So few rows do not determine how a "
+            "task is related to the others: its predictions may be far off, and their "
+            "intervals too narrow. Leave these rows out of fit and let the task join "
+            "by add_task, which uses what the other tasks are like. Or set "
+            "hyperparameters='sampled', or a rank of 0.",
+            SmallTaskWarning,
+        )
 
 
 def warn_of_doubts(problems, modes, *, sampled=False):

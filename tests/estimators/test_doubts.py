@@ -1,12 +1,19 @@
 """What a fit leaves in doubt, and says."""
 
+import warnings
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, SingleTaskGP
 from skmtgp._estimators import doubts
-from skmtgp.exceptions import AmbiguousFitWarning, CorrelatedResidualsWarning
+from skmtgp.exceptions import (
+    AmbiguousFitWarning,
+    CorrelatedResidualsWarning,
+    SmallTaskWarning,
+)
 from skmtgp.learning.ambiguity import Doubt
 
 N = 100  # rows of each task
@@ -88,3 +95,61 @@ def test_a_mode_that_gained_too_little_is_more_likely(monkeypatch, less):
     match = f"is 0.4 nats {less} likely .* of a MultiTaskGPRegressor, whose n_restarts"
     with pytest.warns(AmbiguousFitWarning, match=match):
         PooledGP().fit(X, np.tile(np.sin(x), 2) + 0.1 * np.cos(40.0 * X[:, 0]))
+
+
+def with_small_tasks(*n_rows):
+    """Two tasks of 12 rows, and others of fewer."""
+    rng, n_rows = np.random.default_rng(0), (12, 12, *n_rows)
+    task = np.repeat([f"site {m}" for m in range(len(n_rows))], n_rows)
+    x = rng.uniform(0.0, 6.0, len(task))
+    y = np.sin(x) + 0.1 * rng.standard_normal(len(task))
+    return pd.DataFrame({"x": x, "site": task}), y
+
+
+class TestSmallTasks:
+    def model(self, **params):
+        return MultiTaskGPRegressor(
+            **{**QUICK, **params}, task_feature="site", max_iter=2
+        )
+
+    @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+    @pytest.mark.parametrize("search", [False, True])
+    def test_are_named(self, search):
+        model = self.model()
+        model = RankSearchIC(model, ranks=[1]) if search else model
+        X, y = with_small_tasks(1, 4, 3)
+        with pytest.warns(SmallTaskWarning, match="^Tasks 'site 2', 'site 4': at most"):
+            model.fit(X, y)
+
+    @pytest.mark.parametrize(
+        ("params", "n_rows"),
+        [
+            ({}, (4,)),
+            ({"rank": 0, "shared": True}, (1,)),
+            ({"max_iter": 0}, (1,)),
+            ({"hyperparameters": "sampled", "n_draws": 4}, (1,)),
+        ],
+        ids=["four rows", "no factor", "nothing learned", "sampled"],
+    )
+    def test_are_no_matter(self, params, n_rows):
+        X, y = with_small_tasks(*n_rows)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", SmallTaskWarning)
+            self.model().set_params(**params).fit(X, y)
+
+    def test_all_tasks_are_small(self):
+        X, y = with_small_tasks()
+        rows = X.groupby("site").head(3).index
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", SmallTaskWarning)
+            self.model().fit(X.loc[rows], y[rows])
+
+    def test_repeats_are_rows(self):
+        X, y = with_small_tasks(3)
+        weight = np.where(X["site"] == "site 2", 2, 1)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            warnings.simplefilter("error", SmallTaskWarning)
+            self.model().fit(X, y, sample_weight=weight)

@@ -102,7 +102,7 @@ class TaskIdentifier(Estimator):
     2
     >>> probabilities = identifier.predict_proba([[1.0], [2.0]], [5.1, 5.4])
     >>> dict(zip(identifier.classes_, probabilities.round(2).tolist()))
-    {0: 0.0, 1: 0.0, 2: 1.0, 3: 0.0, None: 0.0}
+    {0: 0.0, 1: 0.0, 2: 0.98, 3: 0.0, None: 0.02}
     >>> mean, covariance = identifier.estimate([[1.0], [2.0]], [3.8, 4.0])
     >>> print(mean.round(1).to_dict())
     {1: 4.3}

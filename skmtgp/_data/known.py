@@ -19,7 +19,7 @@ from reprlib import repr as shorten
 import numpy as np
 import pandas as pd
 from sklearn.utils import _safe_indexing
-from sklearn.utils.validation import _num_samples
+from sklearn.utils.validation import _num_features, _num_samples
 
 from skmtgp._numerics.memory import check_available
 
@@ -188,7 +188,10 @@ def _weights(given, X):
 
 def _as_often(weights, X):
     """The weights as counts of rows, if memory has room for as many."""
-    columns = np.shape(X)[1] if np.ndim(X) == 2 else 1
+    try:
+        columns = _num_features(X)
+    except TypeError:  # the check of X says what is wrong
+        columns = 1
     check_available(
         8.0 * (columns + 2) * weights.sum(),
         f"sample_weight, as {weights.sum():g} rows that are repeated,",

@@ -160,7 +160,8 @@ def join_alike(likelihood, position, own_noise, posterior, theta, *, rng=None):
     [(_, rho)] = prior.theta_of_terms(theta)
     log_kappa = rho[len(rho) - form.n_kappa :]
     own = np.exp(0.5 * log_kappa.mean()) if len(log_kappa) else None
-    prior, theta = prior.bordered(theta, [None], [own], position, own_noise)
+    log_noise = likelihood.usual_log_noise(theta) if own_noise else None
+    prior, theta = prior.bordered(theta, [None], [own], position, log_noise)
     return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
 
 

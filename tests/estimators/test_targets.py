@@ -388,9 +388,9 @@ def test_inverses_that_overflow():
     model.set_params(max_iter=0).fit(X, y)
     far = Z + [90.0, 0.0]
     assert np.isfinite(model.predict_interval(far)).all()
-    with pytest.raises(ValueError, match="model is so unsure there"):
+    with pytest.raises(ValueError, match="model is so uncertain there"):
         model.predict(far, return_std=True)
-    with pytest.raises(ValueError, match="model is so unsure there"):
+    with pytest.raises(ValueError, match="model is so uncertain there"):
         model.predict_interval(far, 1.0 - 1e-15)
 
 

@@ -194,7 +194,7 @@ def test_pipelines_and_axes(piped):
         ({"features": ["metal"]}, ValueError, "has the task column"),
         ({"n_bins": 0}, ValueError, "n_bins == 0, must be >= 1"),
         ({"max_distance": -1.0}, ValueError, "max_distance=-1.0 must be positive"),
-        ({"output": 1}, ValueError, "output=1 must be an integer from 0 to 0"),
+        ({"output": 1}, ValueError, "output=1 must be 0"),
         ({"ax": [None]}, ValueError, r"ax has shape \(1,\), but 2 tasks need \(2, 2\)"),
     ],
 )

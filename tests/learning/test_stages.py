@@ -144,7 +144,8 @@ def test_second_stage_follows_every_start_and_keeps_the_best(data):
     each = second_stage([([problem], [start]) for start in starts], shakes=3)
     [best] = second_stage([([problem], starts)], shakes=3)
     alone = max(each, key=lambda mode: mode.value)
-    assert best.value == alone.value
+    # climbs of one mode end within the tolerance, and together some end sooner
+    assert best.value == pytest.approx(alone.value, rel=0.0, abs=problem.budget.tol)
     assert best.n_evaluations > alone.n_evaluations  # the other starts' count too
     rho = form.parameters(FACTOR @ FACTOR.T)
     first = np.concatenate([TRUTH, rho, [problem.prior.log_noise]])

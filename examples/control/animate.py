@@ -109,7 +109,7 @@ def draw(reference, errors, picked_up, path):
     steps = range(0, len(seconds), CONTROL // FRAMES)
     path.parent.mkdir(parents=True, exist_ok=True)
     movie = FuncAnimation(figure, frame, frames=steps)
-    movie.save(path, writer=PillowWriter(fps=FRAMES), dpi=80)
+    movie.save(path, writer=PillowWriter(fps=FRAMES), dpi=120)
     plt.close(figure)
 
 

@@ -176,8 +176,9 @@ def _check_value(value, name, column, task):
         advice = ""
         if task is not None:
             advice = (
-                f" If it is the task column, set task_feature={column!r} (it is column "
-                f"{task!r} now); else encode it, with a OneHotEncoder in a "
-                "ColumnTransformer with remainder='passthrough' for example."
+                f" If it is the task column, set task_feature={column!r} of the "
+                f"MultiTaskGPRegressor or its like (it is column {task!r} now); else "
+                "encode it, with a OneHotEncoder in a ColumnTransformer with "
+                "remainder='passthrough' for example."
             )
         raise ValueError(f"{what} strings such as {value!r}.{advice}") from error

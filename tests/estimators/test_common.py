@@ -32,11 +32,13 @@ LAST_COLUMN = [
 FIRST_COLUMN = [
     MultiTaskGPRegressor(learning="staged", **FIRST),
     MultiTaskGPRegressor(learning="simultaneous", **SPARSE),
+    RankSearchIC(clone(STAGED).set_params(task_feature=0), ranks=(1, 2)),
+    BayesianLinearRegression(task_feature=0),
+]
+SIMPLER_AND_SPARSE = [
     IndependentGP(**SPARSE),
     PooledGP(inducing_inputs="optimised", **SPARSE),
     SingleTaskGP(inducing_inputs="k-means", **SPARSE),
-    RankSearchIC(clone(STAGED).set_params(task_feature=0), ranks=(1, 2)),
-    BayesianLinearRegression(task_feature=0),
 ]
 # Irises of one petal width are of one species, and its number is the target.
 pytestmark = [
@@ -57,6 +59,12 @@ def test_task_in_the_last_column(estimator, check):
 
 @checks_of(FIRST_COLUMN)
 def test_task_in_the_first_column(estimator, check):
+    check(estimator)
+
+
+@pytest.mark.long
+@checks_of(SIMPLER_AND_SPARSE)
+def test_inducing_inputs_of_simpler_models(estimator, check):
     check(estimator)
 
 

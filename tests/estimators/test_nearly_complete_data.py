@@ -40,6 +40,7 @@ def test_both_tell_the_same(estimator, params, n_outputs, n_missing, inference):
     assert vars(model).keys() == vars(dense).keys()
 
 
+@pytest.mark.long
 @every_model
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.AmbiguousFitWarning")  # 27 rows
 def test_both_learn_the_same(estimator, params, n_outputs):

@@ -224,6 +224,7 @@ def test_kernels_with_more_arrays_need_more(monkeypatch):
         check(TileMemory(many, x))
 
 
+@pytest.mark.long
 class TestManyTasks:
     """What is between tasks counts where they are not far fewer than the rows."""
 

@@ -58,7 +58,9 @@ def learn(problem):
     return mode
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(seed, marks=pytest.mark.long) for seed in (1, 2, 3))]
+)
 def test_no_worse_than_the_truth(seed):
     problem, truth = make(seed, [(RBF(1.0, WIDE), ONE)] * 2)
     mode, likelihood = learn(problem), problem.likelihood()
@@ -77,6 +79,7 @@ def test_a_first_term_that_was_led_astray():
     np.testing.assert_allclose(mode.theta[:2], truth[:2], atol=0.4)
 
 
+@pytest.mark.long
 def test_no_worse_than_with_fewer_terms():
     terms = [
         (RBF(1.0, WIDE), low_rank(M, 2, diagonal=True)),

@@ -133,7 +133,7 @@ def test_first_page_runs_like_in_a_browser(lite):
     assert done.stdout.startswith("[")
 
 
-@pytest.mark.parametrize("n_jobs", [2, -1])
+@pytest.mark.parametrize("n_jobs", [2, pytest.param(-1, marks=pytest.mark.long)])
 def test_more_processes_than_a_browser_has(n_jobs):
     """They are one, and nothing fails."""
     done = run(

@@ -52,8 +52,8 @@ class TaskIdentifier(Estimator):
         tasks', in units of their standard deviation.
     floor : float, default=3e-4
         Size of the model's own error: each task deviates from the model by an unknown
-        function with this standard deviation, relative to that of the tasks' functions.
-        It does not vanish with many or exact samples.
+        function with this standard deviation, relative to that of the targets that the
+        model was fitted to. It does not vanish with many or exact samples.
     switching : float, default=0.02
         Probability that the task switches between two consecutive samples of a stream.
 
@@ -537,5 +537,11 @@ def _noise_of(model, j, more):
 
 
 def _own(model, j, floor):
-    """Variance of the model's own error: of a function beside those of the tasks."""
-    return floor**2 * np.diagonal(model._posteriors[j].K_rho).mean()
+    """Variance of the model's own error, a function beside those of the tasks, to k^x.
+
+    Relative to the targets: the prior's variance may be hundreds of times theirs.
+    """
+    posterior = model._posteriors[j]
+    deviation = model.y_train_.reshape(-1, len(model._posteriors))[:, j].std()
+    deviation = deviation / model._units.scale[j, 0]
+    return np.square(floor * deviation) / posterior.kernel.diag(posterior.inputs).mean()

@@ -50,10 +50,12 @@ class TaskIdentifier(Estimator):
     widening : float, default=2.0
         Standard deviation of an unknown task's descriptors around the mean of the known
         tasks', in units of their standard deviation.
-    floor : float, default=3e-4
+    floor : float, default=1e-3
         Size of the model's own error: each task deviates from the model by an unknown
         function with this standard deviation, relative to that of the targets that the
-        model was fitted to. It does not vanish with many or exact samples.
+        model was fitted to. If a task's function is larger than those of the known
+        tasks, so is the deviation, and likewise if it is smaller. It does not vanish
+        with many or exact samples.
     switching : float, default=0.02
         Probability that the task switches between two consecutive samples of a stream.
 
@@ -122,7 +124,7 @@ class TaskIdentifier(Estimator):
         *,
         noise: ArrayLike | None = None,
         widening: float = 2.0,
-        floor: float = 3e-4,
+        floor: float = 1e-3,
         switching: float = 0.02,
     ) -> None:
         self.model = model
@@ -408,7 +410,7 @@ def _at_samples(model, inputs, Y, rows, noises, floor):
             inputs,
             y,
             _noise_of(model, j, noises[j]),
-            _own(model, j, floor),
+            _error(model, j, floor),
             _factor(model, j),
             rows[j],
         )
@@ -536,12 +538,14 @@ def _noise_of(model, j, more):
     return np.append(noise, usual) + np.square(more / model._units.scale[j, 0])
 
 
-def _own(model, j, floor):
-    """Variance of the model's own error, a function beside those of the tasks, to k^x.
+def _error(model, j, floor):
+    """Variance of the model's own error, relative to a task's prior variance.
 
-    Relative to the targets: the prior's variance may be hundreds of times theirs.
+    The floor is relative to the targets: the prior's variance may be hundreds of times
+    theirs.
     """
     posterior = model._posteriors[j]
-    deviation = model.y_train_.reshape(-1, len(model._posteriors))[:, j].std()
-    deviation = deviation / model._units.scale[j, 0]
-    return np.square(floor * deviation) / posterior.kernel.diag(posterior.inputs).mean()
+    targets = model.y_train_.reshape(-1, len(model._posteriors))[:, j]
+    spread = targets.var() / np.square(model._units.scale[j, 0])
+    of_tasks = np.diagonal(posterior.K_rho).mean()
+    return floor**2 * spread / (of_tasks * posterior.kernel.diag(model.X_train_).mean())

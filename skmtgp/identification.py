@@ -84,6 +84,14 @@ class TaskIdentifier(Estimator):
     them", the density of the samples has the descriptors integrated out by Laplace's
     method. Without descriptors the rows of the factor themselves have a normal prior.
 
+    The model's own error is a function with covariance k^x whose variance, relative to
+    the prior variance of the task, is the same for all tasks: errors of the latent
+    functions are in proportion to :math:`f_j`. For the average task, over the inputs of
+    the fit, its deviation is `floor` times that of the targets. The default is what was
+    found with the inverse dynamics of six joints, of 200 loads that the models had not
+    seen: 1e-4 to 3e-3, with a root mean square of 1.3e-3. The prior variance of
+    a model plays no part: it may be hundreds of times that of the targets.
+
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.
 

@@ -42,13 +42,13 @@ class BorderLikelihood:
         `factor` is then without it.
     equal : float, default=0.0
         Variance of a function of its own that is known, beside that of w.
-    error : float, default=0.0
-        Variance of an error of the model, a function of the novel task, relative to the
-        prior variance of the task.
     trend : ndarray of shape (n_samples, n_coefficients), default=None
         Columns of a trend: those of the coefficients that the posterior knows or, where
         tasks have coefficients of their own, those of the new task's, which are
         integrated out.
+    error : float, default=0.0
+        Variance of an error of the model, a function of the novel task, relative to the
+        prior variance of the task.
 
     Attributes
     ----------
@@ -76,8 +76,8 @@ class BorderLikelihood:
         level=0.0,
         shared=None,
         equal=0.0,
-        error=0.0,
         trend=None,
+        error=0.0,
     ):
         terms = [(factor, own, shared, equal)]
         if isinstance(factor, list):

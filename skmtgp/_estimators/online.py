@@ -135,10 +135,11 @@ class OnlineGP(FittedGP):
         if before.descriptors is not None:
             features = before.descriptors.inputs(features)
         training = before.with_rows(features, codes, Y)
-        known = sample_rows(before.features)[:KNOWN]
-        self._check_kernels(np.vstack([known, sample_rows(features)]))
-        engine = self._engine
-        if engine.uses_design:  # of complete data, which may be so no more
+        self._check_beside(before, features)
+        engine, likelihood = self._engine, self._likelihoods[0]
+        if engine.extends(likelihood, codes):
+            training = self._incomplete(training)
+        if training.looks_for_design and engine.uses_design:  # complete no more?
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
@@ -148,10 +149,19 @@ class OnlineGP(FittedGP):
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
 
-    def _check_kernels(self, features):
-        """Raise a ValueError where a kernel is no covariance of these rows."""
+    def _incomplete(self, training):
+        """The data without a look for their design, where that is known to be none."""
+        likelihood, sizes = self._likelihoods[0], (len(training.Y), len(training.tasks))
+        if self._engine.lacks_cells(likelihood, *sizes):
+            return replace(training, looks_for_design=False)
+        return training
+
+    def _check_beside(self, before, features):
+        """Raise a ValueError where a kernel is no covariance of new and known rows."""
+        known = sample_rows(before.features)[:KNOWN]
+        X = np.vstack([known, sample_rows(features)])
         for posterior in self._posteriors:
-            check_covariance(posterior.kernel, features)
+            check_covariance(posterior.kernel, X)
 
     def _drop(self, max_rows):
         """Leave the rows out that tell least."""
@@ -191,12 +201,8 @@ class OnlineGP(FittedGP):
         `origin` says which of the rows so far each row is; -1 for new ones.
         """
         before, thetas = self._likelihoods, self._thetas()
-        likelihoods = [
-            engine.likelihood(
-                of.prior, data if engine.exact else replace(data, Z=of.inputs)
-            )
-            for of, data in zip(before, training.data(engine), strict=True)
-        ]
+        pairs = zip(before, training.data(engine), strict=True)
+        likelihoods = [engine.grown(*pair) for pair in pairs]
         _check_trend(likelihoods)
         update = self._updating(training, origin, engine)
         with limit_threads(max(likelihood.side for likelihood in likelihoods)):
@@ -259,7 +265,8 @@ class OnlineGP(FittedGP):
             n_missing=missing,
             n_coefficients=self._likelihoods[0].prior.n_coefficients,
         )
-        return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])
+        node, x = self._likelihoods[0].prior.node, training.features[:1]
+        return demand, TileMemory(self._posteriors[0].kernel, x, node)
 
 
 def _check_trend(likelihoods):

@@ -104,7 +104,7 @@ class _Newton:
         longest = np.where(well, np.maximum(longest, 2.0 * length), longest)
         poorly = gained < POOR * expected
         longest = np.where(poorly, POOR * length, longest)
-        self.longest[active] = np.minimum(longest, LONGEST_STEP)
+        self.longest[active] = longest
 
     def optima(self, tol):
         """Where they are, and whether they converged."""

@@ -20,7 +20,7 @@ from skmtgp.inference.engine import (
     depends_on_inputs_only,
     refuse_own_noise,
 )
-from skmtgp.inference.extended import ExtendedLikelihood
+from skmtgp.inference.extended import ExtendedLikelihood, ExtendedPosterior
 from skmtgp.inference.inducing import check_differentiable, greedy_variance
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.memory import (
@@ -120,7 +120,36 @@ class Kronecker(Engine):
         n_novel = np.isin(data.tasks, novel).sum()
         if data.design is not None and count_missing(data.design) <= n_novel:
             return self.likelihood(prior, data)
-        return ExtendedLikelihood(prior, data.X, data.tasks, data.y, novel)
+        return self._extended(likelihood, prior, data, novel)
+
+    def _extended(self, likelihood, prior, data, novel):
+        """The likelihood that eliminates rows of novel tasks, of the same other rows."""
+        base = getattr(likelihood, "base", likelihood)
+        return ExtendedLikelihood(prior, data.X, data.tasks, data.y, novel, base)
+
+    def extends(self, likelihood, codes):
+        """Whether all of some rows are of novel tasks, which are eliminated."""
+        return bool(likelihood.novel) and np.isin(codes, likelihood.novel).all()
+
+    def grown(self, likelihood, data):
+        """The likelihood with more rows, of novel tasks alone if there are any."""
+        if data.design is None and likelihood.novel:
+            return self._extended(likelihood, likelihood.prior, data, likelihood.novel)
+        return self.likelihood(likelihood.prior, data)
+
+    def lacks_cells(self, likelihood, n_samples, n_tasks):
+        """Whether there are more missing cells than novel rows, however these lie."""
+        base = getattr(likelihood, "base", likelihood)
+        n_missing = len(base.inputs) * n_tasks - n_samples
+        return n_missing > n_samples - len(base.y)
+
+    def updated(self, posterior, likelihood, theta, origin):
+        """The posterior, with the other rows not decomposed again."""
+        before = getattr(posterior, "base", posterior)
+        base = getattr(likelihood, "base", None)
+        if base is not None and base.rows is before.rows:
+            return ExtendedPosterior(likelihood, theta, before)
+        return likelihood.posterior(theta)
 
     def side(self, data):
         """Rows of the largest matrices that learning decomposes."""

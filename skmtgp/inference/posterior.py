@@ -1,7 +1,9 @@
 """What the posteriors share: means in tiles, variances, leave-one-out."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from copy import copy
+from functools import partial
 from itertools import starmap
 from typing import NamedTuple
 
@@ -38,12 +40,15 @@ class Summand(NamedTuple):
         Of each task.
     constants : ndarray of shape (n_tasks,)
         Of each task.
+    bind : callable
+        Of inputs: the fast form of the kernel between rows and these.
     """
 
     kernel: Kernel
     inputs: np.ndarray
     weights: np.ndarray
     constants: np.ndarray
+    bind: Callable
 
 
 class Posterior(WithCoefficients, ABC):
@@ -101,9 +106,11 @@ class Posterior(WithCoefficients, ABC):
         self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = likelihood.noise_of_rows(values.noise)
+        self._set_largest()
+
+    def _set_largest(self):
         self.largest = self.level + sum(
-            largest_prior(K_rho, kernel, likelihood.inputs)
-            for kernel, K_rho in self.terms
+            largest_prior(K_rho, kernel, self.inputs) for kernel, K_rho in self.terms
         )
 
     @property
@@ -221,11 +228,17 @@ class Posterior(WithCoefficients, ABC):
         constants = np.zeros((len(of_terms), len(tasks)))
         constants[0] = self.levels[tasks]
         return [
-            Summand(kernel, self.inputs, weights[tasks], of_term)
-            for (kernel, _), weights, of_term in zip(
-                self.terms, of_terms, constants, strict=True
+            Summand(kernel, self.inputs, weights[tasks], of_term, bind)
+            for (kernel, bind), weights, of_term in zip(
+                self.kernels(), of_terms, constants, strict=True
             )
         ]
+
+    def kernels(self):
+        """k^x of each term, and what binds its fast form to inputs."""
+        of_terms = self.prior.kernels_with(self.prior.values(self.theta).kernel)
+        binds = [partial(node.bind, theta) for _, node, theta in of_terms]
+        return list(zip(terms_of(self.kernel), binds, strict=True))
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""

@@ -175,9 +175,9 @@ class SparsePosterior(WithCoefficients):
         constants = np.zeros((len(of_terms), len(tasks)))
         constants[0] = self.levels[tasks]
         return [
-            Summand(kernel, self.features.Z, weights.T, of_term)
-            for (kernel, _), weights, of_term in zip(
-                self.terms, of_terms, constants, strict=True
+            Summand(kernel, self.features.Z, weights.T, of_term, bind)
+            for (kernel, bind), weights, of_term in zip(
+                self.kernels(), of_terms, constants, strict=True
             )
         ]
 

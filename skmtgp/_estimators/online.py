@@ -13,6 +13,7 @@ from skmtgp._data.checks import check_more, check_stream
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.followers import tell
 from skmtgp.inference.engine import Demand
 from skmtgp.inference.engines import Dense, choose
 from skmtgp.inference.memory import TileMemory
@@ -106,6 +107,7 @@ class OnlineGP(FittedGP):
         if max_rows is not None:
             model._drop(max_rows)
         self.__dict__ = vars(model)  # all at once, whatever fails before
+        tell(self)
         return self
 
     def _refuse_exact_rows(self):
@@ -224,6 +226,7 @@ class OnlineGP(FittedGP):
         origin = np.where(origin < 0, -1, position[origin])[training.order(engine)]
 
         def update(posterior, likelihood, theta):
+            likelihood.prior.keep_kernel(theta, posterior.kernel)
             return engine.updated(posterior, likelihood, theta, origin)
 
         return update

@@ -230,15 +230,9 @@ class Posterior(WithCoefficients, ABC):
         return [
             Summand(kernel, self.inputs, weights[tasks], of_term, bind)
             for (kernel, bind), weights, of_term in zip(
-                self.kernels(), of_terms, constants, strict=True
+                kernels_of(self), of_terms, constants, strict=True
             )
         ]
-
-    def kernels(self):
-        """k^x of each term, and what binds its fast form to inputs."""
-        of_terms = self.prior.kernels_with(self.prior.values(self.theta).kernel)
-        binds = [partial(node.bind, theta) for _, node, theta in of_terms]
-        return list(zip(terms_of(self.kernel), binds, strict=True))
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -358,6 +352,14 @@ class Posterior(WithCoefficients, ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
+
+
+def kernels_of(posterior):
+    """k^x of each term, and what binds its fast form to inputs."""
+    prior = posterior.prior
+    of_terms = prior.kernels_with(prior.values(posterior.theta).kernel)
+    binds = [partial(node.bind, theta) for _, node, theta in of_terms]
+    return list(zip(terms_of(posterior.kernel), binds, strict=True))
 
 
 def loadings_of(prior, theta, n_unseen, described):

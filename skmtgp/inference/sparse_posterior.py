@@ -7,7 +7,7 @@ import numpy as np
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.flat import Coefficients, WithCoefficients
-from skmtgp.inference.posterior import Summand, bordered, loadings_of
+from skmtgp.inference.posterior import Summand, bordered, kernels_of, loadings_of
 from skmtgp.inference.restricted import Means, unexplained
 from skmtgp.inference.variances import (
     diagonal,
@@ -177,7 +177,7 @@ class SparsePosterior(WithCoefficients):
         return [
             Summand(kernel, self.features.Z, weights.T, of_term, bind)
             for (kernel, bind), weights, of_term in zip(
-                self.kernels(), of_terms, constants, strict=True
+                kernels_of(self), of_terms, constants, strict=True
             )
         ]
 

@@ -117,8 +117,8 @@ class Prior:
     def __str__(self):
         return str(self.task_covariance) + (", with levels" if self.levels else "")
 
-    def __getstate__(self):  # what else is cached is quickly made again
-        return {of.name: getattr(self, of.name) for of in fields(self)} | self._kernels
+    def __getstate__(self):  # what is cached is quickly made again
+        return {of.name: getattr(self, of.name) for of in fields(self)}
 
     @property
     def _kernels(self):
@@ -196,11 +196,15 @@ class Prior:
     def kernel_at(self, theta):
         """k^x at theta; the same object for the same theta, one after another."""
         theta = self._split(theta)[0]
-        key, known = theta.tobytes(), vars(self).get("_last_kernel", (None, None))
-        if known[0] != key:
-            known = key, self.kernel.clone_with_theta(theta)
-            vars(self)["_last_kernel"] = known
-        return known[1]
+        key, kernel = vars(self).get("_last_kernel", (None, None))
+        if key != theta.tobytes():
+            kernel = self.kernel.clone_with_theta(theta)
+            vars(self)["_last_kernel"] = theta.tobytes(), kernel
+        return kernel
+
+    def keep_kernel(self, theta, kernel):
+        """Take note of k^x at theta, which is there already."""
+        vars(self)["_last_kernel"] = self._split(theta)[0].tobytes(), kernel
 
     def K_rho_at(self, theta):
         """K^rho at theta, of shape ([n_terms,] n_tasks, n_tasks)."""

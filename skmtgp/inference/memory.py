@@ -227,8 +227,10 @@ def _of_tasks(demand, n_climbs, n_parameters):
 def _of_information(demand, kernel, n_climbs):
     """Bytes of the Fisher information with which climbs of many tasks begin."""
     n_rows = rows_of_information(demand.n_samples, demand.n_tasks)
+    if n_rows <= FISHER_ROWS:
+        return 0.0
     n_matrices = OF_INFORMATION + 3 * kernel.n_dims + 2 * demand.rank
-    return _matrices(n_rows, n_matrices * n_climbs) if n_rows > FISHER_ROWS else 0.0
+    return _matrices(n_rows, n_matrices * n_climbs)
 
 
 def _at_a_time(n_climbs):

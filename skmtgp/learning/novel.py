@@ -236,8 +236,8 @@ class Population:
         return self.mean + self.scale @ u
 
     def coordinates(self, row):
-        """The coordinates of a row."""
-        return np.linalg.solve(self.scale, row - self.mean)
+        """The coordinates of a row, or of some, which are columns then."""
+        return np.linalg.solve(self.scale, (row.T - self.mean).T)
 
     def log_prior(self, u):
         """Log density of u but for a constant, and its gradient."""
@@ -299,10 +299,8 @@ def learn_border(border, factor, budget, *, informed, rng=None):
     rows = Population(factor, border.own)
     upper = np.full_like(rows.lower, TUNING.farthest)
     own = TUNING.first * rows.scale[-1, -1] if border.own else 0.0
-    starts = [
-        np.clip(rows.coordinates(row), rows.lower, upper)
-        for row in _starts(border, factor, own)
-    ]
+    starts = rows.coordinates(_starts(border, factor, own).T).T
+    starts = np.clip(starts, rows.lower, upper)
     follow = _follow_together if _is_small(border) else _follow_each
     optima, n_evaluations = follow(border, rows, informed, starts, upper, budget)
     best = min(optima, key=lambda optimum: optimum.value)
@@ -322,7 +320,7 @@ def _is_small(border):
 
 def _follow_together(border, rows, informed, starts, upper, budget):
     """Optima of the best starts by Newton's method, and the number of evaluations."""
-    pairs, starts = border.pairs(), np.array(starts)
+    pairs = border.pairs()
 
     def objective(U):
         values, gradients, hessians = pairs.evaluate(rows.mean + U @ rows.scale.T)

@@ -141,7 +141,7 @@ class OnlineGP(FittedGP):
         engine, likelihood = self._engine, self._likelihoods[0]
         if engine.extends(likelihood, codes):
             training = self._incomplete(training)
-        if training.looks_for_design and engine.uses_design:  # complete no more?
+        elif engine.uses_design:  # of complete data, which may be so no more
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)

@@ -117,25 +117,32 @@ class Kronecker(Engine):
         unless it is less to eliminate the cells that they lack.
         """
         novel = [m + (m >= position) for m in likelihood.novel] + [position]
-        n_novel = np.isin(data.tasks, novel).sum()
-        if data.design is not None and count_missing(data.design) <= n_novel:
-            return self.likelihood(prior, data)
         return self._extended(likelihood, prior, data, novel)
 
     def _extended(self, likelihood, prior, data, novel):
-        """The likelihood that eliminates rows of novel tasks, of the same other rows."""
+        """The likelihood of the same complete data and all rows of novel tasks."""
+        n_novel = np.isin(data.tasks, novel).sum()
+        if data.design is not None and count_missing(data.design) <= n_novel:
+            return self.likelihood(prior, data)
         base = getattr(likelihood, "base", likelihood)
         return ExtendedLikelihood(prior, data.X, data.tasks, data.y, novel, base)
 
     def extends(self, likelihood, codes):
-        """Whether all of some rows are of novel tasks, which are eliminated."""
-        return bool(likelihood.novel) and np.isin(codes, likelihood.novel).all()
+        """Whether rows are of novel tasks, which have no more than there are inputs.
+
+        With more of them S takes longer than a factor of all rows that is updated.
+        """
+        if not likelihood.novel or not np.isin(codes, likelihood.novel).all():
+            return False
+        return len(likelihood.new) + len(codes) <= len(likelihood.base.inputs)
 
     def grown(self, likelihood, data):
-        """The likelihood with more rows, of novel tasks alone if there are any."""
-        if data.design is None and likelihood.novel:
-            return self._extended(likelihood, likelihood.prior, data, likelihood.novel)
-        return self.likelihood(likelihood.prior, data)
+        """The likelihood with more rows, which may be of novel tasks alone."""
+        prior, novel = likelihood.prior, likelihood.novel
+        n_base = len(data) - np.isin(data.tasks, novel).sum()
+        if novel and n_base == len(likelihood.base.y):
+            return self._extended(likelihood, prior, data, novel)
+        return self.likelihood(prior, data)
 
     def lacks_cells(self, likelihood, n_samples, n_tasks):
         """Whether there are more missing cells than novel rows, however these lie."""

@@ -161,3 +161,33 @@ def test_nothing_is_changed_by_an_evaluation():
     border.value_and_grad(2.0 * row)
     assert border.value(row) == first
     np.testing.assert_array_equal(row, problem.row)
+
+
+class TestPairs:
+    """All borders at once, with second derivatives."""
+
+    def rows(self, problem):
+        return np.stack([problem.row, -problem.row, np.ones_like(problem.row)])
+
+    def test_values_and_gradients(self, problem):
+        border, rows = problem.border(), self.rows(problem)
+        values, gradients, _ = border.pairs().evaluate(rows)
+        expected = [border.value_and_grad(row) for row in rows]
+        for *found, (value, gradient) in zip(values, gradients, expected, strict=True):
+            np.testing.assert_allclose(found[0], value, rtol=1e-10)
+            atol = 1e-10 * np.abs(gradient).max()
+            np.testing.assert_allclose(found[1], gradient, rtol=1e-10, atol=atol)
+
+    def test_hessians(self, problem):
+        border, rows = problem.border(), self.rows(problem)
+        for row, found in zip(rows, border.pairs().evaluate(rows)[2], strict=True):
+            slope = textbook.derivative(lambda row: border.value_and_grad(row)[1], row)
+            atol = 1e-7 * np.abs(slope).max()
+            np.testing.assert_allclose(found, slope, rtol=0.0, atol=atol)
+            np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(found).max())
+
+    def test_what_cannot_be_factorised(self, problem):
+        pairs = problem.border(noise=-problem.row @ problem.row).pairs()
+        values, gradients, _ = pairs.evaluate(np.zeros((1, len(problem.row))))
+        assert values[0] == -np.inf
+        assert np.isnan(gradients[0]).all()

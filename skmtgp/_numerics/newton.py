@@ -67,7 +67,8 @@ class _Newton:
     def _steps(self, active):
         """Newton's, no longer along any eigenvector than the last ones have told."""
         X, g, H = self.X[active], self.g[active], self.H[active].copy()
-        held = (X <= self.lower) & (g > 0.0) | (X >= self.upper) & (g < 0.0)
+        low, high = self.lower >= X, self.upper <= X
+        held = low & (g > 0.0) | high & (g < 0.0)
         H[held[:, None] | held[..., None]] = 0.0
         values, V = np.linalg.eigh(H)
         values = np.abs(values)

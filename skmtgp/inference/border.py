@@ -209,8 +209,8 @@ class BorderLikelihood:
 class PairedBorder:
     r"""The likelihood of a border by the covariances of pairs of latent functions.
 
-    With :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`, w counted as the row of
-    a function that the old tasks tell nothing of,
+    With :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`, and w counted among
+    the l, of a function that the old tasks tell nothing of,
 
     .. math:: S = \sum_{ab} l_a l_b C_{ab} + \sum_a l_a (D_a + D_a^T) + S_0.
 

@@ -153,6 +153,7 @@ def test_the_model_of_one_more_task(problem, position):
     added = together - problem.likelihood.value(problem.theta)
     np.testing.assert_allclose(mode.value, added, rtol=1e-8)
 
+
 def test_all_borders_at_once(problem):
     border = problem.border()
     row = row_of(border)

@@ -89,6 +89,7 @@ def test_fisher_information_is_the_spread_of_the_score(per_task):
         scores.append(border.value_and_grad(row)[1])
     np.testing.assert_allclose(np.cov(np.transpose(scores)), information, rtol=0.15)
 
+
 @pytest.mark.parametrize("per_task", [False, True])
 def test_all_borders_at_once(per_task):
     border = Case(per_task).border()

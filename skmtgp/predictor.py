@@ -200,7 +200,7 @@ class CompiledPredictor:
 
     def _follow(self, keys, sources):
         """Be told when one of these models has learned more."""
-        self._followed = keys, [(source.steps, ref(source.last)) for source in sources]
+        self._followed = keys, [(of.steps, ref(of.last), of.known) for of in sources]
         for source in sources:
             follow_model(source.last, self)
             follow_model(source.last._model(), self)  # of a search its best one
@@ -209,8 +209,8 @@ class CompiledPredictor:
         """Take over what the models have learned, as one of them has told."""
         with self._lock:
             keys, parts = self._followed or (None, ())
-            parts = [(steps, last()) for steps, last in parts]
-            if not parts or any(last is None for _, last in parts):
+            parts = [(steps, last(), known) for steps, last, known in parts]
+            if not parts or any(last is None for _, last, _ in parts):
                 return
             try:
                 sources = check_sources([Source(*part) for part in parts])

@@ -11,6 +11,7 @@ import copy
 import numpy as np
 import pinocchio as pin
 from plant import CONTROL, torques
+from sklearn.pipeline import Pipeline
 
 from skmtgp import DescriptorTracker, add_task, compile_predictor, partial_fit
 
@@ -252,14 +253,22 @@ class Joining(Nearest):
         X, y = map(np.array, zip(*self.samples[0 if first else -1 :], strict=True))
         X, models = np.column_stack([X, np.full(len(X), self.NEW)]), {}
         for (name, model), target in zip(self.models.items(), y.T, strict=True):
-            joined = add_task(model, X, target) if first else copy.deepcopy(model)
-            models[name] = joined if first else partial_fit(joined, X, target)
-        return models, compile_predictor(models, self.NEW)
+            if first:
+                models[name] = add_task(model, X, target)
+            else:  # a copy: what is learned counts when its time has passed
+                models[name] = partial_fit(_copied(model), X, target)
+        return models, compile_predictor(models, self.NEW, follow=False)
 
     def install(self, result):
         """Take over models that know more."""
         self.models, self.predictor = result
         self.task, self.busy = self.NEW, False
+
+
+def _copied(model):
+    """A pipeline whose last step can learn without changing the model."""
+    name, last = model.steps[-1]
+    return Pipeline([*model.steps[:-1], (name, copy.copy(last))])
 
 
 def _reverses(state):

@@ -243,6 +243,7 @@ class PairedBorder:
         told = (signed @ flat).reshape(n_row, n, n_row, n)
         self.C, each = -told.transpose(0, 2, 1, 3), np.arange(n_row)
         self.C[each, each] += border.K_x[border.of_term]
+        self.C = np.ascontiguousarray(self.C)
         fixed = np.broadcast_to(border.half_of_fixed, halves.shape[1:])
         self.D = -(signed @ fixed).reshape(n_row, n, n)
         self.S_0, _ = border._covariance(np.zeros(n_row))
@@ -262,9 +263,11 @@ class PairedBorder:
         gradients : ndarray of shape (n_borders, n_row)
         hessians : ndarray of shape (n_borders, n_row, n_row)
         """
-        half_dS = np.tensordot(rows, self.C, axes=(1, 1)) + self.D
-        S = np.einsum("ka,kaij->kij", rows, half_dS + self.D.swapaxes(1, 2)) + self.S_0
-        W, log_det = _whitening(S)
+        (n_row, n), n_rows = self.means.shape, len(rows)
+        told = (rows @ self.C.reshape(n_row, -1)).reshape(n_rows, n_row, n, n)
+        half_dS = told.swapaxes(2, 3) + self.D
+        S = (half_dS + self.D.swapaxes(1, 2)).reshape(n_rows, n_row, -1)
+        W, log_det = _whitening((rows[:, None] @ S).reshape(-1, n, n) + self.S_0)
         rest = np.einsum("kij,kj->ki", W, self.y - rows @ self.means)
         values = log_density(np.square(rest).sum(axis=1), log_det, len(self.y))
         values[np.isnan(values)] = -np.inf
@@ -273,7 +276,7 @@ class PairedBorder:
         dm = self.means @ W.swapaxes(1, 2)
         pull = np.einsum("kaij,kj->kai", T, rest)
         gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
-        gradients -= 0.5 * np.trace(T, axis1=2, axis2=3)
+        gradients -= 0.5 * np.einsum("kaii->ka", T)
         return values, gradients, self._hessians(W, rest, T, dm + pull)
 
     def _hessians(self, W, rest, T, along):
@@ -282,7 +285,9 @@ class PairedBorder:
         G = alpha[:, :, None] * alpha[:, None] - W.swapaxes(1, 2) @ W
         T = T.reshape(*T.shape[:2], -1)
         hessians = 0.5 * T @ T.swapaxes(1, 2) - along @ along.swapaxes(1, 2)
-        return hessians + np.tensordot(G, self.C, axes=((1, 2), (2, 3)))
+        n_row = len(self.C)
+        by_pair = G.reshape(len(G), -1) @ self.C.reshape(n_row**2, -1).T
+        return hessians + by_pair.reshape(-1, n_row, n_row)
 
 
 def _whitening(S):

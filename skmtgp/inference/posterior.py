@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import copy
-from functools import partial
+from functools import cached_property, partial
 from itertools import starmap
 from typing import NamedTuple
 
@@ -16,7 +16,6 @@ from skmtgp.inference.flat import WithCoefficients
 from skmtgp.inference.variances import (
     diagonal,
     in_blocks,
-    largest_prior,
     rounding_of,
     without_negatives,
 )
@@ -108,10 +107,15 @@ class Posterior(WithCoefficients, ABC):
         self.noise = likelihood.noise_of_rows(values.noise)
         self._set_largest()
 
+    @cached_property
+    def largest_of_k(self):
+        """Largest value of the k^x of each term, over the training inputs."""
+        return [kernel.diag(self.inputs).max() for kernel in terms_of(self.kernel)]
+
     def _set_largest(self):
-        self.largest = self.level + sum(
-            largest_prior(K_rho, kernel, self.inputs) for kernel, K_rho in self.terms
-        )
+        pairs = zip(self.terms, self.largest_of_k, strict=True)
+        of_terms = [np.diagonal(K_rho).max() * of_k for (_, K_rho), of_k in pairs]
+        self.largest = self.level + float(sum(of_terms))
 
     @property
     def n_tasks(self):

@@ -151,7 +151,7 @@ class Prior:
     def _sizes(self):
         """Of the parts of theta, in their order; scikit-learn takes time for n_dims."""
         n_rho = self.task_covariance.n_parameters
-        return self.kernel.n_dims, n_rho, int(self.levels), self.n_noise
+        return self.node.n_dims, n_rho, int(self.levels), self.n_noise
 
     @cached_property
     def _slices(self):
@@ -168,7 +168,7 @@ class Prior:
     def n_hyperparameters(self):
         """Number of hyperparameters as eq. 8 counts them."""
         learned = 0 if self.noise_is_fixed else self.n_noise
-        free = self.kernel.n_dims + self.task_covariance.n_free
+        free = self._sizes[0] + self.task_covariance.n_free
         return free + int(self.levels) + learned
 
     # theta and its parts

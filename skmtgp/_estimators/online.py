@@ -50,7 +50,8 @@ class OnlineGP(FittedGP):
         max_rows : int, default=None
             Number of rows to keep. If there are more, those are dropped that add least
             to what the others tell about the functions, new rows included. The last row
-            of a task stays. None keeps all. Only for dense inference.
+            of a task stays. None keeps all. Only dense inference can drop rows: "auto"
+            becomes dense where it must, and "kronecker" and "sparse" raise an error.
 
         Returns
         -------
@@ -74,11 +75,16 @@ class OnlineGP(FittedGP):
         that of one pass over the rows. The inducing inputs stay, and a new task gets
         its own.
 
-        With Kronecker products the covariances of the inputs and of the tasks are
+        With Kronecker products nothing is decomposed again as long as the new rows are
+        of tasks that have joined, and these have no more rows than there are inputs.
+        With other rows the covariances of the inputs and of the tasks are
         decomposed anew. Cells may be missing then. If more than a tenth are missing, or
         one is observed again, ``inference="auto"`` decomposes the covariance of all
         rows once and continues with dense inference. "kronecker" raises an error if a
         cell is observed again, or if half of the cells are missing.
+
+        Predictors that were compiled from this estimator are refreshed at the end, see
+        :func:`~skmtgp.compile_predictor`.
 
         In the attributes, new rows follow the earlier ones. Rows of new tasks follow
         the other rows of the same call.
@@ -160,7 +166,7 @@ class OnlineGP(FittedGP):
 
     def _check_beside(self, before, features):
         """Raise a ValueError where a kernel is no covariance of new and known rows."""
-        known = sample_rows(before.features)[:KNOWN]
+        known = sample_rows(before.features, KNOWN)
         X = np.vstack([known, sample_rows(features)])
         for posterior in self._posteriors:
             check_covariance(posterior.kernel, X)

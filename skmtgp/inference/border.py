@@ -206,6 +206,111 @@ class BorderLikelihood:
         S.flat[:: len(S) + 1] += self.noise
         return S, half
 
+    def pairs(self):
+        """The same likelihood at many borders at once, without the old rows."""
+        return PairedBorder(self)
+
+
+class PairedBorder:
+    r"""The likelihood of a border by the covariances of pairs of latent functions.
+
+    With :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`, and w counted among
+    the l, of a function that the old tasks tell nothing of,
+
+    .. math:: S = \sum_{ab} l_a l_b C_{ab} + \sum_a l_a (D_a + D_a^T) + S_0.
+
+    However many the old rows are, each border takes :math:`O(r n^3 + r^2 n^2)`, n being
+    the number of samples.
+
+    Parameters
+    ----------
+    border : BorderLikelihood
+        The likelihood.
+
+    Attributes
+    ----------
+    C : ndarray of shape (n_row, n_row, n_samples, n_samples)
+        C_ab.
+    D : ndarray of shape (n_row, n_samples, n_samples)
+        Covariances with what the novel task shares with all.
+    S_0 : ndarray of shape (n_samples, n_samples)
+        S of a border of zeros.
+    """
+
+    def __init__(self, border):
+        n, n_row = len(border.y), border.rank + border.own
+        self.y, self.means = border.y, np.zeros((n_row, n))
+        self.means[: border.rank] = border.means
+        halves = np.zeros((n_row, *border.halves.shape[1:]))
+        halves[: border.rank] = border.halves
+        flat = halves.transpose(1, 0, 2).reshape(halves.shape[1], -1)
+        signed = (border.signs * flat).T
+        told = (signed @ flat).reshape(n_row, n, n_row, n)
+        self.C, each = -told.transpose(0, 2, 1, 3), np.arange(n_row)
+        self.C[each, each] += border.with_error * border.K_x[border.of_term]
+        self.C = np.ascontiguousarray(self.C)
+        fixed = np.broadcast_to(border.half_of_fixed, halves.shape[1:])
+        self.D = -(signed @ fixed).reshape(n_row, n, n)
+        self.S_0, _ = border._covariance(np.zeros(n_row))
+
+    def evaluate(self, rows):
+        """Log densities, gradients and Hessians.
+
+        Parameters
+        ----------
+        rows : ndarray of shape (n_borders, n_row)
+            Borders.
+
+        Returns
+        -------
+        values : ndarray of shape (n_borders,)
+            -inf where one cannot be computed; its derivatives are nan.
+        gradients : ndarray of shape (n_borders, n_row)
+        hessians : ndarray of shape (n_borders, n_row, n_row)
+        """
+        (n_row, n), n_rows = self.means.shape, len(rows)
+        told = (rows @ self.C.reshape(n_row, -1)).reshape(n_rows, n_row, n, n)
+        half_dS = told.swapaxes(2, 3) + self.D
+        S = (half_dS + self.D.swapaxes(1, 2)).reshape(n_rows, n_row, -1)
+        W, log_det = _whitening((rows[:, None] @ S).reshape(-1, n, n) + self.S_0)
+        rest = np.einsum("kij,kj->ki", W, self.y - rows @ self.means)
+        values = log_density(np.square(rest).sum(axis=1), log_det, len(self.y))
+        values[np.isnan(values)] = -np.inf
+        dS = half_dS + half_dS.swapaxes(2, 3)
+        T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]  # relative to S
+        dm = self.means @ W.swapaxes(1, 2)
+        pull = np.einsum("kaij,kj->kai", T, rest)
+        gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
+        gradients -= 0.5 * np.einsum("kaii->ka", T)
+        return values, gradients, self._hessians(W, rest, T, dm + pull)
+
+    def _hessians(self, W, rest, T, along):
+        """Second derivatives: those of the first ones, and those of S."""
+        alpha = np.einsum("kij,ki->kj", W, rest)
+        G = alpha[:, :, None] * alpha[:, None] - W.swapaxes(1, 2) @ W
+        T = T.reshape(*T.shape[:2], -1)
+        hessians = 0.5 * T @ T.swapaxes(1, 2) - along @ along.swapaxes(1, 2)
+        n_row = len(self.C)
+        by_pair = G.reshape(len(G), -1) @ self.C.reshape(n_row**2, -1).T
+        return hessians + by_pair.reshape(-1, n_row, n_row)
+
+
+def _whitening(S):
+    """W with W S W^T = I and log|S| of each; nan where S is not positive definite."""
+    try:
+        L = np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        L = np.stack([_cholesky_or_nan(of) for of in S])
+    log_det = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+    return np.linalg.solve(L, np.broadcast_to(np.eye(S.shape[1]), S.shape)), log_det
+
+
+def _cholesky_or_nan(S):
+    try:
+        return np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        return np.full_like(S, np.nan)
+
 
 def contrasts(T):
     """An orthonormal basis of what columns are no part of, (n_samples, n_contrasts)."""

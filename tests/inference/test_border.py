@@ -192,3 +192,40 @@ def test_an_error_of_the_model(problem):
     np.testing.assert_allclose(
         border.fisher_information(row), information, rtol=1e-6, atol=1e-8
     )
+
+
+class TestPairs:
+    """All borders at once, with second derivatives."""
+
+    @staticmethod
+    def border(problem, error):
+        given = problem.posterior, problem.F, problem.X_new, problem.y_new
+        return BorderLikelihood(*given, problem.noise_new, problem.own, error=error)
+
+    def rows(self, problem):
+        return np.stack([problem.row, -problem.row, np.ones_like(problem.row)])
+
+    @pytest.mark.parametrize("error", [0.0, 0.3])
+    def test_values_and_gradients(self, problem, error):
+        border, rows = self.border(problem, error), self.rows(problem)
+        values, gradients, _ = border.pairs().evaluate(rows)
+        expected = [border.value_and_grad(row) for row in rows]
+        for *found, (value, gradient) in zip(values, gradients, expected, strict=True):
+            np.testing.assert_allclose(found[0], value, rtol=1e-10)
+            atol = 1e-10 * np.abs(gradient).max()
+            np.testing.assert_allclose(found[1], gradient, rtol=1e-10, atol=atol)
+
+    @pytest.mark.parametrize("error", [0.0, 0.3])
+    def test_hessians(self, problem, error):
+        border, rows = self.border(problem, error), self.rows(problem)
+        for row, found in zip(rows, border.pairs().evaluate(rows)[2], strict=True):
+            slope = textbook.derivative(lambda row: border.value_and_grad(row)[1], row)
+            atol = 1e-7 * np.abs(slope).max()
+            np.testing.assert_allclose(found, slope, rtol=0.0, atol=atol)
+            np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(found).max())
+
+    def test_what_cannot_be_factorised(self, problem):
+        pairs = problem.border(noise=-problem.row @ problem.row).pairs()
+        values, gradients, _ = pairs.evaluate(np.zeros((1, len(problem.row))))
+        assert values[0] == -np.inf
+        assert np.isnan(gradients[0]).all()

@@ -8,7 +8,6 @@ packages for the same version of Python, so that nothing leaves this machine.
 import json
 import os
 import re
-from collections import Counter
 from doctest import DocTestParser
 from pathlib import Path
 
@@ -122,7 +121,12 @@ def same_python(folder):
 
 def words(texts):
     """What is printed, however it is laid out."""
-    return Counter(word for text in texts for word in text.split())
+    return [word for text in texts for word in text.split()]
+
+
+def alike(here, there):
+    """Dots stand for digits that depend on the processor."""
+    return re.fullmatch(re.escape(here).replace(r"\.\.\.", ".*"), there)
 
 
 def printed(page):
@@ -154,7 +158,7 @@ def test_notebook_runs(page, window, address, elsewhere, monkeypatch):
     assert not window.locator(FAILED).all_text_contents()
     outputs = window.locator(", ".join(PRINTED)).evaluate_all(SHOWN)
     here, there = words(printed(page)), words(outputs)
-    assert (here - there, there - here) == (Counter(), Counter())
+    assert not [pair for pair in zip(here, there, strict=True) if not alike(*pair)]
     assert not elsewhere
 
 

@@ -87,6 +87,7 @@ sphinx_gallery_conf = {
     "doc_module": ("skmtgp",),
     "backreferences_dir": "auto_examples/backreferences",  # "Examples using ..."
     "reference_url": {"skmtgp": None},
+    "remove_config_comments": True,  # which choose the pictures of the index
     "min_reported_time": 1,  # seconds
     "image_srcset": ["2x"],  # sharp on phones
     "parallel": 2,

@@ -96,3 +96,4 @@ errors = table["nMSE"].unstack()
 _, ax = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
 errors.plot(ax=ax, marker="o", logy=True, xticks=errors.index)
 ax.set(xlabel="inducing inputs", ylabel="nMSE")
+# sphinx_gallery_thumbnail_number = 2

@@ -1,5 +1,7 @@
 """Notebooks run in a browser, on Pyodide; ``make test-pages`` asks for it.
 
+With ``PYTESTFLAGS="-m long"`` the gallery's run, too: half an hour.
+
 The built JupyterLite opens them in Chromium as it does for a reader. What it fetches
 from Pyodide's address comes from a folder that ``.ci/get_pyodide.py`` fills: the same
 packages for the same version of Python, so that nothing leaves this machine.
@@ -119,6 +121,13 @@ def same_python(folder):
         pytest.skip(f"JupyterLite runs on Pyodide {wanted}, the folder has {held}")
 
 
+def examples():
+    """The gallery's notebooks in the built documentation."""
+    if not tools.SITE:
+        return []
+    return sorted(path.name for path in Path(tools.SITE).glob("lite/files/plot_*"))
+
+
 def words(texts):
     """What is printed, however it is laid out."""
     return [word for text in texts for word in text.split()]
@@ -136,13 +145,15 @@ def printed(page):
     return [e.want for b in blocks for e in DocTestParser().get_examples(b)]
 
 
-def run_all(window):
-    """Run all cells as a reader does, and wait for the last one."""
+def run_all(window, address, name):
+    """Open a notebook and run all cells as a reader does; errors of cells."""
+    window.goto(f"{address}/lite/notebooks/index.html?path={name}")
     window.wait_for_selector("text=Python (Pyodide)", timeout=STARTED)
     window.wait_for_selector(".jp-CodeCell", timeout=STARTED)
     window.get_by_role("menuitem", name="Run", exact=True).first.click()
     window.get_by_text("Run All Cells", exact=True).click()
     window.wait_for_function(DONE, timeout=FINISHED)
+    return window.locator(FAILED).all_text_contents()
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -152,17 +163,22 @@ def test_notebook_runs(page, window, address, elsewhere, monkeypatch):
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
     import lite
 
-    name = lite.notebook_name(page)
-    window.goto(f"{address}/lite/notebooks/index.html?path={name}")
-    run_all(window)
-    assert not window.locator(FAILED).all_text_contents()
+    assert not run_all(window, address, lite.notebook_name(page))
     outputs = window.locator(", ".join(PRINTED)).evaluate_all(SHOWN)
     here, there = words(printed(page)), words(outputs)
     assert not [pair for pair in zip(here, there, strict=True) if not alike(*pair)]
     assert not elsewhere
 
 
-def test_standard_modules(window, browser):
+@pytest.mark.long
+@pytest.mark.parametrize("name", examples())
+def test_example_runs(name, window, address, elsewhere):
+    same_python(pyodide())
+    assert not run_all(window, address, name)
+    assert not elsewhere
+
+
+def test_standard_modules(browser):
     """Those of the standard library that skmtgp imports are in Pyodide."""
     from test_lite import imported
 

@@ -30,6 +30,7 @@ PRINTED = [  # of what cells put out: not what they warn of, not pictures
     "[data-mime-type='application/vnd.jupyter.stdout']",
 ]
 FAILED = "[data-mime-type='application/vnd.jupyter.error']"
+WARNED = "[data-mime-type='application/vnd.jupyter.stderr']"
 
 DONE = """() => {
   const cells = [...document.querySelectorAll(".jp-CodeCell .jp-InputPrompt")];
@@ -145,6 +146,12 @@ def printed(page):
     return [e.want for b in blocks for e in DocTestParser().get_examples(b)]
 
 
+def strangers(texts):
+    """Warnings from the code of other packages, of which readers know nothing."""
+    lines = [line for text in texts for line in text.splitlines()]
+    return [x for x in lines if "Warning:" in x and "/skmtgp/" not in x]
+
+
 def run_all(window, address, name):
     """Open a notebook and run all cells as a reader does; errors of cells."""
     window.goto(f"{address}/lite/notebooks/index.html?path={name}")
@@ -164,6 +171,7 @@ def test_notebook_runs(page, window, address, elsewhere, monkeypatch):
     import lite
 
     assert not run_all(window, address, lite.notebook_name(page))
+    assert not strangers(window.locator(WARNED).all_text_contents())
     outputs = window.locator(", ".join(PRINTED)).evaluate_all(SHOWN)
     here, there = words(printed(page)), words(outputs)
     assert not [pair for pair in zip(here, there, strict=True) if not alike(*pair)]

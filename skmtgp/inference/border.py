@@ -46,6 +46,9 @@ class BorderLikelihood:
         Columns of a trend: those of the coefficients that the posterior knows or, where
         tasks have coefficients of their own, those of the new task's, which are
         integrated out.
+    error : float, default=0.0
+        Variance of an error of the model, a function of the novel task, relative to the
+        prior variance of the task.
 
     Attributes
     ----------
@@ -74,12 +77,14 @@ class BorderLikelihood:
         shared=None,
         equal=0.0,
         trend=None,
+        error=0.0,
     ):
         terms = [(factor, own, shared, equal)]
         if isinstance(factor, list):
             terms = list(zip(factor, own, shared, equal, strict=True))
         self.noise, self.level, self.y = noise, np.full((len(y),) * 2, level), y
         self.K_x = np.array([kernel(X) for kernel in terms_of(posterior.kernel)])
+        self.with_error = 1.0 + error
         self.fixed, self.half_of_fixed = np.empty(len(terms)), 0.0
         means, halves = zip(
             *(self._of_term(posterior, X, q, *of) for q, of in enumerate(terms)),
@@ -156,7 +161,7 @@ class BorderLikelihood:
         value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
         G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
         slopes = np.array([np.vdot(G, K_x) for K_x in self.K_x])
-        gradient = slopes[self.of_term] * row
+        gradient = self.with_error * slopes[self.of_term] * row
         gradient[: self.rank] += self.means @ alpha
         gradient[: self.rank] -= np.tensordot(
             self.halves, self.signs * half @ G, axes=2
@@ -169,7 +174,7 @@ class BorderLikelihood:
         Of a Gaussian: dmean_p^T S^{-1} dmean_q + 1/2 tr(S^{-1} dS_p S^{-1} dS_q).
         """
         S, half = self._covariance(row)
-        dS = 2.0 * row[:, None, None] * self.K_x[self.of_term]
+        dS = 2.0 * self.with_error * row[:, None, None] * self.K_x[self.of_term]
         between = (self.signs * half).T @ self.halves  # of each latent function
         dS[: self.rank] -= between + between.swapaxes(1, 2)
         inverse = np.linalg.pinv(S, hermitian=True)
@@ -196,7 +201,7 @@ class BorderLikelihood:
         half = self.half_of_fixed
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
         squares = np.bincount(self.of_term, np.square(row), len(self.K_x))
-        S = np.tensordot(squares + self.fixed, self.K_x, axes=1)
+        S = np.tensordot(self.with_error * (squares + self.fixed), self.K_x, axes=1)
         S += self.level - (self.signs * half).T @ half
         S.flat[:: len(S) + 1] += self.noise
         return S, half

@@ -161,3 +161,34 @@ def test_nothing_is_changed_by_an_evaluation():
     border.value_and_grad(2.0 * row)
     assert border.value(row) == first
     np.testing.assert_array_equal(row, problem.row)
+
+
+def test_an_error_of_the_model(problem):
+    """A function of the novel task, with a share of its prior variance."""
+    row, plain, share = problem.row, problem.border(), 0.3
+    border = BorderLikelihood(
+        problem.posterior,
+        problem.F,
+        problem.X_new,
+        problem.y_new,
+        problem.noise_new,
+        problem.own,
+        error=share,
+    )
+    more = share * (row @ row) * problem.kernel(problem.X_new)
+    np.testing.assert_allclose(
+        border._covariance(row)[0], plain._covariance(row)[0] + more, rtol=1e-10
+    )
+    expected = textbook.derivative(border.value, row)
+    close = {"rtol": 1e-8, "atol": 1e-8 * np.abs(expected).max()}
+    np.testing.assert_allclose(border.value_and_grad(row)[1], expected, **close)
+    dm = np.zeros((len(row), len(problem.y_new)))
+    dm[:RANK] = border.means
+    dS = textbook.derivative(lambda row: border._covariance(row)[0], row)
+    inverse = np.linalg.inv(border._covariance(row)[0])
+    information = dm @ inverse @ dm.T
+    scores = inverse @ dS
+    information += 0.5 * np.einsum("pij,qji->pq", scores, scores)
+    np.testing.assert_allclose(
+        border.fisher_information(row), information, rtol=1e-6, atol=1e-8
+    )

@@ -11,7 +11,7 @@ seconds and has files of its own.
 
 import matplotlib.pyplot as plt
 import numpy as np
-from growing import collect, cost, run
+from growing import collect, cost, run, save
 from kronecker import make_problem
 
 from skmtgp.inference.dense import DenseLikelihood
@@ -61,7 +61,7 @@ def draw(found, path):
         *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4
     )
     figure.suptitle("One likelihood and gradient, on one thread")
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def collect_and_draw(short, table, image):

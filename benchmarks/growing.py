@@ -2,14 +2,20 @@
 
 import argparse
 import csv
+import sys
 import tracemalloc
+from functools import partial
 from pathlib import Path
 from time import process_time
 
 from threadpoolctl import threadpool_limits
 
+sys.path.append(str(Path(__file__).parents[1] / "docs"))
+import stacked
+
 HERE = Path(__file__).parent
 LEAST, MOST, ENOUGH = 3, 50, 3.0  # repeats, and seconds after which LEAST are enough
+save = partial(stacked.save, dpi=150)  # the plot, also for phones
 MEASURED = ["seconds", "bytes"]
 
 

@@ -9,7 +9,7 @@ the upper half of each range, and goes on where an interrupted run of it ended;
 
 import matplotlib.pyplot as plt
 import numpy as np
-from growing import collect, cost, run
+from growing import collect, cost, run, save
 from matplotlib.ticker import NullFormatter
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
@@ -107,7 +107,7 @@ def draw(found, ranges, path):
         axis.legend(handles=lines, loc="upper left", frameon=False)
         axis.grid(which="major", alpha=0.3)
     figure.suptitle("One likelihood and gradient; exponents of the upper half")
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def collect_and_draw(short, table, image):

@@ -13,7 +13,7 @@ from functools import cache, partial
 
 import matplotlib.pyplot as plt
 import numpy as np
-from growing import collect, cost, run
+from growing import collect, cost, run, save
 from matplotlib.ticker import NullFormatter
 
 from skmtgp.datasets import fetch_puma560
@@ -106,7 +106,7 @@ def draw(found, sizes, inducing, path):
     axes[1].set_ylim(low / 3.0, high * 10.0)  # so that flat looks flat
     axes[1].yaxis.set_minor_formatter(NullFormatter())
     figure.suptitle("One sparse bound and gradient, on one thread")
-    figure.savefig(path, dpi=150)
+    save(figure, path)
 
 
 def collect_and_draw(short, table, image):

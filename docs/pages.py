@@ -8,6 +8,7 @@ from PIL import Image  # Matplotlib has it
 from sphinx.transforms import SphinxTransform
 from sphinx_gallery.directives import imgsgnode
 
+NARROW = "-narrow"  # what docs/stacked.py adds to that of a picture for phones
 SHARP = "_2_00x"  # what sphinx-gallery adds to the name of a picture of twice the size
 INCH = 100  # pixels of the page for an inch of a picture
 PHONE = 620  # pixels: a wider picture cannot be read on a phone unless it scrolls
@@ -29,14 +30,18 @@ class Numbers(SphinxTransform):
 
 
 class Pictures(SphinxTransform):
-    """Show an inch of every picture as wide, sharp, and let wide ones scroll."""
+    """Show an inch of every picture as wide, sharp, and let wide ones scroll.
+
+    A picture beside which there is one for phones is replaced by it where a page is
+    narrow: see ``skmtgp.css``.
+    """
 
     default_priority = 500
 
     def apply(self):
         """Say how wide a picture is, and take the gallery's of twice the size."""
         folder = Path(self.env.doc2path(self.env.docname)).parent
-        for image in self.document.findall(nodes.image):
+        for image in list(self.document.findall(nodes.image)):
             path = folder / image["uri"]
             if path.suffix == ".png" and path.exists():
                 image.setdefault("width", f"{width(path):.0f}px")
@@ -44,11 +49,23 @@ class Pictures(SphinxTransform):
                 sharp = path.with_stem(path.stem + SHARP)
                 if sharp.exists():
                     image["uri"] = str(Path(image["uri"]).with_name(sharp.name))
+                if path.with_stem(path.stem + NARROW).exists():
+                    offer(image, path.with_stem(path.stem + NARROW))
         for image in list(self.document.findall(imgsgnode)):
             if width(Path(self.env.srcdir, image["uri"].lstrip("/"))) > PHONE:
                 box = nodes.container(classes=["scrolls"])
                 image.replace_self(box)
                 box += image
+
+
+def offer(image, path):
+    """Put a picture for phones, with the same words, beside another."""
+    narrow = image.deepcopy()
+    narrow["uri"] = str(Path(image["uri"]).with_name(path.name))
+    narrow["width"] = f"{width(path):.0f}px"
+    narrow["classes"] = ["on-phones"]
+    image["classes"] += ["on-desktops"]
+    image.parent.insert(image.parent.index(image), narrow)
 
 
 def width(path):

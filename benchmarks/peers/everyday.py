@@ -45,14 +45,10 @@ def outputs(rows, model):
     return {(r["draw"], r["output"]) for r in rows if r["model"] == model}
 
 
-def mean_error(rows, test, model, of=None):
-    """A model's error, over all that it was fitted to or some of it; None if none."""
-    found = [
-        r["tests"][test]["error"]
-        for r in rows
-        if r["model"] == model and (of is None or (r["draw"], r["output"]) in of)
-    ]
-    return mean(found) if found else None
+def mean_of(rows, model, of, value):
+    """The mean of a value of a model's fits to some outputs."""
+    own = [r for r in rows if r["model"] == model and (r["draw"], r["output"]) in of]
+    return mean(map(value, own))
 
 
 def sets_table(rows):
@@ -100,16 +96,23 @@ def compared(rows, data, test, groups):
 
     Returns
     -------
-    errors : list of (str, float) or None
-        The model and its error, for each group; None where none was fitted.
+    errors : list of (float, float) or None
+        The error and the seconds of that model's fits; None where none was fitted.
     """
     fits = of_set(rows, data)
     models = [model for group in groups for model in group if outputs(fits, model)]
     same = set.intersection(*(outputs(fits, model) for model in models))
     found = []
     for group in groups:
-        errors = {m: mean_error(fits, test, m, same) for m in group if m in models}
-        found.append(min(errors.items(), key=lambda e: e[1]) if errors else None)
+        costs = [
+            (
+                mean_of(fits, model, same, lambda r: r["tests"][test]["error"]),
+                mean_of(fits, model, same, lambda r: r["seconds"]),
+            )
+            for model in group
+            if model in models
+        ]
+        found.append(min(costs, default=None))
     return found
 
 

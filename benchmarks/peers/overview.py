@@ -224,7 +224,7 @@ def error_rows(results):
     for (data, test), name in EVERYDAY.items():
         if data in everyday.there(results.real):
             found = everyday.compared(results.real, data, test, GROUPS.values())
-            errors = [each and each[1] for each in found]
+            errors = [each and each[0] for each in found]
             rows.append(ErrorRow(name, errors, everyday=True))
     return rows
 

@@ -113,7 +113,7 @@ def main():
     readme = README if arguments.docs == DOCS else arguments.docs / "README.md"
     readme.write_text(with_goals(README.read_text("utf-8"), results), "utf-8")
     if not arguments.no_plots:
-        plots.draw(results.fits, results.timings, arguments.docs / "images")
+        plots.draw(results, arguments.docs / "images")
     peers = len({r["package"] for r in results.fits} - {OURS})
     print(f"{arguments.docs}: {len(results.fits)} fits, {peers} peers")
 

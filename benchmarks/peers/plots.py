@@ -1,10 +1,15 @@
 """The plots of the pages; those of the short one can be read on a phone."""
 
+import sys
+from functools import partial
+from pathlib import Path
+
 import matplotlib
 
 matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
+import everyday
 import numpy as np
 from compare import (
     NAMES,
@@ -17,24 +22,42 @@ from compare import (
     usable,
     variants,
 )
+from overview import EVERYDAY, GROUPS
 
+sys.path.append(str(Path(__file__).parents[2] / "docs"))
+import stacked
+
+from skmtgp import MultiTaskGPRegressor, SingleTaskGP
 from skmtgp.inspection import COLORS as PALETTE
+from skmtgp.inspection import color_of
 from skmtgp.inspection._drawing import MARKERS as SHAPES
 
 PACKAGES = "gpytorch", "skmtgp", "gpy", "gpflow", "botorch", None, "sklearn"
 COLORS = dict(zip(PACKAGES, PALETTE, strict=True))
 SHAPE = dict(zip(PACKAGES, SHAPES, strict=True))
+OF_GROUPS = {  # colour and marker
+    "skmtgp": (color_of(MultiTaskGPRegressor()), "s"),
+    "another multi-task GP": (PALETTE[0], "o"),
+    "one GP, one-hot tasks": (PALETTE[3], "v"),
+    "a GP for each task": (color_of(SingleTaskGP()), "P"),
+    "ridge": (PALETTE[4], "D"),
+    "boosted trees": (PALETTE[2], "^"),
+}
 PHONE = {"font.size": 11, "axes.titlesize": 11}
+save = partial(stacked.save, dpi=200)
 STYLES = {"best": "-", "shipped": ":"}
 MARKERS = {"best": "o", "shipped": "x"}
 
 
-def draw(fits, timings, folder):
+def draw(results, folder):
     """Write all plots for which there is data."""
+    fits, timings = results.fits, results.timings
     folder.mkdir(parents=True, exist_ok=True)
     if any("seconds" in row for row in timings):
         save(evaluations(timings), folder / "benchmark-evaluation.png")
         save(speed(timings), folder / "benchmark-speed.png")
+    if everyday.there(results.real):
+        save(everyday_fits(results.real), folder / "benchmark-everyday.png")
     if usable(fits):
         save(climb(fits), folder / "benchmark-climb.png")
     for n in sorted({row["n"] for row in usable(fits)}):
@@ -42,12 +65,6 @@ def draw(fits, timings, folder):
         save(figure, folder / f"benchmark-fits-{n}.png")
     if against_ours(fits):
         save(deficits(against_ours(fits)), folder / "benchmark-deficits.png")
-
-
-def save(figure, path):
-    """Write a figure."""
-    figure.savefig(path, dpi=200)
-    plt.close(figure)
 
 
 def speed(timings):
@@ -81,6 +98,43 @@ def style(package):
         "ms": 7.0 if wide else 5.0,
         "zorder": 3 if wide else 2,
     }
+
+
+def everyday_fits(rows):
+    """Seconds and error of the same fits, a line for each test of everyday data."""
+    figure, axes = plt.subplots(
+        1, 2, figsize=(9.5, 5.4), layout="constrained", sharey=True
+    )
+    there = {t: name for t, name in EVERYDAY.items() if t[0] in everyday.there(rows)}
+    for y, test in enumerate(there):
+        mark(axes, y, everyday.compared(rows, *test, GROUPS.values()))
+    axes[0].set_yticks(range(len(there)), there.values(), fontsize=9)
+    axes[0].set_ylim(len(there) - 0.5, -0.5)
+    axes[0].set(xscale="log", xlabel="seconds of a fit")
+    axes[1].set(xscale="log", xlabel="error, skmtgp's is 1")
+    for ax, ticks in zip(axes, EVERYDAY_TICKS, strict=True):
+        ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        ax.minorticks_off()
+        ax.grid(axis="x", alpha=0.3)
+        for y in range(1, len(there)):
+            ax.axhline(y - 0.5, color="0.85", lw=0.8, zorder=0)
+    handles = axes[0].lines[: len(GROUPS)]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False)
+    return figure
+
+
+EVERYDAY_TICKS = (0.01, 0.1, 1, 10), (0.2, 0.5, 1, 2, 5, 20, 100)
+
+
+def mark(axes, y, found):
+    """The seconds and the errors of one test, below each other so that all are seen."""
+    ours = found[0][0]
+    for k, (name, each) in enumerate(zip(GROUPS, found, strict=True)):
+        error, seconds = each or (np.nan, np.nan)
+        color, marker = OF_GROUPS[name]
+        style = {"color": color, "ls": "", "ms": 7 if name == OURS else 5}
+        for ax, x in zip(axes, (seconds, error / ours), strict=True):
+            ax.plot(x, y + 0.14 * (k - 2.5), marker, label=name, **style)
 
 
 def climb(fits):

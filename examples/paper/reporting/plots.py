@@ -1,6 +1,9 @@
 """The plots of the page, in the colours that every model has in the project."""
 
+import sys
+from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import matplotlib
 
@@ -19,6 +22,9 @@ from skmtgp import (
 )
 from skmtgp.inspection import COLORS as PALETTE
 from skmtgp.inspection import color_of
+
+sys.path.append(str(Path(__file__).parents[3] / "docs"))
+import stacked
 
 from . import figure4, learning, novel_task, overview, published, table2
 from .markdown import MISSING
@@ -40,6 +46,7 @@ COLORS = {
 MARKERS = {"LR": "x", "sGP": "s", "iGP": "D", "pGP": "^", "refit": "D", "staged": "s"}
 MARKERS["simultaneous"] = "^"
 X_LABELS = {"n": "n", "n_new": "samples of c15"}
+save = partial(stacked.save, dpi=180)
 WIDE = ("mGP-BIC", "add_task", "annealed")
 
 
@@ -68,12 +75,6 @@ def draw(rows, folder):
     found = novel_task.at_rank(rows["novel_task"])
     if len(found):
         save(novel(found), folder / "paper-novel-task.png")
-
-
-def save(figure, path):
-    """Write a figure."""
-    figure.savefig(path, dpi=180)
-    plt.close(figure)
 
 
 def samples(averages):

@@ -34,7 +34,7 @@ help:
 	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
 	@echo 'make test-pages   open every page of it in Chromium, run notebooks: minutes'
 	@echo 'make dist         what a release is made of, in dist; it is checked and tried'
-	@echo 'make release-check  make dist, and what else must hold before a release'
+	@echo 'make release-check  all that must pass before a release; what is to be filled in'
 	@echo 'make bench        compare with other packages: hours, see benchmarks/README.md'
 	@echo 'make bench-own    the benchmarks that need no other package'
 	@echo 'make bench-sparse the whole training set by inducing inputs: hours'
@@ -127,10 +127,12 @@ dist: $(VENV)/ready-to-build
 	cd $(TRIAL) && $(ONE_THREAD) bin/python -P -m pytest -c ../pyproject.toml \
 	    -p no:cacheprovider --pyargs skmtgp
 
-# Also where something is left to fill in, all of it is built and tried before that is
-# said. The documentation takes minutes: make release-check DOCS=docs.
-DOCS ?=
-release-check: dist $(DOCS)
+# In this order, also with make -j: the first failure ends it. What is left to fill in
+# is said when all else has passed. Less of it: make release-check RELEASE="lint dist".
+RELEASE ?= lint dist test docs test-pages test-long
+release-check:
+	@for target in $(RELEASE); do \
+	    echo "make $$target"; $(MAKE) --no-print-directory $$target || exit 1; done
 	$(BIN)/python .ci/check_release.py
 
 # Every package that is compared has an environment of its own. One that cannot be

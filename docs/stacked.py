@@ -1,6 +1,6 @@
 """Figures of several panels as files: side by side, and below each other for phones.
 
-``pages.py`` shows the second file, whose name ends in ``-narrow``, where a page is narrow.
+``pages.py`` shows the second file, whose name ends in ``-narrow``, on phones.
 """
 
 from itertools import pairwise
@@ -57,7 +57,7 @@ def stack(figure):
 
 
 def spread_labels(axes):
-    """Name what is upward in each panel, and what is to the right once, if it is one."""
+    """Name the vertical axis of every panel, and the horizontal one once if it can."""
     for left, ax in pairwise(axes):
         if not ax.get_ylabel():
             ax.set_ylabel(left.get_ylabel())

@@ -81,6 +81,7 @@ def every_table(results):
         "timings": joined(tables.timings_section(results.timings)),
         "fits": joined(tables.fits_section(results.fits)),
         "errors": joined(tables.errors_section(results.fits)),
+        "error_table": overview.error_table(overview.error_rows(results)),
         "everyday": joined(everyday.tables(results.real)),
         "sparse": joined(results.sparse.section()),
         "own": joined(tables.own_section(results.folder)),

@@ -8,8 +8,8 @@ import matplotlib
 
 matplotlib.use("Agg")
 
-import matplotlib.pyplot as plt
 import everyday
+import matplotlib.pyplot as plt
 import numpy as np
 from compare import (
     NAMES,

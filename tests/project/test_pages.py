@@ -68,7 +68,7 @@ def test_goals_of_development_are_elsewhere(name):
 def test_short_pages_are_short(name):
     text = read(DOCS / name)
     words = [line for line in text.splitlines() if not line.startswith("|")]
-    assert len(" ".join(words).split()) < 500
+    assert len(" ".join(words).split()) < 420
     assert len(re.findall(r"^\| --- ", text, re.MULTILINE)) <= 3
     assert len(re.findall("^:alt: ", text, re.MULTILINE)) <= 2
 

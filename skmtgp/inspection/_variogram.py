@@ -52,6 +52,7 @@ class VariogramDisplay(Display):
 
     See Also
     --------
+    variogram_table : Nuggets, sills and ranges as numbers.
     TaskCovarianceDisplay : The sills alone.
 
     Notes

@@ -1,0 +1,135 @@
+"""Length-scales at which learning begins, where those given would lead nowhere.
+
+If the given length-scales are far shorter than any distance, no two rows are related.
+The likelihood is then flat, and no climb leaves the place: coordinates in metres and a
+kernel with length-scales of 1. A spherical covariance ends at its range, and its
+likelihood has modes at ranges that are far too long. In both cases the likelihood says,
+over a grid of ranges, where to begin.
+"""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from scipy.spatial.distance import cdist
+from sklearn.utils import gen_batches
+
+from skmtgp._data.dask import is_dask
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.progress import say
+from skmtgp.kernels import Spherical
+from skmtgp.learning.summarised import exact_part
+from skmtgp.learning.telling import about
+from skmtgp.model.kernel_check import sample_rows
+from skmtgp.model.several import terms_of
+from skmtgp.model.task_covariance import ones
+
+AT_ONCE = 5000  # rows
+
+
+def begun_in_sight(problem):
+    """The problem with length-scales from which learning finds its way.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is to be learned.
+
+    Returns
+    -------
+    problem : Problem
+        As it was, unless no two rows are related where it begins, or its kernel is
+        spherical.
+    """
+    kernel, tuning = problem.prior.kernel, problem.tuning
+    scales = _length_scales(kernel)
+    if not scales.any() or not problem.budget.max_iter:
+        return problem
+    spherical = any(map(_is_spherical, terms_of(kernel)))
+    if not (spherical or _is_blind(kernel, problem.data.X, tuning)):
+        return problem
+    coarse = exact_part([problem], [problem.prior.task_covariance])[0]
+    coarse = coarse.coarse_to_fine()[0]
+    thetas = [kernel.theta, *_others(kernel, scales, coarse.data.X, tuning)]
+    with limit_threads(len(coarse.data)):
+        values = [_best_value(coarse, theta) for theta in thetas]
+    best = int(np.argmax(values))
+    if values[best] < values[0] + tuning.doubt:
+        return problem
+    if problem.budget.verbose:
+        times = f"{np.exp((thetas[best] - thetas[0])[scales].max()):.3g} times"
+        say(f"{about(problem)}length-scales begin at {times} those of the kernel")
+    begun = kernel.clone_with_theta(thetas[best])
+    return replace(problem, prior=replace(problem.prior, kernel=begun))
+
+
+def _length_scales(kernel):
+    """Which elements of theta are free length-scales."""
+    found = [
+        np.full(part.n_elements, part.name.endswith("length_scale"))
+        for of_term in terms_of(kernel)
+        for part in of_term.hyperparameters
+        if not part.fixed
+    ]
+    return np.concatenate(found) if found else np.zeros(0, dtype=bool)
+
+
+def _is_spherical(kernel):
+    """Whether part of a kernel is spherical."""
+    parts = [kernel, *kernel.get_params().values()]
+    return any(isinstance(part, Spherical) for part in parts)
+
+
+def _is_blind(kernel, X, tuning):
+    """Whether most rows have no other that any of the terms relates to them."""
+    if is_dask(X):  # which would be computed for this
+        return False
+    some = sample_rows(X)
+    related = [_relates(of_term, some, X, tuning) for of_term in terms_of(kernel)]
+    return bool(np.any(related, axis=0).mean() < 0.5)
+
+
+def _relates(kernel, some, X, tuning):
+    """Whether the kernel relates any other row to each of some."""
+    related = np.zeros(len(some), dtype=bool)
+    deviations = np.sqrt(kernel.diag(some))
+    for rows in gen_batches(len(X), AT_ONCE):
+        K, least = np.abs(kernel(some, X[rows])), np.sqrt(kernel.diag(X[rows]))
+        K[cdist(some, X[rows]) == 0.0] = 0.0
+        least = tuning.unrelated * np.multiply.outer(deviations, least)
+        related |= (least < K).any(axis=1)
+    return related
+
+
+def _others(kernel, scales, X, tuning):
+    """Theta with length-scales from the shortest that relate most rows on."""
+
+    def moved(step):
+        theta = kernel.theta + np.log(2.0) * step * scales
+        return np.clip(theta, *kernel.bounds.reshape(-1, 2).T)
+
+    def is_blind(step):
+        return _is_blind(kernel.clone_with_theta(moved(step)), X, tuning)
+
+    shortest, most = 0, tuning.most_doublings
+    while shortest > -most and not is_blind(shortest - 1):
+        shortest -= 1
+    while shortest < most and is_blind(shortest):
+        shortest += 1
+    return [moved(shortest + step) for step in range(tuning.doublings)]
+
+
+def _best_value(problem, theta):
+    """The best likelihood of independent tasks and of one function, by the noise."""
+    prior, forms = problem.prior, [problem.prior.task_covariance]
+    if prior.n_terms == 1 and prior.n_tasks > 1:
+        forms.append(ones(prior.n_tasks))
+    more = np.log(problem.tuning.much_noise * prior.scale**2)
+    noises = {prior.log_noise, float(np.clip(more, *prior.log_noise_bounds))}
+    values = []
+    for form, log_noise in product(forms, noises):
+        of_form = problem.with_form(form)
+        start = of_form.theta(kernel=theta, log_noise=log_noise)
+        with np.errstate(all="ignore"):
+            values.append(of_form.likelihood().value(start))
+    return max(values)

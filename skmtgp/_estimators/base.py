@@ -59,7 +59,7 @@ from skmtgp.inference.engines import ENGINES, choose, leaves_rows, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
-from skmtgp.learning.ranges import begun_in_sight
+from skmtgp.learning.ranges import along_ranges, begun_in_sight
 from skmtgp.learning.telling import about, in_words
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
@@ -175,6 +175,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
                 training, [problems], [modes] = self._tell(training, *decided)
+                modes = list(map(along_ranges, problems, modes))
                 self._store(training, problems, modes)
                 self._warn_of_fit(training, problems, modes)
         return self

@@ -5,6 +5,10 @@ The likelihood is then flat, and no climb leaves the place: coordinates in metre
 kernel with length-scales of 1. A spherical covariance ends at its range, and its
 likelihood has modes at ranges that are far too long. In both cases the likelihood says,
 over a grid of ranges, where to begin.
+
+That of a spherical covariance bends wherever a pair of rows comes within the range: it
+has modes close to each other, some a few nats apart. So other ranges are looked at once
+more from the mode that was found.
 """
 
 from dataclasses import replace
@@ -18,8 +22,9 @@ from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp.kernels import Spherical
+from skmtgp.learning.climbing import climb
 from skmtgp.learning.summarised import exact_part
-from skmtgp.learning.telling import about
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.kernel_check import sample_rows
 from skmtgp.model.several import terms_of
 from skmtgp.model.task_covariance import ones
@@ -45,8 +50,7 @@ def begun_in_sight(problem):
     scales = _length_scales(kernel)
     if not scales.any() or not problem.budget.max_iter:
         return problem
-    spherical = any(map(_is_spherical, terms_of(kernel)))
-    if not (spherical or _is_blind(kernel, problem.data.X, tuning)):
+    if not (_has_spherical(kernel) or _is_blind(kernel, problem.data.X, tuning)):
         return problem
     coarse = exact_part([problem], [problem.prior.task_covariance])[0]
     coarse = coarse.coarse_to_fine()[0]
@@ -63,6 +67,72 @@ def begun_in_sight(problem):
     return replace(problem, prior=replace(problem.prior, kernel=begun))
 
 
+def along_ranges(problem, mode):
+    """The better of a mode and of what is found from other spherical ranges.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was learned.
+    mode : Mode
+        What was found.
+
+    Returns
+    -------
+    mode : Mode
+        As it was, unless a kernel is spherical, and the rows are few.
+    """
+    kernel, n = problem.prior.kernel, len(problem.data)
+    few = problem.engine.exact and n <= problem.tuning.bent
+    if not few or not problem.budget.max_iter or not _has_spherical(kernel):
+        return mode
+    likelihood = problem.likelihood()
+    with limit_threads(likelihood.side):
+        starts = [
+            start
+            for direction in _directions(problem)
+            for start in _peaks(problem, likelihood, mode, direction)
+        ]
+    found = [mode.led_to(climb(problem, start)) for start in starts]
+    best = max(found, key=lambda of: of.value, default=mode)
+    if best.value <= mode.value:
+        return mode.counting(found)
+    if problem.budget.verbose:
+        say(f"{about(problem)}{in_words(problem, best.value)} at another range")
+    return best.counting([of for of in [mode, *found] if of is not best])
+
+
+def _directions(problem):
+    """Steps of theta by one: of all ranges together, and of each of several."""
+    scales = np.zeros(problem.prior.n_theta)
+    of_kernel = np.arange(len(scales))[problem.prior.of_kernel]
+    scales[of_kernel] = _length_scales(problem.prior.kernel)
+    each = np.diag(scales)[scales > 0.0]
+    return [scales, *each] if len(each) > 1 else each
+
+
+def _peaks(problem, likelihood, mode, direction):
+    """Where to climb: the best two maxima along a direction, but the mode itself."""
+    tuning, lower_upper = problem.tuning, problem.prior.bounds()
+    steps = np.linspace(-tuning.around, tuning.around, tuning.n_around)
+    noise = problem.prior.unexplained
+    found = []
+    for step in steps:
+        moved = [
+            np.clip(mode.theta + step * direction + shift * noise, *lower_upper)
+            for shift in tuning.shifts
+        ]
+        found.append(max((likelihood.value(theta), k) for k, theta in enumerate(moved)))
+        found[-1] = found[-1][0], moved[found[-1][1]]
+    values = np.array([-np.inf, *(value for value, _ in found), -np.inf])
+    highest = (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])
+    highest &= (np.abs(steps) > tuning.near) & (
+        values[1:-1] > mode.value - tuning.doubt
+    )
+    best = sorted(np.flatnonzero(highest), key=lambda k: -found[k][0])
+    return [found[k][1] for k in best[:2]]
+
+
 def _length_scales(kernel):
     """Which elements of theta are free length-scales."""
     found = [
@@ -74,9 +144,13 @@ def _length_scales(kernel):
     return np.concatenate(found) if found else np.zeros(0, dtype=bool)
 
 
-def _is_spherical(kernel):
-    """Whether part of a kernel is spherical."""
-    parts = [kernel, *kernel.get_params().values()]
+def _has_spherical(kernel):
+    """Whether a kernel, or that of a term, has a spherical part."""
+    parts = [
+        part
+        for of_term in terms_of(kernel)
+        for part in (of_term, *of_term.get_params().values())
+    ]
     return any(isinstance(part, Spherical) for part in parts)
 
 

@@ -110,6 +110,17 @@ class Tuning:
         Steps to that one at most: kilometres to nanometres.
     much_noise : float
         Noise variance with which they are tried, too, of the targets'.
+    bent : int
+        Rows up to which spherical ranges are looked at once more: the likelihood of
+        more rows bends less.
+    around : float
+        Largest step of the logarithm of the range then,
+    n_around : int
+        how many there are,
+    near : float
+        and the smallest from which it is climbed again.
+    shifts : tuple of float
+        Steps of the logarithm of the noise variance with each.
     joining : int
         Starts of a new term that are followed, of each of three sorts.
     followed : int
@@ -170,6 +181,11 @@ class Tuning:
     doublings: int = 10
     most_doublings: int = 40
     much_noise: float = 0.3
+    bent: int = 1000
+    around: float = 1.2
+    n_around: int = 21
+    near: float = 0.1
+    shifts: tuple = (-1.5, -0.5, 0.0, 0.5)
     joining: int = 2
     followed: int = 4
     farthest: float = 1e6

@@ -8,7 +8,8 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 from skmtgp._support.progress import silent
 from skmtgp.kernels import Columns, Spherical
-from skmtgp.learning.ranges import begun_in_sight
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.ranges import along_ranges, begun_in_sight
 from skmtgp.model.task_covariance import identity
 
 METRES = 1000.0
@@ -95,6 +96,32 @@ def test_bounds_and_parts_of_kernels():
     found = begun_in_sight(problem(part, at * [METRES, 1e-3], along)).prior.kernel
     assert found.theta[0] == np.log(2.0)
     assert found.theta[1] > np.log(100.0)
+
+
+@pytest.mark.parametrize(("seed", "gain"), [(0, 0.0), (6, 3.0), (7, 3.0)])
+def test_other_ranges_are_looked_at_from_the_mode(seed, gain):
+    """Where the likelihood bends, a climb may end some nats below another mode."""
+    at, y = places(seed=seed)
+    posed = problem(ConstantKernel() * Spherical(8.0), at, y)
+    mode = climb(posed, posed.theta())
+    found = along_ranges(posed, mode)
+    assert found.value >= mode.value + gain
+    assert found.value == posed.likelihood().value(found.theta)
+    if gain:
+        assert found.n_evaluations > mode.n_evaluations
+    else:
+        np.testing.assert_array_equal(found.theta, mode.theta)
+    many = problem(ConstantKernel() * Spherical(8.0), at, y, bent=50)
+    assert along_ranges(many, mode) is mode
+    smooth = problem(ConstantKernel() * RBF(1.0), at, y)
+    assert along_ranges(smooth, mode) is mode
+
+
+def test_each_of_several_ranges_is_looked_at():
+    at, y = places(seed=6)
+    posed = problem(ConstantKernel() * Spherical([8.0, 8.0]), at, y)
+    mode = climb(posed, posed.theta())
+    assert along_ranges(posed, mode).value > mode.value + 1.0
 
 
 def test_it_is_told(told):

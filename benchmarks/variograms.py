@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import Matern
 
 from skmtgp import MultiTaskGPRegressor
+from skmtgp.exceptions import UnidentifiedNoiseWarning
 from skmtgp.kernels import Spherical
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -98,7 +98,8 @@ def main():
     parser.add_argument("--data", type=Path, help="folder with jura/jura.csv")
     parser.add_argument("--python", type=Path, default=PYTHON, help="with PyKrige")
     arguments = parser.parse_args()
-    warnings.simplefilter("ignore", ConvergenceWarning)
+    warnings.simplefilter("ignore", UserWarning)  # of fits at ranges far too short
+    warnings.simplefilter("ignore", UnidentifiedNoiseWarning)
     if arguments.sets:
         drawn(arguments.sets)
     if arguments.data:

@@ -113,24 +113,26 @@ def _directions(problem):
 
 def _peaks(problem, likelihood, mode, direction):
     """Where to climb: the best two maxima along a direction, but the mode itself."""
-    tuning, lower_upper = problem.tuning, problem.prior.bounds()
+    tuning = problem.tuning
     steps = np.linspace(-tuning.around, tuning.around, tuning.n_around)
-    noise = problem.prior.unexplained
-    found = []
-    for step in steps:
-        moved = [
-            np.clip(mode.theta + step * direction + shift * noise, *lower_upper)
-            for shift in tuning.shifts
-        ]
-        found.append(max((likelihood.value(theta), k) for k, theta in enumerate(moved)))
-        found[-1] = found[-1][0], moved[found[-1][1]]
+    found = [_likeliest(problem, likelihood, mode.theta + h * direction) for h in steps]
     values = np.array([-np.inf, *(value for value, _ in found), -np.inf])
-    highest = (values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])
-    highest &= (np.abs(steps) > tuning.near) & (
-        values[1:-1] > mode.value - tuning.doubt
-    )
-    best = sorted(np.flatnonzero(highest), key=lambda k: -found[k][0])
-    return [found[k][1] for k in best[:2]]
+    here, before, after = values[1:-1], values[:-2], values[2:]
+    is_peak = (here >= before) & (here >= after) & (np.abs(steps) > tuning.near)
+    peaks = np.flatnonzero(is_peak & (here > mode.value - tuning.doubt))
+    best = sorted(peaks, key=lambda k: -here[k])[:2]
+    return [found[k][1] for k in best]
+
+
+def _likeliest(problem, likelihood, theta):
+    """The best likelihood with several noise variances, and theta there."""
+    lower, upper = problem.prior.bounds()
+    noise = problem.prior.unexplained
+    moved = [
+        np.clip(theta + shift * noise, lower, upper) for shift in problem.tuning.shifts
+    ]
+    values = list(map(likelihood.value, moved))
+    return max(values), moved[int(np.argmax(values))]
 
 
 def _length_scales(kernel):
@@ -159,20 +161,22 @@ def _is_blind(kernel, X, tuning):
     if is_dask(X):  # which would be computed for this
         return False
     some = sample_rows(X)
-    related = [_relates(of_term, some, X, tuning) for of_term in terms_of(kernel)]
-    return bool(np.any(related, axis=0).mean() < 0.5)
+    related = np.zeros(len(some), dtype=bool)
+    for rows in gen_batches(len(X), AT_ONCE):
+        for of_term in terms_of(kernel):
+            related |= _relates(of_term, some, X[rows], tuning)
+        if related.mean() >= 0.5:
+            return False
+    return True
 
 
 def _relates(kernel, some, X, tuning):
     """Whether the kernel relates any other row to each of some."""
-    related = np.zeros(len(some), dtype=bool)
-    deviations = np.sqrt(kernel.diag(some))
-    for rows in gen_batches(len(X), AT_ONCE):
-        K, least = np.abs(kernel(some, X[rows])), np.sqrt(kernel.diag(X[rows]))
-        K[cdist(some, X[rows]) == 0.0] = 0.0
-        least = tuning.unrelated * np.multiply.outer(deviations, least)
-        related |= (least < K).any(axis=1)
-    return related
+    with np.errstate(all="ignore"):
+        K = np.abs(kernel(some, X))
+        K[cdist(some, X) == 0.0] = 0.0
+        variances = np.multiply.outer(kernel.diag(some), kernel.diag(X))
+        return (tuning.unrelated * np.sqrt(variances) < K).any(axis=1)
 
 
 def _others(kernel, scales, X, tuning):

@@ -2,14 +2,13 @@
 
 Where a rank ends below a lower one, it is learned again from that mode, with columns
 added; where a higher rank has found more, its mode is cut to the lower rank and learned
-on. A rank that is learned alone, from data without noise, takes the next one along for
-that.
+on.
 """
 
 import numpy as np
 
 from skmtgp.exceptions import NotPositiveDefiniteError
-from skmtgp.learning.climbing import annealed, climb, shake
+from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import best_of
 
 
@@ -38,39 +37,6 @@ def descend(problems, modes):
             again = climb(problem, start, known=known)
             modes[k] = best_of([modes[k], higher.led_to(again)])
     return modes
-
-
-def detour(problem, start, mode):
-    """Learn the next rank from a start, and this one from its mode, cut.
-
-    Data without noise have many modes. With one more column there are ways around the
-    poor ones, which raising the noise again finds less often.
-
-    Parameters
-    ----------
-    problem : Problem
-        What to learn.
-    start : Start
-        The likeliest one.
-    mode : Mode
-        What it, and others, have led to.
-
-    Returns
-    -------
-    mode : Mode
-        Not worse.
-    """
-    form = problem.prior.task_covariance
-    if form.rank == form.factor_shape[0]:  # there is no next one
-        return shake(problem, mode, problem.tuning.shakes - 1)
-    higher = problem.with_form(form.with_rank(form.rank + 1))
-    above = annealed(higher, start.theta(higher)).mode
-    if above.value < mode.value + problem.tuning.doubt:
-        return mode.counting([above])
-    cut = problem.with_noise(_cut(problem.prior, higher, above))
-    found = best_of([mode, above.then(climb(problem, cut, known=[mode]))])
-    gained = found.value > mode.value + problem.tuning.doubt
-    return shake(problem, found, 1) if gained else found
 
 
 def _cut(prior, higher, mode):

@@ -12,15 +12,15 @@ from itertools import compress
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
+from skmtgp.learning.exchanging import exchange, reopen
 from skmtgp.learning.hidden import reveal
-from skmtgp.learning.nesting import descend, detour, nest
+from skmtgp.learning.nesting import descend, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
     add_diagonal,
     first_stage,
     first_without_levels,
     full_rank_start,
-    likeliest,
     perturbed,
     second_stage,
     with_starts,
@@ -81,9 +81,10 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
     ]
     reporters = _reporters(progress, coarse, forms, len(starts[0]))
     modes = second_stage(jobs, shakes=1, n_jobs=n_jobs, reporters=reporters)
+    each = [problem for of, _ in jobs for problem in of]
+    modes = run(exchange, list(zip(each, modes, strict=True)), n_jobs=n_jobs)
     if len(forms) == 1 and not fine:  # else other ranks and rows help
-        ways = [(*of, mode) for of, mode in zip(jobs, modes, strict=True)]
-        modes = run(_another_way, ways, n_jobs=n_jobs)
+        modes = run(_another_way, list(zip(each, modes, strict=True)), n_jobs=n_jobs)
     modes = _revealed(coarse, forms, by_output(modes, forms), n_jobs)
     modes = run(descend, _of_output(coarse, forms, modes), n_jobs=n_jobs)
     modes = run(nest, _of_output(coarse, forms, modes), n_jobs=n_jobs)
@@ -108,23 +109,23 @@ def _reporters(progress, problems, forms, n_starts):
     )
 
 
-def _another_way(problems, starts, mode):
+def _another_way(problem, mode):
     """The better of a mode of data without noise and one that is found another way.
 
-    Where levels vanish it is that of the model without them; elsewhere a detour.
+    Where levels vanish it is that of the model without them. Elsewhere features that
+    the mode does without are tried again.
     """
-    [problem] = problems
     if problem.is_noisy(mode):
         return mode
     prior = problem.prior
     if not prior.levels_vanish(mode.theta):
-        return detour(problem, likeliest(starts), mode)
+        return reopen(problem, mode)
     bare = replace(problem, prior=prior.without_levels)
     [starts] = make_starts([bare], None)
     [other] = second_stage([([bare], starts)], shakes=1)
+    other = with_starts(exchange(bare, other), starts)
     theta = prior.with_least_levels(other.theta)
     value = problem.likelihood().value(theta)
-    other = with_starts(other, starts)
     return best_of([mode, other._replace(theta=theta, value=value, rivals=())])
 
 

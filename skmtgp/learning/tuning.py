@@ -69,6 +69,13 @@ class Tuning:
         The same of all features but one.
     shakes : int
         How often the best mode is shaken at most: the third time seldom gains.
+    exchanges : int
+        How often parameters of two features are exchanged at most,
+    most_exchanges : int
+        and how many pairs are tried each time: a value takes a third of an evaluation.
+    differ, off : float
+        Logarithms by which two parameters differ, and one of them is from its bounds,
+        where exchanging them matters.
     singular : float
         Of the mean diagonal of K^x, what is added where there is nothing to explain.
     report_every : int
@@ -162,6 +169,10 @@ class Tuning:
     slower: float = 2.0
     unused: float = 3.0
     shakes: int = 3
+    exchanges: int = 5
+    most_exchanges: int = 400
+    differ: float = 0.1
+    off: float = 1.0
     singular: float = 1e-12
     report_every: int = 100
     rounds: int = 2

@@ -32,7 +32,7 @@ help:
 	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint         check style, formatting and phrases'
 	@echo 'make docs         the documentation, in docs/_build/html; its examples are run'
-	@echo 'make test-pages   open every page of it in Chromium: minutes'
+	@echo 'make test-pages   open every page of it in Chromium, run notebooks: minutes'
 	@echo 'make dist         what a release is made of, in dist; it is checked and tried'
 	@echo 'make release-check  make dist, and what else must hold before a release'
 	@echo 'make bench        compare with other packages: hours, see benchmarks/README.md'
@@ -99,8 +99,15 @@ docs: $(VENV)/ready-for-docs
 	@$(SPHINX) -a -b html docs $(HTML)
 	@echo $(HTML)/index.html
 
-test-pages: $(VENV)/ready-for-pages $(HTML)/index.html
-	SKMTGP_SITE=$(HTML) $(PYTEST) tests/project/test_site.py $(PYTESTFLAGS)
+PYODIDE := docs/_build/pyodide
+test-pages: $(VENV)/ready-for-pages $(HTML)/index.html $(PYODIDE)/pyodide-lock.json
+	SKMTGP_SITE=$(HTML) SKMTGP_PYODIDE=$(PYODIDE) $(PYTEST) -rs $(PYTESTFLAGS) \
+	    tests/project/test_site.py tests/project/test_notebooks.py
+
+# Where it cannot be fetched, notebooks are not run: the tests are skipped and say so.
+$(PYODIDE)/pyodide-lock.json: .ci/get_pyodide.py
+	@echo 'Fetching a Python for the browser into $(PYODIDE) (100 MB)'
+	-@$(BIN)/python $< $(PYODIDE)
 
 $(HTML)/index.html:
 	$(MAKE) --no-print-directory docs

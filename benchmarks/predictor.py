@@ -9,7 +9,8 @@ geometric one, at n = 280 and 2800, on one core:
   500 at n = 280 and 2000 at n = 2800);
 - its size, as it is pickled, with standard deviations and without;
 - milliseconds of ``partial_fit`` of one row of all joints, of one that takes the place
-  of another (``max_rows``), and of the ``refresh`` that follows.
+  of another (``max_rows``), of the ``refresh`` that comes after it, and of
+  ``partial_fit`` with a predictor that follows.
 """
 
 import argparse
@@ -63,17 +64,20 @@ def join(models, X, y, n_rows=None):
 def measured(kernel, n):
     """A row of the table."""
     models, (X, y) = fit(kernel, n)
-    predictor = compile_predictor(models, task=TASK)
+    predictor = compile_predictor(models, task=TASK, follow=False)
     states = [(x,) for x in np.resize(X[:, :-1], (N_CALLS, X.shape[1] - 1))]
     seconds = timed(predictor, states)
     slow = timed(lambda x: [model.predict(x[None]) for model in models], zip(X[:50]))
-    deviations = compile_predictor(models, task=TASK, std=True)
+    deviations = compile_predictor(models, task=TASK, std=True, follow=False)
     rows = list(zip(X, y, strict=True))
     joined = timed(lambda *row: join(models, *row), rows[:N_ROWS])
     more = n + N_ROWS
     timed(lambda *row: join(models, *row, more), rows[N_ROWS : N_ROWS + 2])  # O(n^3)
     moved = timed(lambda *row: join(models, *row, more), rows[-N_ROWS:])
     refreshed = timed(predictor.refresh, [(models,)] * N_ROWS)
+    follower = compile_predictor(models, task=TASK)
+    followed = timed(lambda *row: join(models, *row), rows[:N_ROWS])
+    size = len(pickle.dumps(follower)) / 1e6
     return {
         "kernel": kernel,
         "n": n,
@@ -81,11 +85,12 @@ def measured(kernel, n):
         "predictor, us": 1e6 * np.median(seconds),
         "99th, us": 1e6 * np.quantile(seconds, 0.99),
         "std, us": 1e6 * np.median(timed(deviations.std, states[:20])),
-        "MB": len(pickle.dumps(predictor)) / 1e6,
+        "MB": size,
         "MB with std": len(pickle.dumps(deviations)) / 1e6,
         "a row, ms": 1e3 * np.median(joined),
         "a row for a row, ms": 1e3 * np.median(moved),
         "refresh, ms": 1e3 * np.median(refreshed),
+        "a row, followed, ms": 1e3 * np.median(followed),
     }
 
 

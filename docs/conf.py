@@ -10,6 +10,7 @@ import skmtgp
 
 sys.path.insert(0, str(Path(__file__).parent))  # for gallery_order and more
 from inventories import reachable
+from links import icons
 
 project = "skmtgp"
 author = "the skmtgp developers"
@@ -86,6 +87,7 @@ sphinx_gallery_conf = {
     "doc_module": ("skmtgp",),
     "backreferences_dir": "auto_examples/backreferences",  # "Examples using ..."
     "reference_url": {"skmtgp": None},
+    "remove_config_comments": True,  # which choose the pictures of the index
     "min_reported_time": 1,  # seconds
     "image_srcset": ["2x"],  # sharp on phones
     "parallel": 2,
@@ -111,6 +113,7 @@ html_context = {"default_mode": "auto"}
 html_theme_options = {
     "header_links_before_dropdown": 6,
     "navbar_center": ["navbar-nav", "coming-from"],
+    "icon_links": icons(Path(__file__).parents[1] / "pyproject.toml"),
     "navigation_with_keys": False,
     "show_prev_next": True,
     "secondary_sidebar_items": ["page-toc"],

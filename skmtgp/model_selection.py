@@ -30,6 +30,7 @@ from skmtgp._estimators.ranks_of_terms import (
     usual_ranks,
 )
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.inference.engines import repeats_rows
@@ -572,6 +573,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             model.best_estimator_._drop(max_rows)
         vars(model).pop("estimators_", None)
         self.__dict__ = vars(model)  # all at once, whatever fails before
+        tell(self)
         return self
 
     def log_marginal_likelihood(

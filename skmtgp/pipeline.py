@@ -128,7 +128,7 @@ def partial_fit(
     ----------
     model : estimator, or Pipeline that ends with one
         A MultiTaskGPRegressor, IndependentGP, PooledGP or RankSearchIC. It is changed
-        in place.
+        in place, and so are predictors that were compiled from it.
     X : array-like of shape (n_samples, n_features)
         Inputs, with the task labels, as `model` takes them.
     y : array-like of shape (n_samples,) or (n_samples, n_outputs)

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
+from copy import copy
+from threading import RLock
 from typing import Self
+from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +14,8 @@ from sklearn.base import BaseEstimator
 
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._plans import (
+    Source,
+    check_sources,
     chosen_of,
     common_tasks,
     described_of,
@@ -20,6 +25,9 @@ from skmtgp._plans import (
     sources_of,
     table_of,
 )
+from skmtgp._support.followers import follow as follow_model
+from skmtgp._support.followers import leave as leave_models
+from skmtgp._support.warnings import warn
 
 __all__ = ["CompiledPredictor", "compile_predictor"]
 
@@ -30,6 +38,7 @@ def compile_predictor(
     outputs: Sequence[Hashable] | None = None,
     *,
     std: bool = False,
+    follow: bool = True,
 ) -> CompiledPredictor:
     """Compile a fitted model into a fast function of one state.
 
@@ -53,12 +62,14 @@ def compile_predictor(
     std : bool, default=False
         Whether the predictor can compute the standard deviation. It then keeps the
         whole model.
+    follow : bool, default=True
+        Whether ``partial_fit`` of a model also refreshes the predictor, in place. If
+        not, its method ``refresh`` does.
 
     Returns
     -------
     predictor : CompiledPredictor
-        Function of one state, which can be pickled. Later changes of the model reach it
-        only through its method ``refresh``.
+        Function of one state, which can be pickled.
 
     Raises
     ------
@@ -82,6 +93,14 @@ def compile_predictor(
     :class:`~skmtgp.preprocessing.InverseDynamicsFeatures` are called as they are, and
     then take most of the time.
 
+    A predictor that follows its models is refreshed within ``partial_fit``, at its end.
+    Another thread that predicts meanwhile uses the old or the new state, never a
+    mixture. Of several models each counts as soon as it has the rows. If
+    ``partial_fit`` fails, the predictor stays as it was, too. Models are followed as
+    long as they exist. Copies do not follow: those that were pickled, for another
+    process say, keep what they know. ``fit`` makes another model, which is not
+    followed before `refresh` is called with it.
+
     Examples
     --------
     >>> import numpy as np
@@ -95,7 +114,7 @@ def compile_predictor(
     >>> bool(np.isclose(predictor([1.5]), model.predict([[1.5, 2]])))
     True
     """
-    return CompiledPredictor(model, task, outputs, std=std)
+    return CompiledPredictor(model, task, outputs, std=std, follow=follow)
 
 
 class CompiledPredictor:
@@ -111,6 +130,8 @@ class CompiledPredictor:
         Outputs to predict.
     std : bool, default=False
         Whether it can compute the standard deviation.
+    follow : bool, default=True
+        Whether ``partial_fit`` of a model refreshes it.
 
     Attributes
     ----------
@@ -150,12 +171,21 @@ class CompiledPredictor:
         outputs: Sequence[Hashable] | None = None,
         *,
         std: bool = False,
+        follow: bool = True,
     ) -> None:
         keys, sources = sources_of(model)
+        task = None if task is None else plain(task)
+        self._compile(keys, sources, task, outputs, std)
+        self._lock, self._followed = RLock(), None
+        if follow:
+            self._follow(keys, sources)
+
+    def _compile(self, keys, sources, task, outputs, std):
+        """Set what is called, for a task or for all."""
         chosen = chosen_of(keys, sources, outputs)
-        labels = common_tasks(sources) if task is None else [plain(task)]
-        self.task = None if task is None else labels[0]
-        self.tasks, self.outputs, self._asked = labels, list(chosen), outputs
+        labels = common_tasks(sources) if task is None else [task]
+        self.task, self.tasks = task, labels
+        self.outputs, self._asked = list(chosen), outputs
         self.n_features_in = sources[0].n_features
         self._shape = (self.n_features_in,)
         self._plans = plans_of(sources, list(chosen.values()), labels)
@@ -167,6 +197,53 @@ class CompiledPredictor:
         self._deviations = None
         if std:
             self._deviations = deviations_of(sources, list(chosen.values()), labels)
+
+    def _follow(self, keys, sources):
+        """Be told when one of these models has learned more."""
+        self._followed = keys, [(of.steps, ref(of.last), of.known) for of in sources]
+        for source in sources:
+            follow_model(source.last, self)
+            follow_model(source.last._model(), self)  # of a search its best one
+
+    def _catch_up(self):
+        """Take over what the models have learned, as one of them has told."""
+        with self._lock:
+            keys, parts = self._followed or (None, ())
+            parts = [(steps, last(), known) for steps, last, known in parts]
+            if not parts or any(last is None for _, last, _ in parts):
+                return
+            try:
+                sources = check_sources([Source(*part) for part in parts])
+                self._become(keys, sources)
+                self._follow(keys, sources)  # a search may have another model now
+            except (TypeError, ValueError) as error:
+                self._followed = None
+                warn(
+                    f"{self!r} stays as it is, and follows its models no more, because "
+                    f"it cannot take over what they are now: {error}",
+                    RuntimeWarning,
+                )
+
+    def _become(self, keys, sources):
+        """Predict by these models from now on, all at once."""
+        other, std = copy(self), self._deviations is not None
+        other._compile(keys, sources, self.task, self._asked, std)
+        self.__dict__ = vars(other) | {
+            "_lock": self._lock,
+            "_followed": self._followed,
+        }
+
+    def __getstate__(self):  # a copy follows nothing
+        return {**vars(self), "_lock": None, "_followed": None}
+
+    def __setstate__(self, state):
+        vars(self).update(state, _lock=RLock())
+
+    def _now(self):
+        """As it is now, whatever it learns before a call has ended."""
+        now = object.__new__(type(self))
+        now.__dict__ = self.__dict__  # which is replaced, never changed
+        return now
 
     def __repr__(self) -> str:
         tasks = f"task={self.task!r}"
@@ -200,11 +277,12 @@ class CompiledPredictor:
         y : ndarray of shape (n_outputs,)
             Predictions as of `predict`, in units of y.
         """
-        x = self._check(x)
+        now = self._now()
+        x = now._check(x)
         if descriptors is not None:
-            return self._predict_described(x, descriptors)
-        y = np.empty(len(self.outputs))
-        for plan in self._of_task(self._plans, task):
+            return now._predict_described(x, descriptors)
+        y = np.empty(len(now.outputs))
+        for plan in now._of_task(now._plans, task):
             values = plan.means(plan.features(x))[:, plan.k]
             y[plan.places] = plan.in_units(values)
         return y
@@ -222,10 +300,11 @@ class CompiledPredictor:
         y : ndarray of shape (n_tasks, n_outputs)
             Predictions in the order of `tasks`, in units of y.
         """
-        x, found = self._check(x), {}
-        y = np.empty((len(self.tasks), len(self.outputs)))
-        for row, task in zip(y, self.tasks, strict=True):
-            for plan in self._plans[task]:
+        now = self._now()
+        x, found = now._check(x), {}
+        y = np.empty((len(now.tasks), len(now.outputs)))
+        for row, task in zip(y, now.tasks, strict=True):
+            for plan in now._plans[task]:
                 key = plan.features, plan.means
                 if key not in found:
                     found[key] = plan.means(plan.features(x))
@@ -259,9 +338,10 @@ class CompiledPredictor:
             If the models do not have the same `task_descriptors`, or have a
             `target_transform`, after which predictions are not linear.
         """
-        x, plans = self._check(x), self._of_descriptors()[1]
-        constants = np.empty(len(self.outputs))
-        slopes = np.empty((len(self.outputs), self.descriptors.shape[1]))
+        now = self._now()
+        x, plans = now._check(x), now._of_descriptors()[1]
+        constants = np.empty(len(now.outputs))
+        slopes = np.empty((len(now.outputs), now.descriptors.shape[1]))
         for plan in plans:
             if plan.backs is not None:
                 raise ValueError(
@@ -323,11 +403,12 @@ class CompiledPredictor:
         ValueError
             If the predictor was compiled without ``std=True``.
         """
-        if self._deviations is None:
+        now = self._now()
+        if now._deviations is None:
             raise ValueError("Standard deviations need compile_predictor(std=True).")
-        x = self._check(x)
-        variances = np.empty(len(self.outputs))
-        for features, model, code, of in self._of_task(self._deviations, task):
+        x = now._check(x)
+        variances = np.empty(len(now.outputs))
+        for features, model, code, of in now._of_task(now._deviations, task):
             z, target = features(x), model._target
             given = getattr(model, "_descriptors", None)
             z = z if given is None else given.with_inputs(z, given.table[code])
@@ -343,7 +424,10 @@ class CompiledPredictor:
         | Sequence[BaseEstimator]
         | Mapping[Hashable, BaseEstimator],
     ) -> Self:
-        """Take over, in place, what a model has learned since.
+        """Take over, in place, what a model has learned since, or another model.
+
+        A predictor that follows its models does the first by itself, and then follows
+        those that are given.
 
         Parameters
         ----------
@@ -356,9 +440,12 @@ class CompiledPredictor:
             The same predictor. Other threads that predict meanwhile use either the old
             or the new model, never a mixture.
         """
-        std = self._deviations is not None
-        other = CompiledPredictor(model, self.task, self._asked, std=std)
-        self.__dict__ = vars(other)
+        keys, sources = sources_of(model)
+        with self._lock:
+            self._become(keys, sources)
+            if self._followed is not None:
+                leave_models(self)
+                self._follow(keys, sources)
         return self
 
     def _check(self, x):

@@ -174,7 +174,7 @@ def test_many_samples_without_noise_do_not_feign_certainty():
     model = MultiTaskGPRegressor(**DESCRIBED).fit(X, y)
     x = np.linspace(0.1, 5.9, 80)
     deviations = []
-    for floor in (0.0, 1e-2):
+    for floor in (0.0, 2e-2):
         found = TaskIdentifier(model, floor=floor).estimate(x[:, None], f(x, *ANOTHER))
         deviations.append(np.sqrt(np.diagonal(found[1])))
         assert np.abs(found[0] - ANOTHER).max() < 0.05

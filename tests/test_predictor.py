@@ -390,7 +390,7 @@ class TestRefresh:
     def test_in_place(self):
         X, y = draw()
         model = clone(MODELS["paper"]).fit(X, y)
-        predictor = compile_predictor(model, task=1, std=True)
+        predictor = compile_predictor(model, task=1, std=True, follow=False)
         x = Z[0, :2]
         before = predictor(x), predictor.std(x)
         model.partial_fit(Z, np.full(len(Z), 9.0))
@@ -404,7 +404,7 @@ class TestRefresh:
 
     def test_of_a_new_task(self):
         model = clone(MODELS["paper"]).fit(*draw())
-        predictor = compile_predictor(model)
+        predictor = compile_predictor(model, follow=False)
         model.partial_fit([[0.1, 0.2, 5]], [3.0])
         with pytest.raises(ValueError, match="task=5 is not one"):
             predictor([0.1, 0.2], 5)

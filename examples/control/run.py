@@ -13,6 +13,7 @@ core. The figure has the errors of one path. It needs Pinocchio and matplotlib.
 """
 
 import argparse
+import gc
 import json
 import pickle
 import time
@@ -241,6 +242,8 @@ def main():
     models = learned(loads[:SECOND], args.models, args.shaken)
     compared = controllers(models, loads, puma.target.std(axis=0))
     compared = {name: compared[name] for name in args.only or compared}
+    gc.collect()
+    gc.freeze()  # to look at all that is there by now would take a tenth of a second
     rng, rows, curves = np.random.default_rng(0), [], {}
     for path, speed in product(args.paths, args.speeds):
         reference = Reference(path, speed)

@@ -111,7 +111,7 @@ for station, color in zip("abc", COLORS, strict=False):
     of_station = X["station"] == station
     left.plot(X["hour"][of_station], y[of_station], "o", ms=3, color=color)
 left.legend(title="station")
-left.set(xlabel="hour", title="predictions: dense wide, kronecker dashed")
+left.set(xlabel="hour", ylabel="y", title="predictions: dense wide, kronecker dashed")
 for name, marker in zip(fits, "os", strict=True):
     right.loglog(table.index, 1000 * table[name], marker + "-", label=name)
 right.set(xlabel="samples of all stations", ylabel="ms", title="one likelihood")

@@ -77,3 +77,4 @@ _, ax = plt.subplots(figsize=(6, 4), layout="constrained")
 display = TaskCovarianceDisplay.from_estimator(
     models["mGP-BIC"], kind="correlation", deviations=True, ax=ax
 )
+# sphinx_gallery_thumbnail_number = 3

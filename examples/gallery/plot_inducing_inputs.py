@@ -83,6 +83,7 @@ for ax, choice in zip(axes, ("greedy", "k-means", "optimised"), strict=True):
     Z = model.inducing_inputs_[:, 0]
     ax.plot(Z, np.full(len(Z), -1.6), "|", ms=12, color="black", label="inducing")
     ax.set(xlabel="x", title=choice)
+axes[0].set_ylabel("y of the first sensor")
 lines, names = axes[0].get_legend_handles_labels()
 figure.legend(lines, names, loc="outside upper center", ncols=3, frameon=False)
 
@@ -96,3 +97,4 @@ errors = table["nMSE"].unstack()
 _, ax = plt.subplots(figsize=(5.5, 3.6), layout="constrained")
 errors.plot(ax=ax, marker="o", logy=True, xticks=errors.index)
 ax.set(xlabel="inducing inputs", ylabel="nMSE")
+# sphinx_gallery_thumbnail_number = 2

@@ -82,9 +82,10 @@ for ax, n_inducing in zip(axes[:2], (10, 20), strict=True):
     Z = model.inducing_inputs_[:, 0]
     ax.plot(Z, np.full(len(Z), -4.5), "|", ms=12, color="black")
     ax.set(xlabel="x", title=f"second sensor, {n_inducing} inducing inputs (|)")
+axes[0].set_ylabel("y")
 axes[2].plot(table["likelihood"], "s", ms=11, mfc="none", label="likelihood")
 axes[2].plot(table["bound"], "o-", label="bound")
-axes[2].set(xlabel="inducing inputs", xticks=table.index, title="nats, at one theta")
+axes[2].set(xlabel="inducing inputs", xticks=table.index, ylabel="nats, at one theta")
 axes[2].legend()
 
 # %%

@@ -68,6 +68,7 @@ for ax, (name, model) in zip(axes, models.items(), strict=True):
         ax.plot(line, y_line[rows], color=color, ls="--", lw=1)
         ax.plot(x[task == label], y[task == label], "o", color=color, ms=4)
     ax.set(title=name, xlabel="x")
+axes[0].set_ylabel("y")
 axes[0].legend()
 
 # %%

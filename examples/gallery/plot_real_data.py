@@ -149,6 +149,7 @@ for row, name in zip(axes, ("a shared kernel", "multi-task"), strict=True):
         ax.set(xlabel="", ylabel="absorbance")
 for ax in axes[1]:
     ax.set_xlabel("wavelength (nm)")
+# sphinx_gallery_thumbnail_number = 2
 
 # %%
 # How sure it should be

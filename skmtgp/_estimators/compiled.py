@@ -7,7 +7,7 @@ import pandas as pd
 
 from skmtgp._data.checks import locate
 from skmtgp._data.labels import check_labels
-from skmtgp.model._nodes import compile_kernel, fold, form_of
+from skmtgp.model._nodes import fold, form_of
 
 TOGETHER = 2**14  # values of a kernel at a time, which the cache holds
 
@@ -134,8 +134,7 @@ class Mean:
             self.constant += summand.constants * scale
             inputs, B = _collapsed(summand.inputs, summand.weights.T * scale)
             if len(B):
-                kernel = summand.kernel
-                bound = compile_kernel(kernel).bind(kernel.theta, inputs)
+                bound = summand.bind(inputs)
                 group = form_of(bound), inputs.shape, inputs.tobytes()
                 self.kernels.append((bound, B, group))
 

@@ -17,9 +17,11 @@ class JoiningGP(OnlineGP):
 
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
-        training, position = self._training().with_task(features, label, Y)
+        before = self._training()
+        training, position = before.with_task(features, label, Y)
+        training = self._incomplete(training)
         self._check_room(training)
-        self._check_kernels(training.features)
+        self._check_beside(before, training.features[len(before.Y) :])
         informed, engine = prior is not None, self._engine
         origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))
         update = self._updating(training, origin, engine)
@@ -57,7 +59,7 @@ class JoiningGP(OnlineGP):
         for likelihood, posterior, theta, data, trend in outputs:
             learn = self._border(likelihood, data, training, position, informed, trend)
             prior, mode = learn(posterior, theta)
-            prior = replace(prior, trend=trend)
+            prior = prior.with_trend(trend)
             more = likelihood, prior, data, position, posterior.kernel
             yield self._engine.joined(*more), mode
 

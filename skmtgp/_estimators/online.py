@@ -13,6 +13,7 @@ from skmtgp._data.checks import check_more, check_stream
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.followers import tell
 from skmtgp.inference.engine import Demand
 from skmtgp.inference.engines import Dense, choose
 from skmtgp.inference.memory import TileMemory
@@ -49,7 +50,8 @@ class OnlineGP(FittedGP):
         max_rows : int, default=None
             Number of rows to keep. If there are more, those are dropped that add least
             to what the others tell about the functions, new rows included. The last row
-            of a task stays. None keeps all. Only for dense inference.
+            of a task stays. None keeps all. Only dense inference can drop rows: "auto"
+            becomes dense where it must, and "kronecker" and "sparse" raise an error.
 
         Returns
         -------
@@ -73,11 +75,16 @@ class OnlineGP(FittedGP):
         that of one pass over the rows. The inducing inputs stay, and a new task gets
         its own.
 
-        With Kronecker products the covariances of the inputs and of the tasks are
+        With Kronecker products nothing is decomposed again as long as the new rows are
+        of tasks that have joined, and these have no more rows than there are inputs.
+        With other rows the covariances of the inputs and of the tasks are
         decomposed anew. Cells may be missing then. If more than a tenth are missing, or
         one is observed again, ``inference="auto"`` decomposes the covariance of all
         rows once and continues with dense inference. "kronecker" raises an error if a
         cell is observed again, or if half of the cells are missing.
+
+        Predictors that were compiled from this estimator are refreshed at the end, see
+        :func:`~skmtgp.compile_predictor`.
 
         In the attributes, new rows follow the earlier ones. Rows of new tasks follow
         the other rows of the same call.
@@ -106,6 +113,7 @@ class OnlineGP(FittedGP):
         if max_rows is not None:
             model._drop(max_rows)
         self.__dict__ = vars(model)  # all at once, whatever fails before
+        tell(self)
         return self
 
     def _refuse_exact_rows(self):
@@ -135,10 +143,11 @@ class OnlineGP(FittedGP):
         if before.descriptors is not None:
             features = before.descriptors.inputs(features)
         training = before.with_rows(features, codes, Y)
-        known = sample_rows(before.features)[:KNOWN]
-        self._check_kernels(np.vstack([known, sample_rows(features)]))
-        engine = self._engine
-        if engine.uses_design:  # of complete data, which may be so no more
+        self._check_beside(before, features)
+        engine, likelihood = self._engine, self._likelihoods[0]
+        if engine.extends(likelihood, codes):
+            training = self._incomplete(training)
+        elif engine.uses_design:  # of complete data, which may be so no more
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
@@ -148,10 +157,19 @@ class OnlineGP(FittedGP):
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
 
-    def _check_kernels(self, features):
-        """Raise a ValueError where a kernel is no covariance of these rows."""
+    def _incomplete(self, training):
+        """The data without a look for their design, where that is known to be none."""
+        likelihood, sizes = self._likelihoods[0], (len(training.Y), len(training.tasks))
+        if self._engine.lacks_cells(likelihood, *sizes):
+            return replace(training, looks_for_design=False)
+        return training
+
+    def _check_beside(self, before, features):
+        """Raise a ValueError where a kernel is no covariance of new and known rows."""
+        known = sample_rows(before.features, KNOWN)
+        X = np.vstack([known, sample_rows(features)])
         for posterior in self._posteriors:
-            check_covariance(posterior.kernel, features)
+            check_covariance(posterior.kernel, X)
 
     def _drop(self, max_rows):
         """Leave the rows out that tell least."""
@@ -191,12 +209,8 @@ class OnlineGP(FittedGP):
         `origin` says which of the rows so far each row is; -1 for new ones.
         """
         before, thetas = self._likelihoods, self._thetas()
-        likelihoods = [
-            engine.likelihood(
-                of.prior, data if engine.exact else replace(data, Z=of.inputs)
-            )
-            for of, data in zip(before, training.data(engine), strict=True)
-        ]
+        pairs = zip(before, training.data(engine), strict=True)
+        likelihoods = [engine.grown(*pair) for pair in pairs]
         _check_trend(likelihoods)
         update = self._updating(training, origin, engine)
         with limit_threads(max(likelihood.side for likelihood in likelihoods)):
@@ -218,6 +232,7 @@ class OnlineGP(FittedGP):
         origin = np.where(origin < 0, -1, position[origin])[training.order(engine)]
 
         def update(posterior, likelihood, theta):
+            likelihood.prior.keep_kernel(theta, posterior.kernel)
             return engine.updated(posterior, likelihood, theta, origin)
 
         return update
@@ -259,7 +274,8 @@ class OnlineGP(FittedGP):
             n_missing=missing,
             n_coefficients=self._likelihoods[0].prior.n_coefficients,
         )
-        return demand, TileMemory(self._posteriors[0].kernel, training.features[:1])
+        node, x = self._likelihoods[0].prior.node, training.features[:1]
+        return demand, TileMemory(self._posteriors[0].kernel, x, node)
 
 
 def _check_trend(likelihoods):

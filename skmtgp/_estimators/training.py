@@ -51,6 +51,8 @@ class Training:
         The same in the units of each output.
     known : Known, default=None
         What is known of the noise of each row, in squared units of Y.
+    looks_for_design : bool, default=True
+        Whether it is not known already that the data are not complete.
     """
 
     features: np.ndarray
@@ -65,10 +67,13 @@ class Training:
     slopes: Slopes | None = None
     trends: list[Trend] | None = None
     known: Known | None = None
+    looks_for_design: bool = True
 
     @cached_property
     def design(self):
         """The row of each input and task, -1 if missing; None unless most have one."""
+        if not self.looks_for_design:
+            return None
         return design_of(self.features, self.codes)
 
     @property

@@ -1,6 +1,7 @@
 """Independent pieces of work, one after another or side by side; threads of BLAS."""
 
 import contextlib
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import joblib
@@ -16,7 +17,10 @@ from skmtgp._support.progress import are_handled, keep_lines, pass_on
 SMALL = 600  # rows of a matrix
 
 
-ONE_THREAD = OneThread(ThreadpoolController().select(user_api="blas").lib_controllers)
+with warnings.catch_warnings():  # threadpoolctl's use of Pyodide warns, in a browser
+    warnings.filterwarnings("ignore", "JsProxy", RuntimeWarning)
+    LIBRARIES = ThreadpoolController().select(user_api="blas").lib_controllers
+ONE_THREAD = OneThread(LIBRARIES)
 
 
 def limit_threads(size):

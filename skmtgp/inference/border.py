@@ -46,6 +46,9 @@ class BorderLikelihood:
         Columns of a trend: those of the coefficients that the posterior knows or, where
         tasks have coefficients of their own, those of the new task's, which are
         integrated out.
+    error : float, default=0.0
+        Variance of an error of the model, a function of the novel task, relative to the
+        prior variance of the task.
 
     Attributes
     ----------
@@ -74,12 +77,14 @@ class BorderLikelihood:
         shared=None,
         equal=0.0,
         trend=None,
+        error=0.0,
     ):
         terms = [(factor, own, shared, equal)]
         if isinstance(factor, list):
             terms = list(zip(factor, own, shared, equal, strict=True))
         self.noise, self.level, self.y = noise, np.full((len(y),) * 2, level), y
         self.K_x = np.array([kernel(X) for kernel in terms_of(posterior.kernel)])
+        self.with_error = 1.0 + error
         self.fixed, self.half_of_fixed = np.empty(len(terms)), 0.0
         means, halves = zip(
             *(self._of_term(posterior, X, q, *of) for q, of in enumerate(terms)),
@@ -156,7 +161,7 @@ class BorderLikelihood:
         value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
         G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
         slopes = np.array([np.vdot(G, K_x) for K_x in self.K_x])
-        gradient = slopes[self.of_term] * row
+        gradient = self.with_error * slopes[self.of_term] * row
         gradient[: self.rank] += self.means @ alpha
         gradient[: self.rank] -= np.tensordot(
             self.halves, self.signs * half @ G, axes=2
@@ -169,7 +174,7 @@ class BorderLikelihood:
         Of a Gaussian: dmean_p^T S^{-1} dmean_q + 1/2 tr(S^{-1} dS_p S^{-1} dS_q).
         """
         S, half = self._covariance(row)
-        dS = 2.0 * row[:, None, None] * self.K_x[self.of_term]
+        dS = 2.0 * self.with_error * row[:, None, None] * self.K_x[self.of_term]
         between = (self.signs * half).T @ self.halves  # of each latent function
         dS[: self.rank] -= between + between.swapaxes(1, 2)
         inverse = np.linalg.pinv(S, hermitian=True)
@@ -196,10 +201,115 @@ class BorderLikelihood:
         half = self.half_of_fixed
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
         squares = np.bincount(self.of_term, np.square(row), len(self.K_x))
-        S = np.tensordot(squares + self.fixed, self.K_x, axes=1)
+        S = np.tensordot(self.with_error * (squares + self.fixed), self.K_x, axes=1)
         S += self.level - (self.signs * half).T @ half
         S.flat[:: len(S) + 1] += self.noise
         return S, half
+
+    def pairs(self):
+        """The same likelihood at many borders at once, without the old rows."""
+        return PairedBorder(self)
+
+
+class PairedBorder:
+    r"""The likelihood of a border by the covariances of pairs of latent functions.
+
+    With :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`, and w counted among
+    the l, of a function that the old tasks tell nothing of,
+
+    .. math:: S = \sum_{ab} l_a l_b C_{ab} + \sum_a l_a (D_a + D_a^T) + S_0.
+
+    However many the old rows are, each border takes :math:`O(r n^3 + r^2 n^2)`, n being
+    the number of samples.
+
+    Parameters
+    ----------
+    border : BorderLikelihood
+        The likelihood.
+
+    Attributes
+    ----------
+    C : ndarray of shape (n_row, n_row, n_samples, n_samples)
+        C_ab.
+    D : ndarray of shape (n_row, n_samples, n_samples)
+        Covariances with what the novel task shares with all.
+    S_0 : ndarray of shape (n_samples, n_samples)
+        S of a border of zeros.
+    """
+
+    def __init__(self, border):
+        n, n_row = len(border.y), border.rank + border.own
+        self.y, self.means = border.y, np.zeros((n_row, n))
+        self.means[: border.rank] = border.means
+        halves = np.zeros((n_row, *border.halves.shape[1:]))
+        halves[: border.rank] = border.halves
+        flat = halves.transpose(1, 0, 2).reshape(halves.shape[1], -1)
+        signed = (border.signs * flat).T
+        told = (signed @ flat).reshape(n_row, n, n_row, n)
+        self.C, each = -told.transpose(0, 2, 1, 3), np.arange(n_row)
+        self.C[each, each] += border.with_error * border.K_x[border.of_term]
+        self.C = np.ascontiguousarray(self.C)
+        fixed = np.broadcast_to(border.half_of_fixed, halves.shape[1:])
+        self.D = -(signed @ fixed).reshape(n_row, n, n)
+        self.S_0, _ = border._covariance(np.zeros(n_row))
+
+    def evaluate(self, rows):
+        """Log densities, gradients and Hessians.
+
+        Parameters
+        ----------
+        rows : ndarray of shape (n_borders, n_row)
+            Borders.
+
+        Returns
+        -------
+        values : ndarray of shape (n_borders,)
+            -inf where one cannot be computed; its derivatives are nan.
+        gradients : ndarray of shape (n_borders, n_row)
+        hessians : ndarray of shape (n_borders, n_row, n_row)
+        """
+        (n_row, n), n_rows = self.means.shape, len(rows)
+        told = (rows @ self.C.reshape(n_row, -1)).reshape(n_rows, n_row, n, n)
+        half_dS = told.swapaxes(2, 3) + self.D
+        S = (half_dS + self.D.swapaxes(1, 2)).reshape(n_rows, n_row, -1)
+        W, log_det = _whitening((rows[:, None] @ S).reshape(-1, n, n) + self.S_0)
+        rest = np.einsum("kij,kj->ki", W, self.y - rows @ self.means)
+        values = log_density(np.square(rest).sum(axis=1), log_det, len(self.y))
+        values[np.isnan(values)] = -np.inf
+        dS = half_dS + half_dS.swapaxes(2, 3)
+        T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]  # relative to S
+        dm = self.means @ W.swapaxes(1, 2)
+        pull = np.einsum("kaij,kj->kai", T, rest)
+        gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
+        gradients -= 0.5 * np.einsum("kaii->ka", T)
+        return values, gradients, self._hessians(W, rest, T, dm + pull)
+
+    def _hessians(self, W, rest, T, along):
+        """Second derivatives: those of the first ones, and those of S."""
+        alpha = np.einsum("kij,ki->kj", W, rest)
+        G = alpha[:, :, None] * alpha[:, None] - W.swapaxes(1, 2) @ W
+        T = T.reshape(*T.shape[:2], -1)
+        hessians = 0.5 * T @ T.swapaxes(1, 2) - along @ along.swapaxes(1, 2)
+        n_row = len(self.C)
+        by_pair = G.reshape(len(G), -1) @ self.C.reshape(n_row**2, -1).T
+        return hessians + by_pair.reshape(-1, n_row, n_row)
+
+
+def _whitening(S):
+    """W with W S W^T = I and log|S| of each; nan where S is not positive definite."""
+    try:
+        L = np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        L = np.stack([_cholesky_or_nan(of) for of in S])
+    log_det = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
+    return np.linalg.solve(L, np.broadcast_to(np.eye(S.shape[1]), S.shape)), log_det
+
+
+def _cholesky_or_nan(S):
+    try:
+        return np.linalg.cholesky(S)
+    except np.linalg.LinAlgError:
+        return np.full_like(S, np.nan)
 
 
 def contrasts(T):

@@ -6,7 +6,7 @@ The estimators' parameter `inference` takes an instance of any subclass.
 """
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from sklearn.gaussian_process.kernels import WhiteKernel
@@ -198,6 +198,55 @@ class Engine(ABC):
         likelihood : Likelihood
         """
         return self.likelihood(prior, data)
+
+    def extends(self, likelihood, codes):
+        """Return whether rows can join a likelihood without asking for another engine.
+
+        Parameters
+        ----------
+        likelihood : Likelihood
+            Likelihood of the rows so far, made by this engine.
+        codes : ndarray of shape (n_new,)
+            Tasks of the new rows.
+
+        Returns
+        -------
+        extends : bool
+        """
+        return not self.uses_design
+
+    def lacks_cells(self, likelihood, n_samples, n_tasks):
+        """Return whether data are surely too incomplete to look for their design.
+
+        Parameters
+        ----------
+        likelihood : Likelihood
+            Likelihood of fewer rows or tasks, made by this engine.
+        n_samples, n_tasks : int
+            Numbers of the rows and tasks now.
+
+        Returns
+        -------
+        lacks_cells : bool
+        """
+        return False
+
+    def grown(self, likelihood, data):
+        """Return the likelihood of other rows at the same prior.
+
+        Parameters
+        ----------
+        likelihood : Likelihood
+            Likelihood of the rows so far.
+        data : Data
+            All observations.
+
+        Returns
+        -------
+        likelihood : Likelihood
+        """
+        data = data if self.exact else replace(data, Z=likelihood.inputs)
+        return self.likelihood(likelihood.prior, data)
 
     def updated(self, posterior, likelihood, theta, origin):
         """Return the posterior of a likelihood that shares rows with another one.

@@ -20,7 +20,7 @@ from skmtgp.inference.engine import (
     depends_on_inputs_only,
     refuse_own_noise,
 )
-from skmtgp.inference.extended import ExtendedLikelihood
+from skmtgp.inference.extended import ExtendedLikelihood, ExtendedPosterior
 from skmtgp.inference.inducing import check_differentiable, greedy_variance
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.inference.memory import (
@@ -117,10 +117,46 @@ class Kronecker(Engine):
         unless it is less to eliminate the cells that they lack.
         """
         novel = [m + (m >= position) for m in likelihood.novel] + [position]
+        return self._extended(likelihood, prior, data, novel)
+
+    def _extended(self, likelihood, prior, data, novel):
+        """The likelihood of the same complete data and all rows of novel tasks."""
         n_novel = np.isin(data.tasks, novel).sum()
         if data.design is not None and count_missing(data.design) <= n_novel:
             return self.likelihood(prior, data)
-        return ExtendedLikelihood(prior, data.X, data.tasks, data.y, novel)
+        base = getattr(likelihood, "base", likelihood)
+        return ExtendedLikelihood(prior, data.X, data.tasks, data.y, novel, base)
+
+    def extends(self, likelihood, codes):
+        """Whether rows are of novel tasks, which have no more than there are inputs.
+
+        With more of them S takes longer than a factor of all rows that is updated.
+        """
+        if not likelihood.novel or not np.isin(codes, likelihood.novel).all():
+            return False
+        return len(likelihood.new) + len(codes) <= len(likelihood.base.inputs)
+
+    def grown(self, likelihood, data):
+        """The likelihood with more rows, which may be of novel tasks alone."""
+        prior, novel = likelihood.prior, likelihood.novel
+        n_base = len(data) - np.isin(data.tasks, novel).sum()
+        if novel and n_base == len(likelihood.base.y):
+            return self._extended(likelihood, prior, data, novel)
+        return self.likelihood(prior, data)
+
+    def lacks_cells(self, likelihood, n_samples, n_tasks):
+        """Whether there are more missing cells than novel rows, however these lie."""
+        base = getattr(likelihood, "base", likelihood)
+        n_missing = len(base.inputs) * n_tasks - n_samples
+        return n_missing > n_samples - len(base.y)
+
+    def updated(self, posterior, likelihood, theta, origin):
+        """The posterior, with the other rows not decomposed again."""
+        before = getattr(posterior, "base", posterior)
+        base = getattr(likelihood, "base", None)
+        if base is not None and base.rows is before.rows:
+            return ExtendedPosterior(likelihood, theta, before)
+        return likelihood.posterior(theta)
 
     def side(self, data):
         """Rows of the largest matrices that learning decomposes."""

@@ -29,6 +29,8 @@ class ExtendedLikelihood(EigenLikelihood):
         See KroneckerLikelihood.
     novel : sequence of int
         The novel tasks.
+    base : KroneckerLikelihood, default=None
+        Of the other tasks, in a model where some of the novel ones are not known yet.
 
     Attributes
     ----------
@@ -40,11 +42,14 @@ class ExtendedLikelihood(EigenLikelihood):
         Those of the complete data, then those of the other rows.
     """
 
-    def __init__(self, prior, X, tasks, y, novel):
+    def __init__(self, prior, X, tasks, y, novel, base=None):
         is_novel = np.isin(tasks, novel)
         self.old, self.new = np.flatnonzero(~is_novel), np.flatnonzero(is_novel)
         self.novel, old = list(novel), self.old
-        self.base = KroneckerLikelihood(prior, X[old], tasks[old], y[old])
+        if base is None:
+            self.base = KroneckerLikelihood(prior, X[old], tasks[old], y[old])
+        else:
+            self.base = base.with_tasks(prior, tasks[old], y[old])
         self.observed, self.n_missing = self.base.observed, self.base.n_missing
         inputs = np.vstack([self.base.inputs, X[self.new]])
         super().__init__(prior, X, tasks, y, inputs)
@@ -108,6 +113,8 @@ class ExtendedPosterior(Posterior):
         Where the data and the model's form come from.
     theta : ndarray of shape (n_theta,)
         Parameters.
+    base : KroneckerPosterior, default=None
+        Given the complete data alone, in a model of perhaps fewer tasks.
 
     Attributes
     ----------
@@ -117,11 +124,15 @@ class ExtendedPosterior(Posterior):
         Of S.
     """
 
-    def __init__(self, likelihood, theta):
+    def __init__(self, likelihood, theta, base=None):
         super().__init__(likelihood, theta)
         self.old, self.new = likelihood.old, likelihood.new
         self.X, tasks = likelihood.X[self.new], self.tasks[self.new]
-        self.base = base = likelihood.base.posterior(theta)
+        if base is None:
+            base = likelihood.base.posterior(theta)
+        else:
+            base = base.with_tasks(likelihood.base, theta)
+        self.base = base
         S = base.covariance(self.X, tasks) + np.diag(self.noise[self.new])
         self.cholesky = cholesky_with_jitter(lambda: S.copy(order="F"))
         self.jitter = np.zeros(len(self.tasks))

@@ -5,6 +5,7 @@ Of q missing cells it takes O(q N M (q + N)) and O(q (q + N)) more.
 """
 
 from abc import abstractmethod
+from copy import copy
 
 import numpy as np
 
@@ -149,6 +150,26 @@ class KroneckerLikelihood(EigenLikelihood):
         self.cells, self.Y = np.nonzero(~there), np.where(there, y[self.rows], 0.0)
         self.n_missing = len(self.cells[0])
 
+    def with_tasks(self, prior, tasks, y):
+        """The same data in a model that has more tasks, without data.
+
+        Parameters
+        ----------
+        prior : Prior
+            Of all tasks.
+        tasks, y : ndarray of shape (n_samples,)
+            Positions of the tasks there, and the targets.
+
+        Returns
+        -------
+        likelihood : KroneckerLikelihood
+        """
+        likelihood = copy(self)
+        likelihood.prior, likelihood.tasks, likelihood.y = prior, tasks, y
+        likelihood.observed = np.unique(tasks)
+        likelihood.Y = np.where(self.rows >= 0, y[self.rows], 0.0)
+        return likelihood
+
     def posterior(self, theta):
         """The posterior of f given y.
 
@@ -228,6 +249,29 @@ class KroneckerPosterior(Posterior):
         self.of_levels = eigen.levels.means(rotated) if eigen.levels else 0.0
         self._set_means()
 
+    def with_tasks(self, likelihood, theta):
+        """The posterior in a model of more tasks, with nothing decomposed again.
+
+        Parameters
+        ----------
+        likelihood : KroneckerLikelihood
+            Of the same data and more tasks, see there.
+        theta : ndarray of shape (n_theta,)
+            Parameters, the same but for those of tasks without data.
+
+        Returns
+        -------
+        posterior : KroneckerPosterior
+        """
+        posterior, prior = copy(self), likelihood.prior
+        posterior.prior, posterior.theta = prior, theta
+        posterior.K_rho = prior.K_rho_at(theta)
+        posterior.tasks, posterior.observed = likelihood.tasks, likelihood.observed
+        posterior.noise = likelihood.noise_of_rows(prior.values(theta).noise)
+        posterior._set_largest()
+        posterior._set_means()
+        return posterior
+
     def _set_means(self):
         """What the means are made of; levels keep digits as their own means."""
         super()._set_means()
@@ -239,9 +283,9 @@ class KroneckerPosterior(Posterior):
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
-        of_tasks = factor[self.observed]
-        means = of_tasks.T @ self.A.T @ self.cross(X).T
-        halves = [self.half(X, row[:, None]) for row in of_tasks.T]
+        of_tasks, cross = factor[self.observed], self.cross(X)
+        means, along = of_tasks.T @ self.A.T @ cross.T, cross @ self.eigen.U
+        halves = [self._half(along, row[:, None]) for row in of_tasks.T]
         return means, np.stack(halves)
 
     def half(self, X, loadings):
@@ -259,8 +303,12 @@ class KroneckerPosterior(Posterior):
         half : ndarray of shape (n_train, n_samples)
             Its rows are in the order of the eigenvalues.
         """
-        rotated = self._along_x(X)[..., None] * (self.eigen.W.T @ loadings).T[:, None]
-        return self.eigen.half(rotated).reshape(len(X), -1).T
+        return self._half(self._along_x(X), loadings)
+
+    def _half(self, along_x, loadings):
+        """The same, from how the rows are along the eigenvectors."""
+        rotated = along_x[..., None] * (self.eigen.W.T @ loadings).T[:, None]
+        return self.eigen.half(rotated).reshape(len(along_x), -1).T
 
     def explained(self, X, tasks):
         """What the data take off the variance of f, of shape (n_samples,)."""

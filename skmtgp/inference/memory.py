@@ -6,7 +6,7 @@ from skmtgp._numerics.parallel import SMALL, count_threads
 from skmtgp.inference.likelihood import FISHER_ROWS, rows_of_information
 from skmtgp.inference.sparse import BLOCK
 from skmtgp.inference.tiles import TILE
-from skmtgp.model._nodes import count_arrays, count_elements
+from skmtgp.model._nodes import compile_kernel, count_arrays, count_elements
 from skmtgp.model.several import terms_of
 
 WORK = 8  # arrays of a tile that come and go, at most
@@ -29,6 +29,8 @@ class TileMemory:
         k^x.
     x : ndarray of shape (1, n_features)
         An input.
+    node : Node, default=None
+        The kernel's fast form, where it is there already.
 
     Attributes
     ----------
@@ -36,8 +38,9 @@ class TileMemory:
         Arrays of a tile until its gradient is contracted.
     """
 
-    def __init__(self, kernel, x):
-        self.kernel, self.n_arrays = kernel, count_arrays(kernel, x)
+    def __init__(self, kernel, x, node=None):
+        self.kernel, self.node = kernel, node or compile_kernel(kernel)
+        self.n_arrays = count_arrays(kernel, x, self.node)
 
     def of_triangle(self, n_rows, n_climbs):
         """Bytes of exact inference: one triangle of tiles, and work on some of them.
@@ -57,7 +60,7 @@ class TileMemory:
         n_tiles = max(1, -(-n_rows // TILE))
         side = -(-n_rows // n_tiles)
         kept = 0.5 * n_tiles * (n_tiles + 1) * self.n_arrays * side**2
-        work = WORK * side**2 + count_elements(self.kernel, side)
+        work = WORK * side**2 + count_elements(self.kernel, side, self.node)
         n_threads = 1 if n_rows < SMALL else min(count_threads(), n_tiles)
         return 8.0 * (n_climbs * kept + max(n_climbs, n_threads) * work)
 
@@ -85,7 +88,7 @@ class TileMemory:
         """
         size = min(n_rows, BLOCK)
         arrays = (self.n_arrays + WORK * self.n_terms) * n_inducing * size
-        return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size))
+        return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size, self.node))
 
 
 def check_memory(demand, tiles, n_rows, *, rows, n_matrices, n_of_tasks=0, why=""):
@@ -224,8 +227,10 @@ def _of_tasks(demand, n_climbs, n_parameters):
 def _of_information(demand, kernel, n_climbs):
     """Bytes of the Fisher information with which climbs of many tasks begin."""
     n_rows = rows_of_information(demand.n_samples, demand.n_tasks)
+    if n_rows <= FISHER_ROWS:
+        return 0.0
     n_matrices = OF_INFORMATION + 3 * kernel.n_dims + 2 * demand.rank
-    return _matrices(n_rows, n_matrices * n_climbs) if n_rows > FISHER_ROWS else 0.0
+    return _matrices(n_rows, n_matrices * n_climbs)
 
 
 def _at_a_time(n_climbs):

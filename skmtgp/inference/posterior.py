@@ -1,7 +1,9 @@
 """What the posteriors share: means in tiles, variances, leave-one-out."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from copy import copy
+from functools import cached_property, partial
 from itertools import starmap
 from typing import NamedTuple
 
@@ -14,7 +16,6 @@ from skmtgp.inference.flat import WithCoefficients
 from skmtgp.inference.variances import (
     diagonal,
     in_blocks,
-    largest_prior,
     rounding_of,
     without_negatives,
 )
@@ -38,12 +39,15 @@ class Summand(NamedTuple):
         Of each task.
     constants : ndarray of shape (n_tasks,)
         Of each task.
+    bind : callable
+        Of inputs: the fast form of the kernel between rows and these.
     """
 
     kernel: Kernel
     inputs: np.ndarray
     weights: np.ndarray
     constants: np.ndarray
+    bind: Callable
 
 
 class Posterior(WithCoefficients, ABC):
@@ -101,10 +105,17 @@ class Posterior(WithCoefficients, ABC):
         self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = likelihood.noise_of_rows(values.noise)
-        self.largest = self.level + sum(
-            largest_prior(K_rho, kernel, likelihood.inputs)
-            for kernel, K_rho in self.terms
-        )
+        self._set_largest()
+
+    @cached_property
+    def largest_of_k(self):
+        """Largest value of the k^x of each term, over the training inputs."""
+        return [kernel.diag(self.inputs).max() for kernel in terms_of(self.kernel)]
+
+    def _set_largest(self):
+        pairs = zip(self.terms, self.largest_of_k, strict=True)
+        of_terms = [np.diagonal(K_rho).max() * of_k for (_, K_rho), of_k in pairs]
+        self.largest = self.level + float(sum(of_terms))
 
     @property
     def n_tasks(self):
@@ -221,9 +232,9 @@ class Posterior(WithCoefficients, ABC):
         constants = np.zeros((len(of_terms), len(tasks)))
         constants[0] = self.levels[tasks]
         return [
-            Summand(kernel, self.inputs, weights[tasks], of_term)
-            for (kernel, _), weights, of_term in zip(
-                self.terms, of_terms, constants, strict=True
+            Summand(kernel, self.inputs, weights[tasks], of_term, bind)
+            for (kernel, bind), weights, of_term in zip(
+                kernels_of(self), of_terms, constants, strict=True
             )
         ]
 
@@ -345,6 +356,14 @@ class Posterior(WithCoefficients, ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
+
+
+def kernels_of(posterior):
+    """k^x of each term, and what binds its fast form to inputs."""
+    prior = posterior.prior
+    of_terms = prior.kernels_with(prior.values(posterior.theta).kernel)
+    binds = [partial(node.bind, theta) for _, node, theta in of_terms]
+    return list(zip(terms_of(posterior.kernel), binds, strict=True))
 
 
 def loadings_of(prior, theta, n_unseen, described):

@@ -7,7 +7,7 @@ import numpy as np
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.flat import Coefficients, WithCoefficients
-from skmtgp.inference.posterior import Summand, bordered, loadings_of
+from skmtgp.inference.posterior import Summand, bordered, kernels_of, loadings_of
 from skmtgp.inference.restricted import Means, unexplained
 from skmtgp.inference.variances import (
     diagonal,
@@ -175,9 +175,9 @@ class SparsePosterior(WithCoefficients):
         constants = np.zeros((len(of_terms), len(tasks)))
         constants[0] = self.levels[tasks]
         return [
-            Summand(kernel, self.features.Z, weights.T, of_term)
-            for (kernel, _), weights, of_term in zip(
-                self.terms, of_terms, constants, strict=True
+            Summand(kernel, self.features.Z, weights.T, of_term, bind)
+            for (kernel, bind), weights, of_term in zip(
+                kernels_of(self), of_terms, constants, strict=True
             )
         ]
 

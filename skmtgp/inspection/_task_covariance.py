@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal, Self
 
@@ -174,7 +175,8 @@ class TaskCovarianceDisplay(Display):
 
     def _write_values(self, matrix, kind, include_values):
         """Values in the cells, light on dark."""
-        texts = [[_format(value, kind) for value in row] for row in matrix]
+        text = _format_of(matrix, kind)
+        texts = [[text(value) for value in row] for row in matrix]
         widest = max(longest(row) for row in texts)
         room = points(self.ax_.xaxis) / len(matrix)
         size = min(letter_size(), 0.4 * room, 1.4 * room / widest)
@@ -272,6 +274,15 @@ def _by_similarity(R) -> NDArray[np.intp]:
     return leaves_list(linkage(distance, "average", optimal_ordering=True))
 
 
-def _format(value, kind):
-    text = f"{value:.2f}" if kind == "correlation" else f"{value:.2g}"
-    return text.replace("-", "\N{MINUS SIGN}")  # as on matplotlib's axes
+def _format_of(matrix, kind):
+    """One format for all values: they are compared at a glance."""
+    variances = np.diag(matrix)[np.diag(matrix) > 0.0]
+    if kind == "correlation" or not len(variances):
+        spec = ".2f"
+    elif 1e-3 <= variances.max() < min(1e4, 100.0 * variances.min()):
+        power = math.floor(math.log10(variances.max()))
+        spec = f".{max(0, 1 - power + (power >= 0))}f"
+    else:
+        spec = ".1e"
+    # The sign is that of matplotlib's axes.
+    return lambda value: f"{value:{spec}}".replace("-", "\N{MINUS SIGN}")

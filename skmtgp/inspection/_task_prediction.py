@@ -47,6 +47,8 @@ class TaskPredictionDisplay(Display):
         Label of the horizontal axis.
     level : float, default=0.95
         Probability of the intervals.
+    target : str, default="y"
+        Label of the vertical axis.
 
     Attributes
     ----------
@@ -92,12 +94,14 @@ class TaskPredictionDisplay(Display):
         truth: pd.DataFrame | None = None,
         feature: str = "x",
         level: float = 0.95,
+        target: str = "y",
     ) -> None:
         self.curves = curves
         self.points = points
         self.truth = truth
         self.feature = feature
         self.level = level
+        self.target = target
 
     def plot(
         self,
@@ -143,6 +147,7 @@ class TaskPredictionDisplay(Display):
         self.lines_, self.bands_, self.observed_, self.truths_ = [], [], [], []
         for panel, task in zip(self.axes_, tasks, strict=True):
             self._draw(panel, task)
+            self._label(panel, task)
         if ax is None:
             handles = [self.bands_[0], self.lines_[0], self.observed_[0]]
             handles += [line for line in self.truths_ if line is not None][:1]
@@ -176,12 +181,18 @@ class TaskPredictionDisplay(Display):
             self.truths_ += ax.plot(truth["x"], truth["y"], **style)
         style = {"color": "0.35", "ms": 3, "mew": 0, "label": "observed"}
         self.observed_ += ax.plot(points["x"], points["y"], "o", **style)
+
+    def _label(self, ax, task):
+        """The title, and the axes that have no panel below or to the left."""
         ax.set_title(str(task), fontsize="medium")
         numbers = ax.yaxis.get_major_formatter()
         if hasattr(numbers, "set_useOffset"):  # it would be written over the title
             numbers.set_useOffset(False)
         if ax.xaxis.get_tick_params()["labelbottom"]:  # nothing is below
             ax.set_xlabel(self.feature)
+        place = ax.get_subplotspec()
+        if place is None or place.is_first_col():
+            ax.set_ylabel(self.target)
 
     @classmethod
     def from_estimator(
@@ -211,7 +222,7 @@ class TaskPredictionDisplay(Display):
         X : array-like of shape (n_samples, n_features)
             Inputs of the observations, as the estimator takes them.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
-            Targets of the observations.
+            Targets of the observations. The vertical axis has their name, if any.
         feature : int or str, default=None
             Position or name of the feature of the horizontal axis. None takes the only
             one besides the task and its descriptors.
@@ -274,6 +285,7 @@ class TaskPredictionDisplay(Display):
             truth=None if truth is None else true,
             feature=str(table.frame.columns[table.feature]),
             level=level,
+            target=_name_of(y, output),
         )
         display.color = color_of(estimator)
         return display.plot(ax=ax, n_cols=n_cols, sharey=sharey)
@@ -340,6 +352,13 @@ class _Table(NamedTuple):
         labels = np.repeat(np.array([*tasks, None], dtype=object)[:-1], n_points)
         frame = pd.concat(parts, ignore_index=True)
         return self._replace(frame=frame, labels=labels)
+
+
+def _name_of(y, output):
+    """The name of the target, "y" if it has none."""
+    columns = getattr(y, "columns", None)
+    name = getattr(y, "name", None) if columns is None else columns[output]
+    return "y" if name is None else str(name)
 
 
 def _position(frame, feature, of_tasks):

@@ -36,8 +36,8 @@ class Output(NamedTuple):
         Targets.
     noise : ndarray of shape (n_tasks + 1,)
         Noise variance of the samples of each task, and of another one.
-    own : float
-        Variance of the model's own error, in units of k^x.
+    error : float
+        Variance of the model's own error, relative to a task's prior variance.
     factor : ndarray of shape (n_tasks, rank)
         F.
     row : pair of ndarrays of shape (rank,) and (rank, n_u)
@@ -48,7 +48,7 @@ class Output(NamedTuple):
     X: np.ndarray
     y: np.ndarray
     noise: np.ndarray
-    own: float
+    error: float
     factor: np.ndarray
     row: tuple[np.ndarray, np.ndarray]
 
@@ -69,7 +69,8 @@ class Output(NamedTuple):
             own=False,
             level=self.posterior.level,
             shared=self.prior.shared_loading(theta),
-            equal=self.own + self.unshared(),
+            equal=self.unshared(),
+            error=self.error,
         )
 
     def unshared(self):
@@ -81,7 +82,8 @@ class Output(NamedTuple):
         """Log density of the samples as those of a known task."""
         tasks = np.full(len(self.X), task)
         covariance = self.posterior.covariance(self.X, tasks)
-        covariance += self.own * self.posterior.kernel(self.X)
+        own = self.error * self.posterior.K_rho[task, task]
+        covariance += own * self.posterior.kernel(self.X)
         covariance.flat[:: len(covariance) + 1] += self.noise[task]
         return log_normal(self.y, self.posterior.mean(self.X, tasks), covariance)
 
@@ -93,7 +95,8 @@ class Output(NamedTuple):
             tasks = np.full(n, task)
             means[:, task] = self.posterior.mean(self.X, tasks)
             variances[:, task] = self.posterior.variance(self.X, tasks)
-        variances[:, :-1] += self.own * diagonal[:, None]
+        of_tasks = self.error * np.diagonal(self.posterior.K_rho)
+        variances[:, :-1] += np.outer(diagonal, of_tasks)
         means[:, -1], variances[:, -1] = self._another()
         variances += self.noise
         z = np.square(self.y[:, None] - means) / variances
@@ -114,7 +117,8 @@ class Output(NamedTuple):
         means, halves = self.posterior.latent(self.X, factor)
         second = np.outer(c, c) + spread
         told = np.einsum("ab,aij,bij->j", second, halves, halves, optimize=True)
-        variance = (np.trace(second) + self.own + self.unshared()) * self._diagonal()
+        prior = (1.0 + self.error) * (np.trace(second) + self.unshared())
+        variance = prior * self._diagonal()
         variance += np.einsum("ai,ab,bi->i", means, spread, means)
         return c @ means, np.maximum(variance - told, 0.0) + self.posterior.level
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.hmc import sample
+from skmtgp._numerics.newton import minimize_all
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.problem import Mode
@@ -235,8 +236,8 @@ class Population:
         return self.mean + self.scale @ u
 
     def coordinates(self, row):
-        """The coordinates of a row."""
-        return np.linalg.solve(self.scale, row - self.mean)
+        """The coordinates of a row, or of some, which are columns then."""
+        return np.linalg.solve(self.scale, (row.T - self.mean).T)
 
     def log_prior(self, u):
         """Log density of u but for a constant, and its gradient."""
@@ -244,6 +245,17 @@ class Population:
         distance, gradient = 1.0 + shared @ shared / nu, np.zeros_like(u)
         gradient[: self.rank] = -(nu + self.rank) / nu / distance * shared
         return -0.5 * (nu + self.rank) * np.log(distance), gradient
+
+    def log_priors(self, U):
+        """The same of many u, with Hessians."""
+        n_row, nu, of_l = U.shape[1], self.degrees_of_freedom, slice(self.rank)
+        shared, weight = np.where(np.arange(n_row) < self.rank, U, 0.0), nu + self.rank
+        distance = 1.0 + np.square(shared).sum(axis=1) / nu
+        scaled = shared / (nu * distance[:, None])
+        hessians = 2.0 * weight * scaled[:, :, None] * scaled[:, None]
+        flat = weight / (nu * distance)
+        hessians[:, of_l, of_l] -= flat[:, None, None] * np.eye(self.rank)
+        return -0.5 * weight * np.log(distance), -weight * scaled, hessians
 
 
 def _negative_density(border, rows, informed, u):
@@ -285,26 +297,57 @@ def learn_border(border, factor, budget, *, informed, rng=None):
         there is one; evaluations of all.
     """
     rows = Population(factor, border.own)
-    objective = partial(_negative_density, border, rows, informed)
-    metric = partial(_information, border, rows)
     upper = np.full_like(rows.lower, TUNING.farthest)
     own = TUNING.first * rows.scale[-1, -1] if border.own else 0.0
-    starts = [
-        np.clip(rows.coordinates(row), rows.lower, upper)
-        for row in _starts(border, factor, own)
-    ]
+    starts = rows.coordinates(_starts(border, factor, own).T).T
+    starts = np.clip(starts, rows.lower, upper)
+    follow = _follow_together if _is_small(border) else _follow_each
+    optima, n_evaluations = follow(border, rows, informed, starts, upper, budget)
+    best = min(optima, key=lambda optimum: optimum.value)
+    if informed and rng is not None:
+        objective = partial(_negative_density, border, rows, informed)
+        precision = _information(border, rows, best.x)
+        chain = _drawn(objective, precision, best.x, rows.lower, rng)
+        n_evaluations += chain.n_evaluations
+        best = best._replace(x=chain.draws[-1])
+    return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
+
+
+def _is_small(border):
+    """Whether pairs of latent functions take less than the call of a function."""
+    return len(border.y) * (border.rank + border.own) <= TUNING.together
+
+
+def _follow_together(border, rows, informed, starts, upper, budget):
+    """Optima of the best starts by Newton's method, and the number of evaluations."""
+    pairs = border.pairs()
+
+    def objective(U):
+        values, gradients, hessians = pairs.evaluate(rows.mean + U @ rows.scale.T)
+        gradients = gradients @ rows.scale
+        hessians = rows.scale.T @ hessians @ rows.scale
+        if informed:
+            told = rows.log_priors(U)
+            values, gradients = values + told[0], gradients + told[1]
+            hessians = hessians + told[2]
+        return -values, -gradients, -hessians
+
+    best = np.argsort(objective(starts)[0], kind="stable")[: TUNING.followed]
+    options = {"max_iter": budget.max_iter, "tol": budget.tol}
+    optima = minimize_all(objective, starts[best], rows.lower, upper, **options)
+    return optima, len(starts) + sum(optimum.n_evaluations for optimum in optima)
+
+
+def _follow_each(border, rows, informed, starts, upper, budget):
+    """The same by quasi-Newton steps, one start after another."""
+    objective = partial(_negative_density, border, rows, informed)
+    metric = partial(_information, border, rows)
     options = {"metric": metric, "max_iter": budget.max_iter, "tol": budget.tol}
     optima = [
         minimize(objective, u, rows.lower, upper, **options)
         for u in sorted(starts, key=lambda u: objective(u)[0])[: TUNING.followed]
     ]
-    n_evaluations = len(starts) + sum(optimum.n_evaluations for optimum in optima)
-    best = min(optima, key=lambda optimum: optimum.value)
-    if informed and rng is not None:
-        chain = _drawn(objective, metric(best.x), best.x, rows.lower, rng)
-        n_evaluations += chain.n_evaluations
-        best = best._replace(x=chain.draws[-1])
-    return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
+    return optima, len(starts) + sum(optimum.n_evaluations for optimum in optima)
 
 
 def _drawn(objective, precision, u, lower, rng):

@@ -132,6 +132,10 @@ class Tuning:
         Starts of a new term that are followed, of each of three sorts.
     followed : int
         Starts of a novel task's row that are followed, of those that are tried.
+    together : int
+        Samples times parameters of that row below which the likelihoods of all starts
+        are computed at once, with second derivatives: these save two iterations of
+        three, and a call of a function takes longer than its sums.
     farthest : float
         Largest coordinate of that row: as good as infinite.
     ridge : float
@@ -199,6 +203,7 @@ class Tuning:
     shifts: tuple = (-1.5, -0.5, 0.0, 0.5)
     joining: int = 2
     followed: int = 4
+    together: int = 512
     farthest: float = 1e6
     ridge: float = 1e-7
     smallest: float = 1e-6

@@ -91,13 +91,15 @@ def _check_covariance(kernel, X):
         _check_definite(kernel, K / scale)
 
 
-def sample_rows(features):
+def sample_rows(features, most=SAMPLED):
     """Some of the rows, drawn at random, in memory.
 
     Parameters
     ----------
     features : ndarray or dask.array.Array of shape (n_samples, n_features)
         Inputs.
+    most : int, default=200
+        How many.
 
     Returns
     -------
@@ -105,9 +107,9 @@ def sample_rows(features):
         All of them if they are few.
     """
     n = len(features)
-    if n <= SAMPLED:
+    if n <= most:
         return np.asarray(features)
-    rows = np.sort(sample_without_replacement(n, SAMPLED, random_state=0))
+    rows = np.sort(sample_without_replacement(n, most, random_state=0))
     return np.asarray(features[rows], dtype=np.float64)
 
 

@@ -11,6 +11,7 @@ K^rho, each term by term, log v, and the logarithms of the noise variances. Only
 module knows what is where in it.
 """
 
+from copy import deepcopy
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -23,6 +24,7 @@ from skmtgp.model._nodes import compile_kernel
 from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 from skmtgp.model.trend import Trend
 
+MADE = "node", "_last_kernel"  # of k^x, in some milliseconds for some tens of parts
 MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
 
@@ -118,6 +120,11 @@ class Prior:
     def __getstate__(self):  # what is cached is quickly made again
         return {of.name: getattr(self, of.name) for of in fields(self)}
 
+    @property
+    def _kernels(self):
+        """What was made of k^x, which priors of the same k^x have, too."""
+        return {name: vars(self)[name] for name in MADE if name in vars(self)}
+
     @cached_property
     def node(self):
         """The fast form of k^x."""
@@ -144,7 +151,7 @@ class Prior:
     def _sizes(self):
         """Of the parts of theta, in their order; scikit-learn takes time for n_dims."""
         n_rho = self.task_covariance.n_parameters
-        return self.kernel.n_dims, n_rho, int(self.levels), self.n_noise
+        return self.node.n_dims, n_rho, int(self.levels), self.n_noise
 
     @cached_property
     def _slices(self):
@@ -161,7 +168,7 @@ class Prior:
     def n_hyperparameters(self):
         """Number of hyperparameters as eq. 8 counts them."""
         learned = 0 if self.noise_is_fixed else self.n_noise
-        free = self.kernel.n_dims + self.task_covariance.n_free
+        free = self._sizes[0] + self.task_covariance.n_free
         return free + int(self.levels) + learned
 
     # theta and its parts
@@ -187,8 +194,17 @@ class Prior:
         return Values(kernel, rho, level, np.exp(log_noise))
 
     def kernel_at(self, theta):
-        """k^x at theta."""
-        return self.kernel.clone_with_theta(self._split(theta)[0])
+        """k^x at theta; the same object for the same theta, one after another."""
+        theta = self._split(theta)[0]
+        key, kernel = vars(self).get("_last_kernel", (None, None))
+        if key != theta.tobytes():
+            kernel = self.kernel.clone_with_theta(theta)
+            vars(self)["_last_kernel"] = theta.tobytes(), kernel
+        return kernel
+
+    def keep_kernel(self, theta, kernel):
+        """Take note of k^x at theta, which is there already."""
+        vars(self)["_last_kernel"] = self._split(theta)[0].tobytes(), kernel
 
     def K_rho_at(self, theta):
         """K^rho at theta, of shape ([n_terms,] n_tasks, n_tasks)."""
@@ -482,6 +498,14 @@ class Prior:
             return replace(self, kernel=Kernels(kernels), task_covariance=Forms(forms))
         return replace(self, kernel=kernels[0], task_covariance=forms[0])
 
+    def with_trend(self, trend):
+        """The same with another trend."""
+        if trend is self.trend:
+            return self
+        prior = replace(self, trend=trend)
+        vars(prior).update(self._kernels)
+        return prior
+
     @property
     def terms(self):
         """The kernel and the form of K^rho of each term."""
@@ -556,6 +580,7 @@ class Prior:
         if log_noise is not None:
             log_noises = np.insert(log_noises, position, log_noise)
         prior = replace(self, n_noise=len(log_noises)).with_terms(terms)
+        vars(prior).update(self._kernels)
         tail = np.concatenate([level, log_noises])
         return prior, prior.with_theta_of_terms(tail, of_terms)
 
@@ -599,7 +624,7 @@ class Prior:
         factor, column = form.factor(rho), scale[:, None]
         several = isinstance(factor, list)
         return InUnits(
-            self.kernel_at(theta),
+            deepcopy(self.kernel_at(theta)),
             form.matrix(rho) * np.multiply.outer(scale, scale),
             [of * column for of in factor] if several else factor * column,
             level * square,

@@ -289,9 +289,9 @@ def test_the_other_tasks_help_where_there_is_one_sample():
 
 @pytest.mark.parametrize("rank", [2, None])
 def test_one_task_after_another(rank, prior):
-    X, y, X_new, y_new, _ = related(n_tasks=5, per_task=12, n_new=30)
+    X, y, X_new, y_new, _ = related(n_tasks=5, per_task=12, n_new=48)
     negative = 2.0 * y.mean() - y_new
-    Z = np.column_stack([X_new[:, :2], np.full(30, 7)])
+    Z = np.column_stack([X_new[:, :2], np.full(48, 7)])
     model = MultiTaskGPRegressor(rank=rank, **PAPER).fit(X, y)
     first, second = (X_new[::2], y_new[::2]), (Z[::2], negative[::2])
     one, other = (

@@ -161,3 +161,71 @@ def test_nothing_is_changed_by_an_evaluation():
     border.value_and_grad(2.0 * row)
     assert border.value(row) == first
     np.testing.assert_array_equal(row, problem.row)
+
+
+def test_an_error_of_the_model(problem):
+    """A function of the novel task, with a share of its prior variance."""
+    row, plain, share = problem.row, problem.border(), 0.3
+    border = BorderLikelihood(
+        problem.posterior,
+        problem.F,
+        problem.X_new,
+        problem.y_new,
+        problem.noise_new,
+        problem.own,
+        error=share,
+    )
+    more = share * (row @ row) * problem.kernel(problem.X_new)
+    np.testing.assert_allclose(
+        border._covariance(row)[0], plain._covariance(row)[0] + more, rtol=1e-10
+    )
+    expected = textbook.derivative(border.value, row)
+    close = {"rtol": 1e-8, "atol": 1e-8 * np.abs(expected).max()}
+    np.testing.assert_allclose(border.value_and_grad(row)[1], expected, **close)
+    dm = np.zeros((len(row), len(problem.y_new)))
+    dm[:RANK] = border.means
+    dS = textbook.derivative(lambda row: border._covariance(row)[0], row)
+    inverse = np.linalg.inv(border._covariance(row)[0])
+    information = dm @ inverse @ dm.T
+    scores = inverse @ dS
+    information += 0.5 * np.einsum("pij,qji->pq", scores, scores)
+    np.testing.assert_allclose(
+        border.fisher_information(row), information, rtol=1e-6, atol=1e-8
+    )
+
+
+class TestPairs:
+    """All borders at once, with second derivatives."""
+
+    @staticmethod
+    def border(problem, error):
+        given = problem.posterior, problem.F, problem.X_new, problem.y_new
+        return BorderLikelihood(*given, problem.noise_new, problem.own, error=error)
+
+    def rows(self, problem):
+        return np.stack([problem.row, -problem.row, np.ones_like(problem.row)])
+
+    @pytest.mark.parametrize("error", [0.0, 0.3])
+    def test_values_and_gradients(self, problem, error):
+        border, rows = self.border(problem, error), self.rows(problem)
+        values, gradients, _ = border.pairs().evaluate(rows)
+        expected = [border.value_and_grad(row) for row in rows]
+        for *found, (value, gradient) in zip(values, gradients, expected, strict=True):
+            np.testing.assert_allclose(found[0], value, rtol=1e-10)
+            atol = 1e-10 * np.abs(gradient).max()
+            np.testing.assert_allclose(found[1], gradient, rtol=1e-10, atol=atol)
+
+    @pytest.mark.parametrize("error", [0.0, 0.3])
+    def test_hessians(self, problem, error):
+        border, rows = self.border(problem, error), self.rows(problem)
+        for row, found in zip(rows, border.pairs().evaluate(rows)[2], strict=True):
+            slope = textbook.derivative(lambda row: border.value_and_grad(row)[1], row)
+            atol = 1e-7 * np.abs(slope).max()
+            np.testing.assert_allclose(found, slope, rtol=0.0, atol=atol)
+            np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(found).max())
+
+    def test_what_cannot_be_factorised(self, problem):
+        pairs = problem.border(noise=-problem.row @ problem.row).pairs()
+        values, gradients, _ = pairs.evaluate(np.zeros((1, len(problem.row))))
+        assert values[0] == -np.inf
+        assert np.isnan(gradients[0]).all()

@@ -91,6 +91,22 @@ class TestTaskCovariance:
         display.plot(include_values=not written)
         assert (display.text_ is None) is written
 
+    @pytest.mark.parametrize(
+        ("K", "written"),
+        [
+            ([[0.5, -0.65], [-0.65, 0.85]], ["0.50", "-0.65", "-0.65", "0.85"]),
+            ([[1.0, 2.0], [2.0, 30.0]], ["1.0", "2.0", "2.0", "30.0"]),
+            ([[400.0, 8.0], [8.0, 120.0]], ["400", "8", "8", "120"]),
+            ([[0.04, 0.0], [0.0, 0.01]], ["0.040", "0.000", "0.000", "0.010"]),
+            ([[2e6, 0.0], [0.0, 3.0]], ["2.0e+06", "0.0e+00", "0.0e+00", "3.0e+00"]),
+            ([[0.0, 0.0], [0.0, 0.0]], ["0.00"] * 4),
+        ],
+    )
+    def test_values_have_one_format(self, K, written):
+        display = TaskCovarianceDisplay(task_covariance=np.array(K))
+        shown = texts(display.plot(kind="covariance", include_values=True).text_.flat)
+        assert shown == [text.replace("-0", "\N{MINUS SIGN}0") for text in written]
+
     @pytest.mark.parametrize("n_tasks", [1, 2, 3])
     def test_tasks_that_do_not_vary(self, n_tasks):
         display = TaskCovarianceDisplay(task_covariance=np.zeros((n_tasks, n_tasks)))

@@ -156,6 +156,32 @@ def test_the_lowest_panels_have_labels():
     assert labels == ["", "", "time", "time", "time"]  # three in the first row
 
 
+def test_the_panels_at_the_left_have_the_name_of_the_target():
+    curves = pd.DataFrame({"task": range(5), "x": 0.0, "mean": 0.0})
+    curves = curves.assign(lower=-1.0, upper=1.0)
+    points = pd.DataFrame({"task": [0], "x": [0.0], "y": [0.0]})
+    shown = TaskPredictionDisplay(curves=curves, points=points, target="torque").plot()
+    labels = [ax.get_ylabel() for ax in shown.axes_]
+    assert labels == ["torque", "", "", "torque", ""]
+
+
+@pytest.mark.parametrize(
+    ("target", "label"),
+    [(y, "y"), (pd.Series(y), "y"), (pd.Series(y, name="torque"), "torque")],
+)
+def test_the_name_of_the_target(simple, target, label):
+    shown = TaskPredictionDisplay.from_estimator(simple, SIMPLE, target, n_points=3)
+    assert shown.ax_.get_ylabel() == label
+
+
+def test_the_name_of_an_output(fitted):
+    targets = pd.DataFrame(Y, columns=[f"tau{k}" for k in range(Y.shape[1])])
+    shown = TaskPredictionDisplay.from_estimator(
+        fitted["RankSearchIC"], X, targets, output=1, feature=0, n_points=3
+    )
+    assert shown.ax_.get_ylabel() == "tau1"
+
+
 def test_outputs_and_searches(fitted):
     for name in ("RankSearchIC", "SingleTaskGP", "BayesianLinearRegression"):
         shown = TaskPredictionDisplay.from_estimator(

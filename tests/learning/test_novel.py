@@ -7,7 +7,7 @@ import textbook
 from scipy.stats import multivariate_t
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp.inference.border import BorderLikelihood
+from skmtgp.inference.border import BorderLikelihood, PairedBorder
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import novel
 from skmtgp.learning.novel import Population, learn_border, learn_novel
@@ -158,18 +158,35 @@ class TestLearnBorder:
         assert (gradient(u)[~inside] <= 1e-6).all()
         assert np.abs(gradient(u + 0.1)).max() > 1.0
 
-    def test_evaluations_are_counted(self, own, informed):
-        problem, count = Problem(), []
+    @pytest.mark.parametrize("n_new", [8, 300])
+    def test_evaluations_are_counted(self, own, informed, n_new, monkeypatch):
+        problem, count = Problem(n_new), []
+        evaluate = PairedBorder.evaluate
 
         class Counting(BorderLikelihood):
             def value_and_grad(self, row):
                 count.append(row)
                 return super().value_and_grad(row)
 
+        def counted(pairs, rows):
+            count.extend(rows)
+            return evaluate(pairs, rows)
+
+        monkeypatch.setattr(PairedBorder, "evaluate", counted)
         border = problem.border(own, kind=Counting)
         best = learn_border(border, problem.F, BUDGET, informed=informed)
         assert best.n_evaluations == len(count) > 0
         assert len(best.x) == RANK + own
+
+    @pytest.mark.parametrize("n_new", [1, 2, 8])
+    @pytest.mark.parametrize("seed", range(3))
+    def test_both_searches_find_it(self, own, informed, n_new, seed, monkeypatch):
+        """Of few samples all starts go at once, of many one after another."""
+        problem = Problem(n_new, seed=seed)
+        together = learn(problem, own, informed)[1]
+        monkeypatch.setattr(novel, "TUNING", Tuning(together=0))
+        each = learn(problem, own, informed)[1]
+        assert together.value <= each.value + 1e-5
 
     def test_without_iterations_the_best_start_is_kept(self, own, informed):
         problem = Problem()

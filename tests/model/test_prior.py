@@ -1,5 +1,6 @@
 """The prior of the targets."""
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -87,3 +88,31 @@ def test_parameters_of_a_form_without_a_factor_are_none():
     model = Prior(RBF(), OneNumber(), n_noise=3, levels=True)
     assert not model.of_factor.any()
     assert model.of_noise.sum() == 3
+
+
+def test_the_kernel_at_theta_is_made_once():
+    prior = Prior(RBF([1.0, 2.0]), low_rank(3, 1))
+    theta = prior.theta()
+    kernel = prior.kernel_at(theta)
+    assert prior.kernel_at(theta.copy()) is kernel
+    other = prior.kernel_at(theta + 0.1)
+    np.testing.assert_allclose(other.theta, kernel.theta + 0.1)
+    np.testing.assert_array_equal(prior.kernel_at(theta).theta, kernel.theta)
+
+
+def test_a_prior_of_one_more_task_knows_the_kernel():
+    prior = Prior(RBF([1.0, 2.0]), low_rank(3, 1))
+    theta = prior.theta()
+    node, kernel = prior.node, prior.kernel_at(theta)
+    more, theta = prior.bordered(theta, [np.ones(1)], [None], 1)
+    assert more.kernel_at(theta) is kernel
+    assert more.node is node
+    assert pickle.dumps(more) == pickle.dumps(replace(more))  # without either
+
+
+def test_the_users_kernel_is_another():
+    prior = Prior(RBF([1.0, 2.0]), low_rank(3, 1))
+    theta = prior.theta()
+    found = prior.in_units(theta, np.ones(1)).kernel
+    assert found == prior.kernel_at(theta)
+    assert found is not prior.kernel_at(theta)

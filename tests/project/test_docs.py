@@ -52,3 +52,21 @@ def test_wide_pictures_have_a_narrow_one_on_the_first_page():
     for shape in ("on-phones", "on-desktops"):
         (path,) = re.findall(rf"{{\w+}} (\S+)\n:alt: .+\n:class: {shape}\n", text)
         assert (DOCS / path).exists()
+
+
+def test_links_that_are_filled_in_are_on_every_page(tmp_path):
+    text = (DOCS.parent / "pyproject.toml").read_text("utf-8")
+    filled = re.sub(r"https://FILL-IN\.invalid", "https://example.org", text)
+    (tmp_path / "pyproject.toml").write_text(filled, "utf-8")
+    shown = runpy.run_path(str(DOCS / "links.py"))["icons"](tmp_path / "pyproject.toml")
+    assert [link["name"] for link in shown] == ["Repository", "Issues"]
+    assert all(link["url"] in filled for link in shown)
+
+
+def test_links_that_are_blank_are_not_shown(tmp_path):
+    text = '[project.urls]\nRepository = "https://a.org"\nIssues = "https://FILL-IN"\n'
+    (tmp_path / "pyproject.toml").write_text(text, "utf-8")
+    (shown,) = runpy.run_path(str(DOCS / "links.py"))["icons"](
+        tmp_path / "pyproject.toml"
+    )
+    assert shown["url"] == "https://a.org"

@@ -1,0 +1,118 @@
+"""Minimisation within bounds by Newton's method, from several points at once.
+
+It is for functions of a few parameters whose values cost less than the call of a
+function in Python: all points are evaluated together, and each has its own step. What
+is negative of a Hessian's eigenvalues is taken by its size, so that saddles repel.
+"""
+
+import numpy as np
+
+from skmtgp._numerics.bfgs import ARMIJO, LONGEST_STEP, NOTHING, Optimum
+
+POOR, GOOD = 0.25, 0.75  # parts of the expected gain: steps then get shorter, or longer
+SHORTEST = 1e-12  # of steps, below which nothing is gained any more
+FLATTEST = 1e-14  # eigenvalues, relative to the largest
+
+
+def minimize_all(fun, X, lower, upper, *, max_iter, tol):
+    """Minimise a function from several starting points.
+
+    Parameters
+    ----------
+    fun : callable
+        ``fun(X)``, of points of shape (n_points, n_parameters), returns values of shape
+        (n_points,), gradients (n_points, n_parameters) and Hessians (n_points,
+        n_parameters, n_parameters). A value that is not finite is a rejected step.
+    X : ndarray of shape (n_starts, n_parameters)
+        Starting points.
+    lower, upper : ndarray of shape (n_parameters,)
+        Bounds.
+    max_iter : int
+        Most steps of each, rejected ones counted.
+    tol : float
+        See :func:`skmtgp._numerics.bfgs.minimize`; one ends where a step is expected to
+        gain next to nothing of it.
+
+    Returns
+    -------
+    optima : list of n_starts Optimum
+        Where each ended.
+    """
+    search = _Newton(fun, np.clip(X, lower, upper), lower, upper)
+    search.run(max_iter, tol)
+    return search.optima(tol)
+
+
+class _Newton:
+    def __init__(self, fun, X, lower, upper):
+        self.fun, self.lower, self.upper, self.X = fun, lower, upper, X
+        self.f, self.g, self.H = fun(X)
+        self.longest = np.full(len(X), LONGEST_STEP)
+        self.n_iter, self.n_evaluations = np.zeros((2, len(X)), dtype=int)
+        self.n_evaluations += 1
+        self.gain = np.where(np.isfinite(self.f), np.inf, 0.0)  # that is expected
+
+    def run(self, max_iter, tol):
+        active = np.flatnonzero(np.isfinite(self.f)) if self.X.shape[1] else []
+        for _ in range(max_iter):
+            if not len(active):
+                return
+            steps = self._steps(active)
+            going = self.gain[active] >= NOTHING * tol
+            going &= self.longest[active] > SHORTEST
+            active, steps = active[going], steps[going]
+            if len(active):
+                self._try(active, steps)
+
+    def _steps(self, active):
+        """Newton's, no longer along any eigenvector than the last ones have told."""
+        X, g, H = self.X[active], self.g[active], self.H[active].copy()
+        low, high = self.lower >= X, self.upper <= X
+        held = low & (g > 0.0) | high & (g < 0.0)
+        H[held[:, None] | held[..., None]] = 0.0
+        values, V = np.linalg.eigh(H)
+        values = np.abs(values)
+        flattest = np.maximum(FLATTEST * values.max(axis=1), np.finfo(float).tiny)
+        along = np.einsum("kp,kpq->kq", np.where(held, 0.0, g), V)
+        steps = -along / np.maximum(values, flattest[:, None])
+        self.gain[active] = -0.5 * np.einsum("kq,kq->k", along, steps)
+        longest = self.longest[active, None]
+        return np.einsum("kpq,kq->kp", V, np.clip(steps, -longest, longest))
+
+    def _try(self, active, steps):
+        """Go where the function is lower; where it is not, shorten the next step."""
+        X, g, H, f = (of[active] for of in (self.X, self.g, self.H, self.f))
+        trial = np.clip(X + steps, self.lower, self.upper)
+        steps = trial - X
+        slope = np.einsum("kp,kp->k", g, steps)
+        expected = -slope - 0.5 * np.einsum("kp,kpq,kq->k", steps, H, steps)
+        f_trial, g_trial, H_trial = self.fun(trial)
+        self.n_evaluations[active] += 1
+        finite = np.isfinite(H_trial).all(axis=(1, 2))
+        taken = finite & (f_trial < f + ARMIJO * np.minimum(slope, 0.0))
+        gained = np.where(taken, f - f_trial, -np.inf)
+        length = np.abs(steps).max(axis=1)
+        self._adapt(active, length, gained, expected)
+        to = active[taken]
+        self.X[to], self.f[to] = trial[taken], f_trial[taken]
+        self.g[to], self.H[to] = g_trial[taken], H_trial[taken]
+        self.n_iter[to] += 1
+
+    def _adapt(self, active, length, gained, expected):
+        """How long the next steps may be."""
+        longest = self.longest[active]
+        well = gained > GOOD * np.abs(expected)
+        longest = np.where(well, np.maximum(longest, 2.0 * length), longest)
+        poorly = gained < POOR * expected
+        longest = np.where(poorly, POOR * length, longest)
+        self.longest[active] = longest
+
+    def optima(self, tol):
+        """Where they are, and whether they converged."""
+        finite = np.isfinite(self.f)
+        converged = finite & (self.gain < tol)
+        stalled = ~finite | (self.longest <= SHORTEST)
+        columns = self.X, self.f.tolist(), self.n_iter.tolist()
+        columns = *columns, self.n_evaluations.tolist(), converged.tolist()
+        columns = *columns, (stalled & ~converged).tolist()
+        return [Optimum(*of) for of in zip(*columns, strict=True)]

@@ -16,7 +16,10 @@ from docutils import nodes
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["index", "tutorials/sensors", "tutorials/robot"]  # beside the gallery's
-ELSEWHERE = ["auto_examples/plot_real_data"]  # fdars has no wheel for a browser
+ELSEWHERE = [
+    "auto_examples/plot_real_data",  # fdars has no wheel for a browser
+    "auto_examples/plot_tracked_load",  # takes many minutes there
+]
 INSTALL = "%pip install -q skmtgp matplotlib"
 WORDS = "Try it in the browser"
 HINT = "Nothing is installed; the first run loads Python, which takes a minute."

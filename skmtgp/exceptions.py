@@ -4,6 +4,7 @@ import numpy as np
 
 __all__ = [
     "AmbiguousFitWarning",
+    "AngleUnitWarning",
     "ConstantTargetWarning",
     "CorrelatedResidualsWarning",
     "DescriptorWarning",
@@ -15,6 +16,7 @@ __all__ = [
     "NotPositiveDefiniteError",
     "PrecisionWarning",
     "SamplingWarning",
+    "SmallTaskWarning",
     "TaskColumnWarning",
     "UnderflowWarning",
     "UnidentifiedNoiseWarning",
@@ -62,6 +64,21 @@ class AmbiguousFitWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import AmbiguousFitWarning
     >>> warnings.simplefilter("error", AmbiguousFitWarning)
+    """
+
+
+class AngleUnitWarning(UserWarning):
+    """Positions of joints that turn look like degrees, where radians are expected.
+
+    At least half of these joints move by more than four turns, or one by more than 16.
+    The message names their columns. Convert positions, velocities and accelerations
+    with ``np.deg2rad``.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import AngleUnitWarning
+    >>> warnings.simplefilter("error", AngleUnitWarning)
     """
 
 
@@ -223,8 +240,9 @@ class TaskColumnWarning(UserWarning):
 
     It has more tasks than half of the rows, or labels that differ in spaces or case
     alone, or, in cross-validation, a task of one row. Or it is the last column by
-    default, and the one before it looks more like labels, as if something had been
-    appended to X. The message says what to do.
+    default, and has integers and the name of a quantity, such as "hour" or "count"; or
+    the one before it looks more like labels, as if something had been appended to X.
+    The message says what to do.
 
     Examples
     --------

@@ -318,9 +318,10 @@ class Spherical(RBF):
     Notes
     -----
     It is a covariance of at most three features. Its derivative by the range is
-    continuous, and its likelihood has many shallow maxima where few pairs of places are
-    as far apart as the range: compare starts. See Chiles and Delfiner, "Geostatistics:
-    Modeling Spatial Uncertainty" (2012), section 2.5.1.
+    continuous, but its likelihood has several maxima where few pairs of places are as
+    far apart as the range. So learning tries ten ranges, and begins at the likeliest.
+    See Chiles and Delfiner, "Geostatistics: Modeling Spatial Uncertainty" (2012),
+    section 2.5.1.
 
     Examples
     --------

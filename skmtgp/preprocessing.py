@@ -22,6 +22,7 @@ from skmtgp._data.joints import (
     check_joints,
     check_order,
     columns_of_positions,
+    warn_of_degrees,
 )
 from skmtgp._data.labels import FIRST_INEXACT
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
@@ -163,6 +164,11 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
             `angles` or `joint_types` are not valid, a number is missing or infinite, or
             a task label is missing or fractional. The transformer is then as it was
             before.
+
+        Warns
+        -----
+        AngleUnitWarning
+            If positions look like degrees.
         """
         with fitting(self, X, y):
             self._fit(X)
@@ -177,9 +183,12 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         )
         self._descriptors = self._locate_descriptors()
         self.n_joints_ = self._count_joints(n_features)
-        check_order(np.delete(locate(self)[1], self._descriptors))
+        names = np.delete(locate(self)[1], self._descriptors)
+        check_order(names)
         self._revolute = self._turning()
-        self.mean_, self.scale_ = self._units(self._states(self._split(table)[0]))
+        x, n = self._split(table)[0], self.n_joints_
+        warn_of_degrees(x[:, :n], check_joints(self.joint_types, n), names[:n])
+        self.mean_, self.scale_ = self._units(self._states(x))
 
     def _locate_descriptors(self):
         """Where they are among the columns without the task's."""

@@ -17,12 +17,15 @@ from skmtgp._data.checks import check_theta, check_training, locate, name_tasks
 from skmtgp._data.data import Data
 from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import rows_by_code
+from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.sampled import n_posteriors
+from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
 from skmtgp._numerics.parallel import at_a_time, run
 from skmtgp._support.progress import fitting, part, say
@@ -60,6 +63,19 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels, which are integers or
         strings.
+    trend : {"constant", "linear"}, sequence of int or str, or transformer, default=None
+        Trend that is added to the function of each task, also called universal kriging:
+
+        - "constant" is a constant alone, for ordinary kriging;
+        - "linear" is a constant and all features;
+        - a sequence has positions or names of columns of X, such as ``["elevation"]``;
+        - a transformer of scikit-learn, such as PolynomialFeatures, makes the trend's
+          columns from X without the task column. It is cloned, and fitted to the rows
+          of all tasks.
+
+        The columns remain inputs of the kernel. Each task has its own coefficients,
+        which have a flat prior and are integrated out exactly. Inference is dense, or
+        sparse if you ask for it. See :doc:`/guide/trend`.
     noise_variance : float, default=1e-2
         Starting value of each task's noise variance, relative to the variance of the
         task's target.
@@ -149,11 +165,20 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         Position in `tasks_` of the task of each training sample.
     log_marginal_likelihood_value_ : float
         Log density of y in its own units, summed over tasks and outputs. For sparse
-        inference it is a lower bound.
+        inference it is a lower bound. With `trend` it is the density of what the trend
+        leaves of y, so models with different trends cannot be compared by it.
     log_marginal_likelihoods_ : ndarray of shape (n_outputs,)
         The same for each output.
     n_hyperparameters_ : int
         Number of hyperparameters of all kernels and noises.
+    coef_, coef_std_ : ndarray of shape ([n_outputs,] n_tasks, n_trend)
+        Coefficients of the trend of each task given the data, and their standard
+        deviations, in units of y per unit of the trend's column. These and the next two
+        exist only with `trend`.
+    trend_names_ : ndarray of shape (n_trend,)
+        Names of the trend's columns.
+    trend_mean_ : ndarray of shape (n_tasks, n_trend)
+        What is subtracted from the trend's columns, as the mean is from the targets.
     target_transformer_ : transformer or list of n_outputs transformers
         Fitted transformers of the outputs. Only with `target_transform`.
     theta_ : ndarray of shape (n_theta,)
@@ -204,6 +229,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         kernel: Kernel | str | None = None,
         *,
         task_feature: int | str = -1,
+        trend: TrendOf = None,
         noise_variance: float = 1e-2,
         noise_variance_bounds: ArrayLike | Literal["fixed"] = (1e-10, 1e3),
         normalize_y: Literal["auto", "per_task", "shared"] | bool = True,
@@ -221,6 +247,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     ) -> None:
         self.kernel = kernel
         self.task_feature = task_feature
+        self.trend = trend
         self.noise_variance = noise_variance
         self.noise_variance_bounds = noise_variance_bounds
         self.normalize_y = normalize_y
@@ -278,9 +305,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
         Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
         self.tasks_, self.tasks_train_ = tasks, codes
-        model = self._of_one_task()
-        X = np.column_stack([features, np.zeros(len(features))])
         _, rows = rows_by_code(codes)
+        model = self._of_one_task(self._columns(features, rows))
+        X = np.column_stack([features, np.zeros(len(features))])
         self._check_tasks(model, features, rows, Y)
         self._foretell(model, rows, features, Y, known)
         names = [self._in_words(m) for m in range(len(rows))]
@@ -297,14 +324,26 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self._store([estimator for estimator, _ in results])
         self._store_target(target)
 
-    def _of_one_task(self):
+    def _columns(self, features, rows):
+        """What makes the columns of the trend, told by the rows of each task."""
+        if self.trend is None:
+            return None
+        given = getattr(self, "feature_names_in_", None)
+        columns = read_trend(self.trend, features, *locate(self), given)
+        for label, r in zip(self.tasks_.tolist(), rows, strict=True):
+            check_alone(columns, features[r], label)
+        return ReadTrend(columns)
+
+    def _of_one_task(self, trend):
         """The model that each task gets."""
         params = {**self.get_params(deep=False), "task_feature": -1, "n_jobs": None}
         params |= {"noise": "shared", "normalize_y": bool(self.normalize_y)}
-        params["target_transform"] = None  # it was one of all tasks
+        params |= {"target_transform": None, "trend": trend}  # of all tasks
         if isinstance(self.kernel, Kernel):  # its rows have no names of columns
             params["kernel"] = with_positions(clone(self.kernel), self._names)
-        return PooledGP(**params)
+        model = PooledGP(**params)
+        model.n_features_in_ = self.n_features_in_  # it is asked before it is fitted
+        return model
 
     def _names(self):
         """Those of the features; None without names."""
@@ -322,7 +361,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             task = Data(features[r], np.zeros_like(r), Y[r], 1)
             engine.check(prior, task, self.tasks_[[m]])
         tiles = TileMemory(kernel, features[:1])
-        self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles)
+        n_coefficients = 0 if model.trend is None else len(model.trend.columns)
+        self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles, n_coefficients)
 
     def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""
@@ -357,7 +397,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             names = name_tasks(self.tasks_[of])
             warn(f"T{names[1:]}: {message}", category)
 
-    def _check_room(self, engine, n, n_outputs, tiles):
+    def _check_room(self, engine, n, n_outputs, tiles, n_coefficients):
         """Whether memory suffices for tasks side by side, of at most n samples each."""
         n_climbs = at_a_time(self.n_jobs, len(self.tasks_))
         demand = Demand(
@@ -365,6 +405,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             n_kept=n_outputs * n_posteriors(self, n),
             n_climbs=n_climbs,
             n_exact_climbs=n_climbs,
+            n_coefficients=n_coefficients,
             alone=True,
         )
         engine.check_memory(demand, tiles)
@@ -382,6 +423,19 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.log_marginal_likelihood_value_ = float(
             self.log_marginal_likelihoods_.sum()
         )
+        self._store_coefficients()
+
+    def _store_coefficients(self):
+        """Those of the trend of each task, if there is one."""
+        for name in COEFFICIENTS:
+            vars(self).pop(name, None)
+        if self.trend is None:
+            return
+        for name in ("coef_", "coef_std_"):
+            found = [getattr(estimator, name) for estimator in self.estimators_]
+            setattr(self, name, np.stack(found, axis=-2))
+        self.trend_names_ = self.estimators_[0].trend_names_
+        self.trend_mean_ = np.stack([e.trend_mean_ for e in self.estimators_])
 
     def _describe(self, m, result):
         estimator, _ = result

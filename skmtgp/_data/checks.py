@@ -1,5 +1,6 @@
 """Training and test data as the estimators get them: checked and encoded."""
 
+import re
 from numbers import Integral
 
 import numpy as np
@@ -28,6 +29,9 @@ from skmtgp.exceptions import (
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
+# Last words of names of columns that are integers, and seldom name tasks
+TIMES = {"year", "month", "week", "day", "weekday", "hour", "minute", "time"}
+QUANTITIES = {*TIMES, "age", "count", "depth", "distance", "height", "temperature"}
 AT_ONCE = 100_000  # of which the standard deviation is taken at once
 BY_PARTITIONS = (
     "Predict where they are: X.map_partitions(model.predict, meta=('output', float)), "
@@ -70,7 +74,7 @@ def check_training(estimator, X, y):
     check_given(estimator, y)
     y = check_target(table, y)
     features, (tasks, codes) = _split(estimator, table)
-    warn_of_training(features, tasks, y)
+    warn_of_training(estimator, features, tasks, y)
     _warn_of_last(estimator, table, features, tasks, codes)
     return features, codes, tasks, y
 
@@ -197,7 +201,24 @@ def check_test(estimator, X, *, unseen=False):
         options["beside"] = (
             " With trend_per_task=True a task needs rows that tell its coefficients."
         )
+    options["beside"] = options.get("beside", "") + _by_default(estimator)
     return features, encode_tasks(labels, estimator.tasks_, **options)
+
+
+def _by_default(estimator):
+    """Which column holds the tasks, where the user has not said and may not know."""
+    numbered = estimator.tasks_.dtype.kind != "U"
+    if estimator.task_feature != -1 or not numbered:
+        return ""
+    column = _task_column(estimator)
+    return f" Tasks are those of the last column, {column!r}, by task_feature=-1."
+
+
+def _task_column(estimator):
+    """Name of the task column, or its position."""
+    position, _ = locate(estimator)
+    names = getattr(estimator, "feature_names_in_", None)
+    return position if names is None else names[position]
 
 
 def _check_descriptors(estimator, features, labels):
@@ -273,11 +294,13 @@ def check_theta(theta, learned):
     return theta
 
 
-def warn_of_training(features, tasks, y):
+def warn_of_training(estimator, features, tasks, y):
     """Say what is odd about training data that can be used.
 
     Parameters
     ----------
+    estimator : estimator
+        Names the task column.
     features : ndarray or dask.array.Array of shape (n_samples, n_features - 1)
         Numbers.
     tasks : ndarray of shape (n_tasks,)
@@ -290,12 +313,41 @@ def warn_of_training(features, tasks, y):
         y.reshape(len(y), -1), "output", ", and standard deviations mean nothing"
     )
     _warn_of_alike(tasks)
+    column = _task_column(estimator)
+    _warn_of_quantity(estimator.task_feature, column, tasks)
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
         warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
-            f"column? The first tasks are {tasks[:5].tolist()}.",
+            f"column? It is column {column!r}. The first tasks are "
+            f"{tasks[:5].tolist()}.",
             TaskColumnWarning,
         )
+
+
+def _warn_of_quantity(task_feature, column, tasks):
+    """Say where the last column, taken by default, has the name of a quantity.
+
+    Integers of a column "hour" or "age" look like labels. Only its name tells that they
+    may be none.
+    """
+    by_default = task_feature == -1 and isinstance(column, str)
+    if not by_default or tasks.dtype.kind not in "iu":
+        return
+    words = re.findall("[a-z]+", column.lower())
+    if not QUANTITIES.intersection(words[-1:]):
+        return
+    warn(
+        f"task_feature=-1 takes the last column, {column!r}, for the tasks: "
+        f"{len(tasks)} of them, such as {_few(tasks)}. If these are no tasks, set "
+        "task_feature to the name of the column that has them, or add a column with "
+        "one label where all rows are of one task. If they are, set "
+        f"task_feature={column!r}.",
+        TaskColumnWarning,
+    )
+
+
+def _few(tasks):
+    return ", ".join(map(repr, tasks[:3].tolist()))
 
 
 def _warn_of_alike(tasks):

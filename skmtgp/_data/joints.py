@@ -3,6 +3,13 @@
 import re
 from itertools import accumulate
 
+import numpy as np
+
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import AngleUnitWarning
+
+TURNS = 8.0 * np.pi  # rad; in degrees most joints move more than that
+FAR_TURNS = 32.0 * np.pi  # no joint of a robot winds up so far; more than 100 degrees
 STANDSTILL = 1e-9  # rad/s; slower than this a velocity is rounding noise of either sign
 KINDS = {"revolute": True, "R": True, "prismatic": False, "P": False}
 WORDS = {  # how columns of positions, velocities and accelerations are called
@@ -102,6 +109,38 @@ def check_angles(angles):
     """Raise a ValueError if `angles` is neither "radians" nor "trigonometric"."""
     if angles not in ("radians", "trigonometric"):
         raise ValueError(f"angles={angles!r} must be 'radians' or 'trigonometric'.")
+
+
+def warn_of_degrees(positions, revolute, names):
+    """Say where joints that turn move so far that angles may be in degrees.
+
+    Continuous joints may wind up for some turns: few of them, and not far, say nothing.
+
+    Parameters
+    ----------
+    positions : ndarray of shape (n_samples, n_joints)
+        Of all joints.
+    revolute : sequence of bool
+        Which of them turn.
+    names : sequence
+        Of the columns of the positions.
+    """
+    spans = np.where(revolute, np.ptp(positions, axis=0), 0.0)
+    wide = spans > TURNS
+    if not (2 * wide.sum() >= np.sum(revolute) > 0 or (spans > FAR_TURNS).any()):
+        return
+    j = int(spans.argmax())
+    of = ", ".join(
+        repr(name) for name, is_wide in zip(names, wide, strict=True) if is_wide
+    )
+    warn(
+        f"Positions of joints must be in radians, but those of columns {of} span up to "
+        f"{spans[j]:.4g}, which is {spans[j] / (2.0 * np.pi):.1f} turns. If they are "
+        "in degrees, convert positions, velocities and accelerations by np.deg2rad. If "
+        "joints do turn so often, ignore this warning; InverseDynamicsFeatures then "
+        "needs angles='trigonometric'.",
+        AngleUnitWarning,
+    )
 
 
 def check_order(names):

@@ -167,7 +167,8 @@ def _check_whole(labels, digits, total):
         raise ValueError(
             f"Task labels must be integers or strings, but {fractional.sum()} of "
             f"{total} are fractional numbers such as {labels[fractional][0]!s}. "
-            "Does task_feature name the task column? A ColumnTransformer moves it: set "
+            "Does task_feature name the task column? Where all rows are of one task, "
+            "add a column with its name. A ColumnTransformer moves it: set "
             "remainder='passthrough', and task_feature to where it ends up."
         )
 

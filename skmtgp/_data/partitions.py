@@ -64,7 +64,7 @@ def check_partitions(estimator, X, y):
     tasks = _union({i: of_part for i, (n, of_part) in enumerate(described) if n})
     arrays = _assemble(kept, tasks, header.shape[1] - 1, y.shape[1:])
     features, codes, Y = dask.persist(*arrays)
-    warn_of_training(features, tasks, Y)
+    warn_of_training(estimator, features, tasks, Y)
     return features, codes, tasks, Y
 
 

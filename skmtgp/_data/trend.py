@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from sklearn.base import clone
+from sklearn.base import BaseEstimator, TransformerMixin, clone
 
 from skmtgp._data.task_column import locate_columns
 
@@ -47,6 +47,31 @@ class TrendColumns:
         return np.column_stack([np.ones(len(X)), found]) if self.constant else found
 
 
+class ReadTrend(TransformerMixin, BaseEstimator):
+    """A trend that was read already, in the form that estimators take it.
+
+    Parameters
+    ----------
+    columns : TrendColumns
+        How its columns are made of inputs.
+    """
+
+    def __init__(self, columns):
+        self.columns = columns
+
+    def fit(self, X, y=None):
+        """Nothing is left to learn."""
+        return self
+
+    def transform(self, X):
+        """h(x) of rows of inputs, of shape (n_samples, n_trend)."""
+        return self.columns(X)
+
+    def get_feature_names_out(self, input_features=None):
+        """Names of the columns."""
+        return np.array(self.columns.names, dtype=object)
+
+
 def read_trend(trend, X, position, names, feature_names, descriptors=None):
     """The columns that the user asks for.
 
@@ -84,7 +109,7 @@ def read_trend(trend, X, position, names, feature_names, descriptors=None):
         return TrendColumns(np.searchsorted(kept, columns), None, True, named)
     if hasattr(trend, "transform"):
         return _fitted(trend, X, inputs, feature_names is not None)
-    why = "a label has no trend; trend_per_task=True gives each task its own."
+    why = "a label has no trend. With trend_per_task=True each task has its own."
     found = locate_columns(trend, "trend", position, len(names) + 1, feature_names, why)
     described = ~np.isin(found, kept)
     if described.any():

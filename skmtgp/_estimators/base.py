@@ -59,6 +59,7 @@ from skmtgp.inference.engines import ENGINES, choose, leaves_rows, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import THE_OUTPUT, Budget, Problem
+from skmtgp.learning.ranges import along_ranges, begun_in_sight
 from skmtgp.learning.telling import about, in_words
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
@@ -174,6 +175,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
                 learned = self._learn(problems, progress)
                 decided = decide_noise(self, training, *([of] for of in learned))
                 training, [problems], [modes] = self._tell(training, *decided)
+                modes = list(map(along_ranges, problems, modes))
                 self._store(training, problems, modes)
                 self._warn_of_fit(training, problems, modes)
         return self
@@ -381,14 +383,16 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         n = len(of_outputs)
         trends = training.trends or [None] * n
         return [
-            Problem(
-                prior=self._scaled(replace(prior, trend=trend), data, training.units),
-                data=data,
-                engine=engine,
-                budget=self._budget(),
-                name=f"output {j} of {n}" if n > 1 else THE_OUTPUT,
-                weak_priors=self.hyperparameters == "map",
-                log_scales=np.log(training.units.scale[j - 1]),
+            begun_in_sight(
+                Problem(
+                    self._scaled(replace(prior, trend=trend), data, training.units),
+                    data=data,
+                    engine=engine,
+                    budget=self._budget(),
+                    name=f"output {j} of {n}" if n > 1 else THE_OUTPUT,
+                    weak_priors=self.hyperparameters == "map",
+                    log_scales=np.log(training.units.scale[j - 1]),
+                )
             )
             for j, (data, trend) in enumerate(zip(of_outputs, trends, strict=True), 1)
         ]

@@ -14,6 +14,7 @@ from skmtgp.model.trend import Basis, Trend
 TrendOf = Literal["constant", "linear"] | Sequence[int | str] | TransformerMixin | None
 # Where in `Slopes.means` are those that columns are taken off
 OF_TASKS, OF_ALL, NOWHERE = range(3)
+OR_SHARED = ", or set trend_per_task=False"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,8 @@ class Slopes:
         H, names = self.columns(self.features), self.columns.names
         for task in range(len(self.tasks)) if self.per_task else [None]:
             rows = H if task is None else H[self.codes == task]
-            _check_columns(rows, names, _named(self.tasks, task))
+            of = _named(self.tasks, task)
+            _check_columns(rows, names, of, OR_SHARED * bool(of))
         if len(H) <= (n := self._plain.n_coefficients):
             raise ValueError(
                 f"trend has {n} coefficients, and n_samples={len(H)} leaves nothing to "
@@ -192,7 +194,7 @@ def trends_with_task(units, trends, position, features, Y):
     elif first.centre.any():
         H = H - first.centre
     if first.per_task:
-        _check_columns(H, first.columns.names, " of the new task")
+        _check_columns(H, first.columns.names, " of the new task", OR_SHARED)
         if len(H) == H.shape[1]:
             raise ValueError(
                 f"The new task has {len(H)} rows and {len(H)} coefficients of the "
@@ -209,13 +211,35 @@ def trends_with_task(units, trends, position, features, Y):
     return units, [of.with_task(position, centre, *own) for of, *own in outputs]
 
 
-def _check_columns(H, names, of):
+def check_alone(columns, features, label):
+    """Raise a ValueError where the rows of a task alone do not tell its trend.
+
+    Parameters
+    ----------
+    columns : TrendColumns
+        How the trend's columns are made.
+    features : ndarray of shape (n_samples, n_inputs)
+        Inputs of the task.
+    label : str, int or bool
+        The task.
+    """
+    H, names = columns(features), columns.names
+    of, otherwise = f" of task {label!r}", ", or leave the task out"
+    _check_columns(H, names, of, otherwise)
+    if len(H) == len(names):
+        raise ValueError(
+            f"n_samples={len(H)}{of} and {len(H)} coefficients of the trend leave "
+            "nothing to learn a function and noise from. Give more rows or fewer "
+            f"columns{otherwise}."
+        )
+
+
+def _check_columns(H, names, of="", otherwise=""):
     """Raise a ValueError where columns of some rows are not independent."""
     if len(H) < len(names):
         raise ValueError(
             f"n_samples={len(H)}{of} is too few for the {len(names)} coefficients of "
-            f"the trend ({_listed(names)}). Give more rows or fewer columns"
-            f"{', or set trend_per_task=False' * bool(of)}."
+            f"the trend ({_listed(names)}). Give more rows or fewer columns{otherwise}."
         )
     dependent = Basis(H).dependent
     if not dependent.size:
@@ -229,8 +253,7 @@ def _check_columns(H, names, of):
     which = _listed([names[j] for j in dependent])
     raise ValueError(
         f"In the rows{of} the trend's {which} is {why}, so its coefficient cannot be "
-        f"determined. Leave such columns out of trend"
-        f"{', or set trend_per_task=False' * bool(of)}."
+        f"determined. Leave such columns out of trend{otherwise}."
     )
 
 

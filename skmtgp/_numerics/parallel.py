@@ -1,7 +1,6 @@
 """Independent pieces of work, one after another or side by side; threads of BLAS."""
 
 import contextlib
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 
 import joblib
@@ -13,12 +12,12 @@ from threadpoolctl import ThreadpoolController
 
 from skmtgp._numerics.one_thread import OneThread
 from skmtgp._support.progress import are_handled, keep_lines, pass_on
+from skmtgp._support.warnings import quiet
 
 SMALL = 600  # rows of a matrix
 
 
-with warnings.catch_warnings():  # threadpoolctl's use of Pyodide warns, in a browser
-    warnings.filterwarnings("ignore", "JsProxy", RuntimeWarning)
+with quiet():  # in a browser threadpoolctl's use of Pyodide warns
     LIBRARIES = ThreadpoolController().select(user_api="blas").lib_controllers
 ONE_THREAD = OneThread(LIBRARIES)
 

@@ -43,7 +43,7 @@ def prepare_trajectory(
         Increasing times in seconds. Steps may differ a little: samples are interpolated
         to the same number of even steps.
     q : array-like of shape (n_samples, n_joints)
-        Joint positions, rad or m.
+        Joint positions, rad or m. Convert degrees first: `unwrap` counts in radians.
     tau : array-like of shape (n_samples, n_joints)
         Torques, forces or motor currents.
     qd : array-like of shape (n_samples, n_joints), default=None

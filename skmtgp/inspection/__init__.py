@@ -12,6 +12,7 @@ from skmtgp.inspection._kernel_relevance import KernelRelevanceDisplay
 from skmtgp.inspection._learning_curve import TaskLearningCurveDisplay
 from skmtgp.inspection._rank_selection import RankSelectionDisplay
 from skmtgp.inspection._residuals import TaskResidualsDisplay
+from skmtgp.inspection._sills import variogram_table
 from skmtgp.inspection._task_covariance import TaskCovarianceDisplay
 from skmtgp.inspection._task_prediction import TaskPredictionDisplay
 from skmtgp.inspection._trajectory import TrajectoryDisplay
@@ -30,4 +31,5 @@ __all__ = [
     "TransferDisplay",
     "VariogramDisplay",
     "color_of",
+    "variogram_table",
 ]

@@ -342,8 +342,8 @@ def _alone(model, y):
     """Means and deviations by a model of each task's other rows; NaN without any."""
     if model._trends() is not None:
         raise ValueError(
-            "TransferDisplay compares the model with models of each task alone, which "
-            "have no trend. Fit it without one, or give predictions of both to "
+            "TransferDisplay compares the model with models of each task alone, and "
+            "takes no trend. Fit it without one, or give predictions of both to "
             "from_predictions."
         )
     alone = alone_like(model, model.X_train_)

@@ -52,6 +52,7 @@ class VariogramDisplay(Display):
 
     See Also
     --------
+    variogram_table : Nuggets, sills and ranges as numbers.
     TaskCovarianceDisplay : The sills alone.
 
     Notes
@@ -75,7 +76,8 @@ class VariogramDisplay(Display):
     >>> from skmtgp import MultiTaskGPRegressor, stack_tasks
     >>> from skmtgp.datasets import make_soil
     >>> from skmtgp.inspection import VariogramDisplay
-    >>> X, y = stack_tasks(make_soil(random_state=2), ["cadmium", "zinc"])
+    >>> soil = make_soil(random_state=2).drop(columns="nickel")
+    >>> X, y = stack_tasks(soil, ["cadmium", "zinc"])
     >>> model = MultiTaskGPRegressor(Matern(nu=0.5), rank=1, max_iter=5).fit(X, y)
     >>> VariogramDisplay.from_estimator(model)
     <...>

@@ -315,7 +315,7 @@ def learn_border(border, factor, budget, *, informed, rng=None):
 
 def _is_small(border):
     """Whether pairs of latent functions take less than the call of a function."""
-    return len(border.y) * (border.rank + border.own) <= TUNING.together
+    return 0 < len(border.y) * (border.rank + border.own) <= TUNING.together
 
 
 def _follow_together(border, rows, informed, starts, upper, budget):

@@ -112,8 +112,8 @@ def _reporters(progress, problems, forms, n_starts):
 def _another_way(problem, mode):
     """The better of a mode of data without noise and one that is found another way.
 
-    Where levels vanish it is that of the model without them. Elsewhere features that
-    the mode does without are tried again.
+    Features that the mode does without are tried again. Where levels vanish, that is
+    done with the model without them, which may also have other features in their place.
     """
     if problem.is_noisy(mode):
         return mode
@@ -121,9 +121,10 @@ def _another_way(problem, mode):
     if not prior.levels_vanish(mode.theta):
         return reopen(problem, mode)
     bare = replace(problem, prior=prior.without_levels)
-    [starts] = make_starts([bare], None)
-    [other] = second_stage([([bare], starts)], shakes=1)
-    other = with_starts(exchange(bare, other), starts)
+    theta = prior.less_levels(mode.theta)
+    value = bare.likelihood().value(theta)
+    start = mode._replace(theta=theta, value=value, n_evaluations=0, seconds=0.0)
+    other = reopen(bare, exchange(bare, start._replace(rivals=())))
     theta = prior.with_least_levels(other.theta)
     value = problem.likelihood().value(theta)
     return best_of([mode, other._replace(theta=theta, value=value, rivals=())])

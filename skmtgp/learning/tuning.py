@@ -107,6 +107,27 @@ class Tuning:
     halves : tuple of pairs of float
         Steps from a term's log parameters to those of two that it is split in, and
         either way round where K^rho has different forms.
+    unrelated : float
+        Correlation under which two rows are not related: if none are where learning
+        begins, it cannot leave the place.
+    doublings : int
+        How many length-scales are tried then, each twice the one before, from the
+        shortest that relate most rows.
+    most_doublings : int
+        Steps to that one at most: kilometres to nanometres.
+    much_noise : float
+        Noise variance with which they are tried, too, of the targets'.
+    bent : int
+        Rows up to which spherical ranges are looked at once more: the likelihood of
+        more rows bends less.
+    around : float
+        Largest step of the logarithm of the range then,
+    n_around : int
+        how many there are,
+    near : float
+        and the smallest from which it is climbed again.
+    shifts : tuple of float
+        Steps of the logarithm of the noise variance with each.
     joining : int
         Starts of a new term that are followed, of each of three sorts.
     followed : int
@@ -171,6 +192,15 @@ class Tuning:
     shares: tuple = (0.3, 0.1, 0.03, 0.01, 0.001)
     noises_of_joining: tuple = (1.0, 0.3)
     halves: tuple = ((0.5, -1.5), (-1.5, 0.5))
+    unrelated: float = 1e-3
+    doublings: int = 10
+    most_doublings: int = 40
+    much_noise: float = 0.3
+    bent: int = 1000
+    around: float = 1.2
+    n_around: int = 21
+    near: float = 0.1
+    shifts: tuple = (-1.5, -0.5, 0.0, 0.5)
     joining: int = 2
     followed: int = 4
     together: int = 512

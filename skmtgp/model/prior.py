@@ -407,6 +407,10 @@ class Prior:
         """Theta with levels as small as can be, from that of the prior without."""
         return np.insert(theta, len(theta) - self.n_noise, self.log_level_bounds[0])
 
+    def less_levels(self, theta):
+        """Theta of the prior without levels."""
+        return np.delete(theta, len(theta) - self.n_noise - 1)
+
     @property
     def without_levels(self):
         """The same without levels, if these may vanish; else None."""

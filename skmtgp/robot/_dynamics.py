@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from skmtgp._data.joints import check_order, warn_of_degrees
+
 # Inertial parameters of a link about the origin of its joint, in Pinocchio's order
 INERTIAL = ["m", "mc_x", "mc_y", "mc_z", "I_xx", "I_xy", "I_yy", "I_xz", "I_yz", "I_zz"]
 
@@ -103,6 +105,25 @@ class Dynamics:
                 "and the task column."
             )
         return np.split(x, 3, axis=1)
+
+    def check_states(self, x, names):
+        """Check the columns of states in training, which have such names.
+
+        Raises
+        ------
+        ValueError
+            If x has not three columns for each joint, or names say that their order is
+            another one.
+
+        Warns
+        -----
+        AngleUnitWarning
+            If positions look like degrees.
+        """
+        check_order(names)
+        q, _, _ = self.states(x)
+        turns = [not slides for slides in self.slides]
+        warn_of_degrees(q, turns, names[: self.n_joints])
 
     def regressor(self, x, joints, columns):
         """Some columns of the regressor of some joints' torques.

@@ -13,7 +13,6 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import locate
 from skmtgp._data.dask import refuse_dask
-from skmtgp._data.joints import check_order
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._support.progress import fitting
@@ -167,8 +166,8 @@ class RigidBodyFeatures(TransformerMixin, Estimator):
             self.n_features_in_,
             getattr(self, "feature_names_in_", None),
         )
-        check_order(locate(self)[1])
-        dynamics.states(split_table(table, self._task_position, self)[0])
+        x = split_table(table, self._task_position, self)[0]
+        dynamics.check_states(x, locate(self)[1])
         self._columns = Columns(dynamics, words, [joint])
         self.nominal_ = self._columns.nominal
         self.n_joints_, self.joint_names_ = dynamics.n_joints, dynamics.names

@@ -19,7 +19,6 @@ from skmtgp._data.checks import (
     locate,
     warn_of_noise,
 )
-from skmtgp._data.joints import check_order
 from skmtgp._data.labels import rows_by_code
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -195,8 +194,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         """
         with fitting(self, X, y):
             training = check_training(self, X, y)
-            check_order(locate(self)[1])
             self._set_columns()
+            self._columns.dynamics.check_states(training[0], locate(self)[1])
             with limit_threads(self.n_features_in_):
                 self._fit(*training)
         return self

@@ -2,8 +2,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
+from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor, PooledGP
 from skmtgp._data.task_column import locate_task_column, split_table, task_labels
+from skmtgp.exceptions import TaskColumnWarning
 
 BIG = 2**53
 
@@ -205,3 +206,39 @@ def test_arrays_without_their_task():
         model.predict([[0.5, 1.0]])
     with pytest.raises(ValueError, match=r"expecting 3 features as input\.$"):
         model.predict([[0.5]])
+
+
+@pytest.mark.parametrize("name", ["hour", "Age", "bus count", "harvest_year"])
+def test_quantities_that_are_taken_for_tasks_by_default(name):
+    table = pd.DataFrame({"x": np.linspace(0.0, 1.0, 12), name: np.arange(12) % 3})
+    y, model = np.sin(table["x"]), PooledGP(max_iter=0)
+    match = f"takes the last column, '{name}', .* 3 of them, such as 0, 1, 2"
+    with pytest.warns(TaskColumnWarning, match=match):
+        model.fit(table, y)
+    model.set_params(task_feature=name).fit(table, y)
+    model.set_params(task_feature=1).fit(table, y)
+    text = table.astype({name: str})
+    model.set_params(task_feature=-1).fit(text, y)
+
+
+@pytest.mark.parametrize("name", ["task", "hours_of", "site", "counter", "load", 5])
+def test_names_that_say_nothing_of_tasks(name):
+    table = pd.DataFrame({0: np.linspace(0.0, 1.0, 12), name: np.arange(12) % 3})
+    table.columns = table.columns if name == 5 else ["x", name]
+    PooledGP(max_iter=0).fit(table, np.sin(table.iloc[:, 0]))
+    PooledGP(max_iter=0).fit(table.to_numpy(), np.sin(table.iloc[:, 0]))
+
+
+def test_unknown_tasks_of_the_last_column():
+    """An error in predict may be the first sign of a column taken by default."""
+    table = pd.DataFrame({"x": np.linspace(0.0, 1.0, 12), "kind": np.arange(12) % 3})
+    model = MultiTaskGPRegressor(rank=1, max_iter=0).fit(table, table["x"])
+    match = "Unknown task 7: .* those of the last column, 'kind', by task_feature=-1"
+    with pytest.raises(ValueError, match=match):
+        model.predict(table.assign(kind=7))
+    with pytest.raises(ValueError, match="of the last column, 1, by task_feature=-1"):
+        model.fit(table.to_numpy(), table["x"]).predict([[0.5, 7.0]])
+    named = model.set_params(task_feature="kind").fit(table, table["x"])
+    with pytest.raises(ValueError, match="Unknown task 7") as error:
+        named.predict(table.assign(kind=7))
+    assert "last column" not in str(error.value)

@@ -235,7 +235,10 @@ class TestAnotherWay:
         return Mode(theta, value, 7, 8, True, False, 0.5, len(problem.data))
 
     def test_without_levels_where_they_vanish(self, problem, monkeypatch):
-        monkeypatch.setattr(ranks, "reopen", None)
+        reopen, asked = ranks.reopen, []
+        monkeypatch.setattr(
+            ranks, "reopen", lambda *of: asked.append(of) or reopen(*of)
+        )
         poor = self.at(problem, level=1e-12, noise=1e-9)
         found = ranks._another_way(problem, poor)
         assert found.value > poor.value + 10.0
@@ -243,6 +246,9 @@ class TestAnotherWay:
         value = problem.likelihood().value(found.theta)
         np.testing.assert_allclose(found.value, value, rtol=1e-8)
         assert problem.prior.levels_vanish(found.theta)
+        [(bare, start)] = asked
+        assert not bare.prior.levels
+        assert start.value == bare.likelihood().value(np.delete(poor.theta, -2))
 
     def test_features_come_back_where_there_are_levels(self, problem, monkeypatch):
         monkeypatch.setattr(ranks, "reopen", lambda *given: given)

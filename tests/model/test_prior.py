@@ -57,6 +57,7 @@ def test_levels_that_vanish():
     theta = bare.theta(K_rho=np.eye(3))
     assert not bare.levels_vanish(theta)
     least = with_levels.with_least_levels(theta)
+    np.testing.assert_array_equal(with_levels.less_levels(least), theta)
     assert with_levels.levels_vanish(least)
     values = with_levels.values(least)
     np.testing.assert_allclose(values.level, with_levels.least_level)

@@ -99,7 +99,7 @@ def speed_words(timings):
     if ours and others:
         (least, first), (most, last) = others[0], others[-1]
         yield (
-            f"**Speed.** With {GOAL_N:,} rows, one likelihood with its gradient takes "
+            f"**Speed.** With {GOAL_N:,} rows, the likelihood and its gradient take "
             f"{ours:.2g} s. The others, in double precision, take "
             f"{least / ours:.1f} ({NAMES[first]}) to {most / ours:.0f} times as long "
             f"({NAMES[last]})."

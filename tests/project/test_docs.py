@@ -3,11 +3,13 @@
 import re
 import runpy
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
 DOCS = Path(__file__).parents[2] / "docs"
+ONE_PANEL = {"benchmark-evaluation.png", "control.png"}  # wide, nothing to stack
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only in a checkout")
 
@@ -47,11 +49,74 @@ def test_warning_is_shown_once_and_without_a_path(monkeypatch):
     assert shown == ["UserWarning: few rows\n", "", "UserWarning: slow\n"]
 
 
-def test_wide_pictures_have_a_narrow_one_on_the_first_page():
-    text = (DOCS / "index.md").read_text("utf-8")
-    for shape in ("on-phones", "on-desktops"):
-        (path,) = re.findall(rf"{{\w+}} (\S+)\n:alt: .+\n:class: {shape}\n", text)
-        assert (DOCS / path).exists()
+def shown():
+    """The pictures of docs/images that pages show."""
+    pages = [p for p in DOCS.rglob("*.md") if "_build" not in p.parts]
+    texts = [page.read_text("utf-8") for page in pages]
+    return {
+        name for text in texts for name in re.findall(r"images/([\w-]+\.png)", text)
+    }
+
+
+def test_wide_pictures_have_a_narrow_one():
+    pytest.importorskip("PIL")
+    module, images = tools("pages"), DOCS / "images"
+    pictures = [images / name for name in shown() if (images / name).exists()]
+    wide = [path for path in pictures if module["width"](path) > module["PHONE"]]
+    narrow = {path: path.with_stem(path.stem + module["NARROW"]) for path in wide}
+    assert {path.name for path in wide if not narrow[path].exists()} == ONE_PANEL
+    there = [path for path in narrow.values() if path.exists()]
+    assert set(there) == set(images.glob(f"*{module['NARROW']}.png"))
+    assert all(module["width"](path) < 0.75 * module["PHONE"] for path in there)
+
+
+def test_a_narrow_picture_is_beside_the_wide_one_with_the_same_words():
+    pytest.importorskip("PIL")
+    nodes = pytest.importorskip("docutils.nodes")
+    wide = nodes.image(uri="../images/sites.png", alt="five sites", classes=["wide"])
+    paragraph = nodes.paragraph("", "", wide)
+    tools("pages")["offer"](wide, DOCS / "images" / "sites-narrow.png")
+    narrow, last = paragraph.children
+    assert last is wide
+    assert (narrow["uri"], narrow["alt"]) == (
+        "../images/sites-narrow.png",
+        "five sites",
+    )
+    assert narrow["classes"] == ["on-phones"]
+    assert wide["classes"] == ["wide", "on-desktops"]
+    assert narrow["width"] == "420px"
+
+
+def drawn(n_panels):
+    """A wide figure of panels that share an axis, with a legend."""
+    plt = pytest.importorskip("matplotlib.pyplot")
+    options = {"sharey": True, "squeeze": False, "layout": "constrained"}
+    figure, axes = plt.subplots(1, n_panels, figsize=(10, 4), **options)
+    for ax in axes[0]:
+        ax.plot([0, 1], label="a")
+        ax.plot([1, 0], label="b")
+        ax.set_xlabel("hour")
+    axes[0, 0].set_ylabel("target")
+    handles = axes[0, 0].get_legend_handles_labels()
+    figure.legend(*handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def test_panels_are_stacked_for_phones(tmp_path):
+    figure = drawn(3)
+    tools("stacked")["save"](figure, tmp_path / "a.png", dpi=50)
+    assert {path.name for path in tmp_path.iterdir()} == {"a.png", "a-narrow.png"}
+    boxes = [ax.get_position() for ax in figure.axes]
+    assert all(low.y1 < high.y0 for high, low in pairwise(boxes))
+    assert all(ax.get_ylabel() == "target" for ax in figure.axes)
+    assert [ax.get_xlabel() for ax in figure.axes] == ["", "", "hour"]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["a", "b"]
+
+
+def test_one_panel_stays(tmp_path):
+    tools("stacked")["save"](drawn(1), tmp_path / "a.png", dpi=50)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 def test_links_that_are_filled_in_are_on_every_page(tmp_path):

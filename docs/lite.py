@@ -7,6 +7,7 @@ network; a reader's browser fetches Python itself from Pyodide's address.
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 from doctest import DocTestParser
@@ -107,15 +108,16 @@ def build(app, error):
     """Put JupyterLite, the wheel and the notebooks into the folder ``lite``."""
     if error or app.builder.name != "html":
         return
-    work = Path(app.doctreedir).parent / "lite"
+    work, output = Path(app.doctreedir).parent / "lite", Path(app.outdir) / "lite"
+    for folder in (work, output):  # what is no page any more goes
+        shutil.rmtree(folder, ignore_errors=True)
     contents = work / "notebooks"
-    contents.mkdir(parents=True, exist_ok=True)
+    contents.mkdir(parents=True)
     pages = [page for page in sorted(app.env.found_docs) if has_notebook(page)]
     for name, content in notebooks(Path(app.srcdir), pages):
         (contents / name).write_text(json.dumps(content, indent=1), "utf-8")
     run("hatchling", "build", "-t", "wheel", "-d", work, cwd=ROOT)
     (wheel,) = work.glob("skmtgp-*.whl")
-    output = Path(app.outdir) / "lite"
     options = {"contents": contents, "output-dir": output, "piplite-wheels": wheel}
     apps = [f"--apps={name}" for name in ("lab", "notebooks")]
     flags = [f"--{name}={value}" for name, value in options.items()]

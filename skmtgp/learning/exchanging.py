@@ -31,14 +31,16 @@ def exchange(problem, mode):
     """
     if problem.is_noisy(mode):
         return mode
-    likelihood, best = problem.likelihood(), mode
-    for _ in range(problem.tuning.exchanges):
+    likelihood, tuning, best = problem.likelihood(), problem.tuning, mode
+    for _ in range(tuning.exchanges):
         thetas = exchanged(problem, best.theta)
         values = [likelihood.value(theta) for theta in thetas]
-        if not values or max(values) < best.value + problem.tuning.relaxed_tol:
+        if not values or max(values) < best.value + tuning.relaxed_tol:
             break
-        theta = thetas[int(np.argmax(values))]
-        best = best_of([best, best.led_to(climb(problem, theta))])
+        found = best.led_to(climb(problem, thetas[int(np.argmax(values))]))
+        theta, best = best.theta, best_of([best, found], doubt=tuning.doubt)
+        if best.theta is theta:  # what was found stalled, and its digits are in doubt
+            break
     return best
 
 

@@ -67,8 +67,6 @@ class Tuning:
         twentieth; seven times.
     unused : float
         The same of all features but one.
-    shakes : int
-        How often the best mode is shaken at most: the third time seldom gains.
     exchanges : int
         How often parameters of two features are exchanged at most,
     most_exchanges : int
@@ -172,7 +170,6 @@ class Tuning:
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0
     unused: float = 3.0
-    shakes: int = 3
     exchanges: int = 5
     most_exchanges: int = 400
     differ: float = 0.1

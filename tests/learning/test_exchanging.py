@@ -58,6 +58,21 @@ class TestExchange:
         noisy = at(problem, TRUTH[[0, 2, 1, 3]], noise=0.1)
         assert exchange(problem, noisy) is noisy
 
+    def test_what_stalls_is_taken_if_it_is_much_better_alone(
+        self, problem, monkeypatch
+    ):
+        poor, gains = at(problem, TRUTH[[0, 2, 1, 3]]), []
+
+        def stall(problem, theta):
+            gains.append(1)
+            return poor._replace(theta=theta, value=poor.value + 0.5, stalled=True)
+
+        monkeypatch.setattr(exchanging, "climb", stall)
+        found = exchange(problem, poor)
+        assert found.theta is poor.theta
+        assert found.n_evaluations > poor.n_evaluations
+        assert len(gains) == 1
+
     def test_ends_after_some(self, problem):
         tuning = replace(problem.tuning, exchanges=0)
         poor = at(problem, TRUTH[[0, 2, 1, 3]])

@@ -214,13 +214,14 @@ class BorderLikelihood:
 class PairedBorder:
     r"""The likelihood of a border by the covariances of pairs of latent functions.
 
-    With :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`, and w counted among
-    the l, of a function that the old tasks tell nothing of,
+    Let :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`. If the novel task has a
+    function of its own, its w is the last of the l, and the old tasks tell nothing of
+    that function. Then
 
     .. math:: S = \sum_{ab} l_a l_b C_{ab} + \sum_a l_a (D_a + D_a^T) + S_0.
 
-    However many the old rows are, each border takes :math:`O(r n^3 + r^2 n^2)`, n being
-    the number of samples.
+    One border takes :math:`O(r n^3 + r^2 n^2)`, n being the number of samples. The
+    number of old rows does not matter.
 
     Parameters
     ----------

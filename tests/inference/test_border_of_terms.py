@@ -4,6 +4,7 @@ import building
 import numpy as np
 import pytest
 import textbook
+from borders import check_pairs
 from sklearn.gaussian_process.kernels import RBF, Matern
 
 from skmtgp.inference.border import BorderLikelihood
@@ -156,15 +157,4 @@ def test_the_model_of_one_more_task(problem, position):
 
 def test_all_borders_at_once(problem):
     border = problem.border()
-    row = row_of(border)
-    rows = np.stack([row, 0.5 * row - 1.0])
-    values, gradients, hessians = border.pairs().evaluate(rows)
-    for row, value, slope, hessian in zip(
-        rows, values, gradients, hessians, strict=True
-    ):
-        expected = border.value_and_grad(row)
-        np.testing.assert_allclose(value, expected[0], rtol=1e-10)
-        np.testing.assert_allclose(slope, expected[1], rtol=1e-8, atol=1e-8)
-        curved = textbook.derivative(lambda row: border.value_and_grad(row)[1], row)
-        close = {"rtol": 0.0, "atol": 1e-6 * np.abs(curved).max()}
-        np.testing.assert_allclose(hessian, curved, **close)
+    check_pairs(border, row_of(border))

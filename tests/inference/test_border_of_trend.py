@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import textbook
+from borders import check_pairs
 from sklearn.gaussian_process.kernels import RBF
 from trend_models import M, by_hand, columns, make, make_trend
 
@@ -92,16 +93,4 @@ def test_fisher_information_is_the_spread_of_the_score(per_task):
 
 @pytest.mark.parametrize("per_task", [False, True])
 def test_all_borders_at_once(per_task):
-    border = Case(per_task).border()
-    row = np.array([0.8, -0.6])
-    rows = np.stack([row, 0.5 * row - 1.0])
-    values, gradients, hessians = border.pairs().evaluate(rows)
-    for row, value, slope, hessian in zip(
-        rows, values, gradients, hessians, strict=True
-    ):
-        expected = border.value_and_grad(row)
-        np.testing.assert_allclose(value, expected[0], rtol=1e-10)
-        np.testing.assert_allclose(slope, expected[1], rtol=1e-8, atol=1e-8)
-        curved = textbook.derivative(lambda row: border.value_and_grad(row)[1], row)
-        close = {"rtol": 0.0, "atol": 1e-6 * np.abs(curved).max()}
-        np.testing.assert_allclose(hessian, curved, **close)
+    check_pairs(Case(per_task).border(), np.array([0.8, -0.6]))

@@ -29,6 +29,7 @@ from skmtgp.learning.novel import join_described, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.screening import criterion
+from skmtgp.learning.shortlisting import learn_likely
 from skmtgp.learning.terms import learn_terms
 from skmtgp.model.described import describes, task_covariance
 from skmtgp.model.several import Forms, terms_of
@@ -503,7 +504,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         for term in self._terms():
             self._check_rank(term, problems[0].data)
         forms = self._forms(problems[0])
-        modes = self._learn_ranks(problems, forms, progress)
+        forms, modes = self._learn_likely(problems, forms, progress)
         of_forms = [[of.with_form(form) for of in problems] for form in forms]
         found = zip(of_forms, modes, strict=True)
         best = max(found, key=lambda of: sum(map(criterion, *of)))
@@ -528,7 +529,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             )
 
     def _forms(self, problem):
-        """Forms of K^rho to choose from, by eq. 8; one unless tasks have few rows."""
+        """Forms of K^rho to choose from, by eq. 8; one if the user gave its rank."""
         data, n = problem.data, problem.engine.n_told(len(problem.data))
         terms, ranks = self._terms(), self._ranks(data.n_told, n)
         of_terms = [
@@ -538,13 +539,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if len(terms) > 1:
             return [Forms(of_terms)]
         [term] = terms
-        if term.rank is not None or n >= FEW * data.n_told or self.max_iter == 0:
+        if term.rank is not None or self.max_iter == 0 or data.n_tasks == 1:
             return of_terms
-        forms = [_form(term, data, 0), *of_terms]
-        if term.diagonal or not problem.engine.exact:  # to which diagonals take long
-            return forms
-        simplest = {"diagonal": "equal", "shared": True}
-        return [task_covariance(data.n_tasks, 0, data.Q, **simplest), *forms]
+        if not problem.engine.exact or self._describes():
+            few = n < FEW * data.n_told
+            return [_form(term, data, 0), *of_terms] if few else of_terms
+        ladder = [_form(term, data, rank) for rank in range(ranks[0] + 1)]
+        if term.diagonal:
+            return ladder
+        simpler = [{"diagonal": "equal", "shared": of} for of in (term.shared, True)]
+        simpler = [task_covariance(data.n_tasks, 0, **of) for of in simpler]
+        return [*simpler[term.shared :], *ladder]
 
     def _terms(self):
         """What the user asks for in each term."""
@@ -578,6 +583,21 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
         return n_ranks * starts
 
+    def _learn_likely(self, problems, forms, progress):
+        """The forms that were learned, and modes for each and each output."""
+        exact, annealed = problems[0].engine.exact, self.learning == "annealed"
+        if len(forms) == 1 or not exact or not annealed:
+            return forms, self._learn_ranks(problems, forms, progress)
+        options = {"n_jobs": self.n_jobs, "progress": progress}
+        forms, modes = learn_likely(problems, forms, seeds=self._seeds(), **options)
+        return forms, list(zip(*modes, strict=True))
+
+    def _seeds(self):
+        """One for each additional start."""
+        n_seeds = self.n_restarts_optimizer + (self.learning == "simultaneous")
+        rng = check_random_state(self.random_state)
+        return rng.randint(np.iinfo(np.int32).max, size=n_seeds).tolist()
+
     def _learn_ranks(self, problems, forms, progress, **options):
         """Modes for each form and output."""
         learn = {
@@ -585,11 +605,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             "staged": learn_staged,
             "simultaneous": learn_simultaneously,
         }[self.learning]
-        n_seeds = self.n_restarts_optimizer + (self.learning == "simultaneous")
-        rng = check_random_state(self.random_state)
-        seeds = rng.randint(np.iinfo(np.int32).max, size=n_seeds).tolist()
         options |= {"n_jobs": self.n_jobs, "progress": progress}
-        learn = partial(learn_forms, learn, seeds=seeds, **options)
+        learn = partial(learn_forms, learn, seeds=self._seeds(), **options)
         if problems[0].prior.n_terms == 1:
             return learn(problems, forms)
         if self.learning != "annealed":

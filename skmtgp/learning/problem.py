@@ -90,6 +90,13 @@ class Problem:
         """The same of other data."""
         return replace(self, data=data)
 
+    def quickly(self):
+        """The same, learned less exactly: to tell modes apart, not to keep them."""
+        tuning = self.tuning
+        tol = max(self.budget.tol, tuning.relaxed_tol)
+        budget = replace(self.budget, tol=tol, patience=tuning.relaxed_patience)
+        return replace(self, budget=budget)
+
     def likelihood(self):
         """What is maximised."""
         likelihood = self.engine.likelihood(self.prior, self.data)

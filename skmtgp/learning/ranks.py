@@ -52,26 +52,57 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     modes : list of list of Mode
         The best mode found, for each output and form.
     """
-    coarse = _coarsest(problems)
+    starts = all_starts(problems, seeds, n_jobs)
+    return from_starts(problems, forms, starts, n_jobs=n_jobs, progress=progress)
+
+
+def all_starts(problems, seeds, n_jobs):
+    """Where learning from the coarsest rows begins, for each output; of all ranks."""
+    coarse = coarsest(problems)
     starts = make_starts(coarse, n_jobs, bare=True)
     more = more_starts(coarse, starts, seeds, n_jobs)
-    starts = [[*of, *others] for of, others in zip(starts, more, strict=True)]
+    return [[*of, *others] for of, others in zip(starts, more, strict=True)]
+
+
+def from_starts(
+    problems, forms, starts, *, firsts=None, compared=(), n_jobs=None, progress=silent
+):
+    """The same as `learn_ranks`, from the starts of each output.
+
+    Parameters
+    ----------
+    problems, forms, n_jobs, progress
+        See :func:`learn_ranks`.
+    starts : list of list of Start
+        See :func:`all_starts`.
+    firsts : list of list of Ascent, default=None
+        For each output and form, from the likeliest start, if they are known already.
+    compared : sequence of LowRank, WithShared or WithDiagonal, default=()
+        Forms that a form need not be learned from, for it is known to be better.
+
+    Returns
+    -------
+    modes : list of list of Mode
+        The best mode found, for each output and form.
+    """
     options = {"n_jobs": n_jobs, "progress": progress}
-    modes = _coarse_to_fine(problems, forms, starts, **options)
-    modes = _with_diagonal(problems, forms, starts, modes, **options)
+    modes = _coarse_to_fine(problems, forms, starts, firsts=firsts, **options)
+    names = {str(form) for form in [*compared, *forms]}
+    modes = _with_diagonal(problems, forms, starts, modes, names, **options)
     return [
         [with_starts(mode, of_output) for mode in of]
         for of, of_output in zip(modes, starts, strict=True)
     ]
 
 
-def _coarsest(problems):
+def coarsest(problems):
+    """The problem of the fewest rows, for each output."""
     return [problem.coarse_to_fine()[0] for problem in problems]
 
 
-def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
+def _coarse_to_fine(problems, forms, starts, *, firsts=None, n_jobs, progress):
     """The best mode from some of the rows, learned on from more and more of them."""
-    coarse = _coarsest(problems)
+    coarse = coarsest(problems)
     fine = any(
         few.data is not all_.data for few, all_ in zip(coarse, problems, strict=True)
     )
@@ -80,7 +111,8 @@ def _coarse_to_fine(problems, forms, starts, *, n_jobs, progress):
         for problem, of in zip(coarse, starts, strict=True)
     ]
     reporters = _reporters(progress, coarse, forms, len(starts[0]))
-    modes = second_stage(jobs, shakes=1, n_jobs=n_jobs, reporters=reporters)
+    running = {"n_jobs": n_jobs, "reporters": reporters}
+    modes = second_stage(jobs, shakes=1, firsts=firsts, **running)
     each = [problem for of, _ in jobs for problem in of]
     modes = run(exchange, list(zip(each, modes, strict=True)), n_jobs=n_jobs)
     if len(forms) == 1 and not fine:  # else other ranks and rows help
@@ -142,13 +174,12 @@ def _revealed(problems, forms, modes, n_jobs):
     return [[*of[:-1], mode] for of, mode in zip(modes, found, strict=True)]
 
 
-def _with_diagonal(problems, forms, starts, modes, **options):
+def _with_diagonal(problems, forms, starts, modes, names, **options):
     """The better of a mode and what a diagonal makes of the one without.
 
     The model without is part of the model with a diagonal, whose mode must not be
-    worse. Where it is learned anyway, what it found is handed down already.
+    worse. Where that has one of the names, what it found is known already.
     """
-    names = {str(form) for form in forms}
     grows = [
         isinstance(form, WithDiagonal) and form.n_kappa and str(form.form) not in names
         for form in forms

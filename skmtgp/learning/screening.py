@@ -158,16 +158,18 @@ def price_of_tasks(data):
     return 0.5 * np.log(np.maximum(counts, 1.0)).sum()
 
 
-def criterion(problem, mode):
+def criterion(problem, mode, times=1.0):
     """Likelihood less what hyperparameters are worth, eq. 8.
 
-    A noise variance of a task is worth what its own rows tell.
+    A noise variance of a task is worth what its own rows tell. It is foreseen of so
+    many times the rows, if each of them tells as much.
     """
     prior, data = problem.prior, problem.data
     n_shared, of_tasks = prior.n_hyperparameters, 0.0
     if prior.n_noise > 1:
         n_shared, of_tasks = n_shared - prior.n_noise, price_of_tasks(data)
-    return mode.value - price(n_shared, len(data)) - of_tasks
+        of_tasks += price(prior.n_noise, times)
+    return times * mode.value - price(n_shared, times * len(data)) - of_tasks
 
 
 def score(problem, mode, scale):

@@ -52,6 +52,8 @@ class Start(NamedTuple):
         Logarithm of the noise variance. None is that of sigma_0^2.
     log_level : float, default=None
         Logarithm of the levels' variance. None is where it begins.
+    is_noisy : bool, default=False
+        Whether step 1 has taken more than a little for noise.
     """
 
     kernel_theta: np.ndarray
@@ -59,6 +61,7 @@ class Start(NamedTuple):
     mode: Mode | None = None
     log_noise: np.ndarray | None = None
     log_level: float | None = None
+    is_noisy: bool = False
 
     def theta(self, problem):
         """All parameters of the problem's model."""
@@ -78,7 +81,8 @@ def first_stage(problem, *, relaxed=True):
         posterior = likelihood.posterior(mode.theta)
         K_rho = augmented_task_covariance(problem.data, posterior)
     kernel, level = prior.values(mode.theta).kernel, prior.log_level_at(mode.theta)
-    return Start(kernel, K_rho, mode, log_level=level)
+    noisy = problem.is_noisy(mode, beyond=0.1)
+    return Start(kernel, K_rho, mode, log_level=level, is_noisy=noisy)
 
 
 def first_without_levels(problem):
@@ -125,7 +129,7 @@ def augmented_task_covariance(data, posterior):
     return T_aug.T @ np.linalg.solve(K_x, T_aug) / len(X)
 
 
-def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
+def second_stage(jobs, *, shakes, firsts=None, n_jobs=None, reporters=None):
     """Step 3 of section 3, from each start; the best modes.
 
     Parameters
@@ -136,6 +140,8 @@ def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
     shakes : int
         How often the best mode of a problem is shaken. One that is no better than a
         lower rank's is not.
+    firsts : list of list of Ascent, default=None
+        From the likeliest start of each job, if they are known already.
     n_jobs : int, default=None
         Processes, to which the starts of all jobs are shared out.
     reporters : pair of callables, default=None
@@ -149,7 +155,7 @@ def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
     """
     of_starts, of_jobs = reporters or (lambda: None, lambda: None)
     best = []
-    found = _followed(jobs, n_jobs, of_starts())
+    found = _followed(jobs, firsts, n_jobs, of_starts())
     for (problems, _), chains in zip(jobs, found, strict=True):
         value = -np.inf
         for problem, of_starts in zip(problems, zip(*chains, strict=True), strict=True):
@@ -161,7 +167,7 @@ def second_stage(jobs, *, shakes, n_jobs=None, reporters=None):
     return run(shake, best, n_jobs=n_jobs, report=of_jobs())
 
 
-def _followed(jobs, n_jobs, report):
+def _followed(jobs, firsts, n_jobs, report):
     """Ascents of each job's problems from its likeliest start, then from the others."""
 
     def say(i, ascents, n_others=0):
@@ -172,15 +178,15 @@ def _followed(jobs, n_jobs, report):
                 position = (len(jobs) * len(ascents)) + position * n_others + start
             report(position, ascent.mode)
 
-    first = run(
-        _follow,
-        [(problems, likeliest(starts)) for problems, starts in jobs],
-        n_jobs=n_jobs,
-        report=say,
-    )
+    if firsts is None:
+        of_likeliest = [(problems, likeliest(starts)) for problems, starts in jobs]
+        firsts = run(_follow, of_likeliest, n_jobs=n_jobs, report=say)
+    else:
+        for i, ascents in enumerate(firsts):
+            say(i, ascents)
     others = [
         (problems, start, known)
-        for (problems, starts), known in zip(jobs, first, strict=True)
+        for (problems, starts), known in zip(jobs, firsts, strict=True)
         for start in starts
         if start is not likeliest(starts)
     ]
@@ -188,7 +194,7 @@ def _followed(jobs, n_jobs, report):
     rest = iter(run(_follow, others, n_jobs=n_jobs, report=of_others))
     return [
         [ascents, *islice(rest, len(starts) - 1)]
-        for ascents, (_, starts) in zip(first, jobs, strict=True)
+        for ascents, (_, starts) in zip(firsts, jobs, strict=True)
     ]
 
 
@@ -198,20 +204,40 @@ def likeliest(starts):
 
 
 def _follow(problems, start, known=()):
-    """Ascents from a start, of ascending ranks.
+    """Ascents from a start, of ascending ranks."""
+    ascents, below = [], None
+    for k, problem in enumerate(problems):
+        ascents.append(follow(problem, start, below, known[k : k + 1]))
+        below = problem, ascents[-1]
+    return ascents
+
+
+def follow(problem, start, below=None, known=()):
+    """The ascent of a model from a start.
 
     While the noise of data without any is held up, all ranks but the lowest have all
-    but the same mode: each begins where the one before it was.
+    but the same mode: each begins where the one below it was.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    start : Start
+        Where step 3 begins.
+    below : (Problem, Ascent), default=None
+        Of the next lower rank, from the same start.
+    known : sequence of Ascent
+        Of the same problem from other starts.
+
+    Returns
+    -------
+    ascent : Ascent
     """
-    ascents = []
-    for k, problem in enumerate(problems):
-        others, lower = known[k : k + 1], problems[k - 1]
-        held = k and not lower.is_noisy(ascents[-1].held, beyond=0.1)
-        if held and has_columns_more(lower, problem):
-            ascents.append(_follow_higher(lower, problem, ascents[-1], others))
-        else:
-            ascents.append(annealed(problem, start.theta(problem), others))
-    return ascents
+    if below is None or below[0].is_noisy(below[1].held, beyond=0.1):
+        return annealed(problem, start.theta(problem), known)
+    if not has_columns_more(below[0], problem):
+        return annealed(problem, start.theta(problem), known)
+    return _follow_higher(below[0], problem, below[1], known)
 
 
 def _follow_higher(lower, problem, below, others):

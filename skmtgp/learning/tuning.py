@@ -78,6 +78,13 @@ class Tuning:
         Of the mean diagonal of K^x, what is added where there is nothing to explain.
     report_every : int
         Iterations between lines of `verbose=2`.
+    unsure : float
+        Nats by which a sketch of a form of K^rho may be below another one's, by eq. 8,
+    unsure_of_row : float
+        and more of these for each row of data without noise, whose modes differ more:
+        beyond, it is not learned.
+    foreseen : int
+        Numbers of rows for which that is asked, from the few that it was learned from.
     rounds : int
         Of choosing inducing inputs: the second has a kernel that was learned.
     telling : int
@@ -176,6 +183,9 @@ class Tuning:
     off: float = 1.0
     singular: float = 1e-12
     report_every: int = 100
+    unsure: float = 2.0
+    unsure_of_row: float = 0.0
+    foreseen: int = 4
     rounds: int = 2
     telling: int = 4
     gain: float = 1e-4

@@ -1,0 +1,142 @@
+"""One of several forms of K^rho, of which only the likely ones are learned thoroughly.
+
+All are sketched first: from the likeliest start alone, and from a few hundred of the
+rows. Ranks ascend until two in a row are worse than a lower one. Forms that eq. 8 will
+not choose are left out then.
+"""
+
+import numpy as np
+
+from skmtgp._numerics.parallel import run
+from skmtgp._support.progress import silent
+from skmtgp.learning.climbing import Ascent, climb
+from skmtgp.learning.nesting import descend, has_columns_more, with_columns
+from skmtgp.learning.ranks import (
+    all_starts,
+    by_output,
+    coarsest,
+    description,
+    from_starts,
+)
+from skmtgp.learning.screening import criterion
+from skmtgp.learning.stages import follow, likeliest
+
+WORSE = 2  # ranks in a row that end the sketches
+
+
+def learn_likely(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
+    """Learn those of several forms of K^rho that eq. 8 may choose.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output, with an exact engine.
+    forms : list of LowRank, WithShared or WithDiagonal
+        Those that are not part of the next one first, then ascending ranks.
+    seeds, n_jobs, progress
+        See :func:`skmtgp.learning.ranks.learn_ranks`.
+
+    Returns
+    -------
+    forms : list of LowRank, WithShared or WithDiagonal
+        Those that were learned.
+    modes : list of list of Mode
+        The best mode found, for each output and form.
+    """
+    coarse = coarsest(problems)
+    starts = all_starts(problems, seeds, n_jobs)
+    sketches = _sketched(coarse, forms, starts, n_jobs, progress)
+    kept = _likely(problems, coarse, sketches)
+    jobs = [
+        (problem.with_form(forms[k]), of_output[k][1])
+        for problem, of_output in zip(coarse, sketches, strict=True)
+        for k in kept
+    ]
+    likely = [forms[k] for k in kept]
+    known = {
+        "firsts": by_output(run(_finished, jobs, n_jobs=n_jobs), likely),
+        "compared": forms[: len(sketches[0])],
+    }
+    options = {"n_jobs": n_jobs, "progress": progress}
+    return likely, from_starts(problems, likely, starts, **known, **options)
+
+
+def _sketched(problems, forms, starts, n_jobs, progress):
+    """For each output the problem and an ascent of each form, or of the first forms."""
+    n = len(problems) * len(forms)
+    of_all = description(problems, forms, stage="from the likeliest start")
+    report = progress("comparing ranks", n, of_all)
+    starts, below, found = list(map(likeliest, starts)), [None] * len(problems), []
+    for k, form in enumerate(forms):
+        of_form = [problem.with_form(form) for problem in problems]
+        jobs = list(zip(of_form, starts, below, strict=True))
+        ascents = run(_sketch, jobs, n_jobs=n_jobs)
+        below = list(zip(of_form, ascents, strict=True))
+        found.append(below)
+        for j, ascent in enumerate(ascents if report is not None else ()):
+            report(j * len(forms) + k, ascent.mode)
+        if _falls(found):
+            break
+    return run(_descended, [(of,) for of in zip(*found, strict=True)], n_jobs=n_jobs)
+
+
+def _sketch(problem, start, below):
+    """An ascent of a form; that of noisy data is quick, and begins at the rank below.
+
+    Without noise both would miss modes that are far better.
+    """
+    if not start.is_noisy:
+        return follow(problem, start, below)
+    problem = problem.quickly()
+    if below is None or not has_columns_more(below[0], problem):
+        return follow(problem, start)
+    mode = climb(problem, with_columns(below[0], problem, below[1].mode))
+    return Ascent(mode, mode)
+
+
+def _descended(sketches):
+    """The same, with what a rank can learn from the next higher one."""
+    problems, ascents = zip(*sketches, strict=True)
+    modes = descend(problems, [ascent.mode for ascent in ascents])
+    return [
+        (problem, ascent._replace(mode=mode))
+        for (problem, ascent), mode in zip(sketches, modes, strict=True)
+    ]
+
+
+def _falls(found):
+    """Whether the last ranks are all worse than a lower one."""
+    ladder = [found[-1]]
+    for lower in reversed(found[:-1]):
+        if not has_columns_more(lower[0][0], ladder[-1][0][0]):
+            break
+        ladder.append(lower)
+    of_forms = [
+        sum(criterion(problem, ascent.mode) for problem, ascent in of) for of in ladder
+    ]
+    return int(np.argmax(of_forms)) >= WORSE
+
+
+def _likely(problems, coarse, sketches):
+    """Positions of the forms that are near the best, by some or by all rows."""
+    tuning = problems[0].tuning
+    most = len(problems[0].data) / len(coarse[0].data)
+    margin = tuning.unsure * len(problems)
+    for of_output in sketches:
+        best, ascent = max(of_output, key=lambda of: criterion(of[0], of[1].mode))
+        if not best.is_noisy(ascent.mode):
+            margin += tuning.unsure_of_row * len(best.data)
+    likely = set()
+    for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
+        found = sum(
+            np.array([criterion(of, ascent.mode, times) for of, ascent in of_output])
+            for of_output in sketches
+        )
+        likely |= set(np.flatnonzero(found >= found.max() - margin).tolist())
+    return sorted(likely)
+
+
+def _finished(problem, ascent):
+    """A sketch, learned as far as other modes are."""
+    mode = ascent.mode.then(climb(problem, ascent.mode.theta))
+    return ascent._replace(mode=mode)

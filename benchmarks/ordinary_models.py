@@ -211,13 +211,16 @@ def learned(estimator, params, drawn):
     row = {"lml": getattr(of, "log_marginal_likelihood_value_", None)}
     if isinstance(estimator, RankSearchIC):
         row["chose"] = estimator.best_model_
-        row["right"] = is_right(estimator.best_model_, drawn)
+    elif isinstance(of, MultiTaskGPRegressor):
+        row["chose"] = str(of._likelihoods[0].prior.task_covariance)
+    if "chose" in row:
+        row["right"] = is_right(row["chose"], drawn)
     if isinstance(of, MultiTaskGPRegressor):
         row["config"] = {
             **{key: params[key] for key in OF_THE_MODEL if key in params},
             "rank": of.rank_,
-            "shared": of.shared,
-            "diagonal": of.diagonal,
+            "shared": of.shared_,
+            "diagonal": of.diagonal_,
             "task_levels": of.task_levels,
             "normalize_y": of.normalize_y_,
             "noise": of.noise_,
@@ -230,7 +233,7 @@ def learned(estimator, params, drawn):
 
 
 def is_right(name, drawn):
-    """Whether the search has chosen the model of the problem; None if none is."""
+    """Whether the model of the problem was chosen; None if none is."""
     if drawn.rank is None:
         return None
     factor = drawn.truth.factor

@@ -138,8 +138,7 @@ def chosen(fit):
     if "config" not in fit:
         return fit["chose"]
     config = fit["config"]
-    model = fit.get("chose", f"rank {config['rank']}")
-    return f"{model}, {config['normalize_y']} units, {config['noise']}"
+    return f"{fit['chose']}, {config['normalize_y']} units, {config['noise']}"
 
 
 def over_best(own, of_this, tasks=slice(None)):

@@ -28,8 +28,7 @@ from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import join_described, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.screening import criterion
-from skmtgp.learning.shortlisting import learn_likely
+from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
 from skmtgp.model.described import describes, task_covariance
 from skmtgp.model.several import Forms, terms_of
@@ -77,17 +76,23 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         at most the number of tasks, with `task_descriptors` at most one more than the
         number of descriptors.
 
-        None is full rank, as far as there are at least four rows for each number of the
-        task covariance. For sparse inference the `n_exact` rows count. With fewer than
-        eight rows per task, BIC chooses between this rank and two simpler models: one
-        function that all tasks share (rank 0) and, with exact inference, compound
-        symmetry (see `diagonal`). `rank_` and `diagonal_` have the choice.
+        None lets BIC choose. It compares ranks 1, 2, 3, ... and three simpler models:
+        independent tasks, one function that all tasks share (rank 0), and compound
+        symmetry (see `diagonal`). A rank needs four rows for each number of the task
+        covariance. Ranks end after two in a row that are worse than a lower one.
+        `rank_`, `shared_` and `diagonal_` have the choice.
+
+        BIC does not compare all of these with sparse inference, `task_descriptors` or
+        another `learning`. None is then the highest rank that has enough rows, for
+        sparse inference of the `n_exact` rows. With fewer than eight rows per task, BIC
+        compares this rank with rank 0.
 
         Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
         tasks have one function, and with `task_levels` each has its own level. That
         suits many tasks with a handful of rows.
 
-        With several kernels a list has the rank of each term. BIC does not choose then.
+        With several kernels a list has the rank of each term. None is then the highest
+        rank that has enough rows.
     shared : bool or list of bool, default=False
         Whether all tasks share one function in equal amounts: :math:`K^\rho = a 1 1^T +
         L L^T`. They differ from it by functions of the given rank. A task that `fit`
@@ -309,6 +314,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     rank_ : int, or list of int
         Rank of the task covariance, without the shared function. With several terms the
         rank of each.
+    shared_ : bool, or list of bool
+        Whether all tasks share one function. With several terms that of each.
     diagonal_ : bool or "equal", or list of them
         Which diagonal the task covariance has. With several terms that of each.
     hyperparameters_ : {"mode", "map", "sampled"}
@@ -504,13 +511,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         for term in self._terms():
             self._check_rank(term, problems[0].data)
         forms = self._forms(problems[0])
-        forms, modes = self._learn_likely(problems, forms, progress)
-        of_forms = [[of.with_form(form) for of in problems] for form in forms]
-        found = zip(of_forms, modes, strict=True)
-        best = max(found, key=lambda of: sum(map(criterion, *of)))
+        found = self._learn_one(problems, forms, progress)
         if self.verbose and len(forms) > 1:
-            say(f"chosen by BIC: {best[0][0].prior.task_covariance}")
-        return best
+            say(f"chosen by BIC: {found[0][0].prior.task_covariance}")
+        return found
 
     def _check_rank(self, term, data):
         """Raise an error where the rank of a term cannot be."""
@@ -541,7 +545,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         [term] = terms
         if term.rank is not None or self.max_iter == 0 or data.n_tasks == 1:
             return of_terms
-        if not problem.engine.exact or self._describes():
+        if not self._compares(problem.engine):
             few = n < FEW * data.n_told
             return [_form(term, data, 0), *of_terms] if few else of_terms
         ladder = [_form(term, data, rank) for rank in range(ranks[0] + 1)]
@@ -583,14 +587,18 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
         return n_ranks * starts
 
-    def _learn_likely(self, problems, forms, progress):
-        """The forms that were learned, and modes for each and each output."""
-        exact, annealed = problems[0].engine.exact, self.learning == "annealed"
-        if len(forms) == 1 or not exact or not annealed:
-            return forms, self._learn_ranks(problems, forms, progress)
-        options = {"n_jobs": self.n_jobs, "progress": progress}
-        forms, modes = learn_likely(problems, forms, seeds=self._seeds(), **options)
-        return forms, list(zip(*modes, strict=True))
+    def _compares(self, engine):
+        """Whether BIC compares all ranks, where nobody asked for one."""
+        annealed = self.learning == "annealed"
+        return annealed and engine.exact and not self._describes()
+
+    def _learn_one(self, problems, forms, progress):
+        """The problem of each output with the form that BIC chooses, and its mode."""
+        if len(forms) > 1 and self._compares(problems[0].engine):
+            options = {"n_jobs": self.n_jobs, "progress": progress}
+            return learn_best(problems, forms, seeds=self._seeds(), **options)
+        modes = self._learn_ranks(problems, forms, progress)
+        return chosen(problems, forms, list(zip(*modes, strict=True)))
 
     def _seeds(self):
         """One for each additional start."""
@@ -783,8 +791,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
         super()._store_learned(training, engine, likelihoods, modes, posteriors)
         form = likelihoods[0].prior.task_covariance
-        self.rank_, diagonals = form.rank, list(map(_diagonal_of, terms_of(form)))
-        self.diagonal_ = diagonals if isinstance(form, Forms) else diagonals[0]
+        self.rank_, of_terms = form.rank, terms_of(form)
+        diagonals = list(map(_diagonal_of, of_terms))
+        shared = [bool(getattr(of_term, "shared", False)) for of_term in of_terms]
+        several = isinstance(form, Forms)
+        self.diagonal_ = diagonals if several else diagonals[0]
+        self.shared_ = shared if several else shared[0]
 
 
 def _form(term, data, rank):

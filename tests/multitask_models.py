@@ -11,16 +11,18 @@ QUICK = {"max_iter": 5}
 PAPER = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
 SHARED = {"normalize_y": "shared", "noise": "shared"}
 MODELS = {
-    "full rank": PAPER,
+    "full rank": PAPER | {"rank": 3},
     "rank 1": PAPER | {"rank": 1},
     "rank 2": PAPER | {"rank": 2},
     "diagonal": PAPER | {"rank": 2, "diagonal": True},
     "noise of each task": PAPER | {"rank": 2, "noise": "per_task"},
     "not normalised": PAPER | {"rank": 2, "normalize_y": False},
-    "all": PAPER | {"diagonal": True, "noise": "per_task", "normalize_y": False},
-    "amplitude": PAPER | {"kernel": ConstantKernel(2.0) * RBF([1.0, 3.0])},
+    "all": PAPER
+    | {"rank": 3, "diagonal": True, "noise": "per_task", "normalize_y": False},
+    "amplitude": PAPER | {"rank": 3, "kernel": ConstantKernel(2.0) * RBF([1.0, 3.0])},
     "levels": SHARED | {"rank": 1},
-    "units of each task": {"normalize_y": "per_task", "noise": "shared"},
+    "units of each task": {"rank": 3, "normalize_y": "per_task", "noise": "shared"},
+    "compound symmetry": SHARED | {"rank": 0, "shared": True, "diagonal": "equal"},
     "defaults": {},
 }
 

@@ -91,17 +91,29 @@ def test_uncertainty_of_an_observation(model):
     np.testing.assert_allclose(noisy_cov, cov)
 
 
+def n_kappa(model):
+    """Numbers of the diagonal of K^rho."""
+    return {False: 0, True: 3, "equal": 1}[model.diagonal_]
+
+
+def test_form_is_the_one_asked_for(model):
+    for name in "rank", "shared", "diagonal":
+        if model.rank is not None:
+            assert getattr(model, f"{name}_") == getattr(model, name)
+
+
 def test_factor_is_a_lower_trapezoid_of_the_task_covariance(model):
-    rank = model.rank or 3
-    assert model.rank_ == rank
-    factors = model.task_factor_.reshape(-1, 3, rank)
+    rank = model.rank_
+    n_outputs = len(outputs(model))
+    factors = model.task_factor_.reshape(n_outputs, 3, rank)
     for output, L in zip(outputs(model), factors, strict=True):
         K_rho = output.K_rho
         assert (L[np.triu_indices(3, 1, rank)] == 0.0).all()
         assert (np.diagonal(L) >= 0.0).all()
         rest = K_rho - L @ L.T
-        assert (np.diag(rest) > 0.0).all() or not model.diagonal
-        rest -= np.diag(np.diag(rest)) * model.diagonal
+        rest -= model.shared_ * rest[0, 1]
+        assert (np.diag(rest) > 0.0).all() or not model.diagonal_
+        rest -= np.diag(np.diag(rest)) * bool(model.diagonal_)
         np.testing.assert_allclose(rest, 0.0, atol=1e-10 * np.abs(K_rho).max())
 
 
@@ -112,18 +124,16 @@ def test_theta_is_as_documented(model):
         square = np.square(model.y_train_).mean(axis=0)
         scales = np.sqrt(square).reshape(n_outputs, 1)
     parts = np.split(model.theta_, n_outputs)
+    n_noise = 3 if model.noise_ == "per_task" else 1
+    n_levels = int(model.task_levels)
+    sizes = int(model.shared_), n_kappa(model), n_levels, n_noise
     for theta, scale, output in zip(parts, scales, outputs(model), strict=True):
-        n_kappa, n_noise = 3 * model.diagonal, 1
-        if model.noise == "per_task":
-            n_noise = 3
-        sizes = output.kernel.n_dims, 3 * rank, n_kappa, int(model.task_levels), n_noise
-        *parts, rest = np.split(theta, np.cumsum(sizes))
-        kernel, F, log_kappa, log_level, log_noise = parts
+        ends = np.cumsum([output.kernel.n_dims, 3 * rank, *sizes])
+        kernel, F, log_a, log_kappa, log_level, log_noise, rest = np.split(theta, ends)
         assert not len(rest)
         np.testing.assert_allclose(kernel, output.kernel.theta, rtol=1e-12)
-        K_rho = textbook.low_rank(
-            F.reshape(3, rank), np.exp(log_kappa) if n_kappa else None
-        )
+        kappa = np.broadcast_to(np.exp(log_kappa), 3) if len(log_kappa) else None
+        K_rho = textbook.low_rank(F.reshape(3, rank), kappa) + np.exp(log_a).sum()
         scales = np.broadcast_to(scale, 3)
         K_rho *= np.multiply.outer(scales, scales)
         close = {"atol": 1e-12 * np.square(scale).max()}
@@ -138,9 +148,10 @@ def test_number_of_hyperparameters_is_that_of_eq_8(model):
     per_output = (
         outputs(model)[0].kernel.n_dims
         + r * (2 * M + 1 - r) // 2
-        + (M if model.diagonal else 0)
+        + model.shared_
+        + n_kappa(model)
         + model.task_levels
-        + (M if model.noise == "per_task" else 1)
+        + (M if model.noise_ == "per_task" else 1)
     )
     assert model.n_hyperparameters_ == per_output * len(outputs(model))
 
@@ -247,7 +258,7 @@ def test_default_kernel_is_scaled_to_the_features():
 def test_noise_that_is_fixed():
     X, y = draw()
     model = MultiTaskGPRegressor(
-        noise_variance=0.05, noise_variance_bounds="fixed", **QUICK
+        rank=3, noise_variance=0.05, noise_variance_bounds="fixed", **QUICK
     ).fit(X, y)
     assert model.noise_variance_ == pytest.approx(0.05 * y.var())
     assert model.n_hyperparameters_ == 2 + 6 + 1

@@ -210,7 +210,7 @@ def test_verbosity(told):
 
 
 def test_too_few_iterations_are_reported():
-    model = MultiTaskGPRegressor(max_iter=2)
+    model = MultiTaskGPRegressor(rank=3, max_iter=2)
     with pytest.warns(
         ConvergenceWarning, match=r"output \[1, 2\] was .* max_iter=2 iterat"
     ):

@@ -65,7 +65,7 @@ class TestLearning:
 
         for name, learner in LEARNERS.items():
             monkeypatch.setattr(multitask, learner.__name__, spying(name))
-        options = {"learning": learning, "truncation": truncation, **QUICK}
+        options = {"learning": learning, "truncation": truncation, "rank": 3, **QUICK}
         MultiTaskGPRegressor(**options, **PAPER).fit(*data)
         assert called == [(learning, [truncation] * (data[1].size // len(data[1])))]
 

@@ -53,7 +53,11 @@ def learn_ranks(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         The best mode found, for each output and form.
     """
     starts = all_starts(problems, seeds, n_jobs)
-    return from_starts(problems, forms, starts, n_jobs=n_jobs, progress=progress)
+    modes = from_starts(problems, forms, starts, n_jobs=n_jobs, progress=progress)
+    return [
+        [with_starts(mode, of_output) for mode in of]
+        for of, of_output in zip(modes, starts, strict=True)
+    ]
 
 
 def all_starts(problems, seeds, n_jobs):
@@ -67,7 +71,7 @@ def all_starts(problems, seeds, n_jobs):
 def from_starts(
     problems, forms, starts, *, firsts=None, compared=(), n_jobs=None, progress=silent
 ):
-    """The same as `learn_ranks`, from the starts of each output.
+    """The same as `learn_ranks`, from the starts of each output, which do not count.
 
     Parameters
     ----------
@@ -88,11 +92,7 @@ def from_starts(
     options = {"n_jobs": n_jobs, "progress": progress}
     modes = _coarse_to_fine(problems, forms, starts, firsts=firsts, **options)
     names = {str(form) for form in [*compared, *forms]}
-    modes = _with_diagonal(problems, forms, starts, modes, names, **options)
-    return [
-        [with_starts(mode, of_output) for mode in of]
-        for of, of_output in zip(modes, starts, strict=True)
-    ]
+    return _with_diagonal(problems, forms, starts, modes, names, **options)
 
 
 def coarsest(problems):

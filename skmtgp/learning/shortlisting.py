@@ -5,6 +5,8 @@ rows. Ranks ascend until two in a row are worse than a lower one. Forms that eq.
 not choose are left out then.
 """
 
+from itertools import chain
+
 import numpy as np
 
 from skmtgp._numerics.parallel import run
@@ -19,13 +21,13 @@ from skmtgp.learning.ranks import (
     from_starts,
 )
 from skmtgp.learning.screening import criterion
-from skmtgp.learning.stages import follow, likeliest
+from skmtgp.learning.stages import follow, likeliest, with_starts
 
 WORSE = 2  # ranks in a row that end the sketches
 
 
-def learn_likely(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
-    """Learn those of several forms of K^rho that eq. 8 may choose.
+def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
+    """Learn the one of several forms of K^rho that eq. 8 chooses.
 
     Parameters
     ----------
@@ -38,30 +40,63 @@ def learn_likely(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
 
     Returns
     -------
-    forms : list of LowRank, WithShared or WithDiagonal
-        Those that were learned.
-    modes : list of list of Mode
-        The best mode found, for each output and form.
+    problems : list of Problem
+        For each output, with the form that was chosen.
+    modes : list of Mode
+        The best mode found for each, with what was spent on all forms.
     """
+    options = {"n_jobs": n_jobs, "progress": progress}
     coarse = coarsest(problems)
     starts = all_starts(problems, seeds, n_jobs)
-    sketches = _sketched(coarse, forms, starts, n_jobs, progress)
-    kept = _likely(problems, coarse, sketches)
-    jobs = [
-        (problem.with_form(forms[k]), of_output[k][1])
-        for problem, of_output in zip(coarse, sketches, strict=True)
-        for k in kept
-    ]
-    likely = [forms[k] for k in kept]
+    sketches = _sketched(coarse, forms, starts, **options)
+    likely = _likely(problems, coarse, sketches)
+    jobs = [of_output[k] for of_output in sketches for k in likely]
+    kept = [forms[k] for k in likely]
     known = {
-        "firsts": by_output(run(_finished, jobs, n_jobs=n_jobs), likely),
+        "firsts": by_output(run(_finished, jobs, n_jobs=n_jobs), kept),
         "compared": forms[: len(sketches[0])],
     }
-    options = {"n_jobs": n_jobs, "progress": progress}
-    return likely, from_starts(problems, likely, starts, **known, **options)
+    modes = from_starts(problems, kept, starts, **known, **options)
+    best, of_best = chosen(problems, kept, modes)
+    k = kept.index(best[0].prior.task_covariance)
+    found = []
+    for mode, of, of_output, begun in zip(
+        of_best, modes, sketches, starts, strict=True
+    ):
+        others = [of[:k], of[k + 1 :]]
+        dropped = [sketch for j, sketch in enumerate(of_output) if j not in likely]
+        others += [[ascent.mode for _, ascent in dropped]]
+        found.append(with_starts(mode.counting(chain(*others)), begun))
+    return best, found
 
 
-def _sketched(problems, forms, starts, n_jobs, progress):
+def chosen(problems, forms, modes):
+    """The form that eq. 8 chooses, over all outputs.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output.
+    forms : list of FixedTaskCovariance, LowRank or another
+        Forms of K^rho.
+    modes : list of list of Mode
+        For each output and form.
+
+    Returns
+    -------
+    problems : list of Problem
+        With the form.
+    modes : list of Mode
+        For each output.
+    """
+    of_forms = [
+        ([problem.with_form(form) for problem in problems], of_form)
+        for form, of_form in zip(forms, zip(*modes, strict=True), strict=True)
+    ]
+    return max(of_forms, key=lambda of: sum(map(criterion, *of)))
+
+
+def _sketched(problems, forms, starts, *, n_jobs, progress):
     """For each output the problem and an ascent of each form, or of the first forms."""
     n = len(problems) * len(forms)
     of_all = description(problems, forms, stage="from the likeliest start")

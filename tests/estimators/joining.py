@@ -24,3 +24,9 @@ def learner(**params):
     """From one start: what is known already need not be the best mode."""
     options = PAPER | {"max_iter": 20, "learning": "staged"} | params
     return MultiTaskGPRegressor(RBF([1.0, 1.0]), **options)
+
+
+def fitted(X, y, **params):
+    """A fitted learner; without a rank as if full rank had been chosen."""
+    model = learner(**{"rank": len(OLD)} | params).fit(X, y)
+    return model if "rank" in params else model.set_params(rank=None)

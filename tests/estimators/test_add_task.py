@@ -4,6 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
+import joining
 import textbook
 from joining import OLD, PLACES, learner, split
 from multitask_models import PAPER
@@ -53,7 +54,7 @@ def case(request):
 def fitted(case):
     """Tests share it: add_task leaves it alone."""
     params, n_outputs, *_ = case
-    return learner(**params).fit(*split(n_outputs)[:2])
+    return joining.fitted(*split(n_outputs)[:2], **params)
 
 
 @pytest.fixture(scope="module")
@@ -215,7 +216,7 @@ def test_the_position_of_the_task_does_not_matter(params, prior):
     found = []
     for place in PLACES:
         X, y, X_new, y_new = split(place=place)
-        model = learner(**params).fit(X, y).add_task(X_new, y_new, prior=prior)
+        model = joining.fitted(X, y, **params).add_task(X_new, y_new, prior=prior)
         labels = np.array([*OLD, PLACES[place]])[Z[:, -1].astype(int)]
         mean, cov = model.predict(np.c_[Z[:, :-1], labels], return_cov=True)
         found.append(np.vstack([mean, cov]))
@@ -292,7 +293,8 @@ def test_one_task_after_another(rank, prior):
     X, y, X_new, y_new, _ = related(n_tasks=5, per_task=12, n_new=48)
     negative = 2.0 * y.mean() - y_new
     Z = np.column_stack([X_new[:, :2], np.full(48, 7)])
-    model = MultiTaskGPRegressor(rank=rank, **PAPER).fit(X, y)
+    model = MultiTaskGPRegressor(rank=rank or 5, **PAPER).fit(X, y)
+    model.set_params(rank=rank)  # None as if full rank had been chosen
     first, second = (X_new[::2], y_new[::2]), (Z[::2], negative[::2])
     one, other = (
         model.add_task(*a, prior=prior).add_task(*b, prior=prior)
@@ -313,7 +315,7 @@ def test_one_task_after_another(rank, prior):
 @pytest.mark.parametrize("params", [{"rank": 2}, {"rank": 3}, {}])
 def test_a_task_with_the_samples_of_another_is_like_it(params, prior):
     X, y, *_ = split()
-    model, copied = learner(**params).fit(X, y), X[:, -1] == OLD[1]
+    model, copied = joining.fitted(X, y, **params), X[:, -1] == OLD[1]
     extended = model.add_task(X[copied] + [0.0, 0.0, 10.0], y[copied], prior=prior)
     K = extended.task_covariance_
     close = {"atol": (0.1 if prior else 0.03) * K[1, 1]}

@@ -177,6 +177,7 @@ class TestTargets:
     @each_shared
     @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
     @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.JitterWarning")
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.CorrelatedResidualsWarning")
     def test_repeated_rows_that_disagree_without_noise(self, model):
         twice, far = np.vstack([X, X]), np.r_[Y, Y + 1.0]
         params = {"noise_variance": 1e-10, "noise_variance_bounds": "fixed"}

@@ -20,8 +20,9 @@ from skmtgp.learning.ranks import (
     description,
     from_starts,
 )
-from skmtgp.learning.screening import criterion
+from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.stages import follow, likeliest, with_starts
+from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches
 
@@ -51,11 +52,10 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     sketches = _sketched(coarse, forms, starts, **options)
     likely = _likely(problems, coarse, sketches)
     jobs = [of_output[k] for of_output in sketches for k in likely]
-    kept = [forms[k] for k in likely]
-    known = {
-        "firsts": by_output(run(_finished, jobs, n_jobs=n_jobs), kept),
-        "compared": forms[: len(sketches[0])],
-    }
+    compared = [problem.prior.task_covariance for problem, _ in sketches[0]]
+    kept = [compared[k] for k in likely]
+    firsts = by_output(run(_finished, jobs, n_jobs=n_jobs), kept)
+    known = {"firsts": firsts, "compared": compared}
     modes = from_starts(problems, kept, starts, **known, **options)
     best, of_best = chosen(problems, kept, modes)
     k = kept.index(best[0].prior.task_covariance)
@@ -93,7 +93,19 @@ def chosen(problems, forms, modes):
         ([problem.with_form(form) for problem in problems], of_form)
         for form, of_form in zip(forms, zip(*modes, strict=True), strict=True)
     ]
-    return max(of_forms, key=lambda of: sum(map(criterion, *of)))
+    return max(of_forms, key=lambda of: sum(map(worth, *of)))
+
+
+def worth(problem, mode, times=1.0):
+    """Eq. 8, see `criterion`, without the variances of a diagonal that vanished."""
+    prior, found = problem.prior, criterion(problem, mode, times)
+    form = prior.task_covariance
+    if not (isinstance(form, WithDiagonal) and form.n_kappa > 1):
+        return found
+    rho = prior.values(mode.theta).rho
+    own = np.exp(rho[-form.n_kappa :]) / np.diagonal(form.matrix(rho))
+    vanished = np.count_nonzero(own < problem.tuning.vanishing)
+    return found + price(vanished, times * len(problem.data))
 
 
 def _sketched(problems, forms, starts, *, n_jobs, progress):
@@ -112,7 +124,35 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
             report(j * len(forms) + k, ascent.mode)
         if _falls(found):
             break
+    found = _with_own(found, starts, n_jobs)
     return run(_descended, [(of,) for of in zip(*found, strict=True)], n_jobs=n_jobs)
+
+
+def _with_own(found, starts, n_jobs):
+    """The same, and the best rank with a diagonal in place of its last column.
+
+    It may be that one task alone has that to itself. Only of noisy data.
+    """
+    ladder = [
+        k for k, of in enumerate(found) if not of[0][0].prior.task_covariance.n_own
+    ]
+    best = max(ladder, key=lambda k: _total(found[k]), default=None)
+    form = None if best is None else found[best][0][0].prior.task_covariance
+    if form is None or form.rank < 2 or not all(start.is_noisy for start in starts):
+        return found
+    form = enlarged(form.with_rank(form.rank - 1), diagonal=True)
+    jobs = [(*of, form) for of in found[best]]
+    own = run(_cut, jobs, n_jobs=n_jobs)
+    return [*found[: ladder[0]], own, *found[ladder[0] :]]
+
+
+def _cut(higher, ascent, form):
+    """A sketch of a form that begins at the K^rho of a higher rank."""
+    problem = higher.with_form(form)
+    rho = form.parameters(higher.prior.K_rho_at(ascent.mode.theta))
+    theta = problem.prior.with_rho(ascent.mode.theta, rho)
+    mode = climb(problem.quickly(), theta)
+    return problem, Ascent(mode, mode)
 
 
 def _sketch(problem, start, below):
@@ -146,10 +186,12 @@ def _falls(found):
         if not has_columns_more(lower[0][0], ladder[-1][0][0]):
             break
         ladder.append(lower)
-    of_forms = [
-        sum(criterion(problem, ascent.mode) for problem, ascent in of) for of in ladder
-    ]
-    return int(np.argmax(of_forms)) >= WORSE
+    return int(np.argmax(list(map(_total, ladder)))) >= WORSE
+
+
+def _total(of_form):
+    """What a form is worth, over all outputs."""
+    return sum(worth(problem, ascent.mode) for problem, ascent in of_form)
 
 
 def _likely(problems, coarse, sketches):
@@ -158,13 +200,13 @@ def _likely(problems, coarse, sketches):
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
     for of_output in sketches:
-        best, ascent = max(of_output, key=lambda of: criterion(of[0], of[1].mode))
+        best, ascent = max(of_output, key=lambda of: worth(of[0], of[1].mode))
         if not best.is_noisy(ascent.mode):
             margin += tuning.unsure_of_row * len(best.data)
     likely = set()
     for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
         found = sum(
-            np.array([criterion(of, ascent.mode, times) for of, ascent in of_output])
+            np.array([worth(of, ascent.mode, times) for of, ascent in of_output])
             for of_output in sketches
         )
         likely |= set(np.flatnonzero(found >= found.max() - margin).tolist())

@@ -83,6 +83,9 @@ class Tuning:
     unsure_of_row : float
         and more of these for each row of data without noise, whose modes differ more:
         beyond, it is not learned.
+    vanishing : float
+        Share of a task's variance that is its own under which a diagonal's number is
+        none: it does not count.
     foreseen : int
         Numbers of rows for which that is asked, from the few that it was learned from.
     rounds : int
@@ -185,6 +188,7 @@ class Tuning:
     report_every: int = 100
     unsure: float = 2.0
     unsure_of_row: float = 0.0
+    vanishing: float = 1e-3
     foreseen: int = 4
     rounds: int = 2
     telling: int = 4

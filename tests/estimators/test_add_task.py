@@ -2,9 +2,9 @@
 
 import pickle
 
+import joining
 import numpy as np
 import pytest
-import joining
 import textbook
 from joining import OLD, PLACES, learner, split
 from multitask_models import PAPER

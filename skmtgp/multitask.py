@@ -79,7 +79,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         None lets BIC choose. It compares ranks 1, 2, 3, ... and three simpler models:
         independent tasks, one function that all tasks share (rank 0), and compound
         symmetry (see `diagonal`). A rank needs four rows for each number of the task
-        covariance. Ranks end after two in a row that are worse than a lower one.
+        covariance. Ranks end after two in a row that are worse than a lower one. In
+        place of the last function of the best rank, a diagonal is tried: perhaps one
+        task alone has it. Numbers of the diagonal that vanish do not count then.
         `rank_`, `shared_` and `diagonal_` have the choice.
 
         BIC does not compare all of these with sparse inference, `task_descriptors` or

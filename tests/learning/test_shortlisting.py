@@ -1,0 +1,194 @@
+"""The default model's rank: chosen by BIC, from sketches of all candidates."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp.learning import shortlisting
+from skmtgp.learning.shortlisting import worth
+from skmtgp.learning.tuning import TUNING
+
+
+def functions(x, n):
+    """Some that are alike in smoothness and otherwise unrelated."""
+    phases = np.arange(n)[:, None]
+    return np.sin((1.0 + 0.23 * phases) * x + phases**2)
+
+
+def drawn(weights, per_task=20, noise=0.1, seed=0):
+    """Tasks that mix functions; each row of the weights is a task."""
+    weights = np.asarray(weights, dtype=float)
+    rng = np.random.default_rng(seed)
+    task = np.repeat(np.arange(len(weights)), per_task)
+    x = rng.uniform(0.0, 6.0, len(task))
+    y = (weights[task].T * functions(x, weights.shape[1])).sum(axis=0)
+    y += noise * rng.standard_normal(len(y)) + np.arange(len(weights))[task]
+    return np.column_stack([x, task]), y
+
+
+WEIGHTS = np.random.default_rng(1).standard_normal((6, 2))
+ALONE = np.column_stack([[1.0, -1.5, 2.0, 0.7, -1.0, 0.0], [0.0] * 5 + [1.3]])
+CASES = {
+    "rank 1": WEIGHTS[:, :1],
+    "rank 2": WEIGHTS,
+    "independent": np.eye(4),
+    "shared": np.ones((5, 1)),
+    "compound symmetry": np.column_stack([np.ones(5), 0.5 * np.eye(5)]),
+    "rank 1 and diagonal": ALONE,
+}
+
+
+def name(model):
+    return str(model._likelihoods[0].prior.task_covariance)
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request):
+    """The true form, the data, and the model that was chosen."""
+    X, y = drawn(CASES[request.param])
+    return request.param, X, y, MultiTaskGPRegressor().fit(X, y)
+
+
+def test_the_true_form_is_chosen(case):
+    truth, *_, model = case
+    assert name(model) == truth
+
+
+def test_the_form_is_told(case):
+    *_, model = case
+    form = model._likelihoods[0].prior.task_covariance
+    assert (model.rank_, model.shared_) == (form.rank, form.shared)
+    assert model.diagonal_ == ("equal" if getattr(form, "equal", 0) else form.n_own > 0)
+    params = {"rank": None, "shared": False, "diagonal": False}
+    assert params.items() <= model.get_params().items()
+
+
+def test_likelihood_is_that_of_the_form_alone(case):
+    """What was sketched is learned as well as if it had been asked for."""
+    _, X, y, model = case
+    asked = {
+        name: getattr(model, f"{name}_") for name in ("rank", "shared", "diagonal")
+    }
+    asked |= {"normalize_y": model.normalize_y_, "noise": model.noise_}
+    alone = MultiTaskGPRegressor(**asked).fit(X, y)
+    value = model.log_marginal_likelihood_value_
+    assert value == pytest.approx(alone.log_marginal_likelihood_value_, abs=0.5)
+
+
+def test_search_chooses_the_same(case):
+    truth, X, y, model = case
+    if truth == "rank 1 and diagonal":  # which a search does not have
+        return
+    options = {"ranks": range(4), "simpler": True}
+    search = RankSearchIC(**options).fit(X, y)
+    found = search.results_.loc[lambda of: of["model"] != "single tasks"]
+    best = found.loc[found["bic"].idxmin()]
+    assert best["model"] == name(model)
+    value = model.log_marginal_likelihood_value_
+    assert best["log_marginal_likelihood"] == pytest.approx(value, abs=0.5)
+
+
+def test_vanished_numbers_of_a_diagonal_do_not_count():
+    X, y = drawn(ALONE)
+    model = MultiTaskGPRegressor().fit(X, y)
+    [likelihood] = model._likelihoods
+    K = model.task_covariance_
+    own = np.diagonal(K - model.task_factor_ @ model.task_factor_.T) / np.diagonal(K)
+    assert own[-1] > 0.9
+    assert (own[:-1] < 0.2).all()
+    # kernel, loadings, levels and noise; and the parts of their own that there are
+    counted = 1 + 6 + 1 + 1 + np.count_nonzero(own > 1e-3)
+    assert counted < model.n_hyperparameters_
+
+    problem = SimpleNamespace(prior=likelihood.prior, data=y, tuning=TUNING)
+    mode = SimpleNamespace(theta=model.theta_, value=0.0)
+    expected = -0.5 * counted * np.log(len(y))
+    assert worth(problem, mode) == pytest.approx(expected, rel=1e-12)
+
+
+def test_complete_data_by_both_engines():
+    rng = np.random.default_rng(0)
+    x = np.tile(rng.uniform(0.0, 6.0, 15), 5)
+    task = np.repeat(np.arange(5), 15)
+    y = (WEIGHTS[task].T * functions(x, 2)).sum(axis=0)
+    y += 0.1 * rng.standard_normal(len(y))
+    X = np.column_stack([x, task])
+    models = [
+        MultiTaskGPRegressor(inference=inference).fit(X, y)
+        for inference in ("dense", "kronecker")
+    ]
+    assert name(models[0]) == name(models[1]) == "rank 2"
+    values = [model.log_marginal_likelihood_value_ for model in models]
+    assert values[0] == pytest.approx(values[1], abs=0.05)
+
+
+def test_outputs_share_the_form():
+    """One output asks for a function, the other for two."""
+    X, one = drawn(WEIGHTS[:, :1])
+    _, two = drawn(WEIGHTS)
+    model = MultiTaskGPRegressor().fit(X, np.column_stack([one, two]))
+    assert model.rank_ == 2
+    assert model.task_factor_.shape == (2, 6, 2)
+
+
+def test_without_noise():
+    X, y = drawn(WEIGHTS, noise=0.0)
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert model.rank_ == 2
+    assert not model.diagonal_
+
+
+def test_processes_do_not_matter():
+    X, y = drawn(WEIGHTS)
+    Y = np.column_stack([y, 2.0 * y + X[:, 0]])
+    one, two = (MultiTaskGPRegressor(n_jobs=n).fit(X, Y) for n in (1, 2))
+    np.testing.assert_array_equal(one.theta_, two.theta_)
+
+
+def test_ranks_end_where_two_in_a_row_are_worse(monkeypatch):
+    asked, plain = [], shortlisting._sketch
+
+    def spy(problem, start, below):
+        asked.append(str(problem.prior.task_covariance))
+        return plain(problem, start, below)
+
+    monkeypatch.setattr(shortlisting, "_sketch", spy)
+    X, y = drawn(np.random.default_rng(2).standard_normal((9, 1)))
+    MultiTaskGPRegressor().fit(X, y)
+    simpler = ["independent", "compound symmetry", "shared"]
+    assert asked == [*simpler, "rank 1", "rank 2", "rank 3"]
+
+
+@pytest.mark.parametrize(
+    ("options", "form"),
+    [
+        ({"shared": True}, "compound symmetry"),
+        ({"diagonal": True}, "shared and diagonal"),
+        ({"diagonal": "equal"}, "compound symmetry"),
+        ({"rank": 2}, "rank 2"),
+    ],
+)
+def test_what_was_asked_for_stays(options, form):
+    X, y = drawn(CASES["compound symmetry"])
+    assert name(MultiTaskGPRegressor(**options).fit(X, y)) == form
+
+
+def test_one_task():
+    X, y = drawn(np.ones((1, 1)))
+    assert MultiTaskGPRegressor().fit(X, y).rank_ == 1
+
+
+def test_nothing_is_compared_without_learning():
+    X, y = drawn(WEIGHTS)
+    assert MultiTaskGPRegressor(max_iter=0).fit(X, y).rank_ == 6
+
+
+def test_it_is_said_what_was_compared(told):
+    X, y = drawn(WEIGHTS)
+    MultiTaskGPRegressor(verbose=1).fit(X, y)
+    lines = "\n".join(told())
+    for form in ("independent", "compound symmetry", "shared", "rank 2"):
+        assert f"{form}: log likelihood" in lines
+    assert "chosen by BIC: rank 2" in lines

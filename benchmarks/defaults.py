@@ -24,6 +24,7 @@ CHOICES = [
     {"task_levels": False},
     {"rank": 1},
     {"rank": 2},
+    {"rank": "full"},
     {"diagonal": True},
     {"rank": 1, "diagonal": True},
     {"noise_variance_bounds": (1e-2, 1e3)},

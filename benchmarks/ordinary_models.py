@@ -34,6 +34,8 @@ ROUNDS = 5  # of L-BFGS, each from where the one before has ended
 
 def params_of(params, drawn):
     """Parameters of MultiTaskGPRegressor for a problem."""
+    if params.get("rank") == "full":
+        return {**params, "rank": len(drawn.truth.level)}
     if params.get("rank") != "truth" or drawn.rank is None:
         return {key: value for key, value in params.items() if value != "truth"}
     return {**params, "rank": drawn.rank, "shared": drawn.rank == 0}

@@ -6,6 +6,7 @@ not choose are left out then.
 """
 
 from itertools import chain
+from math import comb
 
 import numpy as np
 
@@ -97,7 +98,11 @@ def chosen(problems, forms, modes):
 
 
 def worth(problem, mode, times=1.0):
-    """Eq. 8, see `criterion`, without the variances of a diagonal that vanished."""
+    """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts.
+
+    Which numbers these are is chosen, too, and any choice of as many is as likely
+    beforehand (Chen and Chen 2008, extended BIC).
+    """
     prior, found = problem.prior, criterion(problem, mode, times)
     form = prior.task_covariance
     if not (isinstance(form, WithDiagonal) and form.n_kappa > 1):
@@ -105,7 +110,8 @@ def worth(problem, mode, times=1.0):
     rho = prior.values(mode.theta).rho
     own = np.exp(rho[-form.n_kappa :]) / np.diagonal(form.matrix(rho))
     vanished = np.count_nonzero(own < problem.tuning.vanishing)
-    return found + price(vanished, times * len(problem.data))
+    choices = comb(form.n_kappa, vanished)
+    return found + price(vanished, times * len(problem.data)) - np.log(choices)
 
 
 def _sketched(problems, forms, starts, *, n_jobs, progress):
@@ -162,10 +168,10 @@ def _sketch(problem, start, below):
     """
     if not start.is_noisy:
         return follow(problem, start, below)
-    problem = problem.quickly()
-    if below is None or not has_columns_more(below[0], problem):
-        return follow(problem, start)
-    mode = climb(problem, with_columns(below[0], problem, below[1].mode))
+    problem, theta = problem.quickly(), None
+    if below is not None and has_columns_more(below[0], problem):
+        theta = with_columns(below[0], problem, below[1].mode)
+    mode = climb(problem, start.theta(problem) if theta is None else theta)
     return Ascent(mode, mode)
 
 

@@ -1,5 +1,6 @@
 """The default model's rank: chosen by BIC, from sketches of all candidates."""
 
+from math import comb
 from types import SimpleNamespace
 
 import numpy as np
@@ -99,12 +100,13 @@ def test_vanished_numbers_of_a_diagonal_do_not_count():
     assert own[-1] > 0.9
     assert (own[:-1] < 0.2).all()
     # kernel, loadings, levels and noise; and the parts of their own that there are
-    counted = 1 + 6 + 1 + 1 + np.count_nonzero(own > 1e-3)
+    left = np.count_nonzero(own > 1e-3)
+    counted = 1 + 6 + 1 + 1 + left
     assert counted < model.n_hyperparameters_
 
     problem = SimpleNamespace(prior=likelihood.prior, data=y, tuning=TUNING)
     mode = SimpleNamespace(theta=model.theta_, value=0.0)
-    expected = -0.5 * counted * np.log(len(y))
+    expected = -0.5 * counted * np.log(len(y)) - np.log(comb(6, left))
     assert worth(problem, mode) == pytest.approx(expected, rel=1e-12)
 
 

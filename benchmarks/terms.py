@@ -29,9 +29,9 @@ from skmtgp.model.task_covariance import low_rank
 
 N_TASKS, NOISE = 3, 0.3
 MODELS = {  # number of kernels, and ranks
-    "1 term, full rank": (1, None),
-    "2 terms, full rank": (2, None),
-    "3 terms, full rank": (3, None),
+    "1 term, full rank": (1, 3),
+    "2 terms, full rank": (2, 3),
+    "3 terms, full rank": (3, 3),
     "2 terms, rank 1": (2, 1),
     "3 terms, rank 1": (3, 1),
 }
@@ -85,7 +85,7 @@ def drawn(arguments):
         X, y, new, f, by_truth = _draw(seed)
         options = {"task_levels": False, "normalize_y": False, "noise": "shared"}
         two = MultiTaskGPRegressor([None, None], rank=1, **options).fit(X, y)
-        one = MultiTaskGPRegressor(**options).fit(X, y)
+        one = MultiTaskGPRegressor(rank=N_TASKS, **options).fit(X, y)
         found = [by_truth, two.predict(new), one.predict(new)]
         errors = [np.square(mean - f).mean() for mean in found]
         table.append([*errors, _bic(two), _bic(one)])

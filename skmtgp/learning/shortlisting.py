@@ -5,8 +5,9 @@ rows. Ranks ascend until two in a row are worse than a lower one. Forms that eq.
 not choose are left out then.
 """
 
+from contextlib import suppress
 from itertools import chain
-from math import comb
+from math import comb, log
 
 import numpy as np
 
@@ -48,6 +49,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         The best mode found for each, with what was spent on all forms.
     """
     options = {"n_jobs": n_jobs, "progress": progress}
+    forms = [form for form in forms if _is_taken(form, problems[0].engine)]
     coarse = coarsest(problems)
     starts = all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
@@ -69,6 +71,14 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         others += [[ascent.mode for _, ascent in dropped]]
         found.append(with_starts(mode.counting(chain(*others)), begun))
     return best, found
+
+
+def _is_taken(form, engine):
+    """Whether an engine takes a form of K^rho."""
+    with suppress(ValueError):
+        engine.check_form(form)
+        return True
+    return False
 
 
 def chosen(problems, forms, modes):
@@ -111,7 +121,7 @@ def worth(problem, mode, times=1.0):
     own = np.exp(rho[-form.n_kappa :]) / np.diagonal(form.matrix(rho))
     vanished = np.count_nonzero(own < problem.tuning.vanishing)
     choices = comb(form.n_kappa, vanished)
-    return found + price(vanished, times * len(problem.data)) - np.log(choices)
+    return found + price(vanished, times * len(problem.data)) - log(choices)
 
 
 def _sketched(problems, forms, starts, *, n_jobs, progress):
@@ -147,6 +157,8 @@ def _with_own(found, starts, n_jobs):
     if form is None or form.rank < 2 or not all(start.is_noisy for start in starts):
         return found
     form = enlarged(form.with_rank(form.rank - 1), diagonal=True)
+    if not _is_taken(form, found[best][0][0].engine):
+        return found
     jobs = [(*of, form) for of in found[best]]
     own = run(_cut, jobs, n_jobs=n_jobs)
     return [*found[: ladder[0]], own, *found[ladder[0] :]]

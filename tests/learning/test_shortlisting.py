@@ -5,11 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.special import gammaln
+from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
 from skmtgp.learning.shortlisting import worth
 from skmtgp.learning.tuning import TUNING
+from skmtgp.model.prior import Prior
+from skmtgp.model.task_covariance import low_rank
 
 
 def functions(x, n):
@@ -163,6 +168,23 @@ def test_ranks_end_where_two_in_a_row_are_worse(monkeypatch):
     assert asked == [*simpler, "rank 1", "rank 2", "rank 3"]
 
 
+class WithoutDiagonals(Dense):
+    """An engine of a user's own."""
+
+    def check_form(self, form):
+        if form.n_own:
+            raise ValueError("Diagonals are not for this engine.")
+
+
+@pytest.mark.parametrize("truth", ["independent", "rank 1 and diagonal"])
+def test_an_engine_says_what_it_takes(truth):
+    X, y = drawn(CASES[truth])
+    given = {"noise": "shared", "normalize_y": "shared"}  # a diagonal is asked of these
+    model = MultiTaskGPRegressor(inference=WithoutDiagonals(), **given).fit(X, y)
+    assert not model.diagonal_
+    assert model.rank_ == np.linalg.matrix_rank(CASES[truth])
+
+
 @pytest.mark.parametrize(
     ("options", "form"),
     [
@@ -175,6 +197,18 @@ def test_ranks_end_where_two_in_a_row_are_worse(monkeypatch):
 def test_what_was_asked_for_stays(options, form):
     X, y = drawn(CASES["compound symmetry"])
     assert name(MultiTaskGPRegressor(**options).fit(X, y)) == form
+
+
+def test_choices_of_many_parts_of_their_own():
+    """They are more than an integer of 64 bits counts."""
+    prior = Prior(RBF(1.0), low_rank(139, 1, diagonal=True))
+    log_own = np.repeat([-1.0, -20.0], [70, 69])
+    theta = prior.with_rho(prior.theta(), np.append(np.ones(139), log_own))
+    problem = SimpleNamespace(prior=prior, data=np.ones(500), tuning=TUNING)
+    found = worth(problem, SimpleNamespace(theta=theta, value=0.0))
+    counted = 1 + 139 + 70 + 1  # kernel, loadings, parts of their own, noise
+    of_choices = gammaln([140, 71, 70]) @ [1.0, -1.0, -1.0]
+    assert found == pytest.approx(-0.5 * counted * np.log(500) - of_choices)
 
 
 def test_one_task():

@@ -22,6 +22,7 @@ from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
 from skmtgp._estimators.deciding import decide_noise
 from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.forms import SIMPLER
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
     learn_candidates,
@@ -42,10 +43,6 @@ from skmtgp.single_task import SingleTaskGP, alone_like
 __all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
-# Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
-SIMPLER = tuple(
-    {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
-)
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 
 

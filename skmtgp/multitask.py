@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.forms import candidates, diagonal_of, form_of
 from skmtgp._estimators.named_kernels import KERNEL
 from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.targets import TargetTransform
@@ -30,7 +31,7 @@ from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
-from skmtgp.model.described import describes, task_covariance
+from skmtgp.model.described import describes
 from skmtgp.model.several import Forms, terms_of
 from skmtgp.model.task_covariance import low_rank
 
@@ -539,7 +540,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         data, n = problem.data, problem.engine.n_told(len(problem.data))
         terms, ranks = self._terms(), self._ranks(data.n_told, n)
         of_terms = [
-            _form(term, data, min(rank, data.n_told))
+            form_of(term, data, min(rank, data.n_told))
             for term, rank in zip(terms, ranks, strict=True)
         ]
         if len(terms) > 1:
@@ -549,13 +550,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             return of_terms
         if not self._compares(problem.engine):
             few = n < FEW * data.n_told
-            return [_form(term, data, 0), *of_terms] if few else of_terms
-        ladder = [_form(term, data, rank) for rank in range(ranks[0] + 1)]
-        if term.diagonal:
-            return ladder
-        simpler = [{"diagonal": "equal", "shared": of} for of in (term.shared, True)]
-        simpler = [task_covariance(data.n_tasks, 0, **of) for of in simpler]
-        return [*simpler[term.shared :], *ladder]
+            return [form_of(term, data, 0), *of_terms] if few else of_terms
+        return candidates(term, data, ranks[0])
 
     def _terms(self):
         """What the user asks for in each term."""
@@ -587,7 +583,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
-        return n_ranks * starts
+        several = self.rank is None and n_ranks == 1  # of which some are likely
+        return n_ranks * starts * (2 if several else 1)
 
     def _compares(self, engine):
         """Whether BIC compares all ranks, where nobody asked for one."""
@@ -776,7 +773,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _has_own(self, prior):
         """For each term whether a joining task has its own part, of any variance."""
-        diagonals = [_diagonal_of(form) for _, form in prior.terms]
+        diagonals = [diagonal_of(form) for _, form in prior.terms]
         return [
             diagonal is True or (not diagonal and full)
             for diagonal, full in zip(diagonals, self._full(), strict=True)
@@ -794,22 +791,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         super()._store_learned(training, engine, likelihoods, modes, posteriors)
         form = likelihoods[0].prior.task_covariance
         self.rank_, of_terms = form.rank, terms_of(form)
-        diagonals = list(map(_diagonal_of, of_terms))
+        diagonals = list(map(diagonal_of, of_terms))
         shared = [bool(getattr(of_term, "shared", False)) for of_term in of_terms]
         several = isinstance(form, Forms)
         self.diagonal_ = diagonals if several else diagonals[0]
         self.shared_ = shared if several else shared[0]
-
-
-def _form(term, data, rank):
-    """The form of K^rho of a term."""
-    # as the user asked for: what tasks have of their own, of the same variance for all
-    alone = term.rank == 0 and isinstance(term.diagonal, str)
-    shared = bool(term.shared) or (rank == 0 and not alone)
-    options = {"diagonal": term.diagonal, "shared": shared}
-    return task_covariance(data.n_tasks, rank, data.Q, **options)
-
-
-def _diagonal_of(form):
-    """Which diagonal a form of K^rho has."""
-    return "equal" if getattr(form, "equal", False) else bool(getattr(form, "n_own", 0))

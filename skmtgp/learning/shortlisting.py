@@ -6,15 +6,16 @@ not choose are left out then.
 """
 
 from contextlib import suppress
-from itertools import chain
 from math import comb, log
+from typing import NamedTuple
 
 import numpy as np
 
 from skmtgp._numerics.parallel import run
-from skmtgp._support.progress import silent
+from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import Ascent, climb
 from skmtgp.learning.nesting import descend, has_columns_more, with_columns
+from skmtgp.learning.problem import Problem
 from skmtgp.learning.ranks import (
     all_starts,
     by_output,
@@ -24,6 +25,7 @@ from skmtgp.learning.ranks import (
 )
 from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.stages import follow, likeliest, with_starts
+from skmtgp.learning.telling import about, in_words
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches
@@ -49,28 +51,26 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         The best mode found for each, with what was spent on all forms.
     """
     options = {"n_jobs": n_jobs, "progress": progress}
-    forms = [form for form in forms if _is_taken(form, problems[0].engine)]
-    coarse = coarsest(problems)
-    starts = all_starts(problems, seeds, n_jobs)
+    forms = _taken(forms, problems[0].engine)
+    coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
     likely = _likely(problems, coarse, sketches)
-    jobs = [of_output[k] for of_output in sketches for k in likely]
-    compared = [problem.prior.task_covariance for problem, _ in sketches[0]]
-    kept = [compared[k] for k in likely]
-    firsts = by_output(run(_finished, jobs, n_jobs=n_jobs), kept)
-    known = {"firsts": firsts, "compared": compared}
-    modes = from_starts(problems, kept, starts, **known, **options)
+    kept, modes = _learned(problems, sketches, likely, starts, **options)
     best, of_best = chosen(problems, kept, modes)
-    k = kept.index(best[0].prior.task_covariance)
     found = []
-    for mode, of, of_output, begun in zip(
-        of_best, modes, sketches, starts, strict=True
-    ):
-        others = [of[:k], of[k + 1 :]]
-        dropped = [sketch for j, sketch in enumerate(of_output) if j not in likely]
-        others += [[ascent.mode for _, ascent in dropped]]
-        found.append(with_starts(mode.counting(chain(*others)), begun))
+    for mode, others, of, begun in zip(of_best, modes, sketches, starts, strict=True):
+        dropped = [of[j].ascent.mode for j in range(len(of)) if j not in likely]
+        others = [other for other in others if other is not mode]
+        found.append(with_starts(mode.counting([*others, *dropped]), begun))
     return best, found
+
+
+def _taken(forms, engine):
+    """The forms that an engine takes; its error if it takes none of them."""
+    taken = [form for form in forms if _is_taken(form, engine)]
+    if not taken:
+        engine.check_form(forms[0])
+    return taken
 
 
 def _is_taken(form, engine):
@@ -124,67 +124,104 @@ def worth(problem, mode, times=1.0):
     return found + price(vanished, times * len(problem.data)) - log(choices)
 
 
+class Sketch(NamedTuple):
+    """A form of K^rho, learned quickly.
+
+    Attributes
+    ----------
+    problem : Problem
+        With the form, of the coarsest rows.
+    ascent : Ascent
+        From the likeliest start.
+    """
+
+    problem: Problem
+    ascent: Ascent
+
+    @property
+    def form(self):
+        """The form."""
+        return self.problem.prior.task_covariance
+
+    @property
+    def is_noisy(self):
+        """Whether its mode takes more than a little for noise."""
+        return self.problem.is_noisy(self.ascent.mode)
+
+    def worth(self, times=1.0):
+        """See `worth`."""
+        return worth(self.problem, self.ascent.mode, times)
+
+
 def _sketched(problems, forms, starts, *, n_jobs, progress):
-    """For each output the problem and an ascent of each form, or of the first forms."""
+    """For each output a sketch of each form, or of the first forms."""
     n = len(problems) * len(forms)
     of_all = description(problems, forms, stage="from the likeliest start")
     report = progress("comparing ranks", n, of_all)
     starts, below, found = list(map(likeliest, starts)), [None] * len(problems), []
     for k, form in enumerate(forms):
-        of_form = [problem.with_form(form) for problem in problems]
-        jobs = list(zip(of_form, starts, below, strict=True))
-        ascents = run(_sketch, jobs, n_jobs=n_jobs)
-        below = list(zip(of_form, ascents, strict=True))
+        jobs = [
+            (problem.with_form(form), *of)
+            for problem, *of in zip(problems, starts, below, strict=True)
+        ]
+        below = run(_sketch, jobs, n_jobs=n_jobs)
         found.append(below)
-        for j, ascent in enumerate(ascents if report is not None else ()):
-            report(j * len(forms) + k, ascent.mode)
+        for j, sketch in enumerate(below if report is not None else ()):
+            report(j * len(forms) + k, sketch.ascent.mode)
         if _falls(found):
             break
-    found = _with_own(found, starts, n_jobs)
+    found += _with_own(found, starts, n_jobs)
+    found.sort(key=lambda of: not of[0].form.n_own)  # which are not part of all others
     return run(_descended, [(of,) for of in zip(*found, strict=True)], n_jobs=n_jobs)
 
 
-def _with_own(found, starts, n_jobs):
-    """The same, and the best rank with a diagonal in place of its last column.
-
-    It may be that one task alone has that to itself. Only of noisy data.
-    """
-    ladder = [
-        k for k, of in enumerate(found) if not of[0][0].prior.task_covariance.n_own
-    ]
-    best = max(ladder, key=lambda k: _total(found[k]), default=None)
-    form = None if best is None else found[best][0][0].prior.task_covariance
-    if form is None or form.rank < 2 or not all(start.is_noisy for start in starts):
-        return found
-    form = enlarged(form.with_rank(form.rank - 1), diagonal=True)
-    if not _is_taken(form, found[best][0][0].engine):
-        return found
-    jobs = [(*of, form) for of in found[best]]
-    own = run(_cut, jobs, n_jobs=n_jobs)
-    return [*found[: ladder[0]], own, *found[ladder[0] :]]
-
-
-def _cut(higher, ascent, form):
-    """A sketch of a form that begins at the K^rho of a higher rank."""
-    problem = higher.with_form(form)
-    rho = form.parameters(higher.prior.K_rho_at(ascent.mode.theta))
-    theta = problem.prior.with_rho(ascent.mode.theta, rho)
-    mode = climb(problem.quickly(), theta)
-    return problem, Ascent(mode, mode)
-
-
 def _sketch(problem, start, below):
-    """An ascent of a form; that of noisy data is quick, and begins at the rank below.
+    """The sketch of a form; that of noisy data is quick, and begins at the rank below.
 
     Without noise both would miss modes that are far better.
     """
+    ladder = below is not None and has_columns_more(below.problem, problem)
     if not start.is_noisy:
-        return follow(problem, start, below)
-    problem, theta = problem.quickly(), None
-    if below is not None and has_columns_more(below[0], problem):
-        theta = with_columns(below[0], problem, below[1].mode)
-    mode = climb(problem, start.theta(problem) if theta is None else theta)
-    return Ascent(mode, mode)
+        return Sketch(problem, follow(problem, start, below if ladder else None))
+    theta = start.theta(problem)
+    if ladder:
+        theta = with_columns(below.problem, problem, below.ascent.mode)
+    return _quick(problem, theta)
+
+
+def _quick(problem, theta):
+    """The sketch that a short climb makes."""
+    mode = climb(problem.quickly(), theta)
+    return Sketch(problem, Ascent(mode, mode))
+
+
+def _with_own(found, starts, n_jobs):
+    """The best rank with a diagonal in place of its last column, of noisy data.
+
+    It may be that one task alone has that to itself.
+    """
+    ladder = [of for of in found if not of[0].form.n_own]
+    best = max(ladder, key=_total, default=None)
+    if best is None or not all(start.is_noisy for start in starts):
+        return []
+    rank, [problem, _] = best[0].form.rank, best[0]
+    if not 1 < rank < problem.prior.n_tasks:  # else it has no fewer numbers
+        return []
+    form = enlarged(best[0].form.with_rank(rank - 1), diagonal=True)
+    if not _is_taken(form, problem.engine):
+        return []
+    return [run(_cut, [(sketch, form) for sketch in best], n_jobs=n_jobs)]
+
+
+def _cut(higher, form):
+    """The sketch of a form that begins at the K^rho of a higher rank."""
+    problem, theta = higher.problem.with_form(form), higher.ascent.mode.theta
+    rho = form.parameters(higher.problem.prior.K_rho_at(theta))
+    sketch = _quick(problem, problem.prior.with_rho(theta, rho))
+    if problem.budget.verbose:
+        value = in_words(problem, sketch.ascent.mode.value)
+        say(f"{about(problem, form)}{value}, from the best rank")
+    return sketch
 
 
 def _descended(sketches):
@@ -192,8 +229,8 @@ def _descended(sketches):
     problems, ascents = zip(*sketches, strict=True)
     modes = descend(problems, [ascent.mode for ascent in ascents])
     return [
-        (problem, ascent._replace(mode=mode))
-        for (problem, ascent), mode in zip(sketches, modes, strict=True)
+        sketch._replace(ascent=sketch.ascent._replace(mode=mode))
+        for sketch, mode in zip(sketches, modes, strict=True)
     ]
 
 
@@ -201,7 +238,7 @@ def _falls(found):
     """Whether the last ranks are all worse than a lower one."""
     ladder = [found[-1]]
     for lower in reversed(found[:-1]):
-        if not has_columns_more(lower[0][0], ladder[-1][0][0]):
+        if not has_columns_more(lower[0].problem, ladder[-1][0].problem):
             break
         ladder.append(lower)
     return int(np.argmax(list(map(_total, ladder)))) >= WORSE
@@ -209,29 +246,49 @@ def _falls(found):
 
 def _total(of_form):
     """What a form is worth, over all outputs."""
-    return sum(worth(problem, ascent.mode) for problem, ascent in of_form)
+    return sum(sketch.worth() for sketch in of_form)
 
 
 def _likely(problems, coarse, sketches):
     """Positions of the forms that are near the best, by some or by all rows."""
     tuning = problems[0].tuning
-    most = len(problems[0].data) / len(coarse[0].data)
-    margin = tuning.unsure * len(problems)
-    for of_output in sketches:
-        best, ascent = max(of_output, key=lambda of: worth(of[0], of[1].mode))
-        if not best.is_noisy(ascent.mode):
-            margin += tuning.unsure_of_row * len(best.data)
+    most, margin = len(problems[0].data) / len(coarse[0].data), len(problems)
     likely = set()
     for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
-        found = sum(
-            np.array([worth(of, ascent.mode, times) for of, ascent in of_output])
-            for of_output in sketches
-        )
-        likely |= set(np.flatnonzero(found >= found.max() - margin).tolist())
-    return sorted(likely)
+        found = np.sum([[of.worth(times) for of in each] for each in sketches], axis=0)
+        near = found >= found.max() - tuning.unsure * margin
+        likely |= set(np.flatnonzero(near).tolist())
+    return sorted(_with_lower(likely, sketches))
+
+
+def _with_lower(likely, sketches):
+    """The same, and the ranks below: quick sketches of them may miss their modes."""
+    forms = [sketch.form for sketch in sketches[0]]
+    if not all(of[k].is_noisy for of in sketches for k in likely):
+        return likely
+    lower = {str(below) for k in likely for below in _below(forms[k])}
+    return likely | {k for k, form in enumerate(forms) if str(form) in lower}
+
+
+def _below(form):
+    """The form of a rank less, or without its diagonal."""
+    if isinstance(form, WithDiagonal) and not form.equal:
+        yield form.form
+    if form.rank > 1:
+        yield form.with_rank(form.rank - 1)
+
+
+def _learned(problems, sketches, likely, starts, **options):
+    """The likely forms, and modes of each output and form."""
+    compared = [sketch.form for sketch in sketches[0]]
+    kept = [compared[k] for k in likely]
+    jobs = [of_output[k] for of_output in sketches for k in likely]
+    ascents = run(_finished, jobs, n_jobs=options["n_jobs"])
+    known = {"firsts": by_output(ascents, kept), "compared": compared}
+    return kept, from_starts(problems, kept, starts, **known, **options)
 
 
 def _finished(problem, ascent):
-    """A sketch, learned as far as other modes are."""
+    """The ascent of a sketch, learned as far as others are."""
     mode = ascent.mode.then(climb(problem, ascent.mode.theta))
     return ascent._replace(mode=mode)

@@ -79,10 +79,8 @@ class Tuning:
     report_every : int
         Iterations between lines of `verbose=2`.
     unsure : float
-        Nats by which a sketch of a form of K^rho may be below another one's, by eq. 8,
-    unsure_of_row : float
-        and more of these for each row of data without noise, whose modes differ more:
-        beyond, it is not learned.
+        Nats by which a sketch of a form of K^rho may be worse than another one, by eq.
+        8: beyond, it is not learned.
     vanishing : float
         Share of a task's variance that is its own under which a diagonal's number is
         none: it does not count.
@@ -187,7 +185,6 @@ class Tuning:
     singular: float = 1e-12
     report_every: int = 100
     unsure: float = 2.0
-    unsure_of_row: float = 0.0
     vanishing: float = 1e-3
     foreseen: int = 4
     rounds: int = 2

@@ -1,0 +1,64 @@
+"""Forms of K^rho: those that a user asks for, and those that BIC chooses from."""
+
+from skmtgp.model.described import task_covariance
+
+# Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
+SIMPLER = tuple(
+    {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
+)
+
+
+def form_of(term, data, rank):
+    """The form of K^rho of a term, at a rank.
+
+    Parameters
+    ----------
+    term : Term
+        What the user asks for.
+    data : Data
+        Observations.
+    rank : int
+        Rank. 0 is one function of all tasks, unless the user asked for independent
+        tasks.
+
+    Returns
+    -------
+    form : LowRank, WithShared, WithDiagonal or Described
+    """
+    # as the user asked for: what tasks have of their own, of the same variance for all
+    alone = term.rank == 0 and isinstance(term.diagonal, str)
+    shared = bool(term.shared) or (rank == 0 and not alone)
+    options = {"diagonal": term.diagonal, "shared": shared}
+    return task_covariance(data.n_tasks, rank, data.Q, **options)
+
+
+def candidates(term, data, highest):
+    """Forms that BIC chooses from, where the user gave no rank.
+
+    Parameters
+    ----------
+    term, data
+        See `form_of`.
+    highest : int
+        Rank.
+
+    Returns
+    -------
+    forms : list of LowRank, WithShared or WithDiagonal
+        Those that are not part of the next one first, then ascending ranks.
+    """
+    ladder = [form_of(term, data, rank) for rank in range(highest + 1)]
+    diagonal = {"diagonal": term.diagonal}
+    simpler = [{"shared": False} | diagonal] if term.diagonal else SIMPLER
+    names = {str(form) for form in ladder}
+    forms = [
+        task_covariance(data.n_tasks, **{"rank": 0} | of)
+        for of in simpler
+        if of["shared"] or not term.shared
+    ]
+    return [*(form for form in forms if str(form) not in names), *ladder]
+
+
+def diagonal_of(form):
+    """Which diagonal a form of K^rho has, as the user's parameter."""
+    return "equal" if getattr(form, "equal", False) else bool(getattr(form, "n_own", 0))

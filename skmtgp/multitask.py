@@ -77,17 +77,21 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         at most the number of tasks, with `task_descriptors` at most one more than the
         number of descriptors.
 
-        None lets BIC choose. It compares ranks 1, 2, 3, ... and three simpler models:
-        independent tasks, one function that all tasks share (rank 0), and compound
-        symmetry (see `diagonal`). A rank needs four rows for each number of the task
-        covariance. Ranks end after two in a row that are worse than a lower one. In
-        place of the last function of the best rank, a diagonal is tried: perhaps one
-        task alone has it. Numbers of the diagonal that vanish do not count then.
-        `rank_`, `shared_` and `diagonal_` have the choice.
+        None lets BIC choose. `rank_`, `shared_` and `diagonal_` have the choice. The
+        candidates are:
 
-        BIC does not compare all of these with sparse inference, `task_descriptors` or
-        another `learning`. None is then the highest rank that has enough rows, for
-        sparse inference of the `n_exact` rows. With fewer than eight rows per task, BIC
+        - independent tasks, one function that all tasks share (rank 0), and compound
+          symmetry (see `diagonal`);
+        - ranks 1, 2, 3, ..., until two in a row are worse than the best. A task
+          covariance of rank r has about r M parameters for M tasks, and needs four rows
+          for each;
+        - if the data have noise: a rank less than the best one, with a diagonal. One
+          task may have a function to itself. BIC does not count variances of the
+          diagonal that vanish.
+
+        With ``max_iter=0``, sparse inference, `task_descriptors` or another `learning`,
+        None is the highest rank that has enough rows. For sparse inference the
+        `n_exact` rows count. If tasks then have fewer than eight rows on average, BIC
         compares this rank with rank 0.
 
         Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
@@ -105,6 +109,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Whether to add a learned diagonal to the task covariance. It is variation that a
         task shares with no other. True has a variance for each task, and "equal" has
         one variance for all. ``rank=0, diagonal="equal"`` makes the tasks independent.
+        With ``rank=None`` and False, BIC may add one: see `diagonal_`.
         With ``shared=True``, too, it is compound symmetry: any two tasks are equally
         alike. With several terms a list has one value for each.
     task_levels : bool, default=True
@@ -296,7 +301,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_hyperparameters_ : int
         Number of hyperparameters as eq. 8 counts them, summed over the outputs: those
         of the kernel, r (2 M + 1 - r) / 2 of a task covariance of rank r for M tasks, 1
-        of a shared function, M of a diagonal, 1 of all levels, and the noise. With p
+        of a shared function, M of a diagonal (also of what vanished), 1 of all levels,
+        and the noise. With p
         descriptors p + 1 takes the place of M. As in the paper, the scale of the task
         covariance and an amplitude of the kernel both count. What `normalize_y` takes
         from the data does not count, nor do coefficients of a trend.
@@ -318,7 +324,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Rank of the task covariance, without the shared function. With several terms the
         rank of each.
     shared_ : bool, or list of bool
-        Whether all tasks share one function. With several terms that of each.
+        Whether all tasks share one function. With several terms that of each. Tasks
+        that `fit` has not seen are predicted only if you asked for ``shared=True``.
     diagonal_ : bool or "equal", or list of them
         Which diagonal the task covariance has. With several terms that of each.
     hyperparameters_ : {"mode", "map", "sampled"}
@@ -686,7 +693,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Everything learned so far is kept: the kernel, the variances of noise and
         levels, the units, and the covariance of the known tasks. Only the new row of
         the task covariance is learned, from the marginal likelihood of all samples. It
-        has as many numbers as the rank, and one more with full rank or `diagonal`. The
+        has as many numbers as the rank, and one more with full rank or a diagonal. The
         level of the new task follows from its samples and the levels' variance.
 
         Parameters

@@ -301,11 +301,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_hyperparameters_ : int
         Number of hyperparameters as eq. 8 counts them, summed over the outputs: those
         of the kernel, r (2 M + 1 - r) / 2 of a task covariance of rank r for M tasks, 1
-        of a shared function, M of a diagonal (also of what vanished), 1 of all levels,
-        and the noise. With p
-        descriptors p + 1 takes the place of M. As in the paper, the scale of the task
-        covariance and an amplitude of the kernel both count. What `normalize_y` takes
-        from the data does not count, nor do coefficients of a trend.
+        of a shared function, M of a diagonal (vanished or not), 1 of all levels, and
+        the noise. With p descriptors p + 1 takes the place of M. As in the paper, the
+        scale of the task covariance and an amplitude of the kernel both count. What
+        `normalize_y` takes from the data does not count, nor do coefficients of a
+        trend.
     theta_ : ndarray of shape (n_theta,)
         All learned parameters, output by output:
 
@@ -590,8 +590,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
-        several = self.rank is None and n_ranks == 1  # of which some are likely
-        return n_ranks * starts * (2 if several else 1)
+        return starts * self._n_likely(n_ranks)
+
+    def _foretell(self, problems, n_forms=1):
+        return super()._foretell(problems, self._n_likely(n_forms))
+
+    def _n_likely(self, n_forms):
+        """How many forms of K^rho are learned, of which BIC may compare more."""
+        return 2 if self.rank is None and n_forms == 1 else n_forms
 
     def _compares(self, engine):
         """Whether BIC compares all ranks, where nobody asked for one."""

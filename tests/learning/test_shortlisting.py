@@ -96,6 +96,18 @@ def test_search_chooses_the_same(case):
     assert best["log_marginal_likelihood"] == pytest.approx(value, abs=0.5)
 
 
+def test_order_labels_and_units_do_not_matter(case):
+    _, X, y, model = case
+    rng = np.random.default_rng(0)
+    order, labels = rng.permutation(len(y)), rng.permutation(len(model.tasks_))
+    other = np.column_stack([X[:, 0], labels[X[:, 1].astype(int)]])
+    again = MultiTaskGPRegressor().fit(other[order], 1e3 * y[order] - 7.0)
+    assert name(again) == name(model)
+    expected, scale = model.predict(X), y.std()
+    found = (again.predict(other) + 7.0) / 1e3
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-6 * scale)
+
+
 def test_vanished_numbers_of_a_diagonal_do_not_count():
     X, y = drawn(ALONE)
     model = MultiTaskGPRegressor().fit(X, y)

@@ -15,7 +15,7 @@ from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import Ascent, climb
 from skmtgp.learning.nesting import descend, has_columns_more, with_columns
-from skmtgp.learning.problem import Problem
+from skmtgp.learning.problem import Problem, best_of
 from skmtgp.learning.ranks import (
     all_starts,
     by_output,
@@ -158,7 +158,7 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
     n = len(problems) * len(forms)
     of_all = description(problems, forms, stage="from the likeliest start")
     report = progress("comparing ranks", n, of_all)
-    starts, below, found = list(map(likeliest, starts)), [None] * len(problems), []
+    below, found = [None] * len(problems), []
     for k, form in enumerate(forms):
         jobs = [
             (problem.with_form(form), *of)
@@ -170,39 +170,47 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
             report(j * len(forms) + k, sketch.ascent.mode)
         if _falls(found):
             break
-    found += _with_own(found, starts, n_jobs)
+    found += _with_own(found, n_jobs)
     found.sort(key=lambda of: not of[0].form.n_own)  # which are not part of all others
     return run(_descended, [(of,) for of in zip(*found, strict=True)], n_jobs=n_jobs)
 
 
-def _sketch(problem, start, below):
+def _sketch(problem, starts, below):
     """The sketch of a form; that of noisy data is quick, and begins at the rank below.
 
-    Without noise both would miss modes that are far better.
+    Without noise both would miss modes that are far better. Compound symmetry is
+    learned from all starts: one may tell it independent tasks alone, or one function.
     """
+    start = likeliest(starts)
     ladder = below is not None and has_columns_more(below.problem, problem)
     if not start.is_noisy:
         return Sketch(problem, follow(problem, start, below if ladder else None))
-    theta = start.theta(problem)
     if ladder:
         theta = with_columns(below.problem, problem, below.ascent.mode)
-    return _quick(problem, theta)
+        return _quick(problem, theta)
+    found = _quick(problem, start.theta(problem))
+    form = problem.prior.task_covariance
+    for other in starts if form.shared and form.n_own else ():
+        if other is not start:
+            found = _quick(problem, other.theta(problem), [found.ascent.mode])
+    return found
 
 
-def _quick(problem, theta):
-    """The sketch that a short climb makes."""
-    mode = climb(problem.quickly(), theta)
+def _quick(problem, theta, known=()):
+    """The sketch that a short climb makes, or a better one that is known."""
+    mode = climb(problem.quickly(), theta, known=known)
+    mode = best_of([mode, *known])
     return Sketch(problem, Ascent(mode, mode))
 
 
-def _with_own(found, starts, n_jobs):
+def _with_own(found, n_jobs):
     """The best rank with a diagonal in place of its last column, of noisy data.
 
     It may be that one task alone has that to itself.
     """
     ladder = [of for of in found if not of[0].form.n_own]
     best = max(ladder, key=_total, default=None)
-    if best is None or not all(start.is_noisy for start in starts):
+    if best is None or not all(sketch.is_noisy for sketch in best):
         return []
     rank, [problem, _] = best[0].form.rank, best[0]
     if not 1 < rank < problem.prior.n_tasks:  # else it has no fewer numbers

@@ -91,8 +91,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         With ``max_iter=0``, sparse inference, `task_descriptors` or another `learning`,
         None is the highest rank that has enough rows. For sparse inference the
-        `n_exact` rows count. If tasks then have fewer than eight rows on average, BIC
-        compares this rank with rank 0.
+        `n_exact` rows count. If tasks then have fewer than eight rows on average, and
+        `max_iter` is not 0, BIC compares this rank with rank 0.
 
         Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
         tasks have one function, and with `task_levels` each has its own level. That
@@ -109,9 +109,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Whether to add a learned diagonal to the task covariance. It is variation that a
         task shares with no other. True has a variance for each task, and "equal" has
         one variance for all. ``rank=0, diagonal="equal"`` makes the tasks independent.
-        With ``rank=None`` and False, BIC may add one: see `diagonal_`.
         With ``shared=True``, too, it is compound symmetry: any two tasks are equally
-        alike. With several terms a list has one value for each.
+        alike. False with ``rank=None`` leaves it to BIC: `diagonal_` has the choice.
+        With several terms a list has one value for each.
     task_levels : bool, default=True
         Whether each task has a level: a constant that is added to its function. Levels
         have the prior N(0, v) with a learned variance v, and are integrated out

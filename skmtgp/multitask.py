@@ -597,7 +597,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _n_likely(self, n_forms):
         """How many forms of K^rho are learned, of which BIC may compare more."""
-        return 2 if self.rank is None and n_forms == 1 else n_forms
+        several = self.rank is None and self.learning == "annealed"
+        several = several and n_forms == 1 and not self._describes()
+        return 2 if several else n_forms
 
     def _compares(self, engine):
         """Whether BIC compares all ranks, where nobody asked for one."""

@@ -1,8 +1,8 @@
 """One of several forms of K^rho, of which only the likely ones are learned thoroughly.
 
-All are sketched first: from the likeliest start alone, and from a few hundred of the
-rows. Ranks ascend until two in a row are worse than a lower one. Forms that eq. 8 will
-not choose are left out then.
+All are sketched first, from a few hundred of the rows: from the likeliest start, and
+compound symmetry from all starts. Ranks ascend until two in a row are worse than a
+lower one. Forms that eq. 8 will not choose are left out then.
 """
 
 from contextlib import suppress
@@ -182,10 +182,9 @@ def _sketch(problem, starts, below):
     learned from all starts: one may tell it independent tasks alone, or one function.
     """
     start = likeliest(starts)
-    ladder = below is not None and has_columns_more(below.problem, problem)
     if not start.is_noisy:
-        return Sketch(problem, follow(problem, start, below if ladder else None))
-    if ladder:
+        return Sketch(problem, follow(problem, start, below))
+    if below is not None and has_columns_more(below.problem, problem):
         theta = with_columns(below.problem, problem, below.ascent.mode)
         return _quick(problem, theta)
     found = _quick(problem, start.theta(problem))
@@ -260,11 +259,12 @@ def _total(of_form):
 def _likely(problems, coarse, sketches):
     """Positions of the forms that are near the best, by some or by all rows."""
     tuning = problems[0].tuning
-    most, margin = len(problems[0].data) / len(coarse[0].data), len(problems)
+    most = len(problems[0].data) / len(coarse[0].data)
+    margin = tuning.unsure * len(problems)
     likely = set()
     for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
         found = np.sum([[of.worth(times) for of in each] for each in sketches], axis=0)
-        near = found >= found.max() - tuning.unsure * margin
+        near = found >= found.max() - margin
         likely |= set(np.flatnonzero(near).tolist())
     return sorted(_with_lower(likely, sketches))
 

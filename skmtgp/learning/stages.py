@@ -233,11 +233,12 @@ def follow(problem, start, below=None, known=()):
     -------
     ascent : Ascent
     """
-    if below is None or below[0].is_noisy(below[1].held, beyond=0.1):
-        return annealed(problem, start.theta(problem), known)
-    if not has_columns_more(below[0], problem):
-        return annealed(problem, start.theta(problem), known)
-    return _follow_higher(below[0], problem, below[1], known)
+    if below is not None:
+        lower, ascent = below
+        held = not lower.is_noisy(ascent.held, beyond=0.1)
+        if held and has_columns_more(lower, problem):
+            return _follow_higher(lower, problem, ascent, known)
+    return annealed(problem, start.theta(problem), known)
 
 
 def _follow_higher(lower, problem, below, others):

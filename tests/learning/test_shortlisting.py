@@ -198,6 +198,15 @@ def test_an_engine_says_what_it_takes(truth):
 
 
 @pytest.mark.parametrize(
+    ("diagonal", "form"), [("equal", "independent"), (True, "rank 0 and diagonal")]
+)
+def test_independent_tasks_with_a_diagonal_of_the_user(diagonal, form):
+    X, y = drawn(CASES["independent"])
+    model = MultiTaskGPRegressor(diagonal=diagonal).fit(X, y)
+    assert (name(model), model.shared_, model.diagonal_) == (form, False, diagonal)
+
+
+@pytest.mark.parametrize(
     ("options", "form"),
     [
         ({"shared": True}, "compound symmetry"),

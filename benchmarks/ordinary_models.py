@@ -220,6 +220,7 @@ def learned(estimator, params, drawn):
     if isinstance(of, MultiTaskGPRegressor):
         row["config"] = {
             **{key: params[key] for key in OF_THE_MODEL if key in params},
+            "kernel": name_of(of.kernel_),
             "rank": of.rank_,
             "shared": of.shared_,
             "diagonal": of.diagonal_,
@@ -232,6 +233,13 @@ def learned(estimator, params, drawn):
         log_noise = 0.5 * np.log(of.noise_variance_) - np.log(drawn.truth.noise)
         row["noise"] = float(f"{np.exp(log_noise.mean()):.4g}")
     return row
+
+
+def name_of(kernel):
+    """The name that a smoothness has as a parameter."""
+    return {0.5: "exponential", 1.5: "matern", 2.5: "matern52"}.get(
+        getattr(kernel, "nu", None), "rbf"
+    )
 
 
 def is_right(name, drawn):

@@ -64,10 +64,13 @@ class IndependentGP(_FixedTaskCovarianceGP):
         length-scale for each feature. Starting values and bounds are then relative to
         the feature's standard deviation:
 
-        - "rbf": the squared exponential, the same as None;
+        - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
         - "periodic" and "linear".
+
+        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        "exponential". The one that was chosen is in `kernel_`.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, with a variance for
         each task. The functions of some tasks may then vary more than those of others.
@@ -373,10 +376,13 @@ class PooledGP(_FixedTaskCovarianceGP):
         length-scale for each feature. Starting values and bounds are then relative to
         the feature's standard deviation:
 
-        - "rbf": the squared exponential, the same as None;
+        - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
         - "periodic" and "linear".
+
+        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        "exponential". The one that was chosen is in `kernel_`.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, with a variance for
         each task. It is how much the task's function deviates from the common one.

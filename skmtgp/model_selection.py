@@ -20,7 +20,7 @@ from skmtgp._data.known import weighed_rows
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
-from skmtgp._estimators.deciding import decide_noise
+from skmtgp._estimators.deciding import decide_rest
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.forms import SIMPLER
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -270,7 +270,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             modes = model._learn_ranks(problems, forms, progress, **growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
-            decided = decide_noise(model, training, of_forms, modes)
+            decided = decide_rest(model, training, of_forms, modes)
             self._keep(model, settings, alone, *model._tell(training, *decided))
 
     def _check_criterion(self, training):
@@ -305,7 +305,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model._foretell(problems, len(settings))
         with limit_threads(side(problems)):
             learned = learn_candidates(model, training, settings, progress)
-            decided = decide_noise(model, training, *learned)
+            decided = decide_rest(model, training, *learned)
             self._keep(model, settings, None, *model._tell(training, *decided))
 
     def _asks_simpler(self):

@@ -66,12 +66,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Starting values and bounds are then relative to the feature's standard
         deviation:
 
-        - "rbf": the squared exponential, the same as None;
+        - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
         - "periodic" and "linear".
 
-        A list has a kernel for each of several terms, see Notes.
+        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        "exponential", see Notes. The one that was chosen is in `kernel_`.
+
+        A list has a kernel for each of several terms, see Notes. In it, None is "rbf".
     rank : int or list of int or None, default=None
         Rank of the task covariance: the number of functions that the tasks mix. It is
         at most the number of tasks, with `task_descriptors` at most one more than the
@@ -412,6 +415,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     promises a gain. With ``max_iter=0`` units and noise are shared, and "fixed" noise
     is always shared. After exact inference with shared noise, the choice of the noise
     is checked once more with the learned model.
+
+    With ``kernel=None`` the same small model says how smooth the functions are: it is
+    fitted with "rbf", then "matern52", "matern" and "exponential", as long as each is
+    likelier by two nats than the one before. After exact inference the learned model is
+    asked once more. The kernels have the same parameters, so nothing is counted. A list
+    of kernels and ``max_iter=0`` keep "rbf".
 
     With complete data of N inputs and M tasks, time and memory grow with :math:`N^3`
     and :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra.

@@ -56,10 +56,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         length-scale for each feature. Starting values and bounds are then relative to
         the feature's standard deviation:
 
-        - "rbf": the squared exponential, the same as None;
+        - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
         - "periodic" and "linear".
+
+        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        "exponential". The one that was chosen is in `kernel_`.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels, which are integers or
         strings.

@@ -20,7 +20,7 @@ from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import Labels
 from skmtgp._data.partitions import check_partitions
 from skmtgp._data.trend import NAMED, read_trend
-from skmtgp._estimators.deciding import decide, decide_noise
+from skmtgp._estimators.deciding import decide, decide_rest
 from skmtgp._estimators.doubts import (
     warn_of_doubts,
     warn_of_duration,
@@ -173,7 +173,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             problems = self._foretell(problems, problems[0].prior.n_terms)
             with limit_threads(side(problems)):
                 learned = self._learn(problems, progress)
-                decided = decide_noise(self, training, *([of] for of in learned))
+                decided = decide_rest(self, training, *([of] for of in learned))
                 training, [problems], [modes] = self._tell(training, *decided)
                 modes = list(map(along_ranges, problems, modes))
                 self._store(training, problems, modes)
@@ -190,7 +190,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
 
     def _tell(self, before, training, problems, modes):
         """The same; says if the noise is another than learning began with."""
-        if self.verbose and training.noise != before.noise:
+        if self.verbose and training.chosen != before.chosen:
             say(f"chosen once all is learned: {training.chosen}")
             for of in zip(chain(*problems), chain(*modes), strict=True):
                 problem, mode = of
@@ -221,10 +221,10 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """The kernel of a name."""
         return named_kernel(name, features)
 
-    def _made(self, kernel, features):
-        """A kernel as the user gave it, or that of the name, or the default."""
+    def _made(self, kernel, features, default=DEFAULT):
+        """A kernel as the user gave it, or that of the name, or of the default's."""
         if kernel is None or isinstance(kernel, str):
-            return self._named_kernel(kernel or DEFAULT, features)
+            return self._named_kernel(kernel or default, features)
         kernel = clone(kernel)  # the user may change theirs
         return with_positions(kernel, self._names_of_inputs)
 
@@ -356,7 +356,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         return Kernels(kernels) if len(kernels) > 1 else kernels[0]
 
     def _checked(self, kernel, training):
-        kernel = self._made(kernel, training.features)
+        kernel = self._made(kernel, training.features, training.kernel)
         check_kernel(kernel, training.features)
         return kernel
 

@@ -1,9 +1,11 @@
-"""In which units the targets are learned, and with which noise."""
+"""In which units targets are learned, with which noise and how smooth a k^x."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from skmtgp._estimators.named_kernels import SMOOTHNESS
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.nesting import nest
@@ -15,37 +17,38 @@ from skmtgp.learning.screening import (
     score,
     screen,
     tells_noise,
+    with_kernel,
     with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
 
 
 def decide(model, training):
-    """The training data with the units, and the noise, that are to be learned with.
+    """The training data with the units, noise and k^x that are to be learned with.
 
     Parameters
     ----------
     model : BaseMultiTaskGP
-        Its parameters `normalize_y` and `noise` say which, or that the data do.
+        Its parameters `normalize_y`, `noise` and `kernel` say which, or that the data
+        do.
     training : Training
         Checked.
 
     Returns
     -------
     training : Training
-        With `units` and `noise`.
+        With `units`, `noise` and `kernel`.
     """
     noises = _noises(model, training)
     with limit_threads(len(training.Y)):
         units = _units(model, training)
     training = replace(training, noise=noises[0])
     candidates = [training.with_units(of) for of in units]
-    if len(candidates) == len(noises) == 1:
+    if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
     with limit_threads(len(training.Y)):
         found = [_screened(model, candidate, noises) for candidate in candidates]
-    _, best, noise = max(found, key=lambda of: of[0])
-    return replace(best, noise=noise)
+    return max(found, key=lambda of: of[0])[1]
 
 
 def _units(model, training):
@@ -81,16 +84,62 @@ def _noises(model, training):
 
 
 def _screened(model, training, noises):
-    """The score of the training data, they, and the noise that has it."""
+    """The highest score of the training data, and they with what has it."""
     # how far apart levels are says nothing of units: they have the same prior in all
     small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]
-    best = _score(small, found), training, noises[0]
+    candidates = [(training, found)]
     if len(noises) > 1 and any(differ_in_noise(*of) for of in found):
         found = [with_own_noise(*of) for of in found]
-        other = _score(small, found), training, noises[1]
-        best = max(best, other, key=lambda of: of[0])
-    return best
+        candidates.append((replace(training, noise=noises[1]), found))
+    # of either noise: what noise of each task explains is no roughness
+    scored = []
+    for candidate, found in candidates:
+        kernels, found = _rougher(model, candidate, found)
+        candidate = replace(candidate, kernel=kernels[-1])
+        scored.append((_score(small, found), candidate))
+    return max(scored, key=lambda of: of[0])
+
+
+def _rougher(model, training, found):
+    """Names of k^x, ever less smooth as long as that is likelier, and the last modes.
+
+    `found` has the problem and its mode of each output, with the k^x that the training
+    data have: the first name.
+    """
+    names, least = [training.kernel], found[0][0].tuning.rougher
+    for name in _kernels(model, training)[1]:
+        kernel = model._kernel(replace(training, kernel=name))
+        others = [with_kernel(*of, kernel, hopeful=False) for of in found]
+        if _value(others) < _value(found) + least:
+            break
+        names, found = [*names, name], others
+    return names, found
+
+
+def _smoother(model, training, found):
+    """The same of ever smoother ones, unless they are less likely."""
+    names, least = [training.kernel], _value(found) - found[0][0].tuning.rougher
+    for name in _kernels(model, training)[0]:
+        kernel = model._kernel(replace(training, kernel=name))
+        others = [with_kernel(*of, kernel) for of in found]
+        if _value(others) < least:
+            break
+        names, found = [*names, name], others
+    return names, found
+
+
+def _kernels(model, training):
+    """Names of what k^x may be instead: ever smoother, and ever less smooth."""
+    if model._kernels() != [None] or model.max_iter == 0:
+        return [], []
+    k = SMOOTHNESS.index(training.kernel)
+    return SMOOTHNESS[:k][::-1], SMOOTHNESS[k + 1 :]
+
+
+def _value(found):
+    """Log likelihood, summed over the outputs."""
+    return sum(mode.value for _, mode in found)
 
 
 def _small(model, training):
@@ -106,15 +155,15 @@ def _score(training, found):
     return float(sum(score(*of, scale) for of, scale in pairs))
 
 
-def decide_noise(model, training, problems, modes):
-    """What was learned, or the same with noise for each task if that is worth it.
+def decide_rest(model, training, problems, modes):
+    """What was learned, or the same with another k^x or noise if that is worth it.
 
     What the small model cannot tell from its functions, the large one may.
 
     Parameters
     ----------
     model : BaseMultiTaskGP
-        Its parameter `noise` says whether to ask.
+        Its parameters `kernel` and `noise` say whether to ask.
     training : Training
         As decided so far.
     problems : list of list of Problem
@@ -125,18 +174,33 @@ def decide_noise(model, training, problems, modes):
     Returns
     -------
     training, problems, modes
-        With the noise that is chosen.
+        With the kernel and the noise that are chosen.
     """
-    asks = len(_noises(model, training)) > 1 and training.noise == "shared"
     learned = all(mode.converged for of in modes for mode in of)
-    if not (asks and learned and problems[0][0].engine.exact):
+    if not (learned and problems[0][0].engine.exact):
+        return training, problems, modes
+    best = int(np.argmax(_criteria(problems, modes)))
+    of_best = list(zip(problems[best], modes[best], strict=True))
+    names, _ = _rougher(model, training, of_best)
+    if len(names) == 1:
+        names, _ = _smoother(model, training, of_best)
+    for name in names[1:]:
+        training = replace(training, kernel=name)
+        change = partial(with_kernel, kernel=model._kernel(training))
+        problems, modes = _of_forms(change, problems, modes, model.n_jobs)
+    return _with_noise(model, training, problems, modes)
+
+
+def _with_noise(model, training, problems, modes):
+    """The same with noise for each task if that is worth it."""
+    if len(_noises(model, training)) == 1 or training.noise != "shared":
         return training, problems, modes
     before = _criteria(problems, modes)
     best = int(np.argmax(before))
     of_best = problems[best], modes[best]
     if not (all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best))):
         return training, problems, modes
-    others, learned = _with_own_noise(problems, modes, model.n_jobs)
+    others, learned = _of_forms(with_own_noise, problems, modes, model.n_jobs)
     after = _criteria(others, learned)
     k = int(np.argmax(after))
     if after[k] > before[best] and all(map(tells_noise, others[k], learned[k])):
@@ -144,16 +208,16 @@ def decide_noise(model, training, problems, modes):
     return training, problems, modes
 
 
-def _with_own_noise(problems, modes, n_jobs):
-    """Problems and modes with noise for each task; values do not fall with the rank."""
+def _of_forms(change, problems, modes, n_jobs):
+    """Problems and modes, each changed; values do not fall with the rank."""
     of_outputs = zip(*problems, strict=True), zip(*modes, strict=True)
-    jobs = [(list(of), list(found)) for of, found in zip(*of_outputs, strict=True)]
+    jobs = [(change, *map(list, of)) for of in zip(*of_outputs, strict=True)]
     learned = run(_of_all_forms, jobs, n_jobs=n_jobs)
     return [list(zip(*of, strict=True)) for of in zip(*learned, strict=True)]
 
 
-def _of_all_forms(problems, modes):
-    found = [with_own_noise(*of) for of in zip(problems, modes, strict=True)]
+def _of_all_forms(change, problems, modes):
+    found = [change(*of) for of in zip(problems, modes, strict=True)]
     problems = [problem for problem, _ in found]
     return problems, nest(problems, [mode for _, mode in found])
 

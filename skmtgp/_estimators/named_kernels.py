@@ -13,6 +13,7 @@ from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.kernels import ARDLinear, Columns
 
 DEFAULT = "rbf"
+SMOOTHNESS = [DEFAULT, "matern52", "matern", "exponential"]  # ever less, default first
 BOUNDS = np.array([1e-2, 1e3])  # of a length-scale, relative to where it starts
 # A period starts at half the width of features that are spread evenly.
 PERIOD, PERIODS = np.sqrt(3.0), np.array([5e-2, 1e2])

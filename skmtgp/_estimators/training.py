@@ -11,6 +11,7 @@ from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.known import Known
 from skmtgp._data.labels import sorted_tasks
+from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
 from skmtgp._estimators.units import Units, count_tasks, units_of_tasks
@@ -53,6 +54,8 @@ class Training:
         What is known of the noise of each row, in squared units of Y.
     looks_for_design : bool, default=True
         Whether it is not known already that the data are not complete.
+    kernel : str
+        Name of k^x where the user gives none.
     """
 
     features: np.ndarray
@@ -68,6 +71,7 @@ class Training:
     trends: list[Trend] | None = None
     known: Known | None = None
     looks_for_design: bool = True
+    kernel: str = DEFAULT
 
     @cached_property
     def design(self):
@@ -105,13 +109,14 @@ class Training:
 
     @property
     def chosen(self):
-        """Units and noise, in words."""
+        """Units and noise, and another k^x than the usual one, in words."""
         units = "own units for each task" if self.units.per_task else "the same units"
         noises = {
             "shared": "one noise variance for all tasks",
             "per_task": "a noise variance for each task",
         }
-        return f"{units}, {noises[self.noise]}"
+        kernel = "" if self.kernel == DEFAULT else f', kernel="{self.kernel}"'
+        return f"{units}, {noises[self.noise]}{kernel}"
 
     def unexplained(self, per_task):
         """Targets without what least squares explain by a trend.

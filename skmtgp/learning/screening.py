@@ -139,6 +139,32 @@ def with_own_noise(problem, mode):
     return problem, mode.then(climb(problem, theta))
 
 
+def with_kernel(problem, mode, kernel, *, hopeful=True):
+    """The problem with another k^x of the same parameters, learned on from a mode.
+
+    Parameters
+    ----------
+    problem : Problem
+        With another one.
+    mode : Mode
+        Its mode.
+    kernel : Kernel
+        k^x with its starting values.
+    hopeful : bool, default=True
+        Whether to climb to the end where that cannot hope to be better.
+
+    Returns
+    -------
+    problem : Problem
+        With that kernel.
+    mode : Mode
+        Its own, or what was reached.
+    """
+    problem = replace(problem, prior=replace(problem.prior, kernel=kernel))
+    known = () if hopeful else [mode]
+    return problem, mode.then(climb(problem, mode.theta, known=known))
+
+
 def tells_noise(problem, mode):
     """Whether the rows tell all noise variances: none vanished by following them."""
     likelihood = problem.likelihood()

@@ -86,6 +86,9 @@ class Tuning:
         none: it does not count.
     foreseen : int
         Numbers of rows for which that is asked, from the few that it was learned from.
+    rougher : float
+        Nats by which functions that are less smooth must be likelier: drawn smooth
+        ones are by one now and then, real rough ones by tens.
     rounds : int
         Of choosing inducing inputs: the second has a kernel that was learned.
     telling : int
@@ -187,6 +190,7 @@ class Tuning:
     unsure: float = 2.0
     vanishing: float = 1e-3
     foreseen: int = 4
+    rougher: float = 2.0
     rounds: int = 2
     telling: int = 4
     gain: float = 1e-4

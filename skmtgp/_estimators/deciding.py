@@ -101,30 +101,31 @@ def _screened(model, training, noises):
     return max(scored, key=lambda of: of[0])
 
 
-def _rougher(model, training, found):
+def _rougher(model, training, found, n_jobs=None):
     """Names of k^x, ever less smooth as long as that is likelier, and the last modes.
 
     `found` has the problem and its mode of each output, with the k^x that the training
-    data have: the first name.
+    data have: the first name. What was tried in vain counts as spent.
     """
     names, least = [training.kernel], found[0][0].tuning.rougher
     for name in _kernels(model, training)[1]:
         kernel = model._kernel(replace(training, kernel=name))
-        others = [with_kernel(*of, kernel, hopeful=False) for of in found]
+        change = partial(with_kernel, kernel=kernel, hopeful=False)
+        others = run(change, found, n_jobs=n_jobs)
         if _value(others) < _value(found) + least:
-            break
+            return names, _counting(found, others)
         names, found = [*names, name], others
     return names, found
 
 
-def _smoother(model, training, found):
+def _smoother(model, training, found, n_jobs=None):
     """The same of ever smoother ones, unless they are less likely."""
     names, least = [training.kernel], _value(found) - found[0][0].tuning.rougher
     for name in _kernels(model, training)[0]:
         kernel = model._kernel(replace(training, kernel=name))
-        others = [with_kernel(*of, kernel) for of in found]
+        others = run(partial(with_kernel, kernel=kernel), found, n_jobs=n_jobs)
         if _value(others) < least:
-            break
+            return names, _counting(found, others)
         names, found = [*names, name], others
     return names, found
 
@@ -140,6 +141,18 @@ def _kernels(model, training):
 def _value(found):
     """Log likelihood, summed over the outputs."""
     return sum(mode.value for _, mode in found)
+
+
+def _counting(found, others):
+    """What was found, with what the others took on from there."""
+    pairs = zip(found, others, strict=True)
+    return [
+        (
+            problem,
+            mode._replace(n_evaluations=other.n_evaluations, seconds=other.seconds),
+        )
+        for (problem, mode), (_, other) in pairs
+    ]
 
 
 def _small(model, training):
@@ -179,16 +192,28 @@ def decide_rest(model, training, problems, modes):
     learned = all(mode.converged for of in modes for mode in of)
     if not (learned and problems[0][0].engine.exact):
         return training, problems, modes
-    best = int(np.argmax(_criteria(problems, modes)))
-    of_best = list(zip(problems[best], modes[best], strict=True))
-    names, _ = _rougher(model, training, of_best)
-    if len(names) == 1:
-        names, _ = _smoother(model, training, of_best)
-    for name in names[1:]:
-        training = replace(training, kernel=name)
-        change = partial(with_kernel, kernel=model._kernel(training))
-        problems, modes = _of_forms(change, problems, modes, model.n_jobs)
+    training, problems, modes = _with_kernel(model, training, problems, modes)
     return _with_noise(model, training, problems, modes)
+
+
+def _with_kernel(model, training, problems, modes):
+    """The same with the k^x that is best for the best form of K^rho."""
+    best, n_jobs = int(np.argmax(_criteria(problems, modes))), model.n_jobs
+    found = list(zip(problems[best], modes[best], strict=True))
+    names, found = _rougher(model, training, found, n_jobs)
+    if len(names) == 1:
+        names, found = _smoother(model, training, found, n_jobs)
+    kernels = [model._kernel(replace(training, kernel=name)) for name in names[1:]]
+    change, known = partial(_through, kernels=kernels), [{best: of} for of in found]
+    problems, modes = _of_forms(change, problems, modes, n_jobs, known)
+    return replace(training, kernel=names[-1]), problems, modes
+
+
+def _through(problem, mode, kernels):
+    """The problem with the last of some k^x, learned by way of the others."""
+    for kernel in kernels:
+        problem, mode = with_kernel(problem, mode, kernel)
+    return problem, mode
 
 
 def _with_noise(model, training, problems, modes):
@@ -208,16 +233,23 @@ def _with_noise(model, training, problems, modes):
     return training, problems, modes
 
 
-def _of_forms(change, problems, modes, n_jobs):
-    """Problems and modes, each changed; values do not fall with the rank."""
-    of_outputs = zip(*problems, strict=True), zip(*modes, strict=True)
-    jobs = [(change, *map(list, of)) for of in zip(*of_outputs, strict=True)]
+def _of_forms(change, problems, modes, n_jobs, known=None):
+    """Problems and modes, each changed; values do not fall with the rank.
+
+    `known` has, for each output, a problem and a mode of some forms that are changed.
+    """
+    known = [{}] * len(problems[0]) if known is None else known
+    of_outputs = zip(zip(*problems, strict=True), zip(*modes, strict=True), strict=True)
+    jobs = [
+        (change, *map(list, of), k) for of, k in zip(of_outputs, known, strict=True)
+    ]
     learned = run(_of_all_forms, jobs, n_jobs=n_jobs)
     return [list(zip(*of, strict=True)) for of in zip(*learned, strict=True)]
 
 
-def _of_all_forms(change, problems, modes):
-    found = [change(*of) for of in zip(problems, modes, strict=True)]
+def _of_all_forms(change, problems, modes, known):
+    pairs = enumerate(zip(problems, modes, strict=True))
+    found = [known[k] if k in known else change(*of) for k, of in pairs]
     problems = [problem for problem, _ in found]
     return problems, nest(problems, [mode for _, mode in found])
 

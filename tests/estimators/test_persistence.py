@@ -90,6 +90,13 @@ joblib.dump(found, sys.argv[2])
 """
 
 
+SMOOTH = {"sklearn.gaussian_process.kernels.RBF", "skmtgp.model._nodes.terms._rbf"}
+ROUGHER = {
+    "sklearn.gaussian_process.kernels.Matern",
+    "skmtgp.model._nodes.terms._matern32",
+}
+
+
 class TestPersistence:
     def test_pickle(self, fitted):
         again = pickle.loads(pickle.dumps(fitted))
@@ -112,6 +119,8 @@ class TestPersistence:
         if getattr(fitted, "diagonal_", False):  # BIC has chosen independent tasks
             trusted = trusted | {"skmtgp.model.task_covariance.WithDiagonal"}
         found = set(skops.get_untrusted_types(data=data))
+        if ROUGHER & found:  # the data have chosen another kernel
+            trusted = trusted - SMOOTH | ROUGHER
         assert found <= trusted
         assert ours(found) == ours(trusted)
         again = skops.loads(data, trusted=sorted(trusted))

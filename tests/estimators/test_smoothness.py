@@ -25,14 +25,13 @@ ONE = {"rank": 1, "learning": "staged"}
 
 
 def drawn(kernel, *, n_tasks=2, n_each=60, noise=0.02, seed=0):
-    """Two tasks or more that mix two functions, at inputs of their own."""
+    """Two tasks or more with some of one function each, at inputs of their own."""
     rng = np.random.default_rng(seed)
     tasks = np.repeat(np.arange(n_tasks), n_each)
     x = rng.uniform(0.0, 1.0, len(tasks))
     K = kernel(x[:, None]) + 1e-12 * np.eye(len(x))
-    f = np.linalg.cholesky(K) @ rng.standard_normal((len(x), 2))
-    mixing = rng.standard_normal((n_tasks, 2))
-    y = (mixing[tasks] * f).sum(axis=1) + noise * rng.standard_normal(len(x))
+    f = np.linalg.cholesky(K) @ rng.standard_normal(len(x))
+    y = (1.0 + tasks) * f + noise * rng.standard_normal(len(x))
     return np.column_stack([x, tasks]), y
 
 
@@ -61,7 +60,7 @@ class TestChoice:
     @pytest.mark.parametrize("name", ["rbf", "exponential"])
     def test_of_the_baselines(self, cls, name):
         n_tasks = 2 if cls is IndependentGP else 1
-        X, y = drawn(TRUTHS[name], n_tasks=n_tasks)
+        X, y = drawn(TRUTHS[name], n_tasks=n_tasks, n_each=120)
         model = cls().fit(X, y)
         model = model.estimators_[0] if cls is SingleTaskGP else model
         assert smoothness(model) == name
@@ -81,7 +80,7 @@ class TestChoice:
 
     @pytest.mark.parametrize("inference", ["kronecker", "sparse"])
     def test_with_every_engine(self, inference):
-        X, y = drawn(TRUTHS["exponential"], n_tasks=1)
+        X, y = drawn(TRUTHS["exponential"], n_tasks=1, n_each=120)
         X = np.vstack([X, X + [0.0, 1.0]])
         y = np.append(y, -y + 0.02 * np.random.default_rng(1).standard_normal(len(y)))
         options = {"inference": inference, "n_inducing": 30, **ONE}

@@ -37,7 +37,7 @@ class TestMemory:
         needed += _of_inference._of_tasks(demand, n_climbs=1, n_parameters=3)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         model = MultiTaskGPRegressor(
-            rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
+            "rbf", rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
         )
         assert model.fit(X, y).inference_ == "sparse"
         monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
@@ -63,7 +63,7 @@ class TestMemory:
         with pytest.raises(InsufficientMemoryError, match="inference='sparse'"):
             MultiTaskGPRegressor(rank=1).fit(X, y)
         model = MultiTaskGPRegressor(
-            rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
+            "rbf", rank=1, **SPARSE | {"n_inducing": 10, "max_iter": 1}
         )
         assert model.fit(X, y).inference_ == "sparse"
 

@@ -22,7 +22,7 @@ from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
 from skmtgp._estimators.deciding import decide_rest
 from skmtgp._estimators.estimator import Estimator
-from skmtgp._estimators.forms import SIMPLER
+from skmtgp._estimators.forms import SIMPLER, diagonal_of
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
     learn_candidates,
@@ -35,6 +35,7 @@ from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.inference.engines import repeats_rows
+from skmtgp.learning.shortlisting import with_own_part
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -270,6 +271,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             modes = model._learn_ranks(problems, forms, progress, **growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             of_forms = [[of.with_form(form) for of in problems] for form in forms]
+            if asks and self.ranks is None and not model.diagonal:
+                own, of_own = with_own_part(of_forms, modes, model.n_jobs)
+                if own:
+                    settings = [*settings, _settings_of(own[0])]
+                    of_forms, modes = [*of_forms, own], [*modes, of_own]
             decided = decide_rest(model, training, of_forms, modes)
             self._keep(model, settings, alone, *model._tell(training, *decided))
 
@@ -644,6 +650,13 @@ def _settings(model, ranks, *, simpler):
         for r in ranks
     ]
     return [of for of in SIMPLER if simpler and of not in of_ranks] + of_ranks
+
+
+def _settings_of(problem):
+    """Parameters of the form of K^rho that a problem has."""
+    form = problem.prior.task_covariance
+    names = {"rank": form.rank, "shared": bool(form.shared)}
+    return names | {"diagonal": diagonal_of(form)}
 
 
 def _fitted(model, training, settings, problems, modes):

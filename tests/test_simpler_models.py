@@ -83,7 +83,10 @@ class TestChoice:
         assert search.best_model_ == name
         assert search.best_rank_ == 0
         table = search.results_
-        assert table["model"].tolist() == [*NAMES, "rank 4", "single tasks"]
+        names = table["model"].tolist()
+        own = [name for name in names if name.endswith(" and diagonal")]
+        assert len(own) <= 1  # of the best rank, if the data are noisy
+        assert names == [*NAMES, "rank 4", *own, "single tasks"]
         assert table["model"][table["chosen"]].tolist() == [name]
 
     def test_likelihoods_are_those_of_y(self, searched):

@@ -11,6 +11,7 @@ from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.evidence import evidence_around
+from skmtgp.learning.shortlisting import uncounted
 
 ALONE = "single tasks"
 DRAWN = "sampled", "auto"  # what may draw hyperparameters
@@ -89,15 +90,17 @@ def tabulate(training, of_forms, modes, alone, criterion):
     forms = [of_form[0].prior.task_covariance for of_form in of_forms]
     names, ranks = [str(form) for form in forms], [form.rank for form in forms]
     count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]
+    spared = [_spared(*of, forms) for of in zip(of_forms, modes, strict=True)]
     seconds = [sum(mode.seconds for mode in of_rank) for of_rank in modes]
     if alone is not None:
         values = np.vstack([values, alone.estimator.log_marginal_likelihoods_])
         names, ranks = [*names, ALONE], [*ranks, 0]
         count.append(alone.estimator.n_hyperparameters_)
+        spared.append([0, 0.0])
         seconds.append(alone.seconds)
     n = training.measured.sum() * len(modes[0])
     table = {"rank": rank_column(ranks), "model": names}
-    table |= _information(values.sum(axis=1), np.array(count), n)
+    table |= _information(values.sum(axis=1), np.array(count), np.array(spared), n)
     if criterion in DENSITIES:
         of_form, of_alone = DENSITIES[criterion]
         scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
@@ -110,13 +113,25 @@ def tabulate(training, of_forms, modes, alone, criterion):
     return {name: np.asarray(column) for name, column in table.items()}
 
 
-def _information(log_likelihood, count, n):
+def _spared(problems, modes, forms):
+    """Numbers of a diagonal that do not count, and what that costs.
+
+    Where the user asks for a diagonal all forms have one, and all numbers count.
+    """
+    if all(form.n_own for form in forms):
+        return 0, 0.0
+    return np.sum([uncounted(*of) for of in zip(problems, modes, strict=True)], axis=0)
+
+
+def _information(log_likelihood, n_hyperparameters, spared, n):
     """What follows from log likelihoods, counts of hyperparameters and of targets."""
     deviance, log_n = -2.0 * log_likelihood, np.log(n)
+    vanished, choices = spared.T
+    count = n_hyperparameters - vanished
     return {
         "log_marginal_likelihood": log_likelihood,
-        "n_hyperparameters": count,
-        "bic": deviance + count * log_n,  # eq. 8
+        "n_hyperparameters": n_hyperparameters,
+        "bic": deviance + count * log_n + 2.0 * choices,  # eq. 8
         "aic": deviance + count * 2.0,
         "hqc": deviance + count * 2.0 * np.log(max(log_n, 1.0)),
     }

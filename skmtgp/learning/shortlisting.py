@@ -108,20 +108,79 @@ def chosen(problems, forms, modes):
 
 
 def worth(problem, mode, times=1.0):
-    """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts.
+    """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts."""
+    vanished, choices = uncounted(problem, mode)
+    found = criterion(problem, mode, times)
+    return found + price(vanished, times * len(problem.data)) - choices
+
+
+def uncounted(problem, mode):
+    """How many numbers of a diagonal have vanished, and what it costs that they may.
 
     Which numbers these are is chosen, too, and any choice of as many is as likely
-    beforehand (Chen and Chen 2008, extended BIC).
+    beforehand (Chen and Chen 2008, extended BIC): the logarithm of how many there are.
     """
-    prior, found = problem.prior, criterion(problem, mode, times)
+    prior = problem.prior
     form = prior.task_covariance
     if not (isinstance(form, WithDiagonal) and form.n_kappa > 1):
-        return found
+        return 0, 0.0
     rho = prior.values(mode.theta).rho
     own = np.exp(rho[-form.n_kappa :]) / np.diagonal(form.matrix(rho))
-    vanished = np.count_nonzero(own < problem.tuning.vanishing)
-    choices = comb(form.n_kappa, vanished)
-    return found + price(vanished, times * len(problem.data)) - log(choices)
+    vanished = int(np.count_nonzero(own < problem.tuning.vanishing))
+    return vanished, log(comb(form.n_kappa, vanished))
+
+
+def with_own_part(problems, modes, n_jobs=None):
+    """The best rank with a diagonal in place of its last column, of noisy data.
+
+    It may be that one task alone has that function to itself.
+
+    Parameters
+    ----------
+    problems : list of list of Problem
+        For each form of K^rho and each output.
+    modes : list of list of Mode
+        Their modes.
+    n_jobs : int, default=None
+        Processes.
+
+    Returns
+    -------
+    problems : list of Problem
+        For each output; none if there is nothing to try.
+    modes : list of Mode
+        What was learned on from there.
+    """
+    pairs = [list(zip(*of, strict=True)) for of in zip(problems, modes, strict=True)]
+    pairs = [of for of in pairs if not of[0][0].prior.task_covariance.n_own]
+    best = max(pairs, key=lambda of: sum(worth(*pair) for pair in of), default=[])
+    form = _own_form(best)
+    if form is None:
+        return [], []
+    others = [problem.with_form(form) for problem, _ in best]
+    jobs = [
+        (problem, _cut(*pair, form)) for problem, pair in zip(others, best, strict=True)
+    ]
+    return others, run(climb, jobs, n_jobs=n_jobs)
+
+
+def _own_form(best):
+    """The form of a rank less and a diagonal, or None; of problems and modes."""
+    if not best or not all(problem.is_noisy(mode) for problem, mode in best):
+        return None
+    problem, _ = best[0]
+    form = problem.prior.task_covariance
+    if not 1 < form.rank < problem.prior.n_tasks:  # else it has no fewer numbers
+        return None
+    form = enlarged(form.with_rank(form.rank - 1), diagonal=True)
+    return form if _is_taken(form, problem.engine) else None
+
+
+def _cut(problem, mode, form):
+    """Parameters of another form near the K^rho of a mode."""
+    prior = problem.with_form(form).prior
+    rho = form.parameters(problem.prior.K_rho_at(mode.theta))
+    return prior.with_rho(mode.theta, rho)
 
 
 class Sketch(NamedTuple):
@@ -203,28 +262,19 @@ def _quick(problem, theta, known=()):
 
 
 def _with_own(found, n_jobs):
-    """The best rank with a diagonal in place of its last column, of noisy data.
-
-    It may be that one task alone has that to itself.
-    """
+    """The sketch of the best rank with a diagonal in place of its last column."""
     ladder = [of for of in found if not of[0].form.n_own]
-    best = max(ladder, key=_total, default=None)
-    if best is None or not all(sketch.is_noisy for sketch in best):
-        return []
-    rank, [problem, _] = best[0].form.rank, best[0]
-    if not 1 < rank < problem.prior.n_tasks:  # else it has no fewer numbers
-        return []
-    form = enlarged(best[0].form.with_rank(rank - 1), diagonal=True)
-    if not _is_taken(form, problem.engine):
-        return []
-    return [run(_cut, [(sketch, form) for sketch in best], n_jobs=n_jobs)]
+    best = max(ladder, key=_total, default=[])
+    form = _own_form([(sketch.problem, sketch.ascent.mode) for sketch in best])
+    return (
+        [] if form is None else [run(_own, [(of, form) for of in best], n_jobs=n_jobs)]
+    )
 
 
-def _cut(higher, form):
+def _own(higher, form):
     """The sketch of a form that begins at the K^rho of a higher rank."""
-    problem, theta = higher.problem.with_form(form), higher.ascent.mode.theta
-    rho = form.parameters(higher.problem.prior.K_rho_at(theta))
-    sketch = _quick(problem, problem.prior.with_rho(theta, rho))
+    problem, mode = higher.problem.with_form(form), higher.ascent.mode
+    sketch = _quick(problem, _cut(higher.problem, mode, form))
     if problem.budget.verbose:
         value = in_words(problem, sketch.ascent.mode.value)
         say(f"{about(problem, form)}{value}, from the best rank")

@@ -85,15 +85,36 @@ def test_likelihood_is_that_of_the_form_alone(case):
 
 def test_search_chooses_the_same(case):
     truth, X, y, model = case
-    if truth == "rank 1 and diagonal":  # which a search does not have
-        return
     options = {"ranks": range(4), "simpler": True}
+    if truth == "rank 1 and diagonal":  # which is tried with the usual ranks alone
+        options = {}
     search = RankSearchIC(**options).fit(X, y)
     found = search.results_.loc[lambda of: of["model"] != "single tasks"]
     best = found.loc[found["bic"].idxmin()]
     assert best["model"] == name(model)
     value = model.log_marginal_likelihood_value_
     assert best["log_marginal_likelihood"] == pytest.approx(value, abs=0.5)
+
+
+def test_search_counts_what_a_diagonal_has():
+    """Eq. 8 without what vanished, and the choice of it; the table has all numbers."""
+    X, y = drawn(ALONE)
+    search = RankSearchIC(keep_estimators=True).fit(X, y)
+    table = search.results_.set_index("model")
+    found = table.loc["rank 1 and diagonal"]
+    model = search.estimators_[table.index.get_loc("rank 1 and diagonal")]
+    assert (search.best_estimator_.rank_, search.best_estimator_.diagonal_) == (1, True)
+    assert found["n_hyperparameters"] == model.n_hyperparameters_
+    K, factor = model.task_covariance_, model.task_factor_
+    own = np.diagonal(K - factor @ factor.T) / np.diagonal(K)
+    vanished = np.count_nonzero(own < 1e-3)
+    assert vanished
+    count = model.n_hyperparameters_ - vanished
+    deviance = -2.0 * model.log_marginal_likelihood_value_
+    chosen = 2.0 * np.log(comb(6, vanished))
+    expected = deviance + count * np.log(len(y)) + chosen
+    assert found["bic"] == pytest.approx(expected)
+    assert found["aic"] == pytest.approx(deviance + 2 * count)
 
 
 def test_order_labels_and_units_do_not_matter(case):

@@ -249,6 +249,8 @@ def is_right(name, drawn):
     factor = drawn.truth.factor
     if drawn.rank == len(factor) > 1 and np.count_nonzero(factor) == len(factor):
         return name in ("independent", "single tasks", f"rank {drawn.rank}")
+    if drawn.unrelated is not None and name == f"rank {drawn.rank - 1} and diagonal":
+        return True  # the unrelated task has a function to itself
     return name == (f"rank {drawn.rank}" if drawn.rank else "shared")
 
 

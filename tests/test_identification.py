@@ -21,7 +21,7 @@ M, N, NOISE = 6, 120, 0.1
 AGE = np.array([0.5, 4.0, 9.0, 6.0, 2.2, 7.7])
 SIZE = np.array([1.2, 1.9, 1.0, 1.4, 1.7, 1.1])
 PLAIN = {"normalize_y": "shared", "noise": "shared", "task_levels": False}
-OPTIONS = PLAIN | {"kernel": RBF(1.0), "rank": 2, "max_iter": 60}
+OPTIONS = PLAIN | {"kernel": RBF(1.0), "rank": 2, "learning": "staged", "max_iter": 60}
 DESCRIBED = OPTIONS | {"task_descriptors": [1, 2]}
 
 

@@ -20,6 +20,7 @@ from skmtgp import (
 from skmtgp.learning import ranks
 
 MODEL = MultiTaskGPRegressor(**PAPER, max_iter=3)
+STAGED = clone(MODEL).set_params(learning="staged")
 CRITERIA = ("bic", "aic", "hqc")
 CHOSEN = {"bic": 1, "aic": 3, "hqc": 2, "loo": 4, "laplace": 3}
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -56,7 +57,7 @@ def likelihoods(search):
 )
 def test_criteria_are_those_of_eq_8(data, params, d_j, of_tasks):
     X, y = data
-    model = clone(MODEL).set_params(max_iter=0, **params)
+    model = clone(STAGED).set_params(max_iter=0, **params)
     search = RankSearchIC(model, ranks=(1, 2, 3, 4))
     found = search.fit(X, y).results_
     n, J, M = y.size, y.size // len(y), 4
@@ -105,7 +106,7 @@ def test_criterion_chooses(data, monkeypatch, criterion, chosen):
         return {c: np.abs(ranks - r) for c, r in CHOSEN.items()}
 
     monkeypatch.setattr(model_selection, "tabulate", disagreeing)
-    model = clone(MODEL).set_params(max_iter=0)
+    model = clone(STAGED).set_params(max_iter=0)
     search = RankSearchIC(model, ranks=(1, 2, 3, 4), criterion=criterion).fit(*data)
     assert search.best_rank_ == search.best_estimator_.rank_ == chosen
 
@@ -114,7 +115,7 @@ def test_what_could_not_be_computed_is_not_chosen(data, monkeypatch):
     monkeypatch.setattr(
         model_selection, "tabulate", lambda *_, **__: {"bic": np.array([np.nan, 2.0])}
     )
-    model = clone(MODEL).set_params(max_iter=0)
+    model = clone(STAGED).set_params(max_iter=0)
     assert RankSearchIC(model, ranks=(1, 2)).fit(*data).best_rank_ == 2
 
 
@@ -313,7 +314,7 @@ def test_failed_fit_changes_nothing(monkeypatch):
 def kept(data):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
-        return RankSearchIC(MODEL, ranks=(1, 2, 4), keep_estimators=True).fit(*data)
+        return RankSearchIC(STAGED, ranks=(1, 2, 4), keep_estimators=True).fit(*data)
 
 
 class TestKeptEstimators:
@@ -329,7 +330,9 @@ class TestKeptEstimators:
             assert sum(log_densities(model, *data)) == pytest.approx(value)
             assert model.n_hyperparameters_ == count
             assert -2.0 * value + count * np.log(n) == pytest.approx(bic)
-            assert model.get_params() == clone(MODEL).set_params(rank=rank).get_params()
+            assert (
+                model.get_params() == clone(STAGED).set_params(rank=rank).get_params()
+            )
 
     def test_the_best_is_one_of_them(self, kept):
         best = np.argmin(kept.results_["bic"])
@@ -337,7 +340,7 @@ class TestKeptEstimators:
         assert len({id(model) for model in kept.estimators_}) == 3
 
     def test_they_are_those_that_are_not_kept(self, kept, data):
-        plain = RankSearchIC(MODEL, ranks=(1, 2, 4)).fit(*data)
+        plain = RankSearchIC(STAGED, ranks=(1, 2, 4)).fit(*data)
         assert not hasattr(plain, "estimators_")
         assert plain.best_rank_ == kept.best_rank_
         for name, values in likelihoods(plain).items():
@@ -346,7 +349,7 @@ class TestKeptEstimators:
         np.testing.assert_array_equal(kept.best_estimator_.theta_, expected)
 
     def test_a_fit_that_keeps_none_forgets_them(self, data):
-        model = clone(MODEL).set_params(max_iter=0)
+        model = clone(STAGED).set_params(max_iter=0)
         search = RankSearchIC(model, ranks=(1, 2), keep_estimators=True).fit(*data)
         assert len(search.estimators_) == 2
         search.set_params(keep_estimators=False).fit(*data)
@@ -391,7 +394,7 @@ class TestAddTask:
         pd.testing.assert_frame_equal(extended.results_, search.results_)
 
     def test_search_is_left_as_it_was(self, data, new):
-        model = clone(MODEL).set_params(max_iter=0)
+        model = clone(STAGED).set_params(max_iter=0)
         search = RankSearchIC(model, ranks=(1, 2), keep_estimators=True).fit(*data)
         before = pickle.dumps(search)
         extended = search.add_task(*new)
@@ -439,7 +442,7 @@ class TestLeaveOneOut:
 
     def test_units_of_y_do_not_matter(self, data):
         X, y = data
-        search = RankSearchIC(clone(MODEL).set_params(max_iter=0), criterion="loo")
+        search = RankSearchIC(clone(STAGED).set_params(max_iter=0), criterion="loo")
         small, large = (clone(search).fit(X, of).results_["loo"] for of in (y, 8.0 * y))
         np.testing.assert_allclose(large - small, 2.0 * y.size * np.log(8.0))
 

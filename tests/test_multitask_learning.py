@@ -196,7 +196,8 @@ class TestEvaluations:
         ],
         ids=repr,
     )
-    def test_of_a_model(self, model, data, count, levels):
+    def test_of_a_model(self, model, count, levels):
+        data = draw(n_outputs=None if levels else 2)
         model = clone(model).set_params(max_iter=3).fit(*data)
         assert model.n_evaluations_ == len(count) > 5
         whole = getattr(model, "learning", "") in ("staged", "simultaneous")

@@ -230,10 +230,16 @@ def test_fit_needs_no_dask():
         import sys
         sys.modules.update(dask=None, distributed=None)
         import numpy as np
-        from skmtgp import PooledGP
+        from skmtgp import PooledGP  # without warnings, too
         x = np.arange(9.0)
         X = np.column_stack([x, x > 4.0])
         PooledGP(inference="sparse", n_inducing=4).fit(X, np.sin(x))
     """
-    command = [sys.executable, "-c", "\n".join(map(str.strip, code.splitlines()))]
+    command = [
+        sys.executable,
+        "-W",
+        "error",
+        "-c",
+        "\n".join(map(str.strip, code.splitlines())),
+    ]
     subprocess.run(command, check=True, timeout=120)

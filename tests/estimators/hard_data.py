@@ -17,7 +17,7 @@ from skmtgp import (
 
 STAGED = MultiTaskGPRegressor(learning="staged")  # from one start: quicker
 GPS = {
-    "MultiTaskGPRegressor": MultiTaskGPRegressor(),
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(rank=1),
     "IndependentGP": IndependentGP(),
     "PooledGP": PooledGP(),
     "SingleTaskGP": SingleTaskGP(),

@@ -2,7 +2,6 @@
 
 import pytest
 from checks import checks_of
-from sklearn.base import clone
 from sklearn.utils.estimator_checks import check_regressors_train
 
 from skmtgp import (
@@ -15,24 +14,29 @@ from skmtgp import (
     WideRegressor,
 )
 
-QUICK = {"max_iter": 2}  # how tables are taken does not depend on what is learned
+QUICK = {"max_iter": 1}  # how tables are taken does not depend on what is learned
 FIRST = {"task_feature": 0, **QUICK}
 SPARSE = {"inference": "sparse", "n_inducing": 10, **FIRST}
 ALONE = [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
-STAGED = MultiTaskGPRegressor(learning="staged", **QUICK)
+SHARED = {"noise": "shared", "normalize_y": "shared"}
+STAGED = {"rank": 1, "learning": "staged", **SHARED, **QUICK}
+# Noise and units that are decided, a search over ranks, and each way to learn, to infer
+# and to find the task once: whichever the estimator, they take tables by the same code.
 LAST_COLUMN = [
     MultiTaskGPRegressor("matern", rank=1, **QUICK),
-    *(cls(**QUICK) for cls in ALONE[1:]),
-    RankSearchIC(STAGED, ranks=(1, 2)),
+    IndependentGP(**SHARED, **QUICK),
+    PooledGP(**QUICK),
+    SingleTaskGP(**QUICK),
     *(BayesianLinearRegression(pooled=pooled) for pooled in (False, True)),
-    WideRegressor(MultiTaskGPRegressor(rank=1, **QUICK)),
-    MultiTaskGPRegressor(rank=1, trend="constant", **QUICK),
+    WideRegressor(MultiTaskGPRegressor(**STAGED)),
+    MultiTaskGPRegressor(trend="constant", **STAGED),
 ]
-# Here each way to learn and to infer once, whichever the estimator.
 FIRST_COLUMN = [
     MultiTaskGPRegressor(learning="staged", **FIRST),
-    MultiTaskGPRegressor(learning="simultaneous", **SPARSE),
-    RankSearchIC(clone(STAGED).set_params(task_feature=0), ranks=(1, 2)),
+    MultiTaskGPRegressor(rank=1, learning="simultaneous", **SPARSE),
+    RankSearchIC(
+        MultiTaskGPRegressor(learning="staged", **SHARED, **FIRST), ranks=(1, 2)
+    ),
     BayesianLinearRegression(task_feature=0),
 ]
 SIMPLER_AND_SPARSE = [

@@ -42,11 +42,12 @@ def told(model, Z):
     ]
 
 
+STAGED = {"learning": "staged"}  # from one start: quicker
 MODELS = {
-    "full rank": (MultiTaskGPRegressor, {}, None),
-    "rank 2, two outputs": (MultiTaskGPRegressor, {"rank": 2}, 2),
+    "full rank": (MultiTaskGPRegressor, STAGED, None),
+    "rank 2, two outputs": (MultiTaskGPRegressor, {"rank": 2, **STAGED}, 2),
     "noise of each": (MultiTaskGPRegressor, {"rank": 1, "noise": "per_task"}, None),
-    "diagonal": (MultiTaskGPRegressor, {"rank": 1, "diagonal": True}, 2),
+    "diagonal": (MultiTaskGPRegressor, {"rank": 1, "diagonal": True, **STAGED}, 2),
     "iGP": (IndependentGP, {"noise": "per_task"}, None),
     "pGP": (PooledGP, {"diagonal": True}, None),
 }
@@ -129,7 +130,7 @@ class TestAddTask:
     def pair(self, request):
         """A model by Kronecker algebra and a dense one, at the starting values."""
         _, params, n_outputs = MODELS[request.param]
-        model = MultiTaskGPRegressor(learning="staged", max_iter=0, **params)
+        model = MultiTaskGPRegressor(**STAGED | params, max_iter=0)
         return [
             clone(model).set_params(inference=i).fit(*draw(n_outputs=n_outputs))
             for i in ("kronecker", "dense")
@@ -190,7 +191,7 @@ class TestAddTask:
 
 
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
 def test_data_without_noise(seed):
     """Eigenvalues that are rounding would make the likelihood too rough to climb."""
     rng = np.random.default_rng(seed)

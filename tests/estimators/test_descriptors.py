@@ -25,7 +25,7 @@ AGE = np.array([0.3, 4.0, 9.1, 6.0, 2.2, 7.7, 5.1])
 SIZE = np.array([1.2, 1.9, 1.0, 1.4, 1.7, 1.1, 1.5])
 COLUMNS = ["x", "age", "size", "machine"]
 PLAIN = {"normalize_y": "shared", "noise": "shared", "task_descriptors": [1, 2]}
-QUICK = PLAIN | {"kernel": RBF(1.0), "max_iter": 20}
+QUICK = PLAIN | {"kernel": RBF(1.0), "learning": "staged", "max_iter": 20}
 CASES = {
     "rank 2": {"rank": 2},
     "rank 1, shared": {"rank": 1, "shared": True, "task_levels": False},

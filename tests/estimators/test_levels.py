@@ -24,7 +24,9 @@ PER_TASK = {"normalize_y": "per_task", "noise": "per_task"}
 
 
 def learner(**options):
-    return MultiTaskGPRegressor(KERNEL, **{"rank": 2, "max_iter": 3} | options)
+    return MultiTaskGPRegressor(
+        KERNEL, **{"rank": 2, "learning": "staged", "max_iter": 3} | options
+    )
 
 
 @cache

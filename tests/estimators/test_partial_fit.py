@@ -115,6 +115,7 @@ def test_rows_come_in_their_order(stream, n_outputs):
     np.testing.assert_array_equal(model.y_train_, y)
 
 
+@pytest.mark.parametrize("name", ["paper", "sampled", "iGP"], scope="module")
 def test_the_first_call_is_fit(stream, name, n_outputs):
     before, _ = stream
     model = clone(MODELS[name]).fit(*parts(n_outputs)[0])

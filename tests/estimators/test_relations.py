@@ -11,13 +11,14 @@ from skmtgp._estimators.relations import evidence_of_relations
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 QUICK = {"max_iter": 3}
+STAGED = {"learning": "staged", **QUICK}
 MODELS = {
     "low rank": MultiTaskGPRegressor(rank=1, **QUICK),
-    "full rank": MultiTaskGPRegressor(**QUICK),
-    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **QUICK),
-    "shared": MultiTaskGPRegressor(rank=1, shared=True, noise="per_task", **QUICK),
-    "own units": MultiTaskGPRegressor(rank=2, normalize_y="per_task", **QUICK),
-    "no levels": MultiTaskGPRegressor(rank=2, task_levels=False, **QUICK),
+    "full rank": MultiTaskGPRegressor(rank=3, **STAGED),
+    "diagonal": MultiTaskGPRegressor(rank=1, diagonal=True, **STAGED),
+    "shared": MultiTaskGPRegressor(rank=1, shared=True, noise="per_task", **STAGED),
+    "own units": MultiTaskGPRegressor(rank=2, normalize_y="per_task", **STAGED),
+    "no levels": MultiTaskGPRegressor(rank=2, task_levels=False, **STAGED),
     "pooled": PooledGP(**QUICK),
 }
 
@@ -79,7 +80,7 @@ def test_a_task_that_joined(inference):
     X, y = complete(n_tasks=4)
     old = X[:, -1] < 3
     model = MultiTaskGPRegressor(
-        rank=1, inference=inference, noise_variance_bounds=(1e-2, 1.0), **QUICK
+        rank=1, inference=inference, noise_variance_bounds=(1e-2, 1.0), **STAGED
     ).fit(X[old], y[old])
     new = np.flatnonzero(~old)[:4]
     extended = model.add_task(X[new], y[new])

@@ -18,6 +18,8 @@ from skmtgp import (
     SingleTaskGP,
 )
 from skmtgp.exceptions import InsufficientMemoryError, SamplingWarning
+from skmtgp.learning import sampling
+from skmtgp.learning.sampling import N_CHAINS
 
 pytestmark = pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
 SAMPLED = {"hyperparameters": "sampled", "n_draws": 8}
@@ -49,9 +51,21 @@ def model():
         return MultiTaskGPRegressor(rank=1, random_state=0, **SAMPLED).fit(X, y)
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_predictions_are_those_of_the_mixture(model):
-    model = clone(model).fit(X, y)
+@pytest.fixture(scope="module")
+def mode():
+    """The same without draws."""
+    return MultiTaskGPRegressor(rank=1).fit(X, y)
+
+
+@pytest.fixture(scope="module", params=MODELS.values(), ids=MODELS)
+def any_model(request):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SamplingWarning)
+        return clone(request.param).fit(X, y)
+
+
+def test_predictions_are_those_of_the_mixture(any_model):
+    model = any_model
     means, variances = model._components(Z[:, :1], Z[:, 1].astype(int), True)
     assert len(means) == 8
     assert np.ptp(means, axis=0).max() > 0.0
@@ -63,23 +77,22 @@ def test_predictions_are_those_of_the_mixture(model):
     np.testing.assert_allclose(np.diagonal(cov), std**2, rtol=1e-8)
 
 
-@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
-def test_attributes_are_those_of_the_mode(model):
-    mode = clone(model).set_params(hyperparameters="mode").fit(X, y)
-    sampled = clone(model).fit(X, y)
+def test_attributes_are_those_of_the_mode(any_model):
+    sampled = any_model
+    mode = clone(sampled).set_params(hyperparameters="mode").fit(X, y)
     np.testing.assert_array_equal(sampled.theta_, mode.theta_)
     value = mode.log_marginal_likelihood_value_
     assert sampled.log_marginal_likelihood_value_ == value
     assert sampled.n_hyperparameters_ == mode.n_hyperparameters_
 
 
-def test_what_was_drawn(model):
+def test_what_was_drawn(model, mode):
     assert model.theta_samples_.shape == (8, len(model.theta_))
     assert model.effective_sample_size_ > 0.0
     assert model.r_hat_ >= 1.0
     assert model.n_divergences_ >= 0
-    mode = MultiTaskGPRegressor(rank=1).fit(X, y)
-    assert model.n_evaluations_ > 5 * mode.n_evaluations_
+    n_trajectories = N_CHAINS * (sampling.N_WARM + 2 * sampling.THINNED)
+    assert model.n_evaluations_ > mode.n_evaluations_ + n_trajectories
     for name in ("theta_samples_", "effective_sample_size_", "r_hat_"):
         assert not hasattr(mode, name)
 
@@ -110,21 +123,13 @@ def test_draws_of_observations_have_the_quantiles_of_the_mixture(model):
     assert np.mean(draws > upper) == pytest.approx(0.01, abs=0.004)
 
 
-def test_draws_of_several_outputs():
-    rows, Y = draw(n_outputs=2)
-    model = MultiTaskGPRegressor(rank=1, **SAMPLED).fit(rows, Y)
-    draws = model.sample_y(Z, 2000, random_state=0)
-    assert draws.shape == (6, 2, 2000)
-    mean, std = model.predict(Z, return_std=True)
-    np.testing.assert_allclose(draws.mean(axis=2), mean, atol=0.1 * std.max())
-
-
 def test_the_same_seed_the_same_model(model):
     again = clone(model).fit(X, y)
     np.testing.assert_array_equal(again.theta_samples_, model.theta_samples_)
     other = clone(model).set_params(random_state=1).fit(X, y)
     assert (other.theta_samples_ != model.theta_samples_).any()
-    of_none = [clone(model).set_params(random_state=None).fit(X, y) for _ in range(2)]
+    quick = clone(model).set_params(random_state=None, learning="staged")
+    of_none = [clone(quick).fit(X, y) for _ in range(2)]
     np.testing.assert_array_equal(*(of.theta_samples_ for of in of_none))
 
 
@@ -135,8 +140,7 @@ def test_leaving_out_samples(model):
     assert (of_f < std).all()
 
 
-def test_levels_have_more_doubt_than_at_the_mode(model):
-    mode = MultiTaskGPRegressor(rank=1).fit(X, y)
+def test_levels_have_more_doubt_than_at_the_mode(model, mode):
     assert (model.task_level_std_ > 0.0).all()
     np.testing.assert_allclose(model.task_level_, mode.task_level_, atol=1.5)
 
@@ -146,7 +150,7 @@ def test_pickles_predict_the_same(model):
     np.testing.assert_array_equal(again.predict(Z), model.predict(Z))
 
 
-def test_a_task_joins(model):
+def test_a_task_joins(model, mode):
     new = np.array([[1.0, 7.0], [4.0, 7.0]])
     joined = model.add_task(new, 7.0 - np.sin(new[:, 0]))
     assert joined.theta_samples_.shape[0] == 8
@@ -155,8 +159,8 @@ def test_a_task_joins(model):
     mean, std = joined.predict([[2.0, 7.0]], return_std=True)
     assert np.isfinite([mean, std]).all()
     # the rows that join are drawn, not climbed to
-    mode = MultiTaskGPRegressor(rank=1).fit(X, y).add_task(new, 7.0 - np.sin(new[:, 0]))
-    assert std > mode.predict([[2.0, 7.0]], return_std=True)[1]
+    of_mode = mode.add_task(new, 7.0 - np.sin(new[:, 0]))
+    assert std > of_mode.predict([[2.0, 7.0]], return_std=True)[1]
     np.testing.assert_array_equal(model.tasks_, [0, 1, 2])
     assert model.theta_samples_.shape[1] == len(model.theta_)
 
@@ -203,6 +207,10 @@ def test_several_outputs():
     lower, upper = model.task_correlation_interval()
     assert lower.index.names == ["output", "task"]
     assert (lower <= upper).all(axis=None)
+    mean, std = model.predict(Z, return_std=True)
+    draws = model.sample_y(Z, 2000, random_state=0)
+    assert draws.shape == (6, 2, 2000)
+    np.testing.assert_allclose(draws.mean(axis=2), mean, atol=0.1 * std.max())
 
 
 def test_own_noise_and_units():
@@ -218,6 +226,7 @@ def test_own_noise_and_units():
 
 
 class TestCorrelationInterval:
+    @pytest.mark.usefixtures("long_chains")
     def test_of_related_and_of_unrelated_tasks(self):
         rng = np.random.default_rng(0)
         x, task = rng.uniform(0.0, 12.0, 90), np.repeat(["a", "b", "c"], 30)
@@ -234,8 +243,7 @@ class TestCorrelationInterval:
         narrow, _ = model.task_correlation_interval(0.2)
         assert (narrow >= lower - 1e-12).all(axis=None)
 
-    def test_needs_draws(self):
-        mode = MultiTaskGPRegressor(rank=1).fit(X, y)
+    def test_needs_draws(self, mode):
         with pytest.raises(ValueError, match="hyperparameters='sampled'"):
             mode.task_correlation_interval()
 
@@ -277,6 +285,7 @@ class TestSearch:
 
 
 @pytest.mark.long
+@pytest.mark.usefixtures("long_chains")
 def test_few_rows_are_covered_where_the_mode_is_certain():
     """Of data drawn from the model: 40 test points of each of eight draws."""
     shares = {"mode": [], "sampled": []}
@@ -295,6 +304,7 @@ def test_few_rows_are_covered_where_the_mode_is_certain():
     assert np.mean(shares["sampled"]) > np.mean(shares["mode"]) + 0.15
 
 
+@pytest.mark.usefixtures("long_chains")
 class TestWarning:
     def test_says_how_poor_the_chains_are(self):
         few = MultiTaskGPRegressor(rank=2, hyperparameters="sampled", n_draws=4)
@@ -370,7 +380,7 @@ class TestAuto:
         assert model.hyperparameters_ == "mode"
 
     def test_search(self):
-        model = MultiTaskGPRegressor(**self.AUTO)
+        model = MultiTaskGPRegressor(learning="staged", **self.AUTO)
         search = RankSearchIC(model, ranks=(1, 2), simpler=False).fit(X, y)
         assert search.best_estimator_.hyperparameters_ == "sampled"
 
@@ -385,7 +395,8 @@ class TestAuto:
             return table
 
         monkeypatch.setattr(model_selection, "tabulate", alone_is_best)
-        search = RankSearchIC(MultiTaskGPRegressor(**self.AUTO)).fit(X, y)
+        model = MultiTaskGPRegressor(learning="staged", **self.AUTO)
+        search = RankSearchIC(model, ranks=(1,), simpler=True).fit(X, y)
         found = [of.hyperparameters_ for of in search.best_estimator_.estimators_]
         assert found == ["sampled"] * 3
 
@@ -444,7 +455,8 @@ class TestRefusals:
 
 
 def test_a_fit_by_the_mode_forgets_draws(model):
-    again = clone(model).fit(X, y).set_params(hyperparameters="mode").fit(X, y)
+    again = pickle.loads(pickle.dumps(model))
+    again.set_params(hyperparameters="mode", learning="staged").fit(X, y)
     assert not hasattr(again, "theta_samples_")
 
 

@@ -33,7 +33,7 @@ def draw(n=600, seed=0, length=20.0):
 def fitted():
     """Of few rows, with few inducing inputs."""
     model = MultiTaskGPRegressor([SLOW, FAST], rank=1, **QUICK, n_exact=120)
-    return model.set_params(n_inducing=30).fit(*draw(length=6.0)[:2])
+    return model.set_params(n_inducing=30).fit(*draw(300, length=6.0)[:2])
 
 
 def dense_at(model):
@@ -95,20 +95,20 @@ def test_inducing_inputs_are_those_of_both_kernels(fitted):
     alone = [len(np.unique(fitted.inducing_inputs_))]
     for kernel in (SLOW, FAST):
         model = clone(fitted).set_params(kernel=kernel, n_inducing=500, max_iter=0)
-        alone.append(len(model.fit(*draw(length=6.0)[:2]).inducing_inputs_))
+        alone.append(len(model.fit(*draw(300, length=6.0)[:2]).inducing_inputs_))
     assert alone[1] < alone[0] < alone[2]
 
 
 @pytest.mark.parametrize("choice", ["k-means", "optimised"])
 def test_other_inducing_inputs(fitted, choice):
-    X, y, *_ = draw(length=6.0)
+    X, y, *_ = draw(300, length=6.0)
     model = clone(fitted).set_params(inducing_inputs=choice, n_inducing=16)
-    greedy = clone(fitted).set_params(n_inducing=16).fit(X, y)
     model.fit(X, y)
     assert model.inducing_inputs_.shape == (16, 1)
     found = model.log_marginal_likelihood_value_
     assert found < fitted.log_marginal_likelihood_value_
     if choice == "optimised":
+        greedy = clone(fitted).set_params(n_inducing=16).fit(X, y)
         assert found > greedy.log_marginal_likelihood_value_
 
 

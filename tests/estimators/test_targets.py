@@ -41,8 +41,9 @@ LOGS += 0.3 * RNG.standard_normal(LOGS.shape)
 Y = np.exp(LOGS)
 Z = np.column_stack([np.linspace(0.0, 7.0, 6), [0, 1, 2, 0, 1, 2]])
 QUICK = {"max_iter": 20, "tol": 0.1}
+STAGED = {"learning": "staged", **QUICK}
 MODELS = {
-    "multi-task": MultiTaskGPRegressor(rank=1, **QUICK),
+    "multi-task": MultiTaskGPRegressor(rank=1, **STAGED),
     "independent": IndependentGP(**QUICK),
     "pooled": PooledGP(**QUICK),
     "single": SingleTaskGP(**QUICK),
@@ -222,11 +223,11 @@ def test_add_task():
 @pytest.mark.parametrize("simpler", [False, True])
 def test_rank_search(simpler):
     """Tasks alone have the same transform, so that likelihoods can be compared."""
-    model = MultiTaskGPRegressor(target_transform=PowerTransformer(), **QUICK)
+    model = MultiTaskGPRegressor(target_transform=PowerTransformer(), **STAGED)
     search = RankSearchIC(model, ranks=(1,), simpler=simpler).fit(X, Y[:, 0])
     logs = PowerTransformer().fit_transform(Y[:, :1])[:, 0]
     plain = RankSearchIC(
-        MultiTaskGPRegressor(**QUICK), ranks=(1,), simpler=simpler
+        MultiTaskGPRegressor(**STAGED), ranks=(1,), simpler=simpler
     ).fit(X, logs)
     names = ["model", "log_marginal_likelihood", "bic"]
     pd.testing.assert_frame_equal(search.results_[names], plain.results_[names])
@@ -260,7 +261,7 @@ def test_displays_of_the_transformed():
 
 def test_persistence_and_parameters():
     model = MultiTaskGPRegressor(
-        rank=1, target_transform=FunctionTransformer(*LOG), **QUICK
+        rank=1, target_transform=FunctionTransformer(*LOG), **STAGED
     )
     assert "target_transform__func" in model.get_params()
     model.fit(X, Y)
@@ -293,7 +294,7 @@ def test_constant_targets():
 
 def test_unseen_tasks():
     model = MultiTaskGPRegressor(
-        rank=1, shared=True, normalize_y="shared", target_transform=LOG, **QUICK
+        rank=1, shared=True, normalize_y="shared", target_transform=LOG, **STAGED
     )
     assert (model.fit(X, Y).predict([[1.0, 7]]) > 0.0).all()
 

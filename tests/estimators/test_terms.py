@@ -137,8 +137,10 @@ def test_terms_of_a_prediction(data, fitted):
         assert np.corrcoef(terms[:, k], truth)[0, 1] > 0.98
 
 
-@pytest.mark.parametrize("normalize_y", ["shared", "per_task", False])
-@pytest.mark.parametrize("task_levels", [True, False])
+@pytest.mark.parametrize(
+    ("normalize_y", "task_levels"),
+    [("shared", True), ("per_task", False), (False, True)],
+)
 def test_terms_sum_to_the_prediction(normalize_y, task_levels):
     X, y, *_ = draw(levels=5.0)
     options = {"normalize_y": normalize_y, "task_levels": task_levels, "max_iter": 5}
@@ -257,8 +259,8 @@ def test_lists_of_kernels_in_a_grid(data):
         {"kernel": [SLOW, [SLOW, FAST]], "rank": [1]},
         {"kernel": [[SLOW, FAST]], "rank": [[1, 0]], "shared": [[False, True]]},
     ]
-    model = MultiTaskGPRegressor(**QUICK, tol=0.1)
-    folds = KFold(3, shuffle=True, random_state=0)
+    model = MultiTaskGPRegressor(**QUICK, tol=1.0)
+    folds = KFold(2, shuffle=True, random_state=0)
     search = GridSearchCV(model, grid, cv=folds).fit(X, y)
     assert search.best_params_ == {"kernel": [SLOW, FAST], "rank": 1}
 

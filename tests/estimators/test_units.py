@@ -19,7 +19,9 @@ ENGINES = ["dense", "kronecker", "sparse"]
 
 
 def learner(**options):
-    return MultiTaskGPRegressor(KERNEL, **{"rank": 2, "max_iter": 0} | options)
+    return MultiTaskGPRegressor(
+        KERNEL, **{"rank": 2, "learning": "staged", "max_iter": 0} | options
+    )
 
 
 def moments(model, Z):

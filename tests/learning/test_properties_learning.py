@@ -34,7 +34,7 @@ def problems(draw, max_tasks=4):
     return X, y, Z
 
 
-@examples(8)
+@examples(5)
 @given(tables(per_task=2, max_tasks=4, max_rows=20), st.booleans(), st.booleans())
 def test_likelihood_does_not_fall_with_the_rank(table, diagonal, levels):
     M = len(np.unique(table.tasks))
@@ -65,7 +65,7 @@ def kinds(draw):
     }
 
 
-@examples(15)
+@examples(10)
 @given(problems(), kinds())
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_learning_raises_the_likelihood_that_the_attributes_have(problem, options):

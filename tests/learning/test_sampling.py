@@ -129,13 +129,10 @@ def test_what_is_kept(drawn):
 
 
 def test_few_draws_are_of_all_chains(drawn):
-    likelihood, _ = drawn
+    likelihood, more = drawn
     theta = likelihood.prior.theta()
-    few, more = (
-        sample_hyperparameters(likelihood, theta, n_draws=n, seed=[1]).theta
-        for n in (5, 8)
-    )
-    np.testing.assert_array_equal(few, more[:5])  # a turn of four, and one more
+    few = sample_hyperparameters(likelihood, theta, n_draws=5, seed=[1]).theta
+    np.testing.assert_array_equal(few, more.theta[:5])  # a turn of four, and one more
 
 
 def test_one_mode_is_one_whatever_the_coordinates():
@@ -171,8 +168,8 @@ def test_is_deterministic(drawn):
     theta = likelihood.prior.theta()
     again = sample_hyperparameters(likelihood, theta, n_draws=10, seed=[1])
     np.testing.assert_array_equal(again.theta, first.theta)
-    other = sample_hyperparameters(likelihood, theta, n_draws=10, seed=[2])
-    assert (other.theta != first.theta).any()
+    other = sample_hyperparameters(likelihood, theta, n_draws=4, seed=[2])
+    assert (other.theta != first.theta[:4]).any()
 
 
 @pytest.mark.long

@@ -83,6 +83,10 @@ def test_likelihood_is_that_of_the_form_alone(case):
     assert value == pytest.approx(alone.log_marginal_likelihood_value_, abs=0.5)
 
 
+# of the other forms a search, which takes long, has nothing else to do
+@pytest.mark.parametrize(
+    "case", ["rank 2", "compound symmetry", "rank 1 and diagonal"], indirect=True
+)
 def test_search_chooses_the_same(case):
     truth, X, y, model = case
     options = {"ranks": range(4), "simpler": True}
@@ -117,6 +121,7 @@ def test_search_counts_what_a_diagonal_has():
     assert found["aic"] == pytest.approx(deviance + 2 * count)
 
 
+@pytest.mark.parametrize("case", ["rank 2", "rank 1 and diagonal"], indirect=True)
 def test_order_labels_and_units_do_not_matter(case):
     _, X, y, model = case
     rng = np.random.default_rng(0)

@@ -2,8 +2,6 @@
 
 import contextlib
 import os
-import subprocess
-import sys
 from importlib import import_module
 
 import numpy as np
@@ -167,9 +165,3 @@ def test_death_of_a_worker(model, module, name, dask, tmp_path):
     assert_same(model, *draw(per_task=60, n_outputs=2))
     assert died.exists()
     dask.wait_for_workers(2)
-
-
-def test_package_needs_no_dask():
-    without = "import sys; sys.modules.update(dask=None, distributed=None)"
-    command = [sys.executable, "-W", "error", "-c", f"{without}; import skmtgp"]
-    subprocess.run(command, check=True, timeout=60)

@@ -233,8 +233,9 @@ def now():
     return [of["num_threads"] for of in threadpool_info() if of["user_api"] == "blas"]
 
 def work(_):
+    model = MultiTaskGPRegressor(rank=1, learning="staged", max_iter=3)
     for _ in range(3):
-        MultiTaskGPRegressor(rank=1, max_iter=3).fit(X, y).predict(X, return_std=True)
+        model.fit(X, y).predict(X, return_std=True)
 
 x, task = np.linspace(0.0, 6.0, 60), np.arange(60) % 3
 X, y, before = np.column_stack([x, task]), np.sin(x) * (1 + task), now()

@@ -1,5 +1,6 @@
 """The robot of the control example moves as the equations of the data say."""
 
+import functools
 import sys
 from pathlib import Path
 
@@ -18,6 +19,14 @@ from skmtgp.datasets._robot import inverse_dynamics  # noqa: E402
 
 LOAD = load_puma560(n_per_load=1).loads.iloc[14, -10:].to_numpy(float)
 REFERENCE = plant.Reference(4, 4)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def made_once():
+    """The paths, which are searched for."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plant, "Reference", functools.cache(plant.Reference))
+        yield
 
 
 def torque_of(states):

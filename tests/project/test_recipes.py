@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import recipes
 from numpy.testing import assert_allclose
+from pairs import in_pairs
 from recipes import NODES, Brownian, BrownianNode, Exchangeable, ExchangeableGP
 from sklearn.gaussian_process.kernels import RBF
 
@@ -136,10 +137,12 @@ class WithLastHeldUp(Exchangeable):
 
 
 class TestTaskCovariance:
-    @pytest.mark.parametrize("inference", ["dense", "kronecker"])
-    @pytest.mark.parametrize("estimator", [ExchangeableGP, ExchangeableTasks])
-    @pytest.mark.parametrize("diagonal", [False, True])
-    @pytest.mark.parametrize("noise", ["shared", "per_task"])
+    @in_pairs(
+        inference={"dense": "dense", "kronecker": "kronecker"},
+        estimator={"GP": ExchangeableGP, "tasks": ExchangeableTasks},
+        diagonal={"no diagonal": False, "diagonal": True},
+        noise={"one noise": "shared", "noise of each": "per_task"},
+    )
     def test_exact(self, inference, estimator, diagonal, noise):
         options = {**ALIKE, "diagonal": diagonal, "noise": noise}
         model = assert_works(estimator(inference=inference, **options))

@@ -17,7 +17,9 @@ from skmtgp.datasets import make_puma560
 from skmtgp.robot import RigidBodyRegressor, SemiparametricRegressor
 
 pin = pytest.importorskip("pinocchio")
-PROCESS = MultiTaskGPRegressor(rank=1, shared=True, noise="shared", max_iter=20)
+PROCESS = MultiTaskGPRegressor(
+    rank=1, shared=True, noise="shared", learning="staged", max_iter=20
+)
 QUICK = {"estimator": PROCESS}
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 

@@ -26,7 +26,7 @@ SPARSE = {"inference": "sparse", "n_inducing": 20, "n_exact": 60, "max_iter": 15
 RANK_2 = {"rank": 2, **PAPER, **SPARSE}
 STAGED = RANK_2 | {"learning": "staged"}  # from one start
 GPS = {
-    "MultiTaskGPRegressor": MultiTaskGPRegressor(**RANK_2),
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(**STAGED),
     "levels": MultiTaskGPRegressor(**STAGED | {"task_levels": True}),
     "diagonal": MultiTaskGPRegressor(**STAGED | {"rank": 1, "diagonal": True}),
     "per task": MultiTaskGPRegressor(**STAGED | {"noise": "per_task"}),

@@ -107,15 +107,16 @@ def stds(predictor, Z, **options):
     return np.array(rows)
 
 
-@pytest.fixture(scope="module", params=[None, 2], ids=["one output", "two outputs"])
-def n_outputs(request):
-    return request.param
+# What differs from one output to the next differs in each of these.
+TWICE = ["defaults", "units of each", "Yeo-Johnson", "sampled", "sparse", "two kernels"]
+CASES = {name: (name, None) for name in MODELS}
+CASES |= {f"{name}, two outputs": (name, 2) for name in [*TWICE, "sGP", "search"]}
 
 
-@pytest.fixture(scope="module", params=MODELS)
-def model(request, n_outputs):
-    X, y = draw(n_outputs=n_outputs)
-    return clone(MODELS[request.param]).fit(X, y)
+@pytest.fixture(scope="module", params=CASES.values(), ids=CASES)
+def model(request):
+    name, n_outputs = request.param
+    return clone(MODELS[name]).fit(*draw(n_outputs=n_outputs))
 
 
 def test_it_is_what_predict_says(model):

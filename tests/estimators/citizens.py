@@ -20,15 +20,35 @@ from skmtgp.model_selection import TaskStratifiedKFold
 
 QUICK = {"max_iter": 1}
 STAGED = {"learning": "staged", **QUICK}  # from one start
+SHARED = {"noise": "shared", "normalize_y": "shared"}  # PooledGP decides itself
 ESTIMATORS = {
-    "MultiTaskGPRegressor": MultiTaskGPRegressor(**QUICK),
+    "MultiTaskGPRegressor": MultiTaskGPRegressor(rank=2, **STAGED),
     "sparse": MultiTaskGPRegressor(inference="sparse", n_inducing=10, **STAGED),
-    "IndependentGP": IndependentGP(**QUICK),
+    "IndependentGP": IndependentGP(**SHARED, **QUICK),
     "PooledGP": PooledGP(**QUICK),
     "SingleTaskGP": SingleTaskGP(**QUICK),
     "BayesianLinearRegression": BayesianLinearRegression(),
-    "RankSearchIC": RankSearchIC(MultiTaskGPRegressor(**STAGED), ranks=(1, 2)),
+    "RankSearchIC": RankSearchIC(
+        MultiTaskGPRegressor(**SHARED, **STAGED), ranks=(1, 2)
+    ),
 }
+
+
+def each_twice(argument, values):
+    """Parametrize a test: each estimator with two of the values, all values used.
+
+    They meet in code that all estimators share.
+    """
+    values = list(values)
+    cases = [
+        pytest.param(model, values[(2 * i + k) % len(values)], id=f"{name}-{k}")
+        for i, (name, model) in enumerate(ESTIMATORS.items())
+        for k in range(2)
+    ]
+    return pytest.mark.parametrize(
+        ("estimator", argument), cases, indirect=["estimator"]
+    )
+
 
 X, Y = draw(per_task=8, n_outputs=2)
 BY_TASK = np.argsort(X[:, -1], kind="stable")

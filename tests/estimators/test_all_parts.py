@@ -79,7 +79,9 @@ def fitted():
         if trend.get("trend") == "linear" and not trend.get("trend_per_task"):
             options["normalize_y"] = options["normalize_y"] and "shared"
         if key not in found:
-            model = MultiTaskGPRegressor(**prior, **trend, **options, max_iter=3)
+            if not isinstance(prior["kernel"], list):
+                options["learning"] = "staged"
+            model = MultiTaskGPRegressor(**prior, **trend, **options, max_iter=1)
             found[key] = model.fit(X, Y, **known)
         return found[key]
 

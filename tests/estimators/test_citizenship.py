@@ -15,6 +15,7 @@ from citizens import (
     Y,
     assert_same_bits,
     contained,
+    each_twice,
     frame,
     scaled,
     spreads,
@@ -88,8 +89,8 @@ class TestPipelines:
 class TestContainers:
     """Labels of every type, in test_inputs.py, but for what is not a model's own."""
 
-    @pytest.mark.parametrize(
-        ("labels", "dtype"),
+    @each_twice(
+        "of",
         [
             ([0, 1, 2], None),
             (["u", "v", "w"], object),
@@ -99,9 +100,9 @@ class TestContainers:
             (["u", "v", "w"], "string"),
             ([False, True, True], "boolean"),
         ],
-        ids=str,
     )
-    def test_labels_in_a_pipeline(self, estimator, labels, dtype):
+    def test_labels_in_a_pipeline(self, estimator, of):
+        labels, dtype = of
         table = frame(labels, dtype)
         model = scaled(estimator, remainder="passthrough").fit(table, y)
         assert tasks_of(model[-1]) == sorted(set(labels))

@@ -38,9 +38,16 @@ def test_inducing_inputs_follow_the_kernel():
 class TestInducingInputs:
     """The parameter of that name."""
 
-    @pytest.mark.parametrize("choice", ["greedy", "k-means", "optimised"])
     @pytest.mark.parametrize(
-        "cls", [MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP]
+        ("cls", "choice"),
+        [
+            (MultiTaskGPRegressor, "greedy"),
+            (MultiTaskGPRegressor, "optimised"),
+            (IndependentGP, "k-means"),
+            (PooledGP, "optimised"),
+            (SingleTaskGP, "greedy"),
+            (SingleTaskGP, "k-means"),
+        ],
     )
     def test_every_choice(self, cls, choice):
         X, y = noisy(120)

@@ -73,8 +73,10 @@ def joined(name, missing=0):
     return model, grown
 
 
-@pytest.mark.parametrize("name", MODELS)
-@pytest.mark.parametrize("missing", [0, 2])
+@pytest.mark.parametrize(
+    ("name", "missing"),
+    [*((name, 0) for name in MODELS), ("paper", 2), ("noise of each", 2), ("pGP", 2)],
+)
 def test_it_is_what_dense_inference_says(name, missing):
     _, model = joined(name, missing)
     for seed in (1, 2):

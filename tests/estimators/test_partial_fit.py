@@ -64,14 +64,21 @@ def n_outputs(request):
     return request.param
 
 
-@pytest.fixture(scope="module", params=MODELS)
-def name(request):
+# What differs from one output to the next differs in each of these.
+TWICE = ["two kernels", "paper", "units of each", "sampled, transformed", "iGP"]
+CASES = {name: (name, None) for name in MODELS}
+CASES |= {f"{name}, two outputs": (name, 2) for name in TWICE}
+
+
+@pytest.fixture(scope="module", params=CASES.values(), ids=CASES)
+def case(request):
     return request.param
 
 
 @pytest.fixture(scope="module")
-def stream(name, n_outputs):
+def stream(case):
     """The model after the first call, and after two more; not to be changed."""
+    name, n_outputs = case
     first, *later = parts(n_outputs)
     model = clone(MODELS[name]).partial_fit(*first)
     before = fresh(model)
@@ -106,8 +113,9 @@ def test_what_was_learned_stays(stream):
     assert model.get_params() == before.get_params()
 
 
-def test_rows_come_in_their_order(stream, n_outputs):
+def test_rows_come_in_their_order(stream, case):
     _, model = stream
+    _, n_outputs = case
     X, y = all_rows(n_outputs)
     np.testing.assert_array_equal(model.X_train_, X[:, :-1])
     np.testing.assert_array_equal(model.tasks_[model.tasks_train_], X[:, -1])
@@ -115,9 +123,15 @@ def test_rows_come_in_their_order(stream, n_outputs):
     np.testing.assert_array_equal(model.y_train_, y)
 
 
-@pytest.mark.parametrize("name", ["paper", "sampled", "iGP"], scope="module")
-def test_the_first_call_is_fit(stream, name, n_outputs):
-    before, _ = stream
+@pytest.mark.parametrize(
+    "case",
+    [("sampled", None), ("paper", 2), ("iGP", 2)],
+    ids=str,
+    indirect=True,
+    scope="module",
+)
+def test_the_first_call_is_fit(stream, case):
+    before, (name, n_outputs) = stream[0], case
     model = clone(MODELS[name]).fit(*parts(n_outputs)[0])
     np.testing.assert_array_equal(model.predict(Z), before.predict(Z))
 

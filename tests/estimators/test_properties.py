@@ -26,7 +26,7 @@ from strategies import (
 from skmtgp import IndependentGP, PooledGP, SingleTaskGP
 from skmtgp._estimators.units import FEWEST
 
-each = examples(25)
+each = examples(15)
 orders = st.randoms(use_true_random=False)
 
 

@@ -82,7 +82,7 @@ class TestMemory:
         """Also where the tasks' numbers and the first feature might be complete."""
         for choose in (inducing.greedy_variance, inducing.k_means):
             monkeypatch.setitem(choose.__kwdefaults__, "n_candidates", 300)
-        n, d = 100_000 if binary else 40_000, 12
+        n, d = 100_000 if binary else 24_000, 12
         rng = np.random.default_rng(0)
         X = np.lib.format.open_memmap(tmp_path / "X.npy", "w+", np.float64, (n, d + 1))
         X[:] = rng.standard_normal(X.shape)

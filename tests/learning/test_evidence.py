@@ -37,7 +37,7 @@ def evidence_of(problem):
     return evidence_around(problem.likelihood(), mode_of(problem).theta)
 
 
-def by_brute_force(problem, n_draws=6_000):
+def by_brute_force(problem, n_draws=3_000):
     """log E p(y | theta) over draws from the weak prior."""
     hyperprior, data = Hyperprior(problem.prior), problem.data
     rng, K_x = np.random.default_rng(1), KERNEL(data.X)

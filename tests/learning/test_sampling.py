@@ -90,7 +90,7 @@ def test_signs_and_sizes_are_those_of_the_posterior(rank):
     prior that are weighted by the likelihood."""
     likelihood, rng = likelihood_of(low_rank(3, rank), n=9), np.random.default_rng(0)
     prior, hyperprior = likelihood.prior, Hyperprior(likelihood.prior)
-    thetas = [hyperprior.draw(rng) for _ in range(5000)]
+    thetas = [hyperprior.draw(rng) for _ in range(3000)]
     logs = np.array([likelihood.value(theta) for theta in thetas])
     weights = np.exp(logs - logs.max())
     weights /= weights.sum()

@@ -20,6 +20,7 @@ from skmtgp.robot import (
 )
 
 pin = pytest.importorskip("pinocchio")
+QUICK = MultiTaskGPRegressor(rank=1, shared=True, noise="shared", learning="staged")
 PRIOR = pytest.mark.parametrize("prior", [None, "evidence", "nominal"])
 
 
@@ -107,7 +108,7 @@ def test_predictions_are_those_of_one_normal_distribution(joint):
     urdf, X, Y = arm()
     test = arm(8, seed=1)[1]
     Y = Y if joint is None else Y[:, joint]
-    model = SemiparametricRegressor(urdf, joint=joint).fit(X, Y)
+    model = SemiparametricRegressor(urdf, joint=joint, estimator=QUICK).fit(X, Y)
     assert all(rest.model for rest in model._rests)
     both = np.vstack([X, test])
     J, n, m = Y.reshape(len(X), -1).shape[1], len(X), len(both)
@@ -161,7 +162,7 @@ def test_intervals_hold(fitted, sticky):
 
 def test_far_outside_the_process_keeps_its_value():
     urdf, X, Y = arm()
-    model = SemiparametricRegressor(urdf).fit(X, Y)
+    model = SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
     far = X[:1].copy()
     far[:, 2:4] = 50.0
     farther = far.copy()
@@ -219,7 +220,7 @@ def test_a_new_load(puma, sticky):
 def test_a_new_load_is_one_normal_distribution_too():
     urdf, X, Y = arm()
     test, new = arm(8, seed=1)[1], arm(10, seed=2)
-    model = SemiparametricRegressor(urdf).fit(X, Y)
+    model = SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
     X_new = new[1]
     X_new[:, -1], test[:, -1] = 7, 7
     model = model.add_task(X_new, new[2])
@@ -238,7 +239,7 @@ def test_a_new_load_is_one_normal_distribution_too():
 def test_a_single_task_without_a_load(puma, sticky):
     X, Y = sticky
     one = np.flatnonzero(X[:, -1] == 2)
-    model = SemiparametricRegressor(puma).fit(X[one[:60]], Y[one[:60]])
+    model = SemiparametricRegressor(puma, estimator=QUICK).fit(X[one[:60]], Y[one[:60]])
     assert not model.load_parameters_.to_numpy().any()
     assert model.score(X[one[60:]], Y[one[60:]]) > 0.98
 
@@ -260,8 +261,8 @@ def test_frames_with_named_loads():
     frame = pd.DataFrame(X[:, :-1], columns=names)
     frame.insert(0, "load", np.array(["empty", "full"])[X[:, -1].astype(int)])
     options = {"task_feature": "load", "empty_task": "empty"}
-    named = SemiparametricRegressor(urdf, **options).fit(frame, Y)
-    numbered = SemiparametricRegressor(urdf, empty_task=0).fit(X, Y)
+    named = SemiparametricRegressor(urdf, estimator=QUICK, **options).fit(frame, Y)
+    numbered = SemiparametricRegressor(urdf, empty_task=0, estimator=QUICK).fit(X, Y)
     np.testing.assert_allclose(named.predict(frame), numbered.predict(X))
     assert named.load_parameters_.index.tolist() == ["empty", "full"]
 
@@ -323,7 +324,7 @@ def test_several_rests_by_leaving_out():
 
 def test_a_failed_fit_leaves_it_as_it_was():
     urdf, X, Y = arm(40)
-    model = SemiparametricRegressor(urdf).fit(X, Y)
+    model = SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
     expected = model.predict(X)
     with pytest.raises(ValueError, match="rest='x' has 'x'"):
         model.set_params(rest="x").fit(X, Y)

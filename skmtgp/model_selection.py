@@ -22,7 +22,7 @@ from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
 from skmtgp._estimators.deciding import decide_rest
 from skmtgp._estimators.estimator import Estimator
-from skmtgp._estimators.forms import SIMPLER, diagonal_of
+from skmtgp._estimators.forms import SIMPLER
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
     learn_candidates,
@@ -274,13 +274,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             growing = {"until_worse": self.ranks is None}
             modes = model._learn_ranks(problems, forms, progress, **growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
-            of_forms = [[of.with_form(form) for of in problems] for form in forms]
+            learned = [[of.with_form(form) for of in problems] for form in forms], modes
             if asks and self.ranks is None and not model.diagonal:
-                own, of_own = with_own_part(of_forms, modes, model.n_jobs)
-                if own:
-                    settings = [*settings, _settings_of(own[0])]
-                    of_forms, modes = [*of_forms, own], [*modes, of_own]
-            decided = decide_rest(model, training, of_forms, modes)
+                settings, *learned = _with_own_part(settings, *learned, model.n_jobs)
+            decided = decide_rest(model, training, *learned)
             self._keep(model, settings, alone, *model._tell(training, *decided))
 
     def _check_criterion(self, training):
@@ -656,11 +653,14 @@ def _settings(model, ranks, *, simpler):
     return [of for of in SIMPLER if simpler and of not in of_ranks] + of_ranks
 
 
-def _settings_of(problem):
-    """Parameters of the form of K^rho that a problem has."""
-    form = problem.prior.task_covariance
-    names = {"rank": form.rank, "shared": bool(form.shared)}
-    return names | {"diagonal": diagonal_of(form)}
+def _with_own_part(settings, of_forms, modes, n_jobs):
+    """The same with one candidate more, if the data have noise."""
+    own, of_own = with_own_part(of_forms, modes, n_jobs)
+    if not own:
+        return settings, of_forms, modes
+    form = own[0].prior.task_covariance
+    params = {"rank": form.rank, "shared": bool(form.shared), "diagonal": True}
+    return [*settings, params], [*of_forms, own], [*modes, of_own]
 
 
 def _fitted(model, training, settings, problems, modes):

@@ -100,3 +100,18 @@ def test_refusals(params, match):
 def test_leaving_one_out():
     search = RankSearchIC(MODEL, ranks=[(1,), (1, 1)], criterion="loo").fit(*draw(2))
     assert search.best_rank_ == (1, 1)
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_a_table_of_several_terms_alone():
+    """No candidate has one kernel."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0.0, 6.0, 24), np.repeat([0, 1], 12)])
+    model = MultiTaskGPRegressor(["rbf", "linear"], max_iter=1, tol=1.0)
+    search = RankSearchIC(model, ranks=[(1, 1), (2, 1)]).fit(X, np.sin(X[:, 0]))
+    table = search.results_
+    assert len(table) == 2
+    expected = table["n_hyperparameters"] * np.log(24)
+    np.testing.assert_allclose(
+        table["bic"], expected - 2.0 * table["log_marginal_likelihood"]
+    )

@@ -118,7 +118,7 @@ def _spared(problems, modes, forms):
 
     Where the user asks for a diagonal all forms have one, and all numbers count.
     """
-    if all(form.n_own for form in forms):
+    if all(getattr(form, "n_own", 0) for form in forms):
         return 0, 0.0
     return np.sum([uncounted(*of) for of in zip(problems, modes, strict=True)], axis=0)
 

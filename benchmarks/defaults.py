@@ -17,6 +17,7 @@ from ordinary_models import run, settings_of
 
 CHOICES = [
     {},
+    {"kernel": "rbf"},
     {"noise": "shared"},
     {"noise": "per_task"},
     {"normalize_y": "shared"},

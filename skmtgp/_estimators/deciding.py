@@ -110,7 +110,7 @@ def _rougher(model, training, found, n_jobs=None):
     names, least = [training.kernel], found[0][0].tuning.rougher
     for name in _kernels(model, training)[1]:
         kernel = model._kernel(replace(training, kernel=name))
-        change = partial(with_kernel, kernel=kernel, hopeful=False)
+        change = partial(with_kernel, kernel=kernel, to_the_end=False)
         others = run(change, found, n_jobs=n_jobs)
         if _value(others) < _value(found) + least:
             return names, _counting(found, others)

@@ -139,7 +139,7 @@ def with_own_noise(problem, mode):
     return problem, mode.then(climb(problem, theta))
 
 
-def with_kernel(problem, mode, kernel, *, hopeful=True):
+def with_kernel(problem, mode, kernel, *, to_the_end=True):
     """The problem with another k^x of the same parameters, learned on from a mode.
 
     Parameters
@@ -150,8 +150,9 @@ def with_kernel(problem, mode, kernel, *, hopeful=True):
         Its mode.
     kernel : Kernel
         k^x with its starting values.
-    hopeful : bool, default=True
-        Whether to climb to the end where that cannot hope to be better.
+    to_the_end : bool, default=True
+        Whether to climb on where the mode that is known is out of reach, or all but
+        reached.
 
     Returns
     -------
@@ -161,7 +162,7 @@ def with_kernel(problem, mode, kernel, *, hopeful=True):
         Its own, or what was reached.
     """
     problem = replace(problem, prior=replace(problem.prior, kernel=kernel))
-    known = () if hopeful else [mode]
+    known = () if to_the_end else [mode]
     return problem, mode.then(climb(problem, mode.theta, known=known))
 
 

@@ -165,7 +165,10 @@ def with_own_part(problems, modes, n_jobs=None):
 
 
 def _own_form(best):
-    """The form of a rank less and a diagonal, or None; of problems and modes."""
+    """The form of a rank less and a diagonal; None if there is nothing to try.
+
+    `best` has the problem and the mode of each output.
+    """
     if not best or not all(problem.is_noisy(mode) for problem, mode in best):
         return None
     problem, _ = best[0]
@@ -266,9 +269,9 @@ def _with_own(found, n_jobs):
     ladder = [of for of in found if not of[0].form.n_own]
     best = max(ladder, key=_total, default=[])
     form = _own_form([(sketch.problem, sketch.ascent.mode) for sketch in best])
-    return (
-        [] if form is None else [run(_own, [(of, form) for of in best], n_jobs=n_jobs)]
-    )
+    if form is None:
+        return []
+    return [run(_own, [(sketch, form) for sketch in best], n_jobs=n_jobs)]
 
 
 def _own(higher, form):

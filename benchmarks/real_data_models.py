@@ -88,7 +88,7 @@ def noisy(part):
     return MultiTaskGPRegressor(noise_variance_bounds=(1e-2, 1e3), **KEEP)
 
 
-def smooth(part):
+def squared_exponential(part):
     """The same with the squared exponential, whatever the data say."""
     return MultiTaskGPRegressor("rbf", **KEEP)
 
@@ -296,7 +296,7 @@ MODELS = {
     "MultiTaskGPRegressor": partial(ours, default),
     "RankSearchIC": partial(ours, search),
     "default, noise >= 0.01": partial(ours, noisy),
-    "default, rbf": partial(ours, smooth),
+    "default, rbf": partial(ours, squared_exponential),
     "default, map": partial(ours, with_priors("map")),
     "default, sampled": partial(ours, with_priors("sampled")),
     "default, 400 draws": partial(ours, with_priors("sampled", n_draws=400)),

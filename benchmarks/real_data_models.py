@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, WhiteKernel
 from sklearn.linear_model import RidgeCV
 from sklearn.model_selection import GridSearchCV, KFold, cross_val_predict
 
@@ -157,9 +157,16 @@ def gaussian_process(smooth, n_restarts):
     )
 
 
-def smooth(d):
-    """A squared exponential of d features of deviation 1."""
-    return RBF(np.full(d, np.sqrt(d)), (1e-2, 1e4))
+def kernels(d):
+    """A squared exponential of d features of deviation 1, and rougher kernels."""
+    options = np.full(d, np.sqrt(d)), (1e-2, 1e4)
+    return [RBF(*options), *(Matern(*options, nu=nu) for nu in (2.5, 1.5, 0.5))]
+
+
+def likeliest(kernels, n_restarts, X, y):
+    """scikit-learn's GPR with the likeliest of some kernels."""
+    models = [gaussian_process(kernel, n_restarts).fit(X, y) for kernel in kernels]
+    return max(models, key=lambda model: model.log_marginal_likelihood_value_)
 
 
 def each_task(X, codes, y, part):
@@ -167,8 +174,7 @@ def each_task(X, codes, y, part):
     models = {}
     for task in np.unique(codes):
         rows = codes == task
-        model = gaussian_process(smooth(X.shape[1]), 3)
-        models[task] = model.fit(X[rows], y[rows])
+        models[task] = likeliest(kernels(X.shape[1]), 3, X[rows], y[rows])
 
     def predict(X, codes):
         mean, std = np.empty((2, len(X)))
@@ -187,12 +193,11 @@ def one_hot(X, codes, y, part):
     Few tasks have a length-scale each, many have one together.
     """
     d, n_tasks = X.shape[1], codes.max() + 1
-    kernel = smooth(d + n_tasks)
+    candidates = kernels(d + n_tasks)
     if not few(part):
-        kernel = Columns(smooth(d), list(range(d))) * Columns(
-            RBF(1.0, (1e-2, 1e4)), list(range(d, d + n_tasks))
-        )
-    model = gaussian_process(kernel, 2).fit(wide(X, codes, n_tasks), y)
+        together = Columns(RBF(1.0, (1e-2, 1e4)), list(range(d, d + n_tasks)))
+        candidates = [Columns(k, list(range(d))) * together for k in kernels(d)]
+    model = likeliest(candidates, 2, wide(X, codes, n_tasks), y)
     return lambda X, codes: model.predict(wide(X, codes, n_tasks), return_std=True)
 
 

@@ -257,7 +257,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         self._check_criterion(training)
         ranks = self._check_ranks(training.n_told, len(training.Y))
         simpler = len(training.tasks) > 1 and self._asks_simpler()
-        n_forms = len(ranks) + len(SIMPLER) * simpler
+        n_forms = len(ranks) + (len(SIMPLER) + 1) * simpler  # and a diagonal
         n_kept = n_forms if self.keep_estimators else 1
         model.set_params(rank=ranks[-1])
         problems = model._problems(training, n_forms, n_kept)

@@ -85,7 +85,7 @@ class TestAddTask:
     def pair(self, request):
         """A model by Kronecker algebra and a dense one, at the starting values."""
         _, params, n_outputs = MODELS[request.param]
-        model = MultiTaskGPRegressor(learning="staged", max_iter=0, **params)
+        model = MultiTaskGPRegressor(**{"learning": "staged", "max_iter": 0} | params)
         data = hide(*draw(n_outputs=n_outputs), 3)
         return [
             clone(model).set_params(inference=i).fit(*data) for i in ("auto", "dense")

@@ -128,6 +128,7 @@ def test_what_the_other_models_do_with_a_trend():
     assert not hasattr(forgotten.fit(X, y), "coef_")
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")  # short chains
 def test_noise_that_is_known_draws_and_transformed_targets():
     X, y = draw()
     known = model(max_iter=20).fit(X, y, alpha=np.full(40, 0.01))

@@ -275,7 +275,7 @@ def test_the_other_tasks_help_where_there_is_one_sample():
     errors = []
     for seed in range(11):
         X, y, X_new, y_new, _ = related(seed, per_task=8, spread=0.3)
-        options = PAPER | {"rank": 2, "normalize_y": False, "max_iter": 30}
+        options = PAPER | {"rank": 2, "normalize_y": False, "learning": "staged"}
         model = MultiTaskGPRegressor(RBF([1.0, 1.5], "fixed"), **options).fit(X, y)
         few = X_new[:1], y_new[:1]
         extended = [model.add_task(*few, prior=prior) for prior in ("tasks", None)]

@@ -27,7 +27,7 @@ def data():
 def test_cross_conformal(data, method):
     X, y, X_test, y_test = data
     conformal = regression.CrossConformalRegressor(
-        MultiTaskGPRegressor(rank=1, **SITE),
+        MultiTaskGPRegressor(rank=1, learning="staged", **SITE),
         confidence_level=0.9,
         method=method,
         cv=TaskStratifiedKFold(5, **SITE),
@@ -42,7 +42,7 @@ def test_groups_stay_together(data):
     X, y, X_test, _ = data
     groups = np.arange(len(y)) // 4  # stretches of a recording
     conformal = regression.CrossConformalRegressor(
-        MultiTaskGPRegressor(rank=1, **SITE),
+        MultiTaskGPRegressor(rank=1, learning="staged", **SITE),
         confidence_level=0.9,
         cv=TaskStratifiedGroupKFold(3, **SITE),
     )

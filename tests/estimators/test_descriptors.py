@@ -326,7 +326,7 @@ def test_rank_search_by_default_compares_models_that_can_predict_new_tasks():
 
 
 def test_cross_validation_by_group_needs_no_samples_of_each_task():
-    model = MultiTaskGPRegressor(rank=3, **PLAIN)
+    model = MultiTaskGPRegressor(rank=3, learning="staged", **PLAIN)
     groups = X[:, -1]
     scores = cross_val_score(model, X, y, cv=GroupKFold(3), groups=groups)
     assert scores.min() > 0.9

@@ -314,7 +314,7 @@ def test_not_fitted(model):
 
 @pytest.mark.parametrize("model", [MODELS["all"], SingleTaskGP()], ids=["all", "own"])
 @given(seed=st.integers(0, 10_000), random=st.randoms(use_true_random=False))
-@settings(max_examples=12, deadline=None, derandomize=True)
+@settings(max_examples=8, deadline=None, derandomize=True)
 def test_order_of_rows_does_not_matter(model, seed, random):
     X, y = draw(per_task=5, seed=seed, n_outputs=2)
     order = random.sample(range(len(X)), len(X))

@@ -226,6 +226,7 @@ def test_own_noise_and_units():
 
 
 class TestCorrelationInterval:
+    @pytest.mark.long
     @pytest.mark.usefixtures("long_chains")
     def test_of_related_and_of_unrelated_tasks(self):
         rng = np.random.default_rng(0)

@@ -213,7 +213,7 @@ def n_noises(model):
 def decided(X, y, model=None, **options):
     """Whether units and noise are those of each task, by their numbers."""
     rank = min(2, len(np.unique(np.asarray(X)[:, -1])))
-    model = model or MultiTaskGPRegressor(rank=rank, max_iter=30)
+    model = model or MultiTaskGPRegressor(rank=rank, max_iter=10)
     model = clone(model).set_params(**options).fit(X, y)
     per_task = np.shape(model.y_scale_) != np.shape(
         model.log_marginal_likelihood_value_
@@ -316,7 +316,7 @@ class TestAuto:
         more = np.array([[1.0, 7], [2.0, 7], [3.0, 7], [4.0, 8], [5.0, 9], [1.0, 9]])
         X = np.vstack([X, more])
         y = np.append(y, [4.0, 4.0, 4.0, 2.0, 0.5, 1.0])
-        model = MultiTaskGPRegressor(rank=1, max_iter=30)
+        model = MultiTaskGPRegressor(rank=1, max_iter=10)
         found = decided(X, y, model)
         assert found == expected
         assert np.isfinite(model.fit(X, y).predict(X)).all()

@@ -81,7 +81,7 @@ def test_expectations_are_those_of_draws():
     x = rng.uniform(0.0, 10.0, 60)
     X = np.column_stack([np.tile(x, 2), np.repeat([0, 1], 60)])
     K = np.kron([[4.0, 1.5], [1.5, 1.0]], kernel(x[:, None])) + 0.2 * np.eye(120)
-    draws = np.linalg.cholesky(K) @ rng.standard_normal((120, 200))
+    draws = np.linalg.cholesky(K) @ rng.standard_normal((120, 100))
     model = MultiTaskGPRegressor(kernel, rank=2, max_iter=0).fit(X, draws[:, 0])
     drawn, edges = _Survey.of(model, 0, slice(None)), np.linspace(0.0, 4.0, 5)
     for a, b, sill, noise in [(0, 0, 4.0, 0.2), (1, 0, 1.5, 0.0), (1, 1, 1.0, 0.2)]:

@@ -147,6 +147,7 @@ def test_models_of_loads_are_a_linear_function_of_the_load():
     )
 
 
+@pytest.mark.long
 def test_links_by_least_squares_are_a_linear_function_of_the_load():
     rigid = run.least_squares(Equations.descriptors.to_numpy(float), n_shaken=100)
     constants, slopes = rigid.by_descriptors(REFERENCE.ahead[700])
@@ -154,6 +155,7 @@ def test_links_by_least_squares_are_a_linear_function_of_the_load():
     np.testing.assert_allclose(constants + slopes @ LOAD, torque, rtol=1e-8)
 
 
+@pytest.mark.long
 def test_training_states_shake_about_the_paths():
     states = plant.training_states(20, 200, np.random.default_rng(0))
     steady, shaken = (np.abs(part[:, 12:]).mean() for part in np.split(states, [20]))

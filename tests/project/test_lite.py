@@ -115,7 +115,8 @@ def test_first_page_runs_like_in_a_browser(lite):
     assert "\nemscripten [" in done.stdout
 
 
-@pytest.mark.parametrize("n_jobs", [2, pytest.param(-1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("n_jobs", [2, -1])
 def test_more_processes_than_a_browser_has(n_jobs):
     """They are one, and nothing fails."""
     done = run(

@@ -45,6 +45,7 @@ def test_fields_become_narrow_across_a_ridge():
     assert metric[1] > 1.3 * metric[0]
 
 
+@pytest.mark.long
 def test_cross_function():
     X, y, grid, truth = lwpr.cross_data(seed=0)
     fixed = lwpr.LWPR(n_epochs=10, alpha=0.0).fit(X, y)

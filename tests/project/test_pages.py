@@ -41,18 +41,21 @@ def read(path):
     return path.read_text("utf-8")
 
 
+@pytest.mark.long
 def test_pages_are_what_the_results_say(made):
     script, folder = made
     stale = [n for n in NAMES[script] if read(folder / n) != read(DOCS / n)]
     assert not stale, f"python {script.relative_to(ROOT)} makes them anew"
 
 
+@pytest.mark.long
 def test_goals_are_what_the_results_say(made):
     script, folder = made
     assert read(folder / "README.md") == read(READMES[script])
     assert "| goal | measured | reached |" in read(READMES[script])
 
 
+@pytest.mark.long
 def test_without_results_there_are_pages(tmp_path):
     folder = make(BENCHMARKS, tmp_path / "docs", "--results", tmp_path)
     assert "Not measured." in read(folder / "benchmarks.md")

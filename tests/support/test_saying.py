@@ -98,6 +98,7 @@ def test_the_roots_handlers_get_records_whatever_its_level(caplog):
     assert caplog.messages == ["a line"]
 
 
+@pytest.mark.long
 def test_a_level_that_was_set_before_the_import_stays():
     level = run_script(
         "import logging; logging.getLogger('skmtgp').setLevel('ERROR');"

@@ -1,4 +1,4 @@
-import subprocess
+import runpy
 import sys
 import tomllib
 from importlib.metadata import version
@@ -58,10 +58,14 @@ def test_module_prints_the_same(capsys):
     assert capsys.readouterr().out == expected
 
 
-def test_module_prints_the_version_alone():
-    run = [sys.executable, "-m", "skmtgp", "--version"]
-    printed = subprocess.run(run, capture_output=True, text=True, check=True).stdout
-    assert printed == f"{skmtgp.__version__}\n"
+def test_module_prints_the_version_alone(capsys, monkeypatch):
+    """As python -m does, but for what it takes to import everything again."""
+    monkeypatch.setattr(sys, "argv", ["skmtgp", "--version"])
+    monkeypatch.delitem(sys.modules, "skmtgp.__main__", raising=False)
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module("skmtgp", run_name="__main__", alter_sys=True)
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"{skmtgp.__version__}\n"
 
 
 def test_module_takes_nothing_else(capsys):

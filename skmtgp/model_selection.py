@@ -16,13 +16,13 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_stream
 from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
-from skmtgp._data.known import weighed_rows
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, tabulate
-from skmtgp._estimators.deciding import decide_rest
+from skmtgp._estimators.deciding import decide, decide_rest
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.forms import SIMPLER
+from skmtgp._estimators.posing import pose
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
     learn_candidates,
@@ -30,11 +30,11 @@ from skmtgp._estimators.ranks_of_terms import (
     settings_of_terms,
     usual_ranks,
 )
+from skmtgp._estimators.reading import read
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
-from skmtgp.inference.engines import repeats_rows
 from skmtgp.learning.shortlisting import with_own_part
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
@@ -249,8 +249,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self
 
     def _fit(self, model, X, y, progress, given):
-        X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
-        training = model._read(X, y, progress, given)
+        training = decide(model, read(model, X, y, given), progress)
         if len(model._terms()) > 1:
             self._fit_terms(model, training, progress)
             return
@@ -260,7 +259,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         n_forms = len(ranks) + (len(SIMPLER) + 1) * simpler  # and a diagonal
         n_kept = n_forms if self.keep_estimators else 1
         model.set_params(rank=ranks[-1])
-        problems = model._problems(training, n_forms, n_kept)
+        problems = pose(model, training, n_forms, n_kept)
         exact = problems[0].engine.exact  # without, likelihoods of each task take long
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
@@ -308,7 +307,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         settings = [settings_of_terms(model, of_terms) for of_terms in ranks]
         n_kept = len(settings) if self.keep_estimators else 1
         model.set_params(**settings[-1])
-        problems = model._problems(training, len(settings), n_kept)
+        problems = pose(model, training, len(settings), n_kept)
         model._foretell(problems, len(settings))
         with limit_threads(side(problems)):
             learned = learn_candidates(model, training, settings, progress)

@@ -19,6 +19,7 @@ from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.forms import candidates, diagonal_of, form_of
 from skmtgp._estimators.named_kernels import KERNEL
+from skmtgp._estimators.reading import has_descriptors
 from skmtgp._estimators.slopes import TrendOf
 from skmtgp._estimators.targets import TargetTransform
 from skmtgp._estimators.terms import LISTS, terms_asked_for
@@ -538,7 +539,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _check_rank(self, term, data):
         """Raise an error where the rank of a term cannot be."""
         rank, most, what = term.rank, data.n_tasks, "the number of tasks"
-        if self._describes() and len(self.task_descriptors) < most:
+        if has_descriptors(self) and len(self.task_descriptors) < most:
             most, what = len(self.task_descriptors) + 1, "1 + the number of descriptors"
         if isinstance(rank, (bool, np.bool_)):
             raise TypeError(f"rank={rank!r} must be an int or None, not a bool.")
@@ -572,7 +573,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _terms(self):
         """What the user asks for in each term."""
         terms = terms_asked_for(self)
-        if len(terms) > 1 and self._describes():
+        if len(terms) > 1 and has_descriptors(self):
             raise ValueError(
                 f"task_descriptors={self.task_descriptors!r} need one kernel, and "
                 f"there are {len(terms)}. Give their sum, or no descriptors."
@@ -607,13 +608,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _n_likely(self, n_forms):
         """How many forms of K^rho are learned, of which BIC may compare more."""
         several = self.rank is None and self.learning == "annealed"
-        several = several and n_forms == 1 and not self._describes()
+        several = several and n_forms == 1 and not has_descriptors(self)
         return 2 if several else n_forms
 
     def _compares(self, engine):
         """Whether BIC compares all ranks, where nobody asked for one."""
         annealed = self.learning == "annealed"
-        return annealed and engine.exact and not self._describes()
+        return annealed and engine.exact and not has_descriptors(self)
 
     def _learn_one(self, problems, forms, progress):
         """The problem of each output with the form that BIC chooses, and its mode."""
@@ -807,7 +808,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         """For each term whether its task covariance is as general as it can be."""
         ranks = self.rank_ if isinstance(self.rank_, list) else [self.rank_]
         return [
-            not self._describes() and term.rank is None and rank == len(self.tasks_)
+            not has_descriptors(self) and term.rank is None and rank == len(self.tasks_)
             for term, rank in zip(self._terms(), ranks, strict=True)
         ]
 

@@ -19,11 +19,14 @@ from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
+from skmtgp._estimators.posing import kernel_made, pose
 from skmtgp._estimators.predicting import PosteriorMixin
+from skmtgp._estimators.reading import gathered
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
@@ -34,7 +37,7 @@ from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
-from skmtgp.inference.engines import alone, repeats_rows
+from skmtgp.inference.engines import alone, of_one_task, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.forecast import FEW, foresee
 from skmtgp.model.kernel_check import check_kernel
@@ -356,7 +359,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
     def _check_tasks(self, model, features, rows, Y):
         """Whether the engine takes each task, and memory suffices for them."""
-        kernel = model._made(model.kernel, features)
+        kernel = kernel_made(model, model.kernel, features)
         check_kernel(kernel, features)
         engine = alone(self.inference, **model._options())
         prior = Prior(kernel, ones(1))
@@ -376,7 +379,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         with collect_warnings():  # the fit gives them
             alone = np.zeros_like(longest), np.zeros(1), Y[longest]
             given = () if known is None else (known.part(longest).arguments(),)
-            problems = model._problems(model._scale(X[longest], *alone, *given))
+            training = decide(model, gathered(model, X[longest], *alone, *given))
+            problems = pose(model, training)
         if problems[0].engine.exact:
             of_longest = foresee(problems).seconds
             seconds = of_longest * sum((len(r) / n) ** 3 for r in rows)
@@ -632,7 +636,7 @@ def alone_like(model, features):
         the prior of unit information.
     """
     kernels = [
-        ConstantKernel(1.0, (1e-3, 1e3)) * model._made(kernel, features)
+        ConstantKernel(1.0, (1e-3, 1e3)) * kernel_made(model, kernel, features)
         for kernel in model._kernels()
     ]
     kernel = reduce(add, kernels)
@@ -641,8 +645,7 @@ def alone_like(model, features):
     given = SingleTaskGP().get_params().keys() & model.get_params(deep=False).keys()
     params = {name: getattr(model, name) for name in given}
     params |= {"kernel": kernel, "normalize_y": True}
-    if params["inference"] == "kronecker":  # it needs several tasks
-        params["inference"] = "auto"
+    params["inference"] = of_one_task(params["inference"])
     return SingleTaskGP(**params)
 
 

@@ -17,7 +17,7 @@ from skmtgp import (
     SingleTaskGP,
     multitask,
 )
-from skmtgp._estimators import base
+from skmtgp._estimators import posing
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import paper, ranks
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
@@ -175,7 +175,7 @@ class TestEvaluations:
     def levels(self, request, monkeypatch):
         if request.param:
             tuning = Tuning(coarse=12, coarse_per_task=4, refinement=2.0)
-            monkeypatch.setattr(base, "Problem", partial(Problem, tuning=tuning))
+            monkeypatch.setattr(posing, "Problem", partial(Problem, tuning=tuning))
         return request.param
 
     @pytest.mark.parametrize(

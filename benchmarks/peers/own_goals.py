@@ -8,7 +8,7 @@ ABOVE_THE_FLOOR = re.compile(
 VALUE_N, VALUE_GOAL = 4000, 1.4
 EIGH_N, EIGH_GOAL = 2000, 3.0
 MEMORY_GOAL = 4.0  # n x n doubles
-STATE_GOAL, BATCH_GOAL = 300.0, 1.5  # us, times
+STATE_GOAL, JOINTS_GOAL, BATCH_GOAL = 300.0, 2.0, 1.5  # us, ms, times
 SEARCH_GOAL, FIT_GOAL, LARGE_FIT_GOAL = 180.0, 10.0, 600.0  # s
 BELOW_GOAL, ALONE_GOAL, FALL_GOAL = 5.0, 10.0, 0.1  # nats
 
@@ -75,12 +75,18 @@ def memory_goals(lines):
 def prediction_goals(lines):
     """Means of one state and of many."""
     one = float(number_in(r"(\d+) us over it", lines))
+    joints = float(number_in(r"pipeline of six outputs: ([\d.]+) ms", lines))
     many = float(number_in(r"products .* ratio ([\d.]+)", lines))
     return [
         (
             f"the mean of one state, at most {STATE_GOAL:g} us over its validation",
             f"{one:g} us",
             one <= STATE_GOAL,
+        ),
+        (
+            f"six joints of one state, by the pipeline, at most {JOINTS_GOAL:g} ms",
+            f"{joints:g} ms",
+            joints <= JOINTS_GOAL,
         ),
         (
             f"the means of many, at most {BATCH_GOAL:g} times their products and exp",

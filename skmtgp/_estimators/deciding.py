@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from skmtgp._estimators.named_kernels import SMOOTHNESS
+from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.nesting import nest
@@ -23,7 +24,7 @@ from skmtgp.learning.screening import (
 from skmtgp.learning.summarised import exact_part
 
 
-def decide(model, training):
+def decide(model, training, progress=None):
     """The training data with the units, noise and k^x that are to be learned with.
 
     Parameters
@@ -33,12 +34,25 @@ def decide(model, training):
         do.
     training : Training
         Checked.
+    progress : callable, default=None
+        Is told what the data say, see `fitting`.
 
     Returns
     -------
     training : Training
         With `units`, `noise` and `kernel`.
     """
+    training = _decided(model, training)
+    report = progress and "auto" in (model.normalize_y, model.noise)
+    report = report and progress(
+        "units", 1, lambda _, chosen: f"chosen from the data: {chosen}"
+    )
+    if report:
+        report(0, training.chosen)
+    return training
+
+
+def _decided(model, training):
     noises = _noises(model, training)
     with limit_threads(len(training.Y)):
         units = _units(model, training)
@@ -109,7 +123,7 @@ def _rougher(model, training, found, n_jobs=None):
     """
     names, least = [training.kernel], found[0][0].tuning.rougher
     for name in _kernels(model, training)[1]:
-        kernel = model._kernel(replace(training, kernel=name))
+        kernel = _kernel(model, training, name)
         change = partial(with_kernel, kernel=kernel, to_the_end=False)
         others = run(change, found, n_jobs=n_jobs)
         if _value(others) < _value(found) + least:
@@ -122,12 +136,16 @@ def _smoother(model, training, found, n_jobs=None):
     """The same of ever smoother ones, unless they are less likely."""
     names, least = [training.kernel], _value(found) - found[0][0].tuning.rougher
     for name in _kernels(model, training)[0]:
-        kernel = model._kernel(replace(training, kernel=name))
+        kernel = _kernel(model, training, name)
         others = run(partial(with_kernel, kernel=kernel), found, n_jobs=n_jobs)
         if _value(others) < least:
             return names, _counting(found, others)
         names, found = [*names, name], others
     return names, found
+
+
+def _kernel(model, training, name):
+    return kernels_of(model, replace(training, kernel=name))[0]
 
 
 def _kernels(model, training):
@@ -158,7 +176,7 @@ def _counting(found, others):
 def _small(model, training):
     """The problems of a model whose tasks tell each other nothing but k^x."""
     form = model._form_for_screening(len(training.tasks))
-    problems = [of.with_form(form) for of in model._problems(training)]
+    problems = [of.with_form(form) for of in pose(model, training)]
     return exact_part(problems, [form])
 
 
@@ -203,7 +221,7 @@ def _with_kernel(model, training, problems, modes):
     names, found = _rougher(model, training, found, n_jobs)
     if len(names) == 1:
         names, found = _smoother(model, training, found, n_jobs)
-    kernels = [model._kernel(replace(training, kernel=name)) for name in names[1:]]
+    kernels = [_kernel(model, training, name) for name in names[1:]]
     change, known = partial(_through, kernels=kernels), [{best: of} for of in found]
     problems, modes = _of_forms(change, problems, modes, n_jobs, known)
     return replace(training, kernel=names[-1]), problems, modes

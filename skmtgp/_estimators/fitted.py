@@ -21,7 +21,6 @@ from skmtgp._support.guide import INFERENCE, PARALLEL
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
-from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
@@ -443,8 +442,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         is_fixed = isinstance(self.noise_variance_bounds, str)
         if is_fixed or not self._engine.exact:
             return
-        kernel = self._likelihoods[0].prior.kernel
-        if not depends_on_inputs_only(kernel, self.X_train_):  # it may have the noise
+        prior = self._likelihoods[0].prior
+        if not prior.depends_on_inputs_only(self.X_train_):  # they may have the noise
             return
         told = [
             noise_is_told(*output) | (not mode.converged)

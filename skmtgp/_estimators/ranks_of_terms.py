@@ -5,6 +5,7 @@ from numbers import Integral
 
 import numpy as np
 
+from skmtgp._estimators.posing import pose
 from skmtgp._estimators.terms import OF_TERMS
 from skmtgp.learning.summarised import exact_part, learn_bounds
 from skmtgp.learning.terms import nest_terms
@@ -137,7 +138,7 @@ def learn_candidates(model, training, settings, progress):
 
 def _learned(candidate, training, progress):
     """Of each output the problem, its exact part, and what that tells."""
-    problems = candidate._problems(training)
+    problems = pose(candidate, training)
     [form] = candidate._forms(problems[0])
     problems = [problem.with_form(form) for problem in problems]
     parts = exact_part(problems, [form])

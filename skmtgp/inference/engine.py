@@ -8,11 +8,7 @@ The estimators' parameter `inference` takes an instance of any subclass.
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 
-import numpy as np
-from sklearn.gaussian_process.kernels import WhiteKernel
-
 from skmtgp._support.guide import INFERENCE
-from skmtgp.model.several import terms_of
 
 
 @dataclass(frozen=True)
@@ -277,7 +273,7 @@ class Engine(ABC):
 
 def refuse_own_noise(name, prior, data):
     """Raise a ValueError where k^x is not a function of the inputs alone."""
-    if not depends_on_inputs_only(prior.kernel, data.X):
+    if not prior.depends_on_inputs_only(data.X):
         raise ValueError(
             f"inference={name!r} needs a kernel of the inputs alone, but "
             f"kernel={prior.kernel} has noise of its own for each sample, such as a "
@@ -318,7 +314,7 @@ def check_known(engine, prior, data):
     each of these would have another one.
     """
     own = data.known is not None and data.known.counts.max() > 1.0
-    if own and not depends_on_inputs_only(prior.kernel, data.features):
+    if own and not prior.depends_on_inputs_only(data.features):
         raise ValueError(
             f"sample_weight counts repeats, but kernel={prior.kernel} has noise of its "
             "own for each sample, such as a WhiteKernel. Means do not determine that "
@@ -334,19 +330,3 @@ def check_known(engine, prior, data):
             f"inference={engine.name!r} takes no alpha, and no sample_weight: {why}. "
             f"Set inference='dense' or 'auto', or leave them out. {INFERENCE}"
         )
-
-
-def depends_on_inputs_only(kernel, features):
-    """Whether k^x is a function of the inputs.
-
-    A WhiteKernel is not: it tells samples of different tasks at one input apart.
-    """
-    return all(_depends_on_inputs_only(of, features) for of in terms_of(kernel))
-
-
-def _depends_on_inputs_only(kernel, features):
-    parts = [kernel, *kernel.get_params().values()]
-    if any(isinstance(part, WhiteKernel) for part in parts):
-        return False
-    x = features[:1]  # a user's kernel may have noise of its own
-    return np.allclose(kernel(x), kernel(x, x), rtol=1e-9, atol=0.0)

@@ -17,7 +17,6 @@ from skmtgp.exceptions import IncompleteDataWarning
 from skmtgp.inference.dense import DenseLikelihood, DensePosterior
 from skmtgp.inference.engine import (
     Engine,
-    depends_on_inputs_only,
     refuse_own_noise,
 )
 from skmtgp.inference.extended import ExtendedLikelihood, ExtendedPosterior
@@ -262,7 +261,7 @@ def choose(inference, prior, data, **options):
         return engine(**options) if engine is Sparse else engine()
     dense = len(data.tasks) == 1 or prior.n_terms > 1 or prior.trend is not None
     dense = dense or data.known is not None
-    if dense or not depends_on_inputs_only(prior.kernel, data.features):
+    if dense or not prior.depends_on_inputs_only(data.features):
         return Dense()
     if few_missing(data.design):
         return Kronecker()
@@ -274,19 +273,24 @@ def alone(inference, **options):
     return choose("dense" if inference == "auto" else inference, None, None, **options)
 
 
+def of_one_task(inference):
+    """The parameter for models of one task: "auto" if the engine needs several."""
+    return "auto" if _engine_or_class(inference).uses_design else inference
+
+
+def _engine_or_class(inference):
+    return ENGINES.get(inference, Dense) if isinstance(inference, str) else inference
+
+
 def repeats_rows(inference):
     """Whether rows are repeated as often as they count, as the engine takes no counts.
 
     One that needs each input once would refuse them as repeated.
     """
-    engine = ENGINES.get(inference, Dense) if isinstance(inference, str) else inference
+    engine = _engine_or_class(inference)
     return not (engine.takes_known or engine.uses_design)
 
 
 def leaves_rows(inference):
     """Whether rows stay where they are, in Dask's partitions or in files."""
-    return not getattr(
-        inference if isinstance(inference, Engine) else ENGINES.get(inference),
-        "sorts",
-        True,
-    )
+    return not _engine_or_class(inference).sorts

@@ -26,7 +26,6 @@ from skmtgp.learning.climbing import climb
 from skmtgp.learning.summarised import exact_part
 from skmtgp.learning.telling import about, in_words
 from skmtgp.model.kernel_check import sample_rows
-from skmtgp.model.several import terms_of
 from skmtgp.model.task_covariance import ones
 
 AT_ONCE = 5000  # rows
@@ -47,14 +46,15 @@ def begun_in_sight(problem):
         spherical.
     """
     kernel, tuning = problem.prior.kernel, problem.tuning
-    scales = _length_scales(kernel)
+    scales = _length_scales(problem.prior)
     if not scales.any() or not problem.budget.max_iter:
         return problem
-    if not (_has_spherical(kernel) or _is_blind(kernel, problem.data.X, tuning)):
+    kernels, X = problem.prior.kernels, problem.data.X
+    if not (_has_spherical(kernels) or _is_blind(kernels, X, tuning)):
         return problem
     coarse = exact_part([problem], [problem.prior.task_covariance])[0]
     coarse = coarse.coarse_to_fine()[0]
-    thetas = [kernel.theta, *_others(kernel, scales, coarse.data.X, tuning)]
+    thetas = [kernel.theta, *_others(coarse, scales)]
     with limit_threads(len(coarse.data)):
         values = [_best_value(coarse, theta) for theta in thetas]
     best = int(np.argmax(values))
@@ -82,9 +82,9 @@ def along_ranges(problem, mode):
     mode : Mode
         As it was, unless a kernel is spherical, and the rows are few.
     """
-    kernel, n = problem.prior.kernel, len(problem.data)
-    few = problem.engine.exact and n <= problem.tuning.bent
-    if not few or not problem.budget.max_iter or not _has_spherical(kernel):
+    few = problem.engine.exact and len(problem.data) <= problem.tuning.bent
+    spherical = _has_spherical(problem.prior.kernels)
+    if not (few and spherical and problem.budget.max_iter):
         return mode
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
@@ -106,7 +106,7 @@ def _directions(problem):
     """Steps of theta by one: of all ranges together, and of each of several."""
     scales = np.zeros(problem.prior.n_theta)
     of_kernel = np.arange(len(scales))[problem.prior.of_kernel]
-    scales[of_kernel] = _length_scales(problem.prior.kernel)
+    scales[of_kernel] = _length_scales(problem.prior)
     each = np.diag(scales)[scales > 0.0]
     return [scales, *each] if len(each) > 1 else each
 
@@ -135,36 +135,34 @@ def _likeliest(problem, likelihood, theta):
     return max(values), moved[int(np.argmax(values))]
 
 
-def _length_scales(kernel):
+def _length_scales(prior):
     """Which elements of theta are free length-scales."""
     found = [
         np.full(part.n_elements, part.name.endswith("length_scale"))
-        for of_term in terms_of(kernel)
-        for part in of_term.hyperparameters
+        for kernel in prior.kernels
+        for part in kernel.hyperparameters
         if not part.fixed
     ]
     return np.concatenate(found) if found else np.zeros(0, dtype=bool)
 
 
-def _has_spherical(kernel):
+def _has_spherical(kernels):
     """Whether a kernel, or that of a term, has a spherical part."""
     parts = [
-        part
-        for of_term in terms_of(kernel)
-        for part in (of_term, *of_term.get_params().values())
+        part for kernel in kernels for part in (kernel, *kernel.get_params().values())
     ]
     return any(isinstance(part, Spherical) for part in parts)
 
 
-def _is_blind(kernel, X, tuning):
+def _is_blind(kernels, X, tuning):
     """Whether most rows have no other that any of the terms relates to them."""
     if is_dask(X):  # which would be computed for this
         return False
     some = sample_rows(X)
     related = np.zeros(len(some), dtype=bool)
     for rows in gen_batches(len(X), AT_ONCE):
-        for of_term in terms_of(kernel):
-            related |= _relates(of_term, some, X[rows], tuning)
+        for kernel in kernels:
+            related |= _relates(kernel, some, X[rows], tuning)
         if related.mean() >= 0.5:
             return False
     return True
@@ -179,15 +177,18 @@ def _relates(kernel, some, X, tuning):
         return (tuning.unrelated * np.sqrt(variances) < K).any(axis=1)
 
 
-def _others(kernel, scales, X, tuning):
+def _others(problem, scales):
     """Theta with length-scales from the shortest that relate most rows on."""
+    prior, X, tuning = problem.prior, problem.data.X, problem.tuning
+    kernel = prior.kernel
 
     def moved(step):
         theta = kernel.theta + np.log(2.0) * step * scales
         return np.clip(theta, *kernel.bounds.reshape(-1, 2).T)
 
     def is_blind(step):
-        return _is_blind(kernel.clone_with_theta(moved(step)), X, tuning)
+        there = replace(prior, kernel=kernel.clone_with_theta(moved(step)))
+        return _is_blind(there.kernels, X, tuning)
 
     shortest, most = 0, tuning.most_doublings
     while shortest > -most and not is_blind(shortest - 1):

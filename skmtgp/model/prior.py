@@ -21,6 +21,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp.model._nodes import compile_kernel
+from skmtgp.model.kernel_check import depends_on_inputs_only
 from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 from skmtgp.model.trend import Trend
 
@@ -138,9 +139,21 @@ class Prior:
         return list(zip(*parts, strict=True))
 
     @property
+    def kernels(self):
+        """k^x of each term."""
+        return terms_of(self.kernel)
+
+    @property
     def n_terms(self):
         """Number of terms K^rho x k^x."""
-        return len(terms_of(self.kernel))
+        return len(self.kernels)
+
+    def depends_on_inputs_only(self, features):
+        """Whether k^x is a function of the inputs.
+
+        A WhiteKernel is not: it tells samples of different tasks at one input apart.
+        """
+        return all(depends_on_inputs_only(kernel, features) for kernel in self.kernels)
 
     @property
     def n_tasks(self):

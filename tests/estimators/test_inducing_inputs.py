@@ -18,7 +18,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._support.progress import silent
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.posing import pose
+from skmtgp._estimators.reading import read
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
@@ -99,7 +101,7 @@ class TestInducingInputs:
         X, y = noisy()
         gp = PooledGP(RBF(1.0), noise="shared", **SPARSE)
         gp.set_params(n_inducing=n_inducing, inducing_inputs="optimised")
-        [problem] = gp._problems(gp._read(X, y, silent))
+        [problem] = pose(gp, decide(gp, read(gp, X, y)))
         problem, theta = problem.with_form(ones(M)), np.log([0.7, 0.2])
         mode = Mode(theta, 0.0, 0, 0, True, False, 0.0, 60)
         kernel = RBF(0.7)

@@ -16,8 +16,10 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.posing import pose
+from skmtgp._estimators.reading import read
 from skmtgp._numerics import memory as _memory
-from skmtgp._support.progress import silent
 from skmtgp.exceptions import InsufficientMemoryError
 from skmtgp.inference import memory as _of_inference
 from skmtgp.inference.memory import TileMemory
@@ -102,7 +104,7 @@ class TestMemory:
         monkeypatch.setattr(_memory, "available_memory", lambda: 8.0 * 24**2 * 25.0)
         many, model = np.column_stack([Y] * 3), MultiTaskGPRegressor(max_iter=0)
         of_two = model.set_params(rank=1, n_jobs=2)
-        assert of_two._problems(of_two._read(X, many, silent))
+        assert pose(of_two, decide(of_two, read(of_two, X, many)))
         match = "24 samples, 3 times at once by n_jobs, needs"
         for fit in (
             lambda: PooledGP(max_iter=0, n_jobs=3).fit(X, many),
@@ -112,21 +114,21 @@ class TestMemory:
             with pytest.raises(InsufficientMemoryError, match=match):
                 fit()
         with joblib.parallel_config(backend="sequential"):
-            assert model._problems(model._read(X, many, silent))
+            assert pose(model, decide(model, read(model, X, many)))
 
     def test_of_sparse_inference(self, monkeypatch):
         """Six for each climb and one for each output, of M + r^2 matrices."""
         options = {"inference": "sparse", "n_inducing": 10, "n_exact": 4}
         model = PooledGP(n_jobs=2, max_iter=0, **options)
         n_tasks = len(np.unique(X[:, -1]))
-        training = model._read(X, np.column_stack([Y, Y]), silent)
+        training = decide(model, read(model, X, np.column_stack([Y, Y])))
         tiles = TileMemory(model._kernel(training), training.features[:1])
         needed = 8.0 * 10**2 * (6 * 2 + 2) * (n_tasks + 1) + tiles.of_blocks(10, 24, 2)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
-        assert model._problems(training)
+        assert pose(model, training)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
         with pytest.raises(InsufficientMemoryError, match="rank 1, 2 times at once"):
-            model._problems(training)
+            pose(model, training)
 
     def test_of_a_task_that_joins(self, monkeypatch):
         options = {"inference": "sparse", "n_inducing": 10, "max_iter": 0}

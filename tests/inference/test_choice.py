@@ -22,10 +22,10 @@ from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import IncompleteDataWarning, InsufficientMemoryError
 from skmtgp.inference import engines, memory
 from skmtgp.inference.dense import DenseLikelihood
-from skmtgp.inference.engine import depends_on_inputs_only
 from skmtgp.inference.engines import ENGINES, choose
 from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.kernels import Columns
+from skmtgp.model.kernel_check import depends_on_inputs_only
 from skmtgp.model.task_covariance import identity, low_rank
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")

@@ -12,7 +12,7 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, SingleTaskGP
-from skmtgp._estimators import base, fitted
+from skmtgp._estimators import fitted, posing
 from skmtgp.exceptions import (
     ConstantTargetWarning,
     JitterWarning,
@@ -177,7 +177,7 @@ class TestPredictions:
 
     @pytest.fixture(autouse=True)
     def trusted(self, monkeypatch):
-        monkeypatch.setattr(base, "check_kernel", lambda *args: None)
+        monkeypatch.setattr(posing, "check_kernel", lambda *args: None)
         monkeypatch.setattr(fitted, "check_covariance", lambda *args: None)
 
     @pytest.fixture(params=[MultiTaskGPRegressor, PooledGP, SingleTaskGP])

@@ -9,6 +9,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from sklearn.pipeline import make_pipeline
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
+from skmtgp._estimators.posing import kernel_made
 from skmtgp.inspection import TransferDisplay
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -44,7 +45,7 @@ class TestTable:
     def test_is_that_of_the_predictions(self, compared):
         model, display = compared
         X, y = related()
-        kernel = ConstantKernel(1.0, (1e-3, 1e3)) * model._made(None, X[:, :1])
+        kernel = ConstantKernel(1.0, (1e-3, 1e3)) * kernel_made(model, None, X[:, :1])
         alone = SingleTaskGP(kernel + ConstantKernel(1.0, "fixed")).fit(X, y)
         table = display.transfer
         assert table.columns.tolist() == [*COLUMNS, "evidence", "related"]

@@ -10,7 +10,7 @@ from same_inputs import LABELS, draw
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp._estimators import base
+from skmtgp._estimators import posing
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.tuning import Tuning
 from skmtgp.model.task_covariance import low_rank
@@ -68,7 +68,7 @@ class TestCoarseToFine:
         assert found == [4 * size for size in sizes]
 
     def test_fit(self, monkeypatch):
-        monkeypatch.setattr(base, "Problem", partial(Problem, tuning=Tuning(**SMALL)))
+        monkeypatch.setattr(posing, "Problem", partial(Problem, tuning=Tuning(**SMALL)))
         X, y = draw(n_inputs=24)
         model = MultiTaskGPRegressor(rank=2).fit(X, y)
         assert model.inference_ == "kronecker"

@@ -7,6 +7,8 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.reading import read
 from skmtgp._support.progress import silent
 from skmtgp.learning import growing
 from skmtgp.learning.growing import learn_forms, told
@@ -46,7 +48,7 @@ def pose(X, y, **changes):
         learned.extend((len(parts[0].data), form.rank) for form in forms)
         return learn_ranks(parts, forms, **options)
 
-    return model._problems(model._read(X, y, silent)), learn, learned
+    return pose(model, decide(model, read(model, X, y))), learn, learned
 
 
 @pytest.mark.parametrize("shared", [False, True])

@@ -6,7 +6,9 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
-from skmtgp._support.progress import silent
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.posing import pose
+from skmtgp._estimators.reading import read
 from skmtgp.kernels import Columns, Spherical
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.ranges import along_ranges, begun_in_sight
@@ -45,7 +47,7 @@ def test_several_terms_keep_their_ratio():
     X, targets = rows(np.tile(METRES * at, (2, 1))), np.concatenate([y, -y])
     X[60:, 2], X[:60, 2] = 1, 0
     model = MultiTaskGPRegressor([Matern(1.5, nu=0.5), Matern(0.3, nu=0.5)], rank=1)
-    [problem] = model._problems(model._read(X, targets, silent))
+    [problem] = pose(model, decide(model, read(model, X, targets)))
     first, second = (of.length_scale for of in problem.prior.kernel)
     assert first == pytest.approx(5.0 * second)
     assert 300.0 < first < 30_000.0

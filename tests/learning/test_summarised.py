@@ -9,7 +9,9 @@ from sklearn.gaussian_process.kernels import RBF
 from sparse_models import SPARSE, M, N, draw, noisy
 
 from skmtgp import PooledGP
-from skmtgp._support.progress import silent
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.posing import pose
+from skmtgp._estimators.reading import read
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
@@ -22,7 +24,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 
 def problem_of(gp, X, y):
     """What the model learns of the only output."""
-    [problem] = gp._problems(gp._read(X, y, silent))
+    [problem] = pose(gp, decide(gp, read(gp, X, y)))
     return problem.with_form(ones(M))
 
 

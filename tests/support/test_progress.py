@@ -18,7 +18,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._estimators import base
+from skmtgp._estimators import posing
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.tuning import TUNING
 from skmtgp.preprocessing import InverseDynamicsFeatures
@@ -91,7 +91,7 @@ def test_events(name, n_jobs):
 def test_stages_of_large_data(monkeypatch):
     """Coarse data first, then all rows."""
     tuning = replace(TUNING, coarse=15, coarse_per_task=1)
-    monkeypatch.setattr(base, "Problem", partial(Problem, tuning=tuning))
+    monkeypatch.setattr(posing, "Problem", partial(Problem, tuning=tuning))
     recorder = Recorder()
     MultiTaskGPRegressor(max_iter=0).set_callbacks(recorder).fit(X, Y[:, 0])
     stages = [e[1] for e in recorder.events if e[0] == "begin" and e[2] == 1]

@@ -1,0 +1,159 @@
+"""What a model learns from, as the user gives it: checked, encoded and put together."""
+
+import numpy as np
+
+from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
+from skmtgp._data.dask import is_dask
+from skmtgp._data.descriptors import locate_descriptors, read_descriptors
+from skmtgp._data.known import read_known, weighed_rows
+from skmtgp._data.labels import Labels
+from skmtgp._data.partitions import check_partitions
+from skmtgp._data.trend import read_trend
+from skmtgp._estimators.slopes import Slopes
+from skmtgp._estimators.targets import fit_target
+from skmtgp._estimators.training import Training
+from skmtgp.inference.engines import leaves_rows, repeats_rows
+
+NOTHING = None, None, None  # is known of the noise of the rows
+# Arguments that need the rows in memory, and what to do without each.
+NEEDS_ROWS = {
+    "hyperparameters='sampled'": "set hyperparameters='mode'",
+    "task_descriptors": "leave the descriptors out",
+    "trend": "leave the trend out",
+    "alpha or sample_weight": "leave it out",
+}
+
+
+def read(model, X, y, given=NOTHING):
+    """The training data of `fit`; units, noise and k^x are not decided yet.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Gets n_features_in_ and feature_names_in_.
+    X, y : array-like
+        What the user gave.
+    given : tuple of (alpha, sample_weight, repeat_variance), default=NOTHING
+        What is known of the noise of the rows.
+
+    Returns
+    -------
+    training : Training
+
+    Raises
+    ------
+    ValueError
+        If something cannot be used, which it names.
+    """
+    X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
+    stay = is_dask(X, y) and leaves_rows(model.inference)
+    if stay:
+        _refuse_what_needs_rows(model, given)
+    check = check_partitions if stay else check_training
+    return gathered(model, *check(model, X, y), given)
+
+
+def _refuse_what_needs_rows(model, given):
+    asked = (
+        model.hyperparameters == "sampled",
+        has_descriptors(model),
+        getattr(model, "trend", None) is not None,
+        any(part is not None for part in given),
+    )
+    for (name, instead), is_asked in zip(NEEDS_ROWS.items(), asked, strict=True):
+        if is_asked:
+            raise ValueError(
+                f"{name} needs the rows in memory, and X is a Dask collection. Give "
+                f"arrays, which may be memory-mapped, or {instead}."
+            )
+
+
+def gathered(model, features, codes, tasks, Y, given=NOTHING):
+    """The same of rows that are checked and encoded.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Its parameters say how to transform targets, and which trend there is.
+    features, codes, tasks, Y
+        See `check_training`.
+    given : tuple of (alpha, sample_weight, repeat_variance), default=NOTHING
+        What is known of the noise of the rows.
+
+    Returns
+    -------
+    training : Training
+    """
+    single_output, Y = Y.ndim == 1, Y.reshape(len(Y), -1)
+    known = read_known(*given, Y.shape)
+    if known is not None:
+        known.refuse_transform(model.target_transform)
+    target = fit_target(model.target_transform, Y)
+    Y, described = target.forward(Y), None
+    if has_descriptors(model):
+        described = _descriptors(model, features, Labels(tasks, codes))
+        features = described.inputs(features)
+    slopes = _slopes(model, features, codes, tasks, described)
+    _tell_constants(model, Y)
+    more = {"target": target, "slopes": slopes, "known": known}
+    return Training(
+        features, codes, tasks, Y, single_output, descriptors=described, **more
+    )
+
+
+def _tell_constants(model, Y):
+    """Warn of targets that do not vary."""
+    if len(Y) > FEW_ROWS:
+        same = np.asarray(Y.min(axis=0) == Y.max(axis=0))
+        # without normalize_y one that is not zero has a size, if nothing else
+        sized = not model.normalize_y and model._learns_amplitude()
+        warn_of_constants(same & ~(sized & np.asarray(Y.max(axis=0) != 0.0)))
+
+
+def has_descriptors(model):
+    """Whether tasks have descriptors, which are columns of X."""
+    return getattr(model, "task_descriptors", None) is not None
+
+
+def _descriptors(model, features, labels):
+    """What is known of the tasks, from their columns of the features."""
+    names, columns = locate(model)[1], columns_of_descriptors(model)
+    return read_descriptors(columns, names, features, labels)
+
+
+def columns_of_descriptors(model):
+    """Where they are among the columns of X without the task's."""
+    names = getattr(model, "feature_names_in_", None)
+    position, n = locate(model)[0], model.n_features_in_
+    return locate_descriptors(model.task_descriptors, position, n, names)
+
+
+def names_of_inputs(model):
+    """Names of the columns that the kernel sees; None without names."""
+    if getattr(model, "feature_names_in_", None) is None:
+        return None
+    names = locate(model)[1]
+    if has_descriptors(model):
+        names = np.delete(names, columns_of_descriptors(model))
+    return names.tolist()
+
+
+def _slopes(model, inputs, codes, tasks, descriptors):
+    """The trend at the training rows, None without one."""
+    trend = getattr(model, "trend", None)
+    per_task = getattr(model, "trend_per_task", False)
+    if trend is None:
+        if per_task:
+            raise ValueError(
+                "trend_per_task=True needs a trend: name its columns in trend, or set "
+                "trend='linear'."
+            )
+        return None
+    given = getattr(model, "feature_names_in_", None)
+    described = None if descriptors is None else descriptors.columns
+    columns = read_trend(trend, inputs, *locate(model), given, described)
+    slopes = Slopes(
+        columns, inputs, codes, tasks, bool(per_task), bool(model.normalize_y)
+    )
+    slopes.check()
+    return slopes

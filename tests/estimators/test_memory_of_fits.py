@@ -17,7 +17,7 @@ from skmtgp import (
     SingleTaskGP,
 )
 from skmtgp._estimators.deciding import decide
-from skmtgp._estimators.posing import pose
+from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.reading import read
 from skmtgp._numerics import memory as _memory
 from skmtgp.exceptions import InsufficientMemoryError
@@ -122,7 +122,7 @@ class TestMemory:
         model = PooledGP(n_jobs=2, max_iter=0, **options)
         n_tasks = len(np.unique(X[:, -1]))
         training = decide(model, read(model, X, np.column_stack([Y, Y])))
-        tiles = TileMemory(model._kernel(training), training.features[:1])
+        tiles = TileMemory(*kernels_of(model, training), training.features[:1])
         needed = 8.0 * 10**2 * (6 * 2 + 2) * (n_tasks + 1) + tiles.of_blocks(10, 24, 2)
         monkeypatch.setattr(_memory, "available_memory", lambda: needed)
         assert pose(model, training)

@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
 from skmtgp._support.progress import silent
 from skmtgp.learning import growing
@@ -40,7 +41,7 @@ def draw(rank, seed=0):
     return np.column_stack([x, tasks]), y
 
 
-def pose(X, y, **changes):
+def asked(X, y, **changes):
     """The problems of a model, and what those of some rows are asked for."""
     model, learned = MODEL.__class__(**MODEL.get_params(deep=False) | changes), []
 
@@ -57,7 +58,7 @@ def pose(X, y, **changes):
     [((0, 1, 2, 3), (0, 1)), ((1,), (1,)), ((3,), (1,)), ((12,), (1,)), ((2, 3), (1,))],
 )
 def test_forms_that_rows_can_tell(shared, ranks, expected):
-    [problem], *_ = pose(*draw(1))
+    [problem], *_ = asked(*draw(1))
     part = problem.with_data(problem.data.drawn(60))
     forms = [low_rank(M, rank, shared=shared or rank == 0) for rank in ranks]
     found = told(part, forms)
@@ -66,7 +67,7 @@ def test_forms_that_rows_can_tell(shared, ranks, expected):
 
 
 def test_all_forms_are_told_where_nothing_is_learned():
-    [problem], *_ = pose(*draw(1), max_iter=0)
+    [problem], *_ = asked(*draw(1), max_iter=0)
     forms = [low_rank(M, rank) for rank in (3, 12)]
     assert told(problem.with_data(problem.data.drawn(60)), forms) == forms
 
@@ -75,7 +76,7 @@ def test_all_forms_are_told_where_nothing_is_learned():
 def test_higher_ranks_are_learned_from_all_rows_alone(n_outputs):
     X, y = draw(2)
     Y = np.column_stack([y, y[::-1]])[:, :n_outputs]
-    problems, learn, learned = pose(X, Y)
+    problems, learn, learned = asked(X, Y)
     forms = [low_rank(M, rank) for rank in (1, 2, 3)]
     modes = learn_forms(learn, problems, forms, **RUNNING)
     assert learned == [(60, 1)]
@@ -92,7 +93,7 @@ def test_higher_ranks_are_learned_from_all_rows_alone(n_outputs):
 
 
 def test_a_rank_that_is_learned_alone_begins_at_a_lower_one():
-    problems, learn, learned = pose(*draw(2))
+    problems, learn, learned = asked(*draw(2))
     form = low_rank(M, 2)
     [[mode]] = learn_forms(learn, problems, [form], **RUNNING)
     assert learned == [(60, 1)]
@@ -103,7 +104,7 @@ def test_a_rank_that_is_learned_alone_begins_at_a_lower_one():
 
 
 def test_ranks_of_which_none_can_be_told_begin_at_a_lower_one():
-    problems, learn, learned = pose(*draw(2))
+    problems, learn, learned = asked(*draw(2))
     forms = [low_rank(M, rank) for rank in (2, 3, 4)]
     modes = learn_forms(learn, problems, forms, **RUNNING)
     assert learned == [(60, 1)]
@@ -117,7 +118,7 @@ def test_ranks_of_which_none_can_be_told_begin_at_a_lower_one():
 
 @pytest.mark.parametrize(("until_worse", "n"), [(False, 5), (True, 3)])
 def test_a_search_ends_when_ranks_get_worse(until_worse, n):
-    problems, learn, _ = pose(*draw(1))
+    problems, learn, _ = asked(*draw(1))
     forms = [low_rank(M, rank) for rank in (1, 2, 3, 4, 5)]
     modes = learn_forms(learn, problems, forms, until_worse=until_worse, **RUNNING)
     assert len(modes) == n
@@ -125,7 +126,7 @@ def test_a_search_ends_when_ranks_get_worse(until_worse, n):
 
 def test_exact_inference_learns_all_ranks_from_all_rows(monkeypatch):
     X, y = draw(1)
-    problems, learn, learned = pose(X[:60], y[:60], inference="dense", max_iter=3)
+    problems, learn, learned = asked(X[:60], y[:60], inference="dense", max_iter=3)
     monkeypatch.setattr(growing, "grow", None)
     forms = [low_rank(M, rank) for rank in (1, 5)]
     modes = learn_forms(learn, problems, forms, until_worse=True, **RUNNING)

@@ -45,7 +45,11 @@ def draw(identifier, u, x, rng):
     return model._units.centre.T + model._units.scale.T * np.transpose(samples)
 
 
-@pytest.mark.parametrize(("noise", "n"), [(0.1, 1), (0.0, 6)], ids=["noisy", "exact"])
+@pytest.mark.parametrize(
+    ("noise", "n"),
+    [pytest.param(0.1, 1, marks=pytest.mark.long), (0.0, 6)],
+    ids=["noisy", "exact"],
+)
 def test_tasks_from_the_prior(noise, n):
     """What is drawn from the model is within two deviations as often as it must be.
 

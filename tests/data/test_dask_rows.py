@@ -195,6 +195,7 @@ class TestFit:
         far = da.from_array(X, chunks=(100, 1)), da.from_array(y, chunks=100)
         assert_same_model(clone(QUICK).fit(*far), clone(QUICK).fit(X, y), X)
 
+    @pytest.mark.long
     def test_n_jobs(self):
         """The rows are shared out, and the outputs are not."""
         X, y = draw(N, n_outputs=2)

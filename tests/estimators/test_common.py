@@ -61,6 +61,7 @@ def test_task_in_the_last_column(estimator, check):
     check(estimator)
 
 
+@pytest.mark.long
 @checks_of(FIRST_COLUMN)
 def test_task_in_the_first_column(estimator, check):
     check(estimator)

@@ -98,7 +98,9 @@ def test_inducing_inputs_are_those_of_both_kernels(fitted):
     assert alone[1] < alone[0] < alone[2]
 
 
-@pytest.mark.parametrize("choice", ["k-means", "optimised"])
+@pytest.mark.parametrize(
+    "choice", ["k-means", pytest.param("optimised", marks=pytest.mark.long)]
+)
 def test_other_inducing_inputs(fitted, choice):
     X, y, *_ = draw(300, length=6.0)
     model = clone(fitted).set_params(inducing_inputs=choice, n_inducing=16)

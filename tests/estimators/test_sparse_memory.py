@@ -71,8 +71,8 @@ class TestMemory:
         ("position", "choice", "binary"),
         [
             (0, "greedy", False),
-            (-1, "greedy", False),
-            (-1, "k-means", False),
+            pytest.param(-1, "greedy", False, marks=pytest.mark.long),
+            pytest.param(-1, "k-means", False, marks=pytest.mark.long),
             (-1, "greedy", True),
         ],
     )

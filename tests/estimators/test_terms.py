@@ -253,6 +253,7 @@ def test_frames_and_labels(data):
     assert model.summary().loc["a", "closest"] == "b"
 
 
+@pytest.mark.long
 def test_lists_of_kernels_in_a_grid(data):
     X, y, *_ = data
     grid = [

@@ -195,6 +195,7 @@ class TestBoth:
                 [[alone]] = learn([problem], [form], seeds=(1,))
                 assert_same(mode, alone)
 
+    @pytest.mark.long
     def test_processes_do_not_matter(self, learn):
         problems = [pose(draw(RELATED), max_iter=3)]
         [one] = learn(problems, FORMS[:2], seeds=(1,))

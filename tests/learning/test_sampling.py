@@ -84,7 +84,8 @@ def test_draws_of_a_flat_likelihood_are_those_of_the_prior():
     assert draws.std() == pytest.approx(hyperprior.precision[0] ** -0.5, rel=0.12)
 
 
-@pytest.mark.parametrize("rank", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("rank", [1, 2])
 def test_signs_and_sizes_are_those_of_the_posterior(rank):
     """Of few rows, which leave open whether tasks go together, against draws of the
     prior that are weighted by the likelihood."""

@@ -245,6 +245,7 @@ print(before, now(), sep=chr(10))
 """
 
 
+@pytest.mark.long
 def test_blas_has_its_threads_again():
     """In a process where no test has limited them."""
     threads = {"OPENBLAS_NUM_THREADS": "2", "MKL_NUM_THREADS": "2"}

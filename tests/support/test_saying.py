@@ -159,7 +159,8 @@ def test_single_tasks_tell_how_far_they_are(told, monkeypatch):
         assert all(line.startswith(f"{name}, all tasks alike: ") for line in part_of)
 
 
-@pytest.mark.parametrize("n_jobs", [1, pytest.param(2, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("n_jobs", [1, 2])
 def test_a_plain_script_prints(n_jobs):
     """Climbs of other processes too, as they go on."""
     script = f"""

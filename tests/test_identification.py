@@ -68,7 +68,7 @@ def with_task(x, age, size, label):
 
 
 def test_known_tasks_by_the_book(model):
-    found = TaskIdentifier(model, floor=0.0).predict_proba(NEW[:1, None], Y_NEW[:1])
+    found = TaskIdentifier(model, floor=0.0, inflation=1.0).predict_proba(NEW[:1, None], Y_NEW[:1])
     expected = np.array(
         [
             by_the_book(model, with_task(NEW[:1], AGE[m], SIZE[m], m), Y_NEW[:1])
@@ -108,7 +108,7 @@ def density(model, widening, descriptors):
 
 
 def test_descriptors_are_the_mode_of_their_density(model):
-    mean, covariance = TaskIdentifier(model, floor=0.0).estimate(NEW[:, None], Y_NEW)
+    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(NEW[:, None], Y_NEW)
     best = density(model, 2.0, mean.to_numpy())
     deviations = np.sqrt(np.diagonal(covariance))
     rng = np.random.default_rng(0)
@@ -121,7 +121,7 @@ def test_descriptors_are_the_mode_of_their_density(model):
 
 
 def test_the_covariance_is_the_curvature_of_the_density(model):
-    mean, covariance = TaskIdentifier(model, floor=0.0).estimate(NEW[:, None], Y_NEW)
+    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(NEW[:, None], Y_NEW)
     mean, covariance = mean.to_numpy(), covariance.to_numpy()
     steps = 0.05 * np.linalg.cholesky(covariance).T
     best = density(model, 2.0, mean)
@@ -133,7 +133,7 @@ def test_the_covariance_is_the_curvature_of_the_density(model):
 
 def test_the_probability_of_none_is_the_density_without_descriptors(model):
     """Descriptors integrated out by draws; Laplace's method is near."""
-    identifier = TaskIdentifier(model, floor=0.0)
+    identifier = TaskIdentifier(model, floor=0.0, inflation=1.0)
     found = identifier.predict_proba(NEW[:2, None], Y_NEW[:2])
     centre, scale = _population(model._descriptors, 2.0)
     rng = np.random.default_rng(0)
@@ -373,7 +373,7 @@ class TestStream:
         np.testing.assert_allclose(again, whole.path_, atol=1e-9)
 
     def test_one_sample_by_the_book(self, model):
-        identifier = TaskIdentifier(model, floor=0.0, switching=0.1)
+        identifier = TaskIdentifier(model, floor=0.0, inflation=1.0, switching=0.1)
         found = identifier.partial_fit(NEW[:1, None], Y_NEW[:1]).responsibilities_
         log_densities = []
         for m in range(M):

@@ -9,6 +9,7 @@ import numpy as np
 
 from skmtgp._estimators.online import OnlineGP
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.engines import Sparse
 from skmtgp.learning.novel import join_alike
 
 
@@ -20,8 +21,8 @@ class JoiningGP(OnlineGP):
         before = self._training()
         training, position = before.with_task(features, label, Y)
         training = self._incomplete(training)
-        if self._is_grown(before, training):
-            self._check_room(training)
+        if self._is_grown(before, training) or isinstance(self._engine, Sparse):
+            self._check_room(training)  # the task gets inducing inputs of its own
         self._check_beside(before, training.features[len(before.Y) :])
         informed, engine = prior is not None, self._engine
         origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))

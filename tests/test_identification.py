@@ -68,7 +68,9 @@ def with_task(x, age, size, label):
 
 
 def test_known_tasks_by_the_book(model):
-    found = TaskIdentifier(model, floor=0.0, inflation=1.0).predict_proba(NEW[:1, None], Y_NEW[:1])
+    found = TaskIdentifier(model, floor=0.0, inflation=1.0).predict_proba(
+        NEW[:1, None], Y_NEW[:1]
+    )
     expected = np.array(
         [
             by_the_book(model, with_task(NEW[:1], AGE[m], SIZE[m], m), Y_NEW[:1])
@@ -108,7 +110,9 @@ def density(model, widening, descriptors):
 
 
 def test_descriptors_are_the_mode_of_their_density(model):
-    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(NEW[:, None], Y_NEW)
+    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(
+        NEW[:, None], Y_NEW
+    )
     best = density(model, 2.0, mean.to_numpy())
     deviations = np.sqrt(np.diagonal(covariance))
     rng = np.random.default_rng(0)
@@ -121,7 +125,9 @@ def test_descriptors_are_the_mode_of_their_density(model):
 
 
 def test_the_covariance_is_the_curvature_of_the_density(model):
-    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(NEW[:, None], Y_NEW)
+    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(
+        NEW[:, None], Y_NEW
+    )
     mean, covariance = mean.to_numpy(), covariance.to_numpy()
     steps = 0.05 * np.linalg.cholesky(covariance).T
     best = density(model, 2.0, mean)

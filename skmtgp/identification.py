@@ -94,10 +94,17 @@ class TaskIdentifier(Estimator):
     The model's own error is a function with covariance k^x whose variance, relative to
     the prior variance of the task, is the same for all tasks: errors of the latent
     functions are in proportion to :math:`f_j`. For the average task, over the inputs of
-    the fit, its deviation is `floor` times that of the targets. The default is what was
-    found with the inverse dynamics of six joints, of 200 loads that the models had not
-    seen: 1e-4 to 3e-3, with a root mean square of 1.3e-3. The prior variance of
+    the fit, its deviation is `floor` times that of the targets. The prior variance of
     a model plays no part: it may be hundreds of times that of the targets.
+
+    Most of the error of a model of few tasks is not of this kind: it is large where the
+    model is unsure, and grows with the posterior's variance. The k coefficients of the
+    descriptors were learned from m tasks, and the model takes them for known. So the
+    variance of an unknown task is larger than it says. With ``inflation="auto"`` each
+    task of the fit is predicted from the rows of the others, with the hyperparameters
+    of all. The mean square of the errors, relative to their variances, times
+    (m + k) / (m - k), Akaike's final prediction error, is the inflation, but at least
+    1. Errors of known tasks are not inflated.
 
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.

@@ -200,6 +200,35 @@ def test_noise_of_the_samples():
     pd.testing.assert_frame_equal(each[1], known[1])
 
 
+def test_an_inflated_task_is_less_certain(model, undescribed):
+    """The variance of its function is larger, that of the noise is not."""
+    x, y = NEW[:, None], f(NEW, *ANOTHER)
+    options = [{"inflation": of} for of in (1.0, [4.0, 4.0], 4.0, "auto")]
+    found = [TaskIdentifier(model, **of).estimate(x, y)[1] for of in options]
+    spreads = [np.trace(of) for of in found]
+    assert spreads[0] < spreads[1] == spreads[2]
+    assert spreads[0] < spreads[3]
+    outputs, _ = TaskIdentifier(model, inflation=4.0, floor=0.02)._outputs(x, y)
+    of_model, _ = TaskIdentifier(model, inflation=1.0, floor=0.0)._outputs(x, y)
+    for output, plain in zip(outputs, of_model, strict=True):
+        row = output.row[0] + output.row[1] @ [0.3, -0.2]
+        before, inflated = (of.border()._covariance(row)[0] for of in (plain, output))
+        K_x, eye = output.posterior.kernel(output.X), output.noise[-1] * np.eye(len(x))
+        expected = 4.0 * (before - eye) + output.error * row @ row * K_x + eye
+        np.testing.assert_allclose(inflated, expected, rtol=1e-8, atol=1e-12)
+    told = TaskIdentifier(undescribed)._outputs(x, y)[0]
+    assert [of.inflation for of in told] == [1.0, 1.0]
+
+
+def test_inflation_is_told_once_for_each_posterior(model, monkeypatch):
+    outputs, _ = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
+    found = [of.inflation for of in outputs]
+    assert min(found) >= 1.0
+    monkeypatch.setattr("skmtgp.identification.inflation", None)
+    outputs, _ = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
+    assert [of.inflation for of in outputs] == found
+
+
 def test_the_same_again(model):
     identifier = TaskIdentifier(model)
     first = identifier.estimate(NEW[:, None], Y_NEW)
@@ -339,6 +368,10 @@ class TestRefusals:
             ({"noise": [0.1, -0.1]}, "must be a standard deviation"),
             ({"floor": -1.0}, "'floor' parameter"),
             ({"widening": 0.0}, "'widening' parameter"),
+            ({"inflation": 0.0}, "'inflation' parameter"),
+            ({"inflation": "much"}, "'inflation' parameter"),
+            ({"inflation": [1.0, 2.0, 1.0]}, "one for each of the 2 outputs"),
+            ({"inflation": [1.0, 0.0]}, "must be 'auto', a positive number"),
             ({"switching": 1.5}, "'switching' parameter"),
         ],
     )

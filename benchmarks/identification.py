@@ -169,6 +169,8 @@ def main():
     parser.add_argument("--repetitions", type=int, default=20)
     parser.add_argument("--loads", type=int, default=20)
     parser.add_argument("--switches", type=int, default=40)
+    parser.add_argument("--samples", type=int, nargs="+", default=N_SAMPLES)
+    parser.add_argument("--noises", type=float, nargs="+", default=NOISES)
     arguments = parser.parse_args()
     with open(arguments.models, "rb") as file:
         models = pickle.load(file)
@@ -184,12 +186,12 @@ def main():
         "|z|<2:\nmass, told, measured; |z|<2 of drawn loads: mass, told, measured; "
         "seconds"
     )
-    for noise in NOISES:
-        for n in N_SAMPLES:
+    for noise in arguments.noises:
+        for n in arguments.samples:
             counts = arguments.repetitions, arguments.loads
             print(measure(models, noise, n, *counts, data), flush=True)
     print("noise  right from the third sample on  within three")
-    for noise in NOISES:
+    for noise in arguments.noises:
         after, within = stream(models, noise, arguments.switches)
         print(f"{noise:5.0%} {after:20.3f} {within:20.3f}")
 

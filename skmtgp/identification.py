@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from numbers import Real
 from typing import Self
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import pandas as pd
@@ -19,13 +20,15 @@ from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.sklearn_compat import Interval
+from skmtgp._support.sklearn_compat import Interval, StrOptions
+from skmtgp.inference.left_out import inflation
 from skmtgp.learning.identifying import Output, Unknown, follow, identify
 from skmtgp.learning.novel import Population
 from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["TaskIdentifier"]
 
+INFLATIONS = WeakKeyDictionary()  # of posteriors
 RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks differ
 
 
@@ -50,12 +53,16 @@ class TaskIdentifier(Estimator):
     widening : float, default=2.0
         Standard deviation of an unknown task's descriptors around the mean of the known
         tasks', in units of their standard deviation.
-    floor : float, default=1e-3
+    floor : float, default=1e-4
         Size of the model's own error: each task deviates from the model by an unknown
         function with this standard deviation, relative to that of the targets that the
         model was fitted to. If a task's function is larger than those of the known
         tasks, so is the deviation, and likewise if it is smaller. It does not vanish
         with many or exact samples.
+    inflation : "auto", float or array-like of shape (n_outputs,), default="auto"
+        How much larger the variance of an unknown task's function is than the model
+        says, apart from noise and `floor`. "auto" tells it for each output from the
+        tasks of the fit, see Notes. It is 1 without descriptors.
     switching : float, default=0.02
         Probability that the task switches between two consecutive samples of a stream.
 
@@ -87,10 +94,17 @@ class TaskIdentifier(Estimator):
     The model's own error is a function with covariance k^x whose variance, relative to
     the prior variance of the task, is the same for all tasks: errors of the latent
     functions are in proportion to :math:`f_j`. For the average task, over the inputs of
-    the fit, its deviation is `floor` times that of the targets. The default is what was
-    found with the inverse dynamics of six joints, of 200 loads that the models had not
-    seen: 1e-4 to 3e-3, with a root mean square of 1.3e-3. The prior variance of
+    the fit, its deviation is `floor` times that of the targets. The prior variance of
     a model plays no part: it may be hundreds of times that of the targets.
+
+    Most of the error of a model of few tasks is not of this kind: it is large where the
+    model is unsure, and grows with the posterior's variance. The k coefficients of the
+    descriptors were learned from m tasks, and the model takes them for known. So the
+    variance of an unknown task is larger than it says. With ``inflation="auto"`` each
+    task of the fit is predicted from the rows of the others, with the hyperparameters
+    of all. The mean square of the errors, relative to their variances, times
+    (m + k) / (m - k), Akaike's final prediction error, is the inflation, but at least
+    1. Errors of known tasks are not inflated.
 
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.
@@ -123,6 +137,11 @@ class TaskIdentifier(Estimator):
         "noise": [Interval(Real, 0.0, None, closed="left"), "array-like", None],
         "widening": [Interval(Real, 0.0, None, closed="neither")],
         "floor": [Interval(Real, 0.0, None, closed="left")],
+        "inflation": [
+            StrOptions({"auto"}),
+            Interval(Real, 0.0, None, closed="neither"),
+            "array-like",
+        ],
         "switching": [Interval(Real, 0.0, 1.0, closed="both")],
     }
 
@@ -132,13 +151,15 @@ class TaskIdentifier(Estimator):
         *,
         noise: ArrayLike | None = None,
         widening: float = 2.0,
-        floor: float = 1e-3,
+        floor: float = 1e-4,
+        inflation: float | str | ArrayLike = "auto",
         switching: float = 0.02,
     ) -> None:
         self.model = model
         self.noise = noise
         self.widening = widening
         self.floor = floor
+        self.inflation = inflation
         self.switching = switching
 
     def predict_proba(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
@@ -306,6 +327,7 @@ class TaskIdentifier(Estimator):
         population = _population(models[0]._descriptors, self.widening)
         rows = _rows(models, population, self.widening)
         noises, Y = self._noises(len(rows)), _targets(y, self.model, len(rows))
+        inflations = self._inflations(models)
         outputs = []
         for estimator, model in zip(_each(self.model), models, strict=True):
             inputs = _inputs(_best(estimator), model, X)
@@ -313,7 +335,7 @@ class TaskIdentifier(Estimator):
                 raise ValueError(f"X has {len(inputs)} rows, but y has {len(Y)}.")
             k = len(outputs)
             columns = slice(k, k + len(model._posteriors))
-            of_model = rows[columns], noises[columns], self.floor
+            of_model = rows[columns], noises[columns], self.floor, inflations[columns]
             outputs += _at_samples(model, inputs, Y[:, columns], *of_model)
         return outputs, _starts(models[0], population, rows)
 
@@ -327,6 +349,19 @@ class TaskIdentifier(Estimator):
                 f"of the {n_outputs} outputs."
             )
         return np.broadcast_to(noise.ravel(), n_outputs)
+
+    def _inflations(self, models):
+        """How much larger the variance of another task is, for each output."""
+        pairs = [(model, j) for model in models for j in range(len(model._posteriors))]
+        if isinstance(self.inflation, str):
+            return [_inflation(*pair) for pair in pairs]
+        found = check_numbers(np.atleast_1d(self.inflation), "inflation").ravel()
+        if found.size not in (1, len(pairs)) or (found <= 0.0).any():
+            raise ValueError(
+                f"inflation={self.inflation!r} must be 'auto', a positive number, or "
+                f"one for each of the {len(pairs)} outputs."
+            )
+        return np.broadcast_to(found, len(pairs))
 
 
 def _each(model):
@@ -408,7 +443,7 @@ def _check_alike(models):
             )
 
 
-def _at_samples(model, inputs, Y, rows, noises, floor):
+def _at_samples(model, inputs, Y, rows, noises, floor, inflations):
     """The outputs of a model at samples, in its own units."""
     units = model._units
     scaled = (model._target.forward(Y) - units.centre.T) / units.scale.T
@@ -421,6 +456,7 @@ def _at_samples(model, inputs, Y, rows, noises, floor):
             _error(model, j, floor),
             _factor(model, j),
             rows[j],
+            inflations[j],
         )
         for j, y in enumerate(scaled.T)
     ]
@@ -544,6 +580,19 @@ def _noise_of(model, j, more):
     noise = np.broadcast_to(noise, len(model.tasks_))
     usual = np.exp(np.log(noise).mean())
     return np.append(noise, usual) + np.square(more / model._units.scale[j, 0])
+
+
+def _inflation(model, j):
+    """What the tasks of the fit tell of an output, once for each posterior."""
+    descriptors, posterior = model._descriptors, model._posteriors[j]
+    if descriptors is None:
+        return 1.0
+    if posterior not in INFLATIONS:
+        sizes = len(descriptors.learned), descriptors.n_rows
+        INFLATIONS[posterior] = inflation(
+            model._likelihoods[j], posterior.theta, *sizes
+        )
+    return INFLATIONS[posterior]
 
 
 def _error(model, j, floor):

@@ -68,7 +68,9 @@ def with_task(x, age, size, label):
 
 
 def test_known_tasks_by_the_book(model):
-    found = TaskIdentifier(model, floor=0.0).predict_proba(NEW[:1, None], Y_NEW[:1])
+    found = TaskIdentifier(model, floor=0.0, inflation=1.0).predict_proba(
+        NEW[:1, None], Y_NEW[:1]
+    )
     expected = np.array(
         [
             by_the_book(model, with_task(NEW[:1], AGE[m], SIZE[m], m), Y_NEW[:1])
@@ -108,7 +110,9 @@ def density(model, widening, descriptors):
 
 
 def test_descriptors_are_the_mode_of_their_density(model):
-    mean, covariance = TaskIdentifier(model, floor=0.0).estimate(NEW[:, None], Y_NEW)
+    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(
+        NEW[:, None], Y_NEW
+    )
     best = density(model, 2.0, mean.to_numpy())
     deviations = np.sqrt(np.diagonal(covariance))
     rng = np.random.default_rng(0)
@@ -121,7 +125,9 @@ def test_descriptors_are_the_mode_of_their_density(model):
 
 
 def test_the_covariance_is_the_curvature_of_the_density(model):
-    mean, covariance = TaskIdentifier(model, floor=0.0).estimate(NEW[:, None], Y_NEW)
+    mean, covariance = TaskIdentifier(model, floor=0.0, inflation=1.0).estimate(
+        NEW[:, None], Y_NEW
+    )
     mean, covariance = mean.to_numpy(), covariance.to_numpy()
     steps = 0.05 * np.linalg.cholesky(covariance).T
     best = density(model, 2.0, mean)
@@ -133,7 +139,7 @@ def test_the_covariance_is_the_curvature_of_the_density(model):
 
 def test_the_probability_of_none_is_the_density_without_descriptors(model):
     """Descriptors integrated out by draws; Laplace's method is near."""
-    identifier = TaskIdentifier(model, floor=0.0)
+    identifier = TaskIdentifier(model, floor=0.0, inflation=1.0)
     found = identifier.predict_proba(NEW[:2, None], Y_NEW[:2])
     centre, scale = _population(model._descriptors, 2.0)
     rng = np.random.default_rng(0)
@@ -192,6 +198,35 @@ def test_noise_of_the_samples():
     assert (np.diagonal(known[1]) > np.diagonal(without[1])).all()
     each = TaskIdentifier(model, noise=[NOISE, NOISE]).estimate(NEW[:, None], Y_NEW)
     pd.testing.assert_frame_equal(each[1], known[1])
+
+
+def test_an_inflated_task_is_less_certain(model, undescribed):
+    """The variance of its function is larger, that of the noise is not."""
+    x, y = NEW[:, None], f(NEW, *ANOTHER)
+    options = [{"inflation": of} for of in (1.0, [4.0, 4.0], 4.0, "auto")]
+    found = [TaskIdentifier(model, **of).estimate(x, y)[1] for of in options]
+    spreads = [np.trace(of) for of in found]
+    assert spreads[0] < spreads[1] == spreads[2]
+    assert spreads[0] < spreads[3]
+    outputs, _ = TaskIdentifier(model, inflation=4.0, floor=0.02)._outputs(x, y)
+    of_model, _ = TaskIdentifier(model, inflation=1.0, floor=0.0)._outputs(x, y)
+    for output, plain in zip(outputs, of_model, strict=True):
+        row = output.row[0] + output.row[1] @ [0.3, -0.2]
+        before, inflated = (of.border()._covariance(row)[0] for of in (plain, output))
+        K_x, eye = output.posterior.kernel(output.X), output.noise[-1] * np.eye(len(x))
+        expected = 4.0 * (before - eye) + output.error * row @ row * K_x + eye
+        np.testing.assert_allclose(inflated, expected, rtol=1e-8, atol=1e-12)
+    told = TaskIdentifier(undescribed)._outputs(x, y)[0]
+    assert [of.inflation for of in told] == [1.0, 1.0]
+
+
+def test_inflation_is_told_once_for_each_posterior(model, monkeypatch):
+    outputs, _ = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
+    found = [of.inflation for of in outputs]
+    assert min(found) >= 1.0
+    monkeypatch.setattr("skmtgp.identification.inflation", None)
+    outputs, _ = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
+    assert [of.inflation for of in outputs] == found
 
 
 def test_the_same_again(model):
@@ -333,6 +368,10 @@ class TestRefusals:
             ({"noise": [0.1, -0.1]}, "must be a standard deviation"),
             ({"floor": -1.0}, "'floor' parameter"),
             ({"widening": 0.0}, "'widening' parameter"),
+            ({"inflation": 0.0}, "'inflation' parameter"),
+            ({"inflation": "much"}, "'inflation' parameter"),
+            ({"inflation": [1.0, 2.0, 1.0]}, "one for each of the 2 outputs"),
+            ({"inflation": [1.0, 0.0]}, "must be 'auto', a positive number"),
             ({"switching": 1.5}, "'switching' parameter"),
         ],
     )
@@ -373,7 +412,7 @@ class TestStream:
         np.testing.assert_allclose(again, whole.path_, atol=1e-9)
 
     def test_one_sample_by_the_book(self, model):
-        identifier = TaskIdentifier(model, floor=0.0, switching=0.1)
+        identifier = TaskIdentifier(model, floor=0.0, inflation=1.0, switching=0.1)
         found = identifier.partial_fit(NEW[:1, None], Y_NEW[:1]).responsibilities_
         log_densities = []
         for m in range(M):

@@ -17,7 +17,7 @@ import gc
 import json
 import pickle
 import time
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 
@@ -110,10 +110,25 @@ LEARNED = {
 }
 
 
-def learned(loads, folder, n_shaken=N_SHAKEN):
-    """The models of each kind, read from a folder if they are there."""
+NEEDED = {  # kinds of models that a controller is made of; "described" if not here
+    "mGP, partial_fit": {"labelled"},
+    "GP of each load, regression": {"described", "alone"},
+}
+
+
+def needed(names):
+    """The kinds of models that some controllers, or all, are made of."""
+    if not names:
+        return list(LEARNED)
+    of_each = [NEEDED.get(name, {"described"}) for name in names]
+    return [kind for kind in LEARNED if kind in set().union(*of_each)]
+
+
+def learned(loads, folder, n_shaken=N_SHAKEN, kinds=LEARNED):
+    """The models of some kinds, read from a folder if they are there."""
     found = {}
-    for name, make in LEARNED.items():
+    for name in kinds:
+        make = LEARNED[name]
         path = folder / f"{name}.pkl"
         if not path.exists():
             begin, models = time.time(), learn(loads, make, n_shaken)
@@ -125,14 +140,13 @@ def learned(loads, folder, n_shaken=N_SHAKEN):
 
 
 def controllers(models, loads, deviations):
-    """What is compared, by name."""
-    rigid = least_squares(loads[:SECOND])
-    described, alone, labelled = map(
-        compile_predictor, (models["described"], models["alone"], models["labelled"])
-    )
+    """What is compared, by name; not all kinds of models need be there."""
+    compiled = {kind: compile_predictor(of) for kind, of in models.items()}
+    described, labelled = map(compiled.get, ("described", "labelled"))
     light, known = loads[FIRST], loads[:SECOND]
-    regression = Regression(alone, described.descriptors)
-    first = described.tasks[FIRST]
+    first = next(iter(compiled.values())).tasks[FIRST]
+    rigid = cache(lambda: least_squares(loads[:SECOND]))
+    regression = cache(lambda: Regression(compiled["alone"], described.descriptors))
     return {
         "PD alone": Controller,
         "rigid bodies, empty hand": RigidBodies,
@@ -142,8 +156,10 @@ def controllers(models, loads, deviations):
         "mGP, partial_fit": lambda: Joining(
             labelled, models["labelled"], deviations, first
         ),
-        "GP of each load, regression": lambda: Tracking(regression, light, deviations),
-        "rigid bodies, least squares": lambda: Tracking(rigid, light, deviations),
+        "GP of each load, regression": lambda: Tracking(
+            regression(), light, deviations
+        ),
+        "rigid bodies, least squares": lambda: Tracking(rigid(), light, deviations),
         "mGP, tracked load": lambda: Tracking(described, light, deviations),
         "true equations, told the load": lambda: Exact(light),
     }
@@ -239,7 +255,7 @@ def main():
     args = parser.parse_args()
     puma = load_puma560(n_per_load=20, descriptors="inertial")
     loads = puma.loads.iloc[:, -10:].to_numpy(float)
-    models = learned(loads[:SECOND], args.models, args.shaken)
+    models = learned(loads[:SECOND], args.models, args.shaken, needed(args.only))
     compared = controllers(models, loads, puma.target.std(axis=0))
     compared = {name: compared[name] for name in args.only or compared}
     gc.collect()

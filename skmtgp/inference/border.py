@@ -49,6 +49,8 @@ class BorderLikelihood:
     error : float, default=0.0
         Variance of an error of the model, a function of the novel task, relative to the
         prior variance of the task.
+    inflation : float, default=1.0
+        Of the covariance of the novel task given the others, without noise and error.
 
     Attributes
     ----------
@@ -78,6 +80,7 @@ class BorderLikelihood:
         equal=0.0,
         trend=None,
         error=0.0,
+        inflation=1.0,
     ):
         terms = [(factor, own, shared, equal)]
         if isinstance(factor, list):
@@ -98,6 +101,15 @@ class BorderLikelihood:
         self.signs = np.ones((self.halves.shape[1], 1))
         if trend is not None:
             self._add_trend(posterior.coefficients, trend)
+        if inflation != 1.0:
+            self._inflate(inflation)
+
+    def _inflate(self, inflation):
+        """Take a larger covariance given the old tasks, with the same error."""
+        self.with_error = 1.0 + (self.with_error - 1.0) / inflation
+        self.K_x, self.level = inflation * self.K_x, inflation * self.level
+        self.halves = np.sqrt(inflation) * self.halves
+        self.half_of_fixed = np.sqrt(inflation) * self.half_of_fixed
 
     def _add_trend(self, coefficients, T):
         """Take account of a trend, of known coefficients or of the new task's own."""

@@ -101,11 +101,20 @@ class Posterior(WithCoefficients, ABC):
         prior, values = likelihood.prior, likelihood.prior.values(theta)
         self.prior, self.theta = prior, theta
         self.kernel, self.K_rho = prior.kernel_at(theta), prior.K_rho_at(theta)
-        self.bound = prior.node.bind(values.kernel, likelihood.inputs)
         self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = likelihood.noise_of_rows(values.noise)
         self._set_largest()
+
+    @cached_property
+    def bound(self):
+        """The fast form of k^x between any rows and the training inputs.
+
+        It is made when it is asked for: a stream of rows may make many posteriors, and
+        predict by few.
+        """
+        prior = self.prior
+        return prior.node.bind(prior.values(self.theta).kernel, self.inputs)
 
     @cached_property
     def largest_of_k(self):

@@ -42,6 +42,8 @@ class Output(NamedTuple):
         F.
     row : pair of ndarrays of shape (rank,) and (rank, n_u)
         c and A, of which the row of another task is c + A u.
+    inflation : float
+        How much larger the variance of another task is than the posterior's.
     """
 
     posterior: Posterior
@@ -51,6 +53,7 @@ class Output(NamedTuple):
     error: float
     factor: np.ndarray
     row: tuple[np.ndarray, np.ndarray]
+    inflation: float = 1.0
 
     @property
     def prior(self):
@@ -71,6 +74,7 @@ class Output(NamedTuple):
             shared=self.prior.shared_loading(theta),
             equal=self.unshared(),
             error=self.error,
+            inflation=self.inflation,
         )
 
     def unshared(self):
@@ -117,10 +121,11 @@ class Output(NamedTuple):
         means, halves = self.posterior.latent(self.X, factor)
         second = np.outer(c, c) + spread
         told = np.einsum("ab,aij,bij->j", second, halves, halves, optimize=True)
-        prior = (1.0 + self.error) * (np.trace(second) + self.unshared())
-        variance = prior * self._diagonal()
+        prior = (np.trace(second) + self.unshared()) * self._diagonal()
+        variance = np.maximum(prior - told, 0.0) + self.posterior.level
+        variance = self.inflation * variance + self.error * prior
         variance += np.einsum("ai,ab,bi->i", means, spread, means)
-        return c @ means, np.maximum(variance - told, 0.0) + self.posterior.level
+        return c @ means, variance
 
 
 class Found(NamedTuple):

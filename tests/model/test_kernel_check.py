@@ -25,6 +25,7 @@ from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
 )
+from skmtgp.model._nodes import compile_kernel, is_foreign
 from skmtgp.model.kernel_check import SAMPLED, check_covariance, check_kernel
 
 
@@ -409,3 +410,22 @@ def test_spherical_of_many_features():
     with pytest.raises(ValueError, match=r"up to three features, not on 4\. Give it"):
         PooledGP(1.0 * Spherical()).fit(X, y)
     PooledGP(1.0 * Columns(Spherical(), [0, 1, 2]), max_iter=0).fit(X, y)
+
+
+class Lopsided(RBF):
+    """A user's kernel, which is another one between two sets of rows."""
+
+    def __call__(self, X, Y=None, eval_gradient=False):
+        found = super().__call__(X, Y, eval_gradient)
+        return found if Y is None else 2.0 * found
+
+
+def test_rows_that_join_are_compared_where_a_part_is_the_users():
+    X = np.random.default_rng(0).standard_normal((6, 2))
+    for inner, foreign in [(Lopsided(), True), (RBF(), False)]:
+        kernel = Columns(inner, [0]) ** 2.0 + RBF()
+        assert is_foreign(compile_kernel(kernel)) == foreign
+    check_covariance(kernel, X, compile_kernel(kernel))
+    kernel = Columns(Lopsided(), [0]) + RBF()
+    with pytest.raises(ValueError, match="contradicts itself"):
+        check_covariance(kernel, X, compile_kernel(kernel))

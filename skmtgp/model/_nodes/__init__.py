@@ -17,7 +17,12 @@ each element of theta. Arrays that last until then may be made by the caller, wh
 ``form_of`` says which kernels are folded together.
 """
 
-from skmtgp.model._nodes.expressions import NODES, UnknownNode, compile_kernel
+from skmtgp.model._nodes.expressions import (
+    NODES,
+    UnknownNode,
+    compile_kernel,
+    is_foreign,
+)
 from skmtgp.model._nodes.folds import fold, form_of
 from skmtgp.model._nodes.inputs import contract_inputs
 from skmtgp.model._nodes.memory import count_arrays, count_elements
@@ -35,4 +40,5 @@ __all__ = [
     "count_elements",
     "fold",
     "form_of",
+    "is_foreign",
 ]

@@ -267,3 +267,17 @@ def compile_kernel(kernel):
     if type(kernel) is Matern and kernel.nu in MATERN:
         return MATERN[kernel.nu](kernel)
     return NODES.get(type(kernel), UnknownNode)(kernel)
+
+
+def is_foreign(node):
+    """Whether a kernel has a part that is evaluated by itself, such as a user's.
+
+    Parameters
+    ----------
+    node : Node
+        Its fast form.
+    """
+    if type(node) is UnknownNode:
+        return True
+    inner = [node.inner] if hasattr(node, "inner") else []
+    return any(map(is_foreign, [*getattr(node, "parts", ()), *inner]))

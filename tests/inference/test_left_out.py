@@ -1,0 +1,101 @@
+"""Tasks that are left out, at the hyperparameters that were learned with them."""
+
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp import MultiTaskGPRegressor
+from skmtgp.inference.left_out import excess, inflation
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning"),
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+]
+M, N = 8, 12
+RNG = np.random.default_rng(0)
+TASK, STATES = np.repeat(np.arange(M), N), RNG.uniform(0.0, 6.0, M * N)
+AGE, SIZE = RNG.uniform(1.0, 5.0, (2, M))
+
+
+def fitted(noise, inference="dense"):
+    """A model of tasks that are linear in two descriptors."""
+    X = np.column_stack([STATES, AGE[TASK], SIZE[TASK], TASK])
+    y = AGE[TASK] * np.sin(STATES) + SIZE[TASK] * np.cos(2.0 * STATES)
+    y = y + noise * np.random.default_rng(1).standard_normal(len(y))
+    model = MultiTaskGPRegressor(
+        RBF(1.0),
+        rank=2,
+        task_descriptors=[1, 2],
+        task_levels=False,
+        normalize_y=False,
+        learning="staged",
+        max_iter=40,
+        inference=inference,
+        n_inducing=40,
+    )
+    return model.fit(X, y)
+
+
+@pytest.fixture(scope="module")
+def models():
+    return {noise: fitted(noise) for noise in (0.0, 0.3)}
+
+
+def of_model(model):
+    """Its likelihood, and theta."""
+    return model._likelihoods[0], model._posteriors[0].theta
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_by_conditioning_on_the_other_tasks(models, noise):
+    likelihood, theta = of_model(models[noise])
+    K = likelihood.prior.covariance(theta, likelihood.X, likelihood.tasks)
+    variance = likelihood.prior.values(theta).noise[0]
+    of_noise, squares = np.empty((2, len(K)))
+    for task in range(M):
+        i, others = likelihood.tasks == task, likelihood.tasks != task
+        K_others = K[np.ix_(others, others)] + variance * np.eye(others.sum())
+        solved = np.linalg.solve(K_others, K[np.ix_(others, i)])
+        v = np.diagonal(K)[i] - np.einsum("ij,ij->j", K[np.ix_(others, i)], solved)
+        error = likelihood.y[i] - likelihood.y[others] @ solved
+        squares[i] = np.square(error) / (v + variance)
+        of_noise[i] = variance / (v + variance)
+    design = np.column_stack([1.0 - of_noise, of_noise]) / np.sqrt(N)
+    design, told = np.vstack([design, [1.0, 0.0]]), np.append(squares / np.sqrt(N), 0.7)
+    expected = nnls(design, told)[0][0]
+    assert excess(likelihood, theta, 0.7) == pytest.approx(expected, rel=0.02)
+
+
+def test_rows_that_are_all_noise_tell_nothing(models):
+    likelihood, theta = of_model(models[0.3])
+    theta = theta.copy()
+    theta[likelihood.prior.of_factor] = 0.0
+    assert excess(likelihood, theta, 0.7) == pytest.approx(0.7)
+
+
+def test_it_is_akaikes_final_prediction_error(models):
+    likelihood, theta = of_model(models[0.0])
+    told = excess(likelihood, theta, (M - 3) / M)
+    expected = max(1.0, told * (M + 3) / (M - 3))
+    assert inflation(likelihood, theta, M, 3) == pytest.approx(expected)
+    assert np.isfinite(inflation(likelihood, theta, M, M))
+    assert inflation(likelihood, theta, M, 0) >= 1.0
+
+
+def test_targets_that_are_further_off_tell_of_more(models):
+    likelihood, theta = of_model(models[0.0])
+    before, y = excess(likelihood, theta), likelihood.y
+    try:
+        likelihood.y = y + 0.1 * np.random.default_rng(2).standard_normal(len(y))
+        assert excess(likelihood, theta) > 10.0 * before
+    finally:
+        likelihood.y = y
+
+
+def test_some_of_many_rows_and_inducing_inputs(models, monkeypatch):
+    likelihood, theta = of_model(models[0.3])
+    whole = inflation(likelihood, theta, M, 3)
+    monkeypatch.setattr("skmtgp.inference.left_out.MOST_ROWS", 60)
+    assert inflation(likelihood, theta, M, 3) == pytest.approx(whole, rel=1.0)
+    assert inflation(*of_model(fitted(0.3, "sparse")), M, 3) >= 1.0

@@ -2,13 +2,13 @@
 
 Where a rank ends below a lower one, it is learned again from that mode, with columns
 added; where a higher rank has found more, its mode is cut to the lower rank and learned
-on.
+on. A rank that is learned alone may take the next one along for that.
 """
 
 import numpy as np
 
 from skmtgp.exceptions import NotPositiveDefiniteError
-from skmtgp.learning.climbing import climb
+from skmtgp.learning.climbing import annealed, climb
 from skmtgp.learning.problem import best_of
 
 
@@ -37,6 +37,36 @@ def descend(problems, modes):
             again = climb(problem, start, known=known)
             modes[k] = best_of([modes[k], higher.led_to(again)])
     return modes
+
+
+def detour(problem, start, mode):
+    """Learn the next rank from a start, and this one from its mode, cut.
+
+    With one more column there are ways around poor modes of data without noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    start : Start
+        The likeliest one.
+    mode : Mode
+        What it, and others, have led to.
+
+    Returns
+    -------
+    mode : Mode
+        Not worse. The same where the data are noisy, or where there is no next rank.
+    """
+    form, doubt = problem.prior.task_covariance, problem.tuning.doubt
+    if problem.is_noisy(mode) or form.rank == form.factor_shape[0]:
+        return mode
+    higher = problem.with_form(form.with_rank(form.rank + 1))
+    above = annealed(higher, start.theta(higher)).mode
+    if above.value < mode.value + doubt:
+        return mode.counting([above])
+    cut = problem.with_noise(_cut(problem.prior, higher, above))
+    return best_of([mode, above.led_to(climb(problem, cut))], doubt=doubt)
 
 
 def _cut(prior, higher, mode):

@@ -1,6 +1,11 @@
+import building
 import numpy as np
 import pytest
+import textbook
 from drawn import (
+    FACTOR,
+    KERNEL,
+    TRUTH,
     M,
     is_stationary,
     mode_at,
@@ -12,8 +17,9 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.learning import nesting
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.nesting import descend, nest, with_columns
-from skmtgp.model.task_covariance import low_rank
+from skmtgp.learning.nesting import descend, detour, nest, with_columns
+from skmtgp.learning.stages import first_stage
+from skmtgp.model.task_covariance import identity, low_rank
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["plain", "diagonal"])
@@ -150,6 +156,56 @@ class TestDescend:
         falling = [mode._replace(value=-float(k)) for k, mode in enumerate(rising)]
         better = descend(pose_each(data, forms), falling)
         assert all(a is b for a, b in zip(better, falling, strict=True))
+
+
+class TestDetour:
+    """Past a deliberately bad mode of data with little noise."""
+
+    @pytest.fixture
+    def problem(self):
+        kernel = KERNEL.clone_with_theta(TRUTH)
+        rng = np.random.default_rng(3)
+        X, tasks = rng.uniform(-2.0, 2.0, (36, 2)), np.repeat(np.arange(M), 12)
+        K = textbook.covariance(kernel, FACTOR @ FACTOR.T, 1e-9, X, tasks)
+        y = np.linalg.cholesky(K) @ rng.standard_normal(36)
+        bounds = np.log([1e-10, 10.0])
+        return pose(
+            building.data(X, tasks, y, M),
+            low_rank(M, 1),
+            log_noise_bounds=tuple(bounds),
+        )
+
+    @pytest.fixture
+    def start(self, problem):
+        return first_stage(problem.with_form(identity(M)))
+
+    def test_finds_what_the_mode_missed(self, problem, start):
+        theta = problem.theta(K_rho=np.eye(M), log_noise=np.log(1e-6))
+        poor = mode_at(problem, np.r_[theta[:-1] - 1.0, theta[-1]])
+        found = detour(problem, start, poor)
+        assert found.value > poor.value + 10.0
+        assert found.n_evaluations > poor.n_evaluations
+        value = problem.likelihood().value(found.theta)
+        np.testing.assert_allclose(found.value, value, rtol=1e-8)
+
+    def test_ends_early_where_the_next_rank_has_no_more(
+        self, problem, start, monkeypatch
+    ):
+        theta = problem.theta(log_noise=np.log(1e-6))
+        good = mode_at(problem, theta)._replace(value=1e6)
+        monkeypatch.setattr(nesting, "_cut", None)  # is not called
+        found = detour(problem, start, good)
+        assert found.value == good.value
+        assert found.n_evaluations > good.n_evaluations
+
+    def test_of_full_rank_there_is_none(self, problem, start):
+        full = problem.with_form(low_rank(M, M))
+        mode = mode_at(full, full.theta())
+        assert detour(full, start, mode) is mode
+
+    def test_noisy_data_need_none(self, problem, start):
+        noisy = mode_at(problem, problem.theta(log_noise=np.log(0.3)))
+        assert detour(problem, start, noisy) is noisy
 
 
 class TestWhatIsNoPart:

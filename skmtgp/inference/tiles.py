@@ -104,10 +104,12 @@ class TiledLikelihood(Likelihood):
         jobs = [(*block, *of) for block, of in zip(self.blocks, kept, strict=True)]
         return map_threads(function, jobs)
 
-    def _halve(self, G, rows, cols):
-        """Leave of a tile what one triangle takes, and half of the diagonal."""
-        if rows == cols:
-            G *= self.upper[: len(G), : len(G)]
+    def _halved(self, G, rows, cols):
+        """Of a tile what one triangle takes, and half of the diagonal.
+
+        The tiles on the diagonal are copies; the others are as they were.
+        """
+        return G * self.upper[: len(G), : len(G)] if rows == cols else G
 
 
 class Workspace:

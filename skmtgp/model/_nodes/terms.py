@@ -110,7 +110,7 @@ class Node:
             The gradient.
         """
         of_free = [gradients[name] for name in self.free]
-        return np.concatenate([np.empty(0), *of_free], axis=None)
+        return np.concatenate(of_free, axis=None) if of_free else np.empty(0)
 
 
 class Bound:

@@ -1,5 +1,7 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+from itertools import chain
+
 import numpy as np
 from scipy.linalg.blas import dsyr, dsyrk
 
@@ -10,10 +12,9 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.flat import Flat
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
-from skmtgp.inference.tiles import TiledLikelihood
+from skmtgp.inference.tiles import TasksOfTile, TiledLikelihood
 from skmtgp.model.several import BoundSeveral
 
-FEW = 16  # tasks of a tile: their sums, as a product, take half to 0.85 of the time
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
 
 
@@ -31,7 +32,8 @@ class DenseLikelihood(TiledLikelihood):
         self.basis = prior.trend and prior.trend.basis(X, tasks)
         if self.basis is not None and not self.basis.rank:  # zero at some of the rows
             self.basis = None
-        self.parts = {tile.start: TasksOfTile(tasks[tile]) for tile in self.tiles}
+        sides = chain.from_iterable(self.blocks)
+        self.parts = {(of.start, of.stop): TasksOfTile(tasks[of]) for of in sides}
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -122,13 +124,17 @@ class DenseLikelihood(TiledLikelihood):
 
     def _blocks_of_tasks(self, tile, rows, cols):
         """The parts of a tile that are between samples of the same task."""
-        of_rows, of_cols = self.parts[rows.start].ranges, self.parts[cols.start].ranges
+        of_rows, of_cols = self._tasks_of(rows).ranges, self._tasks_of(cols).ranges
         for task in of_rows.keys() & of_cols.keys():
             yield tile[of_rows[task], of_cols[task]]
 
+    def _tasks_of(self, side):
+        """Which tasks the rows or the columns of a tile have."""
+        return self.parts[side.start, side.stop]
+
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""
-        rows, cols = self.parts[rows.start], self.parts[cols.start]
+        rows, cols = self._tasks_of(rows), self._tasks_of(cols)
         met = K_rho[rows.span, cols.span]  # of many tasks few
         return met.take(cols.places, axis=1).take(rows.places, axis=0)
 
@@ -155,7 +161,7 @@ class DenseLikelihood(TiledLikelihood):
         ):
             d_kernel -= d_tile
             d_level -= d_level_of_tile
-            present = self.parts[rows.start].tasks, self.parts[cols.start].tasks
+            present = self._tasks_of(rows).tasks, self._tasks_of(cols).tasks
             D[:, present[0][:, None], present[1]] -= H
         D = D + D.swapaxes(1, 2)
         D *= 0.5
@@ -169,44 +175,11 @@ class DenseLikelihood(TiledLikelihood):
 
     def _sum_by_task(self, H, rows, cols):
         """Block sums of the tile H, whose rows and columns are sorted by task."""
-        rows, cols = self.parts[rows.start], self.parts[cols.start]
+        rows, cols = self._tasks_of(rows), self._tasks_of(cols)
         if rows.membership is None or cols.membership is None:
             H = np.add.reduceat(H, cols.starts, axis=1)
             return np.add.reduceat(H, rows.starts, axis=0)
         return rows.membership.T @ (H @ cols.membership)
-
-
-class TasksOfTile:
-    """Which tasks the rows of a tile have.
-
-    Parameters
-    ----------
-    tasks : ndarray of shape (n_rows,)
-        Of each row, ascending.
-
-    Attributes
-    ----------
-    tasks : ndarray of shape (n_present,)
-        Those that are there.
-    ranges : dict
-        Where the rows of each of them are.
-    span : slice
-        All tasks from the first to the last of them.
-    places : ndarray of shape (n_rows,)
-        The task of each row, counted from the first.
-    membership : ndarray of shape (n_rows, n_present) or None
-        One for each row and its task, where there are few tasks.
-    """
-
-    def __init__(self, tasks):
-        self.tasks, self.starts = np.unique(tasks, return_index=True)
-        stops = [*self.starts[1:].tolist(), len(tasks)]
-        of_each = map(slice, self.starts.tolist(), stops)
-        self.ranges = dict(zip(self.tasks.tolist(), of_each, strict=True))
-        self.span = slice(tasks[0], tasks[-1] + 1)
-        self.places, self.membership = tasks - tasks[0], None
-        if len(self.tasks) <= FEW:
-            self.membership = np.equal.outer(tasks, self.tasks).astype(float)
 
 
 class DensePosterior(Posterior):

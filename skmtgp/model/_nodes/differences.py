@@ -96,8 +96,8 @@ class Differences:
         np.minimum(e, self.zeros[cols], out=e)  # takes twice as long with a scalar
         if len(self.wide):
             e -= self._half_squares(rows, cols, self.wide)
-        if self.sets[0] is self.sets[1] and rows == cols:
-            e.flat[:: len(e) + 1] = 0.0
+        if self.sets[0] is self.sets[1] and rows.start == cols.start:
+            np.fill_diagonal(e, 0.0)
         if not self.near:
             return e, NONE
         near = np.flatnonzero(e > -0.5 * self.near**2)

@@ -106,12 +106,12 @@ class TiledLikelihood(Likelihood):
         return map_threads(function, jobs)
 
     def _halved(self, G, rows, cols):
-        """Of a tile what one triangle takes, and half of the diagonal.
+        """A copy of what one triangle takes of a tile, with half of the diagonal.
 
-        The tiles on the diagonal are copies; the others are as they were.
+        Row after row it is read faster, and it is read more than once.
         """
         if rows.start != cols.start:
-            return G
+            return G.copy()
         return G * self.upper[: G.shape[0], : G.shape[1]]
 
 

@@ -1,5 +1,7 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+from itertools import chain
+
 import numpy as np
 from scipy.linalg.blas import dsyr, dsyrk
 
@@ -10,7 +12,7 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.flat import Flat
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
-from skmtgp.inference.tiles import TiledLikelihood
+from skmtgp.inference.tiles import TasksOfTile, TiledLikelihood
 from skmtgp.model.several import BoundSeveral
 
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
@@ -30,10 +32,8 @@ class DenseLikelihood(TiledLikelihood):
         self.basis = prior.trend and prior.trend.basis(X, tasks)
         if self.basis is not None and not self.basis.rank:  # zero at some of the rows
             self.basis = None
-        self.present = {
-            tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
-        }
-        self.ranges = {tile.start: self._ranges(tile) for tile in self.tiles}
+        sides = chain.from_iterable(self.blocks)
+        self.parts = {(of.start, of.stop): TasksOfTile(tasks[of]) for of in sides}
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -124,21 +124,19 @@ class DenseLikelihood(TiledLikelihood):
 
     def _blocks_of_tasks(self, tile, rows, cols):
         """The parts of a tile that are between samples of the same task."""
-        of_rows, of_cols = self.ranges[rows.start], self.ranges[cols.start]
+        of_rows, of_cols = self._tasks_of(rows).ranges, self._tasks_of(cols).ranges
         for task in of_rows.keys() & of_cols.keys():
             yield tile[of_rows[task], of_cols[task]]
 
-    def _ranges(self, part):
-        """Where the samples of each task are in a part of the rows."""
-        tasks, starts = map(np.ndarray.tolist, self.present[part.start])
-        stops = [*starts[1:], part.stop - part.start]
-        return dict(zip(tasks, map(slice, starts, stops), strict=True))
+    def _tasks_of(self, side):
+        """Which tasks the rows or the columns of a tile have."""
+        return self.parts[side.start, side.stop]
 
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""
-        rows, cols = self.tasks[rows], self.tasks[cols]
-        met = K_rho[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]  # of many tasks few
-        return met.take(cols - cols[0], axis=1).take(rows - rows[0], axis=0)
+        rows, cols = self._tasks_of(rows), self._tasks_of(cols)
+        met = K_rho[rows.span, cols.span]  # of many tasks few
+        return met.take(cols.places, axis=1).take(rows.places, axis=0)
 
     def _contract(self, bound, K_rho, tapes, G):
         """Gradients by the kernel's theta, K^rho and the levels' variance.
@@ -148,8 +146,7 @@ class DenseLikelihood(TiledLikelihood):
         """
 
         def contract(rows, cols, K_x, tape):
-            of_tile = G[rows, cols].copy()  # row after row: faster, more than once
-            self._halve(of_tile, rows, cols)  # the lower half is anything
+            of_tile = self._halved(G[rows, cols], rows, cols)  # below is anything
             d_level = self._sum_within_tasks(of_tile, rows, cols)
             H = [self._sum_by_task(of_tile * of_term, rows, cols) for of_term in K_x]
             W = [self._between(of_tasks, rows, cols) for of_tasks in K_rho]
@@ -164,7 +161,7 @@ class DenseLikelihood(TiledLikelihood):
         ):
             d_kernel -= d_tile
             d_level -= d_level_of_tile
-            present = self.present[rows.start][0], self.present[cols.start][0]
+            present = self._tasks_of(rows).tasks, self._tasks_of(cols).tasks
             D[:, present[0][:, None], present[1]] -= H
         D = D + D.swapaxes(1, 2)
         D *= 0.5
@@ -178,8 +175,11 @@ class DenseLikelihood(TiledLikelihood):
 
     def _sum_by_task(self, H, rows, cols):
         """Block sums of the tile H, whose rows and columns are sorted by task."""
-        H = np.add.reduceat(H, self.present[cols.start][1], axis=1)
-        return np.add.reduceat(H, self.present[rows.start][1], axis=0)
+        rows, cols = self._tasks_of(rows), self._tasks_of(cols)
+        if rows.membership is None or cols.membership is None:
+            H = np.add.reduceat(H, cols.starts, axis=1)
+            return np.add.reduceat(H, rows.starts, axis=0)
+        return rows.membership.T @ (H @ cols.membership)
 
 
 class DensePosterior(Posterior):

@@ -678,4 +678,5 @@ def _alone(model, training, X, y, given):
         return None
     names = "alpha", "sample_weight", "repeat_variance"
     known = dict(zip(names, given, strict=True))
-    return Alone(alone.set_params(verbose=0), X, y, **known)
+    levels = model._has_levels()
+    return Alone(alone.set_params(verbose=0), X, y, levels=levels, **known)

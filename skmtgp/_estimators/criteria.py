@@ -26,13 +26,15 @@ class Alone:
         Is fitted. If it draws hyperparameters, it does so once it is chosen.
     X, y : array-like
         Training data.
+    levels : bool, default=False
+        Whether the mean of each task has a prior around the one that is subtracted.
     **known
         What `fit` takes of the noise of rows.
     """
 
-    def __init__(self, estimator, X, y, **known):
+    def __init__(self, estimator, X, y, *, levels=False, **known):
         self.data, self.asked = (X, y), estimator.hyperparameters
-        self.known = known
+        self.levels, self.known = levels, known
         if self.asked in DRAWN:
             estimator.set_params(hyperparameters="mode")
         begin = perf_counter()
@@ -50,13 +52,22 @@ class Alone:
                 warn(message, category)
         return self.estimator
 
-    def leave_out(self):
+    def leave_out(self, _):
         """Log density of each target given the others of its task, summed."""
         return sum(map(_density_of_others, self.estimator.estimators_))
 
-    def evidence(self):
-        """Log evidence by Laplace's method, summed over the tasks."""
-        return sum(map(evidence_of, self.estimator.estimators_))
+    def evidence(self, training):
+        """Log evidence by Laplace's method, summed over the tasks.
+
+        Their priors are in units of each task. Where the other candidates have the same
+        units for all, these count as a parameter of the task, and so does a mean that
+        has no prior.
+        """
+        found = sum(map(evidence_of, self.estimator.estimators_))
+        if training.units.per_task:
+            return found
+        n_more = len(training.Y) * (1 if self.levels else 2)
+        return found - 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
 
 
 def _density_of_others(estimator):
@@ -104,7 +115,7 @@ def tabulate(training, of_forms, modes, alone, criterion):
     if criterion in DENSITIES:
         of_form, of_alone = DENSITIES[criterion]
         scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
-        beside = [] if alone is None else [of_alone(alone)]
+        beside = [] if alone is None else [of_alone(alone, training)]
         densities = np.append(np.array(scaled) + jacobian.sum(), beside)
         table[criterion] = -2.0 * densities
     table["fit_time"] = seconds

@@ -6,7 +6,6 @@ lower one. Forms that eq. 8 will not choose are left out then.
 """
 
 from contextlib import suppress
-from math import comb, log
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ from skmtgp.learning.ranks import (
 from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.stages import follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
+from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches
@@ -115,19 +115,11 @@ def worth(problem, mode, times=1.0):
 
 
 def uncounted(problem, mode):
-    """How many numbers of a diagonal have vanished, and what it costs that they may.
-
-    Which numbers these are is chosen, too, and any choice of as many is as likely
-    beforehand (Chen and Chen 2008, extended BIC): the logarithm of how many there are.
-    """
-    prior = problem.prior
-    form = prior.task_covariance
-    if not (isinstance(form, WithDiagonal) and form.n_kappa > 1):
-        return 0, 0.0
-    rho = prior.values(mode.theta).rho
-    own = np.exp(rho[-form.n_kappa :]) / np.diagonal(form.matrix(rho))
-    vanished = int(np.count_nonzero(own < problem.tuning.vanishing))
-    return vanished, log(comb(form.n_kappa, vanished))
+    """How many numbers of a diagonal have vanished, and what it costs that they may."""
+    n_vanished = np.count_nonzero(
+        vanished(problem.prior, mode.theta, problem.tuning.vanishing)
+    )
+    return n_vanished, price_of_choice(problem.prior, n_vanished)
 
 
 def with_own_part(problems, modes, n_jobs=None):

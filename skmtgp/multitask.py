@@ -621,7 +621,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             options = {"n_jobs": self.n_jobs, "progress": progress}
             return learn_best(problems, forms, seeds=self._seeds(), **options)
         modes = self._learn_ranks(problems, forms, progress)
-        return chosen(problems, forms, list(zip(*modes, strict=True)))
+        modes = list(zip(*modes, strict=True))
+        return chosen(problems, forms, modes, self.n_jobs)
 
     def _seeds(self):
         """One for each additional start."""

@@ -11,7 +11,7 @@ from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.evidence import evidence_around
-from skmtgp.learning.shortlisting import uncounted
+from skmtgp.learning.weighing import uncounted
 
 ALONE = "single tasks"
 DRAWN = "sampled", "auto"  # what may draw hyperparameters

@@ -1,4 +1,4 @@
-"""Numbers of a diagonal of K^rho that have vanished, and what it costs that they may."""
+"""Numbers of a diagonal of K^rho that have vanished, and what that costs."""
 
 from math import comb, log
 

@@ -344,7 +344,7 @@ def _lost_noise(problems, sketches, likely, modes):
     if len(likely) == len(sketches[0]):
         return False
     return any(
-        of[j].is_noisy and not problem.is_noisy(mode)
+        of[j].is_noisy and not problem.with_form(of[j].form).is_noisy(mode)
         for problem, of, learned in zip(problems, sketches, modes, strict=True)
         for j, mode in zip(likely, learned, strict=True)
     )

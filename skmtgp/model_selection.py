@@ -19,7 +19,7 @@ from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.known import weighed_rows
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
-from skmtgp._estimators.criteria import ALONE, Alone, tabulate
+from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide_rest
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.forms import SIMPLER
@@ -186,7 +186,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         "estimator": [MultiTaskGPRegressor, None],
         "ranks": ["array-like", None],
         "simpler": [StrOptions({"auto"}), "boolean"],
-        "criterion": [StrOptions({"bic", "aic", "hqc", "loo", "laplace"})],
+        "criterion": [StrOptions({"auto", "bic", "aic", "hqc", "loo", "laplace"})],
         "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -198,7 +198,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         *,
         ranks: ArrayLike | None = None,
         simpler: Literal["auto"] | bool = "auto",
-        criterion: Literal["bic", "aic", "hqc", "loo", "laplace"] = "bic",
+        criterion: Literal["auto", "bic", "aic", "hqc", "loo", "laplace"] = "auto",
         keep_estimators: bool = False,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -320,7 +320,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
-        table = tabulate(training, of_forms, modes, alone, self.criterion)
+        criterion = criterion_of(self.criterion, of_forms, modes)
+        options = criterion, model.n_jobs
+        table = tabulate(training, of_forms, modes, alone, *options)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
         makes = [
             partial(_fitted, model, training, *of)
@@ -329,12 +331,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
         # one that could not be computed is not chosen
-        best = int(np.argmin(np.nan_to_num(table[self.criterion], nan=np.inf)))
+        best = int(np.argmin(np.nan_to_num(table[criterion], nan=np.inf)))
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
+        self.criterion_ = criterion
         if model.verbose:
-            say(f"chosen by {self.criterion.upper()}: {names[best]}")
+            say(f"chosen by {criterion.upper()}: {names[best]}")
         kept = range(len(names)) if self.keep_estimators else [best]
         fitted = {k: makes[k]() for k in kept}
         self.best_estimator_ = fitted[best]

@@ -195,5 +195,5 @@ class RankSelectionDisplay(Display):
                 f"{type(search).__name__} has compared no ranks: fit a RankSearchIC."
             )
         display = cls(results=search.results_, best_rank=search.best_rank_)
-        criteria = search.criterion if criteria is None else criteria
+        criteria = search.criterion_ if criteria is None else criteria
         return display.plot(ax=ax, criteria=criteria)

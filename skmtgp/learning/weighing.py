@@ -14,6 +14,7 @@ from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.hyperprior import Hyperprior
+from skmtgp.model.several import terms_of
 
 REACH = 5.0  # nats an output: no more did eq. 8 miss by, on drawn data
 MOST = 100  # hyperparameters of an output: with more the evidence takes too long
@@ -66,35 +67,53 @@ def penalties(problems, modes):
     )
 
 
-def in_reach(worths, n_outputs):
-    """Which candidates are near the best; a mask.
+def near_best(problems, modes):
+    """Positions of the forms near the best, by eq. 8 and the prior of the noise.
 
     Parameters
     ----------
-    worths : array-like of shape (n_candidates,)
-        By eq. 8, less the penalty of the noise, summed over the outputs.
-    n_outputs : int
-        Of which they are.
+    problems, modes
+        See `penalties`.
+
+    Returns
+    -------
+    positions : list of int
     """
-    worths = np.nan_to_num(worths, nan=-np.inf)
-    return worths >= worths.max() - REACH * n_outputs
+    worths = worths_of(problems, modes) - penalties(problems, modes)
+    least = np.nanmax(worths) - REACH * len(problems[0])
+    return np.flatnonzero(worths >= least).tolist()
+
+
+def worths_of(problems, modes):
+    """`worth` of each form, summed over the outputs; an array."""
+    pairs = zip(problems, modes, strict=True)
+    return np.array([sum(map(worth, *of)) for of in pairs])
+
+
+def may_be_weighed(problem):
+    """Whether learning is exact, in memory and of one term, as the evidence needs it."""
+    if not (problem.engine.exact and problem.budget.max_iter):
+        return False
+    several = len(terms_of(problem.prior.task_covariance)) > 1
+    return not (several or is_dask(problem.data.X))
 
 
 def is_weighed(problems, modes):
     """Whether the evidence is to choose among some forms, and not eq. 8.
 
-    It is where learning was exact, in memory and not too large, and where one of the
-    forms has noise: else rows tell the form well, and the Hessian has too few digits.
+    It is where one of them has noise, and none too many hyperparameters. Without noise
+    rows tell the form well, and the Hessian has too few digits.
     """
-    pairs = [list(zip(*of, strict=True)) for of in zip(problems, modes, strict=True)]
-    problem = problems[0][0]
-    if not (problem.engine.exact and problem.budget.max_iter):
-        return False
-    if is_dask(problem.data.X):
-        return False
-    most = max(of.prior.n_hyperparameters for each in problems for of in each)
-    noisy = any(all(of.is_noisy(mode) for of, mode in each) for each in pairs)
-    return noisy and most <= MOST
+    noisy = any(
+        all(problem.is_noisy(mode) for problem, mode in zip(*of, strict=True))
+        for of in zip(problems, modes, strict=True)
+    )
+    return noisy and few_hyperparameters(problems)
+
+
+def few_hyperparameters(problems):
+    """Whether none of some forms has more of them than its Hessian may take."""
+    return all(of.prior.n_hyperparameters <= MOST for each in problems for of in each)
 
 
 def evidences(problems, modes, n_jobs=None):
@@ -140,14 +159,15 @@ def corrections(problems, modes, n_jobs=None):
         The prior of the noise. Forms within reach differ by their evidence instead, so
         that it chooses among them. Zeros where eq. 8 is to choose.
     """
-    worths = [sum(map(worth, *of)) for of in zip(problems, modes, strict=True)]
-    worths, found = np.array(worths), -penalties(problems, modes)
-    near = np.flatnonzero(in_reach(worths + found, len(problems[0])))
+    worths = worths_of(problems, modes)
+    if not may_be_weighed(problems[0][0]):
+        return np.zeros(len(worths))
+    near, found = near_best(problems, modes), -penalties(problems, modes)
     of_near = [problems[k] for k in near], [modes[k] for k in near]
     if not is_weighed(*of_near):
         return np.zeros(len(worths))
     if len(near) > 1:
         told = evidences(*of_near, n_jobs)
-        best = near[np.argmax(told)]
+        best = near[int(np.argmax(told))]
         found[near] = told - told.max() + worths[best] + found[best] - worths[near]
     return found

@@ -73,7 +73,7 @@ class Alone:
         found = sum(map(evidence_of, self.estimator.estimators_))
         if training.units.per_task:
             return found
-        n_more = len(training.Y) * (1 if self.levels else 2)
+        n_more = len(training.units.scale) * (1 if self.levels else 2)
         return found - 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
 
 
@@ -85,12 +85,12 @@ def _density_of_others(estimator):
 def criterion_of(asked, of_forms, modes):
     """The criterion that is to choose: of "auto" laplace where it can, otherwise bic.
 
-    It can where learning is exact and in memory, of one term and few hyperparameters,
-    and where a form near the best has noise.
+    It can where learning is exact, in memory, of one term and few hyperparameters, and
+    where the forms near the best were learned to the end and one of them has noise.
     """
     if asked != "auto":
         return asked
-    if not (may_be_weighed(of_forms[0][0]) and few_hyperparameters(of_forms)):
+    if not (may_be_weighed(of_forms) and few_hyperparameters(of_forms)):
         return "bic"
     near = near_best(of_forms, modes)
     of_near = [of_forms[k] for k in near], [modes[k] for k in near]

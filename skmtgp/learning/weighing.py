@@ -14,7 +14,7 @@ from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.hyperprior import Hyperprior
-from skmtgp.model.several import terms_of
+from skmtgp.model.several import Forms
 
 REACH = 5.0  # nats an output: no more did eq. 8 miss by, on drawn data
 MOST = 100  # hyperparameters of an output: with more the evidence takes too long
@@ -90,25 +90,26 @@ def worths_of(problems, modes):
     return np.array([sum(map(worth, *of)) for of in pairs])
 
 
-def may_be_weighed(problem):
-    """Whether learning is exact, in memory and of one term, as the evidence needs it."""
-    if not (problem.engine.exact and problem.budget.max_iter):
-        return False
-    several = len(terms_of(problem.prior.task_covariance)) > 1
-    return not (several or is_dask(problem.data.X))
+def may_be_weighed(problems):
+    """Whether learning some forms is exact, in memory and of one term."""
+    first = problems[0][0]
+    several = any(isinstance(of.prior.task_covariance, Forms) for of, *_ in problems)
+    return first.engine.exact and not (several or is_dask(first.data.X))
 
 
 def is_weighed(problems, modes):
     """Whether the evidence is to choose among some forms, and not eq. 8.
 
-    It is where one of them has noise, and none too many hyperparameters. Without noise
-    rows tell the form well, and the Hessian has too few digits.
+    It is where all were learned to the end, where one of them has noise, and none too
+    many hyperparameters. Without noise rows tell the form well, and the Hessian has too
+    few digits.
     """
+    learned = all(mode.converged for of in modes for mode in of)
     noisy = any(
         all(problem.is_noisy(mode) for problem, mode in zip(*of, strict=True))
         for of in zip(problems, modes, strict=True)
     )
-    return noisy and few_hyperparameters(problems)
+    return learned and noisy and few_hyperparameters(problems)
 
 
 def few_hyperparameters(problems):
@@ -160,7 +161,7 @@ def corrections(problems, modes, n_jobs=None):
         that it chooses among them. Zeros where eq. 8 is to choose.
     """
     worths = worths_of(problems, modes)
-    if not may_be_weighed(problems[0][0]):
+    if not may_be_weighed(problems):
         return np.zeros(len(worths))
     near, found = near_best(problems, modes), -penalties(problems, modes)
     of_near = [problems[k] for k in near], [modes[k] for k in near]

@@ -52,7 +52,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     By default simpler models are candidates, too: independent tasks, tasks that are
     equally alike, and a model for each task. One candidate is chosen for all outputs.
-    It minimises the criterion, by default
+    It minimises the criterion. With a few hyperparameters and noise this is, by default,
+    "laplace": -2 log p(y), with the hyperparameters integrated out by Laplace's method
+    under a weak prior. Otherwise it is
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
@@ -65,8 +67,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     of observations, summed over the outputs. "aic" and "hqc" (Hannan-Quinn) have 2 and
     2 log log n in place of log n. "loo" is :math:`-2 \sum_i \log p(y_i | y_{-i})`, the
     density of each observation given all others, in units of y and in closed form; it
-    counts no parameters. "laplace" is -2 log p(y), with the hyperparameters integrated
-    out by Laplace's method under a weak prior.
+    counts no parameters.
 
     Parameters
     ----------
@@ -103,10 +104,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         "auto" is True if `ranks` is None and inference is exact. With several kernels
         it is False.
-    criterion : {"bic", "aic", "hqc", "loo", "laplace"}, default="bic"
+    criterion : {"auto", "bic", "aic", "hqc", "loo", "laplace"}, default="auto"
         Criterion that chooses. "loo" takes one more decomposition for each candidate
         and output. It needs the rows, so Dask collections are an error. "laplace" takes
         two more gradients for each hyperparameter of each candidate.
+
+        "auto" is "laplace" if inference is exact, of one kernel and of arrays, if no
+        candidate has more than 100 hyperparameters, and if those within 5 nats of the
+        best by BIC were learned to the end and one has noise. Otherwise it is "bic".
+        The paper has "bic".
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
@@ -121,6 +127,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     best_rank_ : int, or tuple of int
         The chosen rank, 0 for each of the simpler models. With several kernels the rank
         of each term.
+    criterion_ : str
+        The criterion that has chosen.
     best_model_ : str
         Name of the chosen candidate: "rank 2", "shared" for rank 0, or the name of a
         simpler model, see `simpler`.
@@ -133,7 +141,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         - log_marginal_likelihood, of y in its own units, summed over outputs; with
           several outputs also output0_log_marginal_likelihood and so on;
         - n_hyperparameters;
-        - bic, aic, hqc, and loo or laplace if that is the criterion;
+        - bic, aic, hqc, and loo or laplace if that is `criterion_`;
         - fit_time: seconds of computing spent on it, including the first stage that all
           share;
         - chosen: whether it is `best_model_`.
@@ -167,7 +175,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     With "loo" the hyperparameters have seen the observation that is left out, so it may
     choose a larger rank than needed. If several ranks predict nearly equally well, BIC
-    chooses the smallest of them.
+    and the evidence choose the smallest of them.
+
+    The evidence of single tasks has priors in the units of each task. If the other
+    models share their units, these count like parameters: half the logarithm of the
+    number of rows of the task each.
 
     Examples
     --------

@@ -171,7 +171,7 @@ class RankSelectionDisplay(Display):
             Axes to draw on. None makes a new figure.
         criteria : str or sequence of str, default=None
             "bic", "aic", "hqc", "loo" or "laplace". If there are several, the minimum
-            of each is subtracted. None takes the one that the search used.
+            of each is subtracted. None takes `criterion_`, which the search used.
 
         Returns
         -------

@@ -52,9 +52,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     By default simpler models are candidates, too: independent tasks, tasks that are
     equally alike, and a model for each task. One candidate is chosen for all outputs.
-    It minimises the criterion. With a few hyperparameters and noise this is, by default,
-    "laplace": -2 log p(y), with the hyperparameters integrated out by Laplace's method
-    under a weak prior. Otherwise it is
+    It minimises the criterion. By default this is "laplace" if the data have noise and
+    the models not too many hyperparameters: -2 log p(y), with the hyperparameters
+    integrated out by Laplace's method under a weak prior. Otherwise it is
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}

@@ -24,7 +24,7 @@ from skmtgp.learning.ranks import (
 )
 from skmtgp.learning.stages import follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
-from skmtgp.learning.weighing import corrections, worth, worths_of
+from skmtgp.learning.weighing import corrections, penalties, worth, worths_of
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches
@@ -55,7 +55,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     sketches = _sketched(coarse, forms, starts, **options)
     likely = _likely(problems, coarse, sketches, n_jobs)
     kept, modes = _learned(problems, sketches, likely, starts, **options)
-    if _lost_noise(problems, sketches, likely, modes):
+    if _overtaken(problems, sketches, likely, modes):
         likely = list(range(len(sketches[0])))
         kept, modes = _learned(problems, sketches, likely, starts, **options)
     best, of_best = chosen(problems, kept, modes, n_jobs)
@@ -335,18 +335,24 @@ def _learned(problems, sketches, likely, starts, **options):
     return kept, from_starts(problems, kept, starts, **known, **options)
 
 
-def _lost_noise(problems, sketches, likely, modes):
-    """Whether a likely form of noisy data left the noise once it was learned.
+def _overtaken(problems, sketches, likely, modes):
+    """Whether a form that was left out is better than the likely ones turned out.
 
-    Few rows may do that. Then another form is likely, perhaps one that was left out.
+    Once they are learned, they may explain few rows without noise, which is unlikely.
     """
-    if len(likely) == len(sketches[0]):
+    dropped = [k for k in range(len(sketches[0])) if k not in likely]
+    if not dropped or len(sketches[0][0].problem.data) < len(problems[0].data):
         return False
-    return any(
-        of[j].is_noisy and not problem.with_form(of[j].form).is_noisy(mode)
-        for problem, of, learned in zip(problems, sketches, modes, strict=True)
-        for j, mode in zip(likely, learned, strict=True)
-    )
+    kept = [[of[k].problem for of in sketches] for k in likely]
+    others = [[of[k].problem for of in sketches] for k in dropped]
+    left_out = [[of[k].ascent.mode for of in sketches] for k in dropped]
+    learned = list(zip(*modes, strict=True))
+    return _plausible(others, left_out) > _plausible(kept, learned)
+
+
+def _plausible(problems, modes):
+    """The most that some forms are worth, less the penalty of their noise."""
+    return float((worths_of(problems, modes) - penalties(problems, modes)).max())
 
 
 def _finished(problem, ascent):

@@ -11,8 +11,8 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
-from skmtgp.learning.weighing import worth
 from skmtgp.learning.tuning import TUNING
+from skmtgp.learning.weighing import worth
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 

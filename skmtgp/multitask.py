@@ -406,7 +406,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     With ``rank=None`` the candidate with the highest evidence is taken: the likelihood
     with the hyperparameters integrated out under a weak prior, by Laplace's method. It
     is computed of the candidates within 5 nats of the best by BIC and the prior of the
-    noise, which holds noise next to nothing for unlikely. BIC alone chooses if the best
+    noise, to which almost no noise is unlikely. BIC alone chooses if the best
     candidates have no noise, more than 100 hyperparameters or were not learned to the
     end, and in sparse inference. See :doc:`/guide/rank`.
 

@@ -1,9 +1,9 @@
 """Which of several forms of K^rho to take: by eq. 8, and by the evidence.
 
-Eq. 8 prices parameters as if rows were many, and does not mind where there is
-almost no noise, with which models of few rows predict badly. The log evidence minds both, but takes two
-gradients for each hyperparameter. So it is only computed of the forms that are near the
-best by eq. 8 and the prior of the noise.
+Eq. 8 prices parameters as if rows were many, and does not mind where there is almost no
+noise, with which models of few rows predict badly. The log evidence minds both, but
+takes two gradients for each hyperparameter. So it is only computed of the forms that are
+near the best by eq. 8 and the prior of the noise.
 """
 
 import numpy as np

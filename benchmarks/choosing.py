@@ -7,7 +7,9 @@ once. Each criterion then chooses: how often the true rank, and how well what it
 chosen predicts. "density" is the log density of new observations a row, less that of
 the best candidate in hindsight; the rows of a table are medians over the draws.
 
-"laplace" is the evidence by Laplace's method, see skmtgp/learning/evidence.py.
+"laplace" is the evidence by Laplace's method, see skmtgp/learning/evidence.py. At the
+end each criterion is compared with BIC, draw by draw: the mean difference of the
+density, with losses above five counted as five, and its interval by the bootstrap.
 """
 
 import argparse
@@ -19,10 +21,10 @@ import numpy as np
 import pandas as pd
 from ordinary_data import BASE, CLASSES, draw, problem, split
 from ordinary_models import is_right
+from scipy.stats import norm
 from threadpoolctl import threadpool_limits
 
 from skmtgp import RankSearchIC
-from skmtgp._estimators.fitted import evidence_of
 
 SETTINGS = {
     f"{M} tasks of {rows}, rank {rank}": {"n_tasks": M, "rows": rows, "rank": rank}
@@ -30,6 +32,7 @@ SETTINGS = {
     for rank in ranks
     for rows in sizes
 }
+SAME, MOST = 0.01, 5.0  # nats a row: no difference, and the largest that counts
 CRITERIA = "bic", "aic", "hqc", "loo", "laplace"
 
 
@@ -42,9 +45,10 @@ def problem_of(name, seed):
     return draw(rng, **settings)
 
 
-def evidence(model):
-    """The log evidence of a fitted model, in units of y."""
-    return sum(map(evidence_of, getattr(model, "estimators_", [model])))
+def leave_out(model, y):
+    """-2 log density of each row given the others, summed."""
+    mean, std = model.loo_predict(include_noise=True)
+    return -2.0 * norm.logpdf(y, mean, std).sum()
 
 
 def measured(job):
@@ -53,10 +57,10 @@ def measured(job):
     drawn = problem_of(name, seed)
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        search = RankSearchIC(criterion="loo", keep_estimators=True)
+        search = RankSearchIC(criterion="laplace", keep_estimators=True)
         search.fit(drawn.X, drawn.y)
         table = search.results_.assign(setting=name, seed=seed)
-        table["laplace"] = [-2.0 * evidence(model) for model in search.estimators_]
+        table["loo"] = [leave_out(model, drawn.y) for model in search.estimators_]
         found = [predicted(model, drawn) for model in search.estimators_]
     table["density"], table["error"] = zip(*found, strict=True)
     table["right"] = [is_right(of, drawn) for of in table["model"]]
@@ -106,6 +110,27 @@ def report(table):
         print(frame.to_string(float_format="{:.3g}".format))
 
 
+def compare(table):
+    """Print what each criterion gains on BIC, draw by draw."""
+    density = {name: choices(table, name)["density"] for name in CRITERIA}
+    rng, rows = np.random.default_rng(0), {}
+    for name in CRITERIA[1:]:
+        gain = (density[name] - density["bic"]).to_numpy()
+        cut = density[name].clip(lower=-MOST) - density["bic"].clip(lower=-MOST)
+        drawn = cut.to_numpy()[rng.integers(0, len(cut), (10_000, len(cut)))]
+        low, high = np.quantile(drawn.mean(axis=1), [0.025, 0.975])
+        rows[name] = {
+            "gain": cut.mean(),
+            "from": low,
+            "to": high,
+            "better": int((gain > SAME).sum()),
+            "worse": int((gain < -SAME).sum()),
+            "draws": len(gain),
+        }
+    print("\nLog density of new rows, gain on BIC, losses above 5 counted as 5\n")
+    print(pd.DataFrame.from_dict(rows, orient="index").to_string(float_format="%.3f"))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--classes", nargs="+", choices=CLASSES, default=None)
@@ -120,6 +145,7 @@ def main():
     if arguments.output:
         table.to_csv(arguments.output, index=False)
     report(table)
+    compare(table)
 
 
 if __name__ == "__main__":

@@ -59,7 +59,9 @@ def make_models(ranks, n_jobs):
         "sGP": SingleTaskGP(**options),
         "iGP": IndependentGP(**PAPER, **options),
         "pGP": PooledGP(noise="shared", **options),
-        "mGP-BIC": RankSearchIC(MultiTaskGPRegressor(**PAPER), ranks=ranks, **options),
+        "mGP-BIC": RankSearchIC(
+            MultiTaskGPRegressor(**PAPER), ranks=ranks, criterion="bic", **options
+        ),
     }
     return {name: make_inverse_dynamics_regressor(m) for name, m in models.items()}
 

@@ -18,7 +18,7 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
-from skmtgp._estimators.criteria import ALONE, Alone, tabulate
+from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide, decide_rest
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.forms import SIMPLER
@@ -52,7 +52,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     By default simpler models are candidates, too: independent tasks, tasks that are
     equally alike, and a model for each task. One candidate is chosen for all outputs.
-    It minimises the criterion, by default
+    It minimises the criterion. By default this is "laplace" if the data have noise and
+    the models not too many hyperparameters: -2 log p(y), with the hyperparameters
+    integrated out by Laplace's method under a weak prior. Otherwise it is
 
     .. math::
         \mathrm{BIC}(r) = -2 \sum_j \log L_{jr}
@@ -65,8 +67,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     of observations, summed over the outputs. "aic" and "hqc" (Hannan-Quinn) have 2 and
     2 log log n in place of log n. "loo" is :math:`-2 \sum_i \log p(y_i | y_{-i})`, the
     density of each observation given all others, in units of y and in closed form; it
-    counts no parameters. "laplace" is -2 log p(y), with the hyperparameters integrated
-    out by Laplace's method under a weak prior.
+    counts no parameters.
 
     Parameters
     ----------
@@ -103,10 +104,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         "auto" is True if `ranks` is None and inference is exact. With several kernels
         it is False.
-    criterion : {"bic", "aic", "hqc", "loo", "laplace"}, default="bic"
+    criterion : {"auto", "bic", "aic", "hqc", "loo", "laplace"}, default="auto"
         Criterion that chooses. "loo" takes one more decomposition for each candidate
         and output. It needs the rows, so Dask collections are an error. "laplace" takes
         two more gradients for each hyperparameter of each candidate.
+
+        "auto" is "laplace" if inference is exact, of one kernel and of arrays, if no
+        candidate has more than 100 hyperparameters, and if those within 5 nats of the
+        best by BIC were learned to the end and one has noise. Otherwise it is "bic".
+        The paper has "bic".
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
@@ -121,6 +127,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     best_rank_ : int, or tuple of int
         The chosen rank, 0 for each of the simpler models. With several kernels the rank
         of each term.
+    criterion_ : str
+        The criterion that has chosen.
     best_model_ : str
         Name of the chosen candidate: "rank 2", "shared" for rank 0, or the name of a
         simpler model, see `simpler`.
@@ -133,7 +141,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         - log_marginal_likelihood, of y in its own units, summed over outputs; with
           several outputs also output0_log_marginal_likelihood and so on;
         - n_hyperparameters;
-        - bic, aic, hqc, and loo or laplace if that is the criterion;
+        - bic, aic, hqc, and loo or laplace if that is `criterion_`;
         - fit_time: seconds of computing spent on it, including the first stage that all
           share;
         - chosen: whether it is `best_model_`.
@@ -167,7 +175,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     With "loo" the hyperparameters have seen the observation that is left out, so it may
     choose a larger rank than needed. If several ranks predict nearly equally well, BIC
-    chooses the smallest of them.
+    and the evidence choose the smallest of them.
+
+    The evidence of single tasks has priors in the units of each task. If the other
+    models share their units, these count like parameters: half the logarithm of the
+    number of rows of the task each.
 
     Examples
     --------
@@ -186,7 +198,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         "estimator": [MultiTaskGPRegressor, None],
         "ranks": ["array-like", None],
         "simpler": [StrOptions({"auto"}), "boolean"],
-        "criterion": [StrOptions({"bic", "aic", "hqc", "loo", "laplace"})],
+        "criterion": [StrOptions({"auto", "bic", "aic", "hqc", "loo", "laplace"})],
         "keep_estimators": ["boolean"],
         "n_jobs": [Integral, None],
         "verbose": ["verbose"],
@@ -198,7 +210,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         *,
         ranks: ArrayLike | None = None,
         simpler: Literal["auto"] | bool = "auto",
-        criterion: Literal["bic", "aic", "hqc", "loo", "laplace"] = "bic",
+        criterion: Literal["auto", "bic", "aic", "hqc", "loo", "laplace"] = "auto",
         keep_estimators: bool = False,
         n_jobs: int | None = None,
         verbose: int = 0,
@@ -319,7 +331,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
-        table = tabulate(training, of_forms, modes, alone, self.criterion)
+        criterion = criterion_of(self.criterion, of_forms, modes)
+        options = criterion, model.n_jobs
+        table = tabulate(training, of_forms, modes, alone, *options)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
         makes = [
             partial(_fitted, model, training, *of)
@@ -328,12 +342,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
         # one that could not be computed is not chosen
-        best = int(np.argmin(np.nan_to_num(table[self.criterion], nan=np.inf)))
+        best = int(np.argmin(np.nan_to_num(table[criterion], nan=np.inf)))
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
+        self.criterion_ = criterion
         if model.verbose:
-            say(f"chosen by {self.criterion.upper()}: {names[best]}")
+            say(f"chosen by {criterion.upper()}: {names[best]}")
         kept = range(len(names)) if self.keep_estimators else [best]
         fitted = {k: makes[k]() for k in kept}
         self.best_estimator_ = fitted[best]
@@ -677,4 +692,5 @@ def _alone(model, training, X, y, given):
         return None
     names = "alpha", "sample_weight", "repeat_variance"
     known = dict(zip(names, given, strict=True))
-    return Alone(alone.set_params(verbose=0), X, y, **known)
+    levels = model._has_levels()
+    return Alone(alone.set_params(verbose=0), X, y, levels=levels, **known)

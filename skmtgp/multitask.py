@@ -81,8 +81,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         at most the number of tasks, with `task_descriptors` at most one more than the
         number of descriptors.
 
-        None lets BIC choose. `rank_`, `shared_` and `diagonal_` have the choice. The
-        candidates are:
+        None lets the data choose, see Notes. `rank_`, `shared_` and `diagonal_` have
+        the choice. The candidates are:
 
         - independent tasks, one function that all tasks share (rank 0), and compound
           symmetry (see `diagonal`);
@@ -90,8 +90,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           covariance of rank r has about r M parameters for M tasks, and needs four rows
           for each;
         - if the data have noise: a rank less than the best one, with a diagonal. One
-          task may have a function to itself. BIC does not count variances of the
-          diagonal that vanish.
+          task may have a function to itself. Variances of the diagonal that vanish do
+          not count.
 
         With ``max_iter=0``, sparse inference, `task_descriptors` or another `learning`,
         None is the highest rank that has enough rows. For sparse inference the
@@ -114,7 +114,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         task shares with no other. True has a variance for each task, and "equal" has
         one variance for all. ``rank=0, diagonal="equal"`` makes the tasks independent.
         With ``shared=True``, too, it is compound symmetry: any two tasks are equally
-        alike. False with ``rank=None`` leaves it to BIC: `diagonal_` has the choice.
+        alike. False with ``rank=None`` lets the data choose: see `diagonal_`.
         With several terms a list has one value for each.
     task_levels : bool, default=True
         Whether each task has a level: a constant that is added to its function. Levels
@@ -404,6 +404,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     hyperparameters are those of the mode. A list of one kernel is the same as that
     kernel. See :doc:`/guide/terms`.
 
+    With ``rank=None`` the candidate with the highest evidence is taken: the likelihood
+    with the hyperparameters integrated out under a weak prior, by Laplace's method. It
+    is computed of the candidates within 5 nats of the best by BIC and the prior of the
+    noise, to which almost no noise is unlikely. BIC alone chooses if the best
+    candidates have no noise, more than 100 hyperparameters or were not learned to the
+    end, and in sparse inference. See :doc:`/guide/rank`.
+
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only
     :math:`k^x`, and each has its own amplitude and level. It is fitted with shared
@@ -533,7 +540,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         forms = self._forms(problems[0])
         found = self._learn_one(problems, forms, progress)
         if self.verbose and len(forms) > 1:
-            say(f"chosen by BIC: {found[0][0].prior.task_covariance}")
+            say(f"chosen: {found[0][0].prior.task_covariance}")
         return found
 
     def _check_rank(self, term, data):
@@ -606,23 +613,24 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         return super()._foretell(problems, self._n_likely(n_forms))
 
     def _n_likely(self, n_forms):
-        """How many forms of K^rho are learned, of which BIC may compare more."""
+        """How many forms of K^rho are learned, of which it may compare more."""
         several = self.rank is None and self.learning == "annealed"
         several = several and n_forms == 1 and not has_descriptors(self)
         return 2 if several else n_forms
 
     def _compares(self, engine):
-        """Whether BIC compares all ranks, where nobody asked for one."""
+        """Whether all ranks are compared, where nobody asked for one."""
         annealed = self.learning == "annealed"
         return annealed and engine.exact and not has_descriptors(self)
 
     def _learn_one(self, problems, forms, progress):
-        """The problem of each output with the form that BIC chooses, and its mode."""
+        """The problem of each output with the form that is chosen, and its mode."""
         if len(forms) > 1 and self._compares(problems[0].engine):
             options = {"n_jobs": self.n_jobs, "progress": progress}
             return learn_best(problems, forms, seeds=self._seeds(), **options)
         modes = self._learn_ranks(problems, forms, progress)
-        return chosen(problems, forms, list(zip(*modes, strict=True)))
+        modes = list(zip(*modes, strict=True))
+        return chosen(problems, forms, modes, self.n_jobs)
 
     def _seeds(self):
         """One for each additional start."""

@@ -264,10 +264,10 @@ def make_inverse_dynamics_regressor(
         The model: MultiTaskGPRegressor, IndependentGP, PooledGP, SingleTaskGP,
         BayesianLinearRegression, or a RankSearchIC of the first. None is the paper's
         mGP-BIC: ``RankSearchIC(MultiTaskGPRegressor(task_levels=False,
-        normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10))``. The
-        estimator is cloned and keeps its own settings, with two exceptions. If its
-        kernel is None, it gets `kernel`. Its `task_feature` becomes -1, because the
-        features put the load there.
+        normalize_y="shared", noise="shared"), ranks=(2, 4, 5, 6, 8, 10),
+        criterion="bic")``. The estimator is cloned and keeps its own settings, with two
+        exceptions. If its kernel is None, it gets `kernel`. Its `task_feature` becomes
+        -1, because the features put the load there.
     kernel : {"paper", "geometric", "trigonometric", "rigid-body"}, default="paper"
         Kernel and its features:
 
@@ -418,7 +418,9 @@ def _make_kernel(name, n_joints, joint_types):
 def _paper_model():
     """mGP-BIC of section 6: one mean, one unit and one noise variance for all loads."""
     settings = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
-    return RankSearchIC(MultiTaskGPRegressor(**settings), ranks=(2, 4, 5, 6, 8, 10))
+    return RankSearchIC(
+        MultiTaskGPRegressor(**settings), ranks=(2, 4, 5, 6, 8, 10), criterion="bic"
+    )
 
 
 def _model_of(regressor):

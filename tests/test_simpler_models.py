@@ -349,9 +349,14 @@ class TestLaplace:
     def test_it_is_the_evidence_of_each_candidate(self, laplace):
         search, _ = laplace
         found = search.results_["laplace"]
+        n_outputs = search.estimators_[0].y_train_.size // len(
+            search.estimators_[0].y_train_
+        )
         for value, model in zip(found, search.estimators_, strict=True):
             parts = getattr(model, "estimators_", [model])
-            assert value == pytest.approx(-2.0 * sum(map(evidence_of, parts)), rel=1e-6)
+            of_units = n_outputs * 4 * np.log(20) if len(parts) > 1 else 0.0
+            expected = -2.0 * sum(map(evidence_of, parts)) + of_units
+            assert value == pytest.approx(expected, rel=1e-6)
         assert found.argmin() == search.results_["chosen"].argmax()
         assert search.best_model_ == "compound symmetry"
 
@@ -361,8 +366,16 @@ class TestLaplace:
         change = other.results_["laplace"] - search.results_["laplace"]
         np.testing.assert_allclose(change, 2.0 * y.size * np.log(8.0), rtol=1e-3)
 
-    def test_only_if_asked(self, searched):
-        assert "laplace" not in searched[1].results_
+    def test_it_chooses_by_default(self, searched):
+        assert searched[1].criterion_ == "laplace"
+        table = searched[1].results_
+        assert table["laplace"].argmin() == table["chosen"].argmax()
+
+    def test_only_if_asked(self):
+        X, y = DATA["shared"]
+        search = clone(SEARCH).set_params(criterion="bic", **FEW)
+        assert "laplace" not in search.fit(X, y).results_
+        assert search.criterion_ == "bic"
 
     def test_levels_that_vanish_are_not(self):
         """Tasks without levels, whose variance ends anywhere: the others decide."""

@@ -33,7 +33,7 @@ from skmtgp import MultiTaskGPRegressor, RankSearchIC
 
 ranks = [1, 2, 3, 4, 5]
 model = MultiTaskGPRegressor()
-search = RankSearchIC(model, ranks=ranks).fit(X, y)
+search = RankSearchIC(model, ranks=ranks, criterion="bic").fit(X, y)
 table = search.results_.set_index("rank")
 columns = ["log_marginal_likelihood", "n_hyperparameters", "bic", "hqc", "aic"]
 print(table[columns].round(1).to_string())

@@ -33,7 +33,7 @@ from skmtgp import (
 )
 
 paper = {"task_levels": False, "normalize_y": "shared", "noise": "shared"}
-search = RankSearchIC(MultiTaskGPRegressor(**paper), ranks=(2, 4, 5))
+search = RankSearchIC(MultiTaskGPRegressor(**paper), ranks=(2, 4, 5), criterion="bic")
 models = {
     "iGP": make_inverse_dynamics_regressor(IndependentGP(**paper)),
     "mGP-BIC": make_inverse_dynamics_regressor(search),

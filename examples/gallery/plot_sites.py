@@ -50,14 +50,14 @@ X_test, y_test = test.drop(columns="growth"), test["growth"]
 # Two models
 # ----------
 # The first model learns each site alone. The second learns all sites together, with a
-# rank that BIC chooses.
+# rank that the search chooses.
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 
 search = RankSearchIC(MultiTaskGPRegressor(task_feature="site"))
 models = {"each site alone": SingleTaskGP(task_feature="site"), "multi-task": search}
 for model in models.values():
     model.fit(X, y)
-print(f"BIC chooses rank {search.best_rank_}")
+print(f"chosen: rank {search.best_rank_}")
 
 # %%
 # The new site

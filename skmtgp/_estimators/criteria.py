@@ -8,10 +8,17 @@ from sklearn.base import clone
 
 from skmtgp._estimators.fitted import evidence_of, likelihood_at
 from skmtgp._estimators.ranks_of_terms import rank_column
+from skmtgp._numerics.parallel import run
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.evidence import evidence_around
-from skmtgp.learning.shortlisting import uncounted
+from skmtgp.learning.weighing import (
+    few_hyperparameters,
+    is_weighed,
+    may_be_weighed,
+    near_best,
+    uncounted,
+)
 
 ALONE = "single tasks"
 DRAWN = "sampled", "auto"  # what may draw hyperparameters
@@ -26,13 +33,15 @@ class Alone:
         Is fitted. If it draws hyperparameters, it does so once it is chosen.
     X, y : array-like
         Training data.
+    levels : bool, default=False
+        Whether the mean of each task has a prior around the one that is subtracted.
     **known
         What `fit` takes of the noise of rows.
     """
 
-    def __init__(self, estimator, X, y, **known):
+    def __init__(self, estimator, X, y, *, levels=False, **known):
         self.data, self.asked = (X, y), estimator.hyperparameters
-        self.known = known
+        self.levels, self.known = levels, known
         if self.asked in DRAWN:
             estimator.set_params(hyperparameters="mode")
         begin = perf_counter()
@@ -50,13 +59,22 @@ class Alone:
                 warn(message, category)
         return self.estimator
 
-    def leave_out(self):
+    def leave_out(self, _):
         """Log density of each target given the others of its task, summed."""
         return sum(map(_density_of_others, self.estimator.estimators_))
 
-    def evidence(self):
-        """Log evidence by Laplace's method, summed over the tasks."""
-        return sum(map(evidence_of, self.estimator.estimators_))
+    def evidence(self, training):
+        """Log evidence by Laplace's method, summed over the tasks.
+
+        Their priors are in units of each task. Where the other candidates have the same
+        units for all, these count as a parameter of the task, and so does a mean that
+        has no prior.
+        """
+        found = sum(map(evidence_of, self.estimator.estimators_))
+        if training.units.per_task:
+            return found
+        n_more = len(training.units.scale) * (1 if self.levels else 2)
+        return found - 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
 
 
 def _density_of_others(estimator):
@@ -64,7 +82,22 @@ def _density_of_others(estimator):
     return float(norm.logpdf(estimator.y_train_, *found).sum())
 
 
-def tabulate(training, of_forms, modes, alone, criterion):
+def criterion_of(asked, of_forms, modes):
+    """The criterion that is to choose: of "auto" laplace where it can, otherwise bic.
+
+    It can where learning is exact, in memory, of one term and few hyperparameters, and
+    where the forms near the best were learned to the end and one of them has noise.
+    """
+    if asked != "auto":
+        return asked
+    if not (may_be_weighed(of_forms) and few_hyperparameters(of_forms)):
+        return "bic"
+    near = near_best(of_forms, modes)
+    of_near = [of_forms[k] for k in near], [modes[k] for k in near]
+    return "laplace" if is_weighed(*of_near) else "bic"
+
+
+def tabulate(training, of_forms, modes, alone, criterion, n_jobs=None):
     """The table of criteria, one row for each form, and one for single tasks.
 
     Parameters
@@ -79,6 +112,8 @@ def tabulate(training, of_forms, modes, alone, criterion):
         The tasks learned alone, if they are a candidate.
     criterion : str
         The one that chooses: what takes time is only computed for it.
+    n_jobs : int, default=None
+        Processes.
 
     Returns
     -------
@@ -103,14 +138,21 @@ def tabulate(training, of_forms, modes, alone, criterion):
     table |= _information(values.sum(axis=1), np.array(count), np.array(spared), n)
     if criterion in DENSITIES:
         of_form, of_alone = DENSITIES[criterion]
-        scaled = [sum(map(of_form, *of)) for of in zip(of_forms, modes, strict=True)]
-        beside = [] if alone is None else [of_alone(alone)]
-        densities = np.append(np.array(scaled) + jacobian.sum(), beside)
-        table[criterion] = -2.0 * densities
+        scaled = _of_forms(of_form, of_forms, modes, n_jobs)
+        beside = [] if alone is None else [of_alone(alone, training)]
+        table[criterion] = -2.0 * np.append(scaled + jacobian.sum(), beside)
     table["fit_time"] = seconds
     if not training.single_output:
         table |= {_of_output(j): column for j, column in enumerate(values.T)}
     return {name: np.asarray(column) for name, column in table.items()}
+
+
+def _of_forms(density, of_forms, modes, n_jobs):
+    """A log density of each form, summed over the outputs."""
+    pairs = zip(of_forms, modes, strict=True)
+    jobs = [job for of in pairs for job in zip(*of, strict=True)]
+    found = np.array(run(density, jobs, n_jobs=n_jobs))
+    return found.reshape(len(of_forms), -1).sum(axis=1)
 
 
 def _spared(problems, modes, forms):

@@ -1,4 +1,4 @@
-"""Forms of K^rho: those that a user asks for, and those that BIC chooses from."""
+"""Forms of K^rho: those that a user asks for, and those to choose from."""
 
 from skmtgp.model.described import task_covariance
 
@@ -33,7 +33,7 @@ def form_of(term, data, rank):
 
 
 def candidates(term, data, highest):
-    """Forms that BIC chooses from, where the user gave no rank.
+    """Forms to choose from, where the user gave no rank.
 
     Parameters
     ----------

@@ -171,7 +171,7 @@ class RankSelectionDisplay(Display):
             Axes to draw on. None makes a new figure.
         criteria : str or sequence of str, default=None
             "bic", "aic", "hqc", "loo" or "laplace". If there are several, the minimum
-            of each is subtracted. None takes the one that the search used.
+            of each is subtracted. None takes `criterion_`, which the search used.
 
         Returns
         -------
@@ -195,5 +195,5 @@ class RankSelectionDisplay(Display):
                 f"{type(search).__name__} has compared no ranks: fit a RankSearchIC."
             )
         display = cls(results=search.results_, best_rank=search.best_rank_)
-        criteria = search.criterion if criteria is None else criteria
+        criteria = search.criterion_ if criteria is None else criteria
         return display.plot(ax=ax, criteria=criteria)

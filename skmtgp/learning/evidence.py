@@ -12,9 +12,12 @@ from scipy.special import gammaln
 
 from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.learning.tuning import TUNING
+from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.chart import Chart
 from skmtgp.model.hyperprior import Hyperprior
 
+FAR = 3.0  # deviations of the prior, at which a climb begins if it is beyond
 STEP = 1e-4  # of the coordinates, between two gradients
 LEAST_CURVATURE = 0.5  # of a coordinate that nothing tells but the bounds
 
@@ -96,7 +99,7 @@ class Peak(NamedTuple):
         return np.maximum(values, LEAST_CURVATURE), vectors
 
 
-def climb_posterior(likelihood, theta, *, noise_is_held=False, tol=1e-2):
+def climb_posterior(likelihood, theta, *, held=False, noise_is_held=False, tol=1e-2):
     """The mode of the posterior that a climb from theta leads to.
 
     Parameters
@@ -105,6 +108,8 @@ def climb_posterior(likelihood, theta, *, noise_is_held=False, tol=1e-2):
         Of one output.
     theta : ndarray of shape (n_theta,)
         Where the climb begins.
+    held : ndarray of bool of shape (n_theta,), default=False
+        Which logarithms stay where they are, and are no coordinates.
     noise_is_held : bool, default=False
         Whether the noise variances stay where they are.
     tol : float, default=1e-2
@@ -114,7 +119,7 @@ def climb_posterior(likelihood, theta, *, noise_is_held=False, tol=1e-2):
     -------
     peak : Peak
     """
-    hyperprior = Hyperprior(likelihood.prior)
+    hyperprior = Hyperprior(likelihood.prior, held)
     density = LogPosterior(likelihood, hyperprior, Chart(hyperprior, theta))
     x = density.chart.coordinates(theta)
     held = noise_is_held & density.chart.among_logs(likelihood.prior.of_noise)
@@ -160,7 +165,9 @@ def evidence_around(likelihood, theta):
     """The log evidence of the mode of the posterior that a climb from theta leads to.
 
     The noise stays as it was learned, for so the model predicts: noise next to nothing
-    is unlikely, and a climb would leave it.
+    is unlikely, and a climb would leave it. Other variances that are next to nothing
+    are raised, for there the climb would not see where to go. Those of a diagonal that
+    have vanished are no parameters, but which of them they are is chosen.
 
     Parameters
     ----------
@@ -173,8 +180,11 @@ def evidence_around(likelihood, theta):
     -------
     log_evidence : float
     """
+    prior = likelihood.prior
+    held = vanished(prior, theta, TUNING.vanishing)
+    start = Hyperprior(prior, held).near(theta, FAR, ~prior.of_noise)
     with limit_threads(likelihood.side):
-        peak = climb_posterior(likelihood, theta, noise_is_held=True)
+        peak = climb_posterior(likelihood, start, held=held, noise_is_held=True)
         found = log_evidence(peak, peak.curvature()[0])
     likelihood.release()
-    return found
+    return found - price_of_choice(prior, held.sum())

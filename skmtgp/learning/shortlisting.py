@@ -2,11 +2,10 @@
 
 All are sketched first, from a few hundred of the rows: from the likeliest start, and
 compound symmetry from all starts. Ranks ascend until two in a row are worse than a
-lower one. Forms that eq. 8 will not choose are left out then.
+lower one. Forms that will not be chosen are left out then, see :mod:`.weighing`.
 """
 
 from contextlib import suppress
-from math import comb, log
 from typing import NamedTuple
 
 import numpy as np
@@ -23,16 +22,16 @@ from skmtgp.learning.ranks import (
     description,
     from_starts,
 )
-from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.stages import follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
+from skmtgp.learning.weighing import corrections, penalties, worth, worths_of
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches
 
 
 def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
-    """Learn the one of several forms of K^rho that eq. 8 chooses.
+    """Learn the best one of several forms of K^rho.
 
     Parameters
     ----------
@@ -54,9 +53,12 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     forms = _taken(forms, problems[0].engine)
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
-    likely = _likely(problems, coarse, sketches)
+    likely = _likely(problems, coarse, sketches, n_jobs)
     kept, modes = _learned(problems, sketches, likely, starts, **options)
-    best, of_best = chosen(problems, kept, modes)
+    if _overtaken(problems, sketches, likely, modes):
+        likely = list(range(len(sketches[0])))
+        kept, modes = _learned(problems, sketches, likely, starts, **options)
+    best, of_best = chosen(problems, kept, modes, n_jobs)
     found = []
     for mode, others, of, begun in zip(of_best, modes, sketches, starts, strict=True):
         dropped = [of[j].ascent.mode for j in range(len(of)) if j not in likely]
@@ -81,8 +83,8 @@ def _is_taken(form, engine):
     return False
 
 
-def chosen(problems, forms, modes):
-    """The form that eq. 8 chooses, over all outputs.
+def chosen(problems, forms, modes, n_jobs=None):
+    """The form that is best, over all outputs, see :mod:`skmtgp.learning.weighing`.
 
     Parameters
     ----------
@@ -92,6 +94,8 @@ def chosen(problems, forms, modes):
         Forms of K^rho.
     modes : list of list of Mode
         For each output and form.
+    n_jobs : int, default=None
+        Processes.
 
     Returns
     -------
@@ -100,34 +104,11 @@ def chosen(problems, forms, modes):
     modes : list of Mode
         For each output.
     """
-    of_forms = [
-        ([problem.with_form(form) for problem in problems], of_form)
-        for form, of_form in zip(forms, zip(*modes, strict=True), strict=True)
-    ]
-    return max(of_forms, key=lambda of: sum(map(worth, *of)))
-
-
-def worth(problem, mode, times=1.0):
-    """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts."""
-    vanished, choices = uncounted(problem, mode)
-    found = criterion(problem, mode, times)
-    return found + price(vanished, times * len(problem.data)) - choices
-
-
-def uncounted(problem, mode):
-    """How many numbers of a diagonal have vanished, and what it costs that they may.
-
-    Which numbers these are is chosen, too, and any choice of as many is as likely
-    beforehand (Chen and Chen 2008, extended BIC): the logarithm of how many there are.
-    """
-    prior = problem.prior
-    form = prior.task_covariance
-    if not (isinstance(form, WithDiagonal) and form.n_kappa > 1):
-        return 0, 0.0
-    rho = prior.values(mode.theta).rho
-    own = np.exp(rho[-form.n_kappa :]) / np.diagonal(form.matrix(rho))
-    vanished = int(np.count_nonzero(own < problem.tuning.vanishing))
-    return vanished, log(comb(form.n_kappa, vanished))
+    of_forms = [[problem.with_form(form) for problem in problems] for form in forms]
+    learned = list(map(list, zip(*modes, strict=True)))
+    found = corrections(of_forms, learned, n_jobs)
+    best = int(np.argmax(found + worths_of(of_forms, learned)))
+    return of_forms[best], learned[best]
 
 
 def with_own_part(problems, modes, n_jobs=None):
@@ -309,14 +290,19 @@ def _total(of_form):
     return sum(sketch.worth() for sketch in of_form)
 
 
-def _likely(problems, coarse, sketches):
+def _likely(problems, coarse, sketches, n_jobs):
     """Positions of the forms that are near the best, by some or by all rows."""
+    of_forms = list(zip(*sketches, strict=True))
+    of_problems = [[sketch.problem for sketch in of] for of in of_forms]
+    modes = [[sketch.ascent.mode for sketch in of] for of in of_forms]
+    correction = corrections(of_problems, modes, n_jobs)
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
     likely = set()
     for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
         found = np.sum([[of.worth(times) for of in each] for each in sketches], axis=0)
+        found += correction
         near = found >= found.max() - margin
         likely |= set(np.flatnonzero(near).tolist())
     return sorted(_with_lower(likely, sketches))
@@ -347,6 +333,26 @@ def _learned(problems, sketches, likely, starts, **options):
     ascents = run(_finished, jobs, n_jobs=options["n_jobs"])
     known = {"firsts": by_output(ascents, kept), "compared": compared}
     return kept, from_starts(problems, kept, starts, **known, **options)
+
+
+def _overtaken(problems, sketches, likely, modes):
+    """Whether a form that was left out is better than the likely ones turned out.
+
+    Once they are learned, they may explain few rows without noise, which is unlikely.
+    """
+    dropped = [k for k in range(len(sketches[0])) if k not in likely]
+    if not dropped or len(sketches[0][0].problem.data) < len(problems[0].data):
+        return False
+    kept = [[of[k].problem for of in sketches] for k in likely]
+    others = [[of[k].problem for of in sketches] for k in dropped]
+    left_out = [[of[k].ascent.mode for of in sketches] for k in dropped]
+    learned = list(zip(*modes, strict=True))
+    return _plausible(others, left_out) > _plausible(kept, learned)
+
+
+def _plausible(problems, modes):
+    """The most that some forms are worth, less the penalty of their noise."""
+    return float((worths_of(problems, modes) - penalties(problems, modes)).max())
 
 
 def _finished(problem, ascent):

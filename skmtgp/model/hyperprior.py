@@ -28,6 +28,8 @@ class Hyperprior:
     ----------
     prior : Prior
         The model, whose starting values it is around.
+    held : ndarray of bool of shape (n_theta,), default=False
+        Which logarithms are not learned, beside those that the prior holds.
 
     Attributes
     ----------
@@ -37,9 +39,9 @@ class Hyperprior:
         Whether a parameter is learned.
     """
 
-    def __init__(self, prior):
+    def __init__(self, prior, held=False):
         self.prior = prior
-        self.free = np.not_equal(*prior.bounds())
+        self.free = np.not_equal(*prior.bounds()) & ~np.asarray(held)
         self.centre = prior.centre(np.log(SHARE * prior.scale**2))
         width = np.where(prior.of_kernel, OF_KERNEL, OF_VARIANCE)
         logarithms = self.free & ~prior.of_factor
@@ -93,6 +95,28 @@ class Hyperprior:
     def unit(self):
         """Frobenius norm of a factor whose tasks have the targets' deviation."""
         return self.prior.scale * self.prior.factor_unit
+
+    def near(self, theta, deviations, among):
+        """Theta with some logarithms no farther away than so many deviations.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+        deviations : float
+            Of the prior.
+        among : ndarray of bool of shape (n_theta,)
+            Which may be moved.
+
+        Returns
+        -------
+        near : ndarray of shape (n_theta,)
+        """
+        moved = (self.precision > 0.0) & among
+        reach = deviations / np.sqrt(self.precision[moved])
+        near, centre = theta.copy(), self.centre[moved]
+        near[moved] = np.clip(theta[moved], centre - reach, centre + reach)
+        return np.clip(near, *self.prior.bounds())
 
     def draw(self, rng, share=1.0):
         """A draw of theta, within the bounds.

@@ -397,7 +397,9 @@ class TestAuto:
 
         monkeypatch.setattr(model_selection, "tabulate", alone_is_best)
         model = MultiTaskGPRegressor(learning="staged", **self.AUTO)
-        search = RankSearchIC(model, ranks=(1,), simpler=True).fit(X, y)
+        search = RankSearchIC(model, ranks=(1,), simpler=True, criterion="bic").fit(
+            X, y
+        )
         found = [of.hyperparameters_ for of in search.best_estimator_.estimators_]
         assert found == ["sampled"] * 3
 

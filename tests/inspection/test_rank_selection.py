@@ -16,9 +16,9 @@ class TestRankSelection:
         display = RankSelectionDisplay.from_estimator(make_pipeline(search))
         (line,) = display.lines_
         assert_array_equal(line.get_xdata(), search.results_["rank"])
-        assert_array_equal(line.get_ydata(), search.results_["bic"])
+        assert_array_equal(line.get_ydata(), search.results_[search.criterion_])
         assert set(display.chosen_.get_xdata()) == {search.best_rank_}
-        assert display.ax_.get_ylabel() == "BIC"
+        assert display.ax_.get_ylabel() == search.criterion_.upper()
         assert texts(display.ax_.get_xticklabels()) == ["1", "2"]
 
     def test_the_criterion_of_the_search(self):

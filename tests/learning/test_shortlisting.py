@@ -1,4 +1,4 @@
-"""The default model's rank: chosen by BIC, from sketches of all candidates."""
+"""The default model's rank: chosen from sketches of all candidates."""
 
 from math import comb
 from types import SimpleNamespace
@@ -11,8 +11,8 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
-from skmtgp.learning.shortlisting import worth
 from skmtgp.learning.tuning import TUNING
+from skmtgp.learning.weighing import worth
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 
@@ -274,4 +274,4 @@ def test_it_is_said_what_was_compared(told):
     lines = "\n".join(told())
     for form in ("independent", "compound symmetry", "shared", "rank 2"):
         assert f"{form}: log likelihood" in lines
-    assert "chosen by BIC: rank 2" in lines
+    assert "chosen: rank 2" in lines

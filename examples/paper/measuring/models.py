@@ -44,7 +44,9 @@ def make_search(ranks, max_iter=None):
     """The multi-task model at several ranks, all of which are kept."""
     options = {} if max_iter is None else {"max_iter": max_iter}
     model = GAUSSIAN["mGP"](**options)
-    search = RankSearchIC(model, ranks=list(ranks), keep_estimators=True)
+    search = RankSearchIC(
+        model, ranks=list(ranks), criterion="bic", keep_estimators=True
+    )
     return make_inverse_dynamics_regressor(search)
 
 

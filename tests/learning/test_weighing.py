@@ -1,0 +1,142 @@
+"""Which form of K^rho is taken: eq. 8, the prior of the noise, and the evidence."""
+
+from dataclasses import replace
+
+import building
+import numpy as np
+import pytest
+import textbook
+from sklearn.base import clone
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp.learning import weighing
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.weighing import (
+    corrections,
+    evidences,
+    is_weighed,
+    may_be_weighed,
+    near_best,
+    noise_penalty,
+    penalties,
+    worths_of,
+)
+from skmtgp.model.hyperprior import Hyperprior
+from skmtgp.model.several import Forms
+from skmtgp.model.task_covariance import low_rank
+
+M, KERNEL = 3, RBF(1.0)
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """Problems of ranks 1 to 3, of data of rank 1, and their modes."""
+    rng = np.random.default_rng(3)
+    tasks = np.repeat(np.arange(M), 15)
+    X = rng.uniform(0.0, 6.0, (len(tasks), 1))
+    K = textbook.covariance(KERNEL, np.ones((M, M)), 0.01, X, tasks)
+    y = np.linalg.cholesky(K) @ rng.standard_normal(len(tasks))
+    data = building.data(X, tasks, y, M)
+    problems = [[building.problem(KERNEL, low_rank(M, r), data)] for r in (1, 2, 3)]
+    modes = [[climb(of, of.theta(K_rho=0.1 * np.eye(M) + 1.0))] for [of] in problems]
+    return problems, modes
+
+
+def without_noise(modes, log_noise=-23.0):
+    """The same modes with next to no noise."""
+    changed = [mode.theta.copy() for [mode] in modes]
+    for theta in changed:
+        theta[-1] = log_noise
+    pairs = zip(modes, changed, strict=True)
+    return [[mode._replace(theta=theta)] for [mode], theta in pairs]
+
+
+def test_penalty_is_the_prior_of_the_noise(learned):
+    [[problem], *_], [[mode], *_] = learned
+    prior = problem.prior
+    hyperprior, other = Hyperprior(prior), mode.theta.copy()
+    other[-1] = -20.0
+    at_centre = mode.theta.copy()
+    at_centre[-1] = hyperprior.centre[-1]
+    assert noise_penalty(prior, at_centre) == 0.0
+    gap = hyperprior.log_density(at_centre)[0] - hyperprior.log_density(other)[0]
+    assert noise_penalty(prior, other) == pytest.approx(gap)
+
+
+def test_weak_priors_have_it_already(learned):
+    problems, modes = learned
+    weak = [[replace(of, weak_priors=True)] for [of] in problems]
+    assert penalties(weak, without_noise(modes)).tolist() == [0.0] * 3
+    assert (penalties(problems, without_noise(modes)) > 10.0).all()
+
+
+def test_only_those_near_the_best_have_their_evidence(learned, monkeypatch):
+    problems, modes = learned
+    monkeypatch.setattr(weighing, "REACH", 4.5)
+    near = near_best(problems, modes)
+    assert near == [0, 1]
+    found = worths_of(problems, modes) + corrections(problems, modes)
+    told = evidences([problems[k] for k in near], [modes[k] for k in near])
+    assert found[0] - found[1] == pytest.approx(told[0] - told[1], abs=1e-6)
+    assert found.argmax() == np.argmax(told) == 0
+    assert found[2] < found[0] - 4.5
+
+
+def test_one_alone_needs_no_evidence(learned, monkeypatch):
+    problems, modes = learned
+    monkeypatch.setattr(weighing, "REACH", 0.0)
+    monkeypatch.setattr(weighing, "evidences", None)
+    assert corrections(problems, modes).tolist() == (-penalties(*learned)).tolist()
+
+
+@pytest.mark.parametrize("why", ["noise", "unfinished", "large", "terms"])
+def test_eq_8_chooses_otherwise(learned, why, monkeypatch):
+    problems, modes = learned
+    assert is_weighed(problems, modes)
+    assert may_be_weighed(problems)
+    if why == "noise":
+        modes = without_noise(modes)
+    elif why == "unfinished":
+        modes = [[mode._replace(converged=False)] for [mode] in modes]
+    elif why == "large":
+        monkeypatch.setattr(weighing, "MOST", 3)
+    else:
+        monkeypatch.setattr(weighing, "Forms", type(low_rank(M, 1)))
+    assert corrections(problems, modes).tolist() == [0.0] * 3
+
+
+def test_several_terms():
+    assert not may_be_weighed(
+        [[building.problem(KERNEL, low_rank(M, 1), None)], [_of_terms()]]
+    )
+
+
+def _of_terms():
+    problem = building.problem(KERNEL, low_rank(M, 1), None)
+    prior = replace(problem.prior, task_covariance=Forms([low_rank(M, 1)] * 2))
+    return replace(problem, prior=prior)
+
+
+def few_rows(seed):
+    """Eight tasks of five rows each, of which rank 1 leaves no noise."""
+    rng = np.random.default_rng(seed)
+    task = np.repeat(np.arange(8), 5)
+    x = rng.uniform(0.0, 6.0, (len(task), 2))
+    weights, levels = rng.standard_normal((2, 8))
+    f = np.sin(1.2 * x[:, 0] + rng.uniform(0.0, 6.0))
+    f *= np.cos(0.9 * x[:, 1] + rng.uniform(0.0, 6.0))
+    y = weights[task] * f + levels[task] + 0.1 * rng.standard_normal(len(task))
+    return np.column_stack([x, task]), y
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_noise_of_few_rows_does_not_vanish(seed):
+    X, y = few_rows(seed)
+    by_bic = RankSearchIC(ranks=(0, 1), simpler=True, criterion="bic").fit(X, y)
+    assert by_bic.best_estimator_.noise_variance_ < 1e-6
+    search = clone(by_bic).set_params(criterion="auto").fit(X, y)
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert search.criterion_ == "laplace"
+    for best in (search.best_estimator_, model):
+        assert best.noise_variance_ > 1e-3

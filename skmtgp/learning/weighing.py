@@ -2,8 +2,8 @@
 
 Eq. 8 prices parameters as if rows were many, and does not mind where there is almost no
 noise, with which models of few rows predict badly. The log evidence minds both, but
-takes two gradients for each hyperparameter. So it is only computed of the forms that are
-near the best by eq. 8 and the prior of the noise.
+takes two gradients for each hyperparameter. So it is only computed of the forms that
+are near the best by eq. 8 and the prior of the noise.
 """
 
 import numpy as np

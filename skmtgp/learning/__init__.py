@@ -18,4 +18,5 @@ grows several terms one after another. What goes beyond the paper:
 taken for noise. ``forecast`` and ``telling`` say how long it takes and how far it is,
 ``ambiguity`` and ``neighbours`` what a mode leaves in doubt. ``penalised`` adds weak
 priors, ``sampling`` draws hyperparameters, ``evidence`` integrates them out.
+``shortlisting`` learns the best of several forms, which ``weighing`` compares.
 """

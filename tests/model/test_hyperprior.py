@@ -133,3 +133,25 @@ def test_no_amplitude_is_impossible():
     value, gradient = hyperprior.log_density(hyperprior.centre)
     assert value == -np.inf
     assert np.isnan(gradient).all()
+
+
+def test_held_logarithms_have_no_density():
+    prior = building.prior(RBF([1.0, 1.0]), low_rank(2, 1))
+    held = np.arange(prior.n_theta) == 1
+    hyperprior, theta = Hyperprior(prior, held), Hyperprior(prior).centre.copy()
+    theta[prior.of_factor] = 1.0
+    other = theta.copy()
+    other[1] += 3.0
+    assert hyperprior.log_density(other)[0] == hyperprior.log_density(theta)[0]
+    assert not hyperprior.free[1]
+
+
+def test_near_moves_what_is_far():
+    prior = building.prior(RBF(1.0), low_rank(2, 1), levels=True)
+    hyperprior = Hyperprior(prior)
+    theta, level = hyperprior.centre.copy(), prior.n_theta - 2
+    theta[level:] = -22.0  # the level, and the noise, which stays
+    near = hyperprior.near(theta, 3.0, ~prior.of_noise)
+    expected = hyperprior.centre[level] - 3.0 / np.sqrt(hyperprior.precision[level])
+    assert near[level] == pytest.approx(expected)
+    assert np.delete(near, level).tolist() == np.delete(theta, level).tolist()

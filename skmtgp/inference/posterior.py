@@ -106,6 +106,9 @@ class Posterior(WithCoefficients, ABC):
         self.noise = likelihood.noise_of_rows(values.noise)
         self._set_largest()
 
+    def __getstate__(self):  # that of a model that has predicted is the same
+        return {name: value for name, value in vars(self).items() if name != "bound"}
+
     @cached_property
     def bound(self):
         """The fast form of k^x between any rows and the training inputs.

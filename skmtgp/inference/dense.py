@@ -1,5 +1,6 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -32,8 +33,16 @@ class DenseLikelihood(TiledLikelihood):
         self.basis = prior.trend and prior.trend.basis(X, tasks)
         if self.basis is not None and not self.basis.rank:  # zero at some of the rows
             self.basis = None
+
+    def __getstate__(self):
+        state = super().__getstate__()
+        return {name: value for name, value in state.items() if name != "_parts"}
+
+    @cached_property
+    def _parts(self):
+        """Which tasks the rows and columns of each tile have; quickly made again."""
         sides = chain.from_iterable(self.blocks)
-        self.parts = {(of.start, of.stop): TasksOfTile(tasks[of]) for of in sides}
+        return {(of.start, of.stop): TasksOfTile(self.tasks[of]) for of in sides}
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -130,7 +139,7 @@ class DenseLikelihood(TiledLikelihood):
 
     def _tasks_of(self, side):
         """Which tasks the rows or the columns of a tile have."""
-        return self.parts[side.start, side.stop]
+        return self._parts[side.start, side.stop]
 
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""

@@ -14,14 +14,10 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 
 
 KERNELS = "sklearn.gaussian_process.kernels."
-TERMS, EXPRESSIONS = "skmtgp.model._nodes.terms.", "skmtgp.model._nodes.expressions."
+TERMS = "skmtgp.model._nodes.terms."
 POSTERIOR = {
     f"{KERNELS}Hyperparameter",
     f"{KERNELS}RBF",
-    f"{TERMS}BoundStationary",
-    f"{TERMS}StationaryNode",
-    f"{TERMS}_rbf",
-    "skmtgp.model._nodes.differences.Differences",
     "skmtgp._estimators.units.Units",
     "skmtgp._numerics.linalg.Cholesky",
     "skmtgp.inference.dense.DenseLikelihood",
@@ -38,8 +34,6 @@ FIXED = {
     *POSTERIOR,
     f"{KERNELS}ConstantKernel",
     f"{KERNELS}Product",
-    f"{TERMS}BoundConstant",
-    f"{EXPRESSIONS}BoundProduct",
     "skmtgp.model.task_covariance.FixedTaskCovariance",
 }
 DENSE = {
@@ -48,6 +42,10 @@ DENSE = {
     "skmtgp.inference.dense.DensePosterior",
 }
 BY_INDUCING_INPUTS = {
+    f"{TERMS}BoundStationary",
+    f"{TERMS}StationaryNode",
+    f"{TERMS}_rbf",
+    "skmtgp.model._nodes.differences.Differences",
     "skmtgp.inference.engines.Sparse",
     "skmtgp.inference.features.Features",
     "skmtgp.inference.features.TermFeatures",
@@ -90,11 +88,7 @@ joblib.dump(found, sys.argv[2])
 """
 
 
-SMOOTH = {"sklearn.gaussian_process.kernels.RBF", "skmtgp.model._nodes.terms._rbf"}
-ROUGHER = {
-    "sklearn.gaussian_process.kernels.Matern",
-    "skmtgp.model._nodes.terms._matern32",
-}
+SMOOTH, ROUGHER = {f"{KERNELS}RBF"}, {f"{KERNELS}Matern"}
 
 
 class TestPersistence:

@@ -20,8 +20,7 @@ class JoiningGP(OnlineGP):
         before = self._training()
         training, position = before.with_task(features, label, Y)
         training = self._incomplete(training)
-        if self._is_grown(before, training) or not self._engine.exact:
-            self._check_room(training)  # the task gets inducing inputs of its own
+        self._check_room(training)
         self._check_beside(before, training.features[len(before.Y) :])
         informed, engine = prior is not None, self._engine
         origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))

@@ -151,14 +151,11 @@ class OnlineGP(FittedGP):
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
-        if self._is_grown(before, training) or engine is not self._engine:
+        grown = len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE
+        if grown or engine is not self._engine:
             engine.check_memory(*self._demand(training))
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
-
-    def _is_grown(self, before, training):
-        """Whether there are so many more rows that memory is looked for."""
-        return len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE
 
     def _incomplete(self, training):
         """The data without a look for their design, where that is known to be none."""

@@ -219,7 +219,6 @@ def test_skops():
             "skmtgp._data.trend.TrendColumns",
             "skmtgp.inference.flat.Coefficients",
             "skmtgp.inference.flat.Flat",
-            "skmtgp.model.several.BoundSeveral",
             "skmtgp.model.several.Forms",
             "skmtgp.model.several.Kernels",
             "skmtgp.model.trend.Basis",
@@ -229,7 +228,7 @@ def test_skops():
         "gaps": {"skmtgp.inference.gaps.GappyEigen"},
         "wide": {"skmtgp.wide.WideRegressor"},
     }
-    usual = ("sklearn.", "skmtgp.model._nodes.", "skmtgp.inference.eigen.")
+    usual = ("sklearn.", "skmtgp.inference.eigen.")
     plain = clone(one).fit(X, Y), clone(one).fit(complete, Y)
     known = {t for of in plain for t in io.get_untrusted_types(data=io.dumps(of))}
     for name, model in models.items():

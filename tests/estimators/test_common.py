@@ -24,11 +24,14 @@ STAGED = {"rank": 1, "learning": "staged", **SHARED, **QUICK}
 # and to find the task once: whichever the estimator, they take tables by the same code.
 LAST_COLUMN = [
     MultiTaskGPRegressor("matern", rank=1, **QUICK),
+    SingleTaskGP(**QUICK),
+    BayesianLinearRegression(pooled=False),
+    WideRegressor(MultiTaskGPRegressor(**STAGED)),
+]
+ALIKE = [
     IndependentGP(**SHARED, **QUICK),
     PooledGP(**QUICK),
-    SingleTaskGP(**QUICK),
-    *(BayesianLinearRegression(pooled=pooled) for pooled in (False, True)),
-    WideRegressor(MultiTaskGPRegressor(**STAGED)),
+    BayesianLinearRegression(pooled=True),
     MultiTaskGPRegressor(trend="constant", **STAGED),
 ]
 FIRST_COLUMN = [
@@ -58,6 +61,12 @@ pytestmark = [
 
 @checks_of(LAST_COLUMN)
 def test_task_in_the_last_column(estimator, check):
+    check(estimator)
+
+
+@pytest.mark.long
+@checks_of(ALIKE)
+def test_estimators_that_are_alike(estimator, check):
     check(estimator)
 
 

@@ -150,7 +150,9 @@ def test_it_is_scikit_learns_where_the_models_coincide():
 
 
 @pytest.mark.parametrize("estimator", [IndependentGP, PooledGP, MultiTaskGPRegressor])
-@pytest.mark.parametrize("noise", ["shared", "per_task"])
+@pytest.mark.parametrize(
+    "noise", ["per_task", pytest.param("shared", marks=pytest.mark.long)]
+)
 def test_means_of_repeats_are_all_measurements(estimator, noise):
     options = {"noise": noise, "max_iter": 15}
     options |= {} if estimator is PooledGP else {"normalize_y": "per_task"}

@@ -17,10 +17,12 @@ pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceW
 
 
 SPREAD = {  # over what n_jobs spreads the work
-    "outputs": MultiTaskGPRegressor(rank=2, **QUICK),
     "restarts": MultiTaskGPRegressor(n_restarts_optimizer=2, random_state=0, **QUICK),
     "outputs and ranks": ESTIMATORS["RankSearchIC"],
     "tasks": ESTIMATORS["SingleTaskGP"],
+}
+ALIKE = {
+    "outputs": MultiTaskGPRegressor(rank=2, **QUICK),
     "outputs, independent": ESTIMATORS["IndependentGP"],
     "outputs, pooled": ESTIMATORS["PooledGP"],
 }
@@ -28,7 +30,16 @@ SPREAD = {  # over what n_jobs spreads the work
 
 @pytest.mark.filterwarnings("ignore:A worker stopped while some jobs were given")
 class TestProcesses:
-    @pytest.mark.parametrize("model", SPREAD.values(), ids=SPREAD)
+    @pytest.mark.parametrize(
+        "model",
+        [
+            *(pytest.param(model, id=name) for name, model in SPREAD.items()),
+            *(
+                pytest.param(model, id=name, marks=pytest.mark.long)
+                for name, model in ALIKE.items()
+            ),
+        ],
+    )
     def test_same_bits_for_any_number(self, model):
         one, two = (clone(model).set_params(n_jobs=n).fit(FRAME, Y) for n in (1, 2))
         assert_same_bits(spreads(two, FRAME), spreads(one, FRAME))
@@ -50,7 +61,7 @@ class TestProcesses:
         assert_same_bits([one.theta_], [two.theta_])
 
     def test_the_context_sets_their_number(self):
-        model = SPREAD["outputs"]
+        model = ALIKE["outputs"]
         expected = spreads(clone(model).fit(FRAME, Y), FRAME)
         with joblib.parallel_config("threading", n_jobs=2):
             found = spreads(clone(model).fit(FRAME, Y), FRAME)

@@ -51,7 +51,7 @@ def by_brute_force(problem, n_draws=3_000):
     return np.logaddexp.reduce(found) - np.log(n_draws)
 
 
-@pytest.mark.parametrize("rank", [1, 2])
+@pytest.mark.parametrize("rank", [2, pytest.param(1, marks=pytest.mark.long)])
 @pytest.mark.parametrize("noise_is_learned", [False, True])
 def test_is_near_the_integral(rank, noise_is_learned):
     problem = problem_of(rank, noise_is_learned=noise_is_learned)

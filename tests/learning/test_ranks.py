@@ -67,6 +67,7 @@ class TestLearnRanks:
         alone = learn_ranks(short[1:], RANKS[:2])
         self.assert_same(alone, learned_shortly[1:])
 
+    @pytest.mark.long
     @pytest.mark.parametrize("n_jobs", [1, 2])
     def test_processes_do_not_matter(self, short, learned_shortly, n_jobs):
         found = learn_ranks(short, RANKS[:2], n_jobs=n_jobs)

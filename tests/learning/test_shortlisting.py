@@ -85,7 +85,13 @@ def test_likelihood_is_that_of_the_form_alone(case):
 
 # of the other forms a search, which takes long, has nothing else to do
 @pytest.mark.parametrize(
-    "case", ["rank 2", "compound symmetry", "rank 1 and diagonal"], indirect=True
+    "case",
+    [
+        pytest.param("rank 2", marks=pytest.mark.long),
+        "compound symmetry",
+        pytest.param("rank 1 and diagonal", marks=pytest.mark.long),
+    ],
+    indirect=True,
 )
 def test_search_chooses_the_same(case):
     truth, X, y, model = case
@@ -185,6 +191,7 @@ def test_without_noise():
     assert not model.diagonal_
 
 
+@pytest.mark.long
 def test_processes_do_not_matter():
     X, y = drawn(WEIGHTS)
     Y = np.column_stack([y, 2.0 * y + X[:, 0]])

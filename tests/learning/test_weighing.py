@@ -130,7 +130,7 @@ def few_rows(seed):
     return np.column_stack([x, task]), y
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_noise_of_few_rows_does_not_vanish(seed):
     X, y = few_rows(seed)
     by_bic = RankSearchIC(ranks=(0, 1), simpler=True, criterion="bic").fit(X, y)

@@ -109,10 +109,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         and output. It needs the rows, so Dask collections are an error. "laplace" takes
         two more gradients for each hyperparameter of each candidate.
 
-        "auto" is "laplace" if inference is exact, of one kernel and of arrays, if no
-        candidate has more than 100 hyperparameters, and if those within 5 nats of the
-        best by BIC were learned to the end and one has noise. Otherwise it is "bic".
-        The paper has "bic".
+        "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
+        largest candidate has at most 100 hyperparameters and at most 30 rows for each,
+        and if those within 5 nats of the best by BIC were learned to the end and one
+        has noise. Otherwise it is "bic", as in the paper.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None

@@ -295,7 +295,7 @@ def _likely(problems, coarse, sketches, n_jobs):
     of_forms = list(zip(*sketches, strict=True))
     of_problems = [[sketch.problem for sketch in of] for of in of_forms]
     modes = [[sketch.ascent.mode for sketch in of] for of in of_forms]
-    correction = corrections(of_problems, modes, n_jobs)
+    correction = corrections(of_problems, modes, n_jobs, len(problems[0].data))
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)

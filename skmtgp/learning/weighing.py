@@ -18,6 +18,9 @@ from skmtgp.model.several import Forms
 
 REACH = 5.0  # nats an output: no more did eq. 8 miss by, on drawn data
 MOST = 100  # hyperparameters of an output: with more the evidence takes too long
+# Rows of each hyperparameter, of the largest form: with more eq. 8 says much the same,
+# and the evidence takes as long as learning does.
+ROWS = 30
 
 
 def worth(problem, mode, times=1.0):
@@ -90,11 +93,17 @@ def worths_of(problems, modes):
     return np.array([sum(map(worth, *of)) for of in pairs])
 
 
-def may_be_weighed(problems):
-    """Whether learning some forms is exact, in memory and of one term."""
+def may_be_weighed(problems, n=None):
+    """Whether some forms are learned exactly, in memory, of one term and few rows.
+
+    `n` is the number of rows, where the problems have only some of them.
+    """
     first = problems[0][0]
     several = any(isinstance(of.prior.task_covariance, Forms) for of, *_ in problems)
-    return first.engine.exact and not (several or is_dask(first.data.X))
+    if several or not first.engine.exact or is_dask(first.data.X):
+        return False
+    most = max(of.prior.n_hyperparameters for each in problems for of in each)
+    return (len(first.data) if n is None else n) <= ROWS * most
 
 
 def is_weighed(problems, modes):
@@ -146,13 +155,15 @@ def evidence_of(problem, mode):
     return evidence_around(likelihood, mode.theta)
 
 
-def corrections(problems, modes, n_jobs=None):
+def corrections(problems, modes, n_jobs=None, n=None):
     """What to add to eq. 8 of each form, so that those near the best have the evidence.
 
     Parameters
     ----------
     problems, modes, n_jobs
         See `evidences`.
+    n : int, default=None
+        Number of rows, where the problems have only some of them.
 
     Returns
     -------
@@ -161,7 +172,7 @@ def corrections(problems, modes, n_jobs=None):
         that it chooses among them. Zeros where eq. 8 is to choose.
     """
     worths = worths_of(problems, modes)
-    if not may_be_weighed(problems):
+    if not may_be_weighed(problems, n):
         return np.zeros(len(worths))
     near, found = near_best(problems, modes), -penalties(problems, modes)
     of_near = [problems[k] for k in near], [modes[k] for k in near]

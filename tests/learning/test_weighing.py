@@ -13,6 +13,7 @@ from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp.learning import weighing
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.weighing import (
+    ROWS,
     corrections,
     evidences,
     is_weighed,
@@ -110,6 +111,14 @@ def test_several_terms():
     assert not may_be_weighed(
         [[building.problem(KERNEL, low_rank(M, 1), None)], [_of_terms()]]
     )
+
+
+def test_many_rows_are_left_to_bic(learned):
+    problems, _ = learned
+    most = max(of.prior.n_hyperparameters for [of] in problems)
+    assert may_be_weighed(problems)
+    assert may_be_weighed(problems, ROWS * most)
+    assert not may_be_weighed(problems, ROWS * most + 1)
 
 
 def _of_terms():

@@ -409,7 +409,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     is computed of the candidates within 5 nats of the best by BIC and the prior of the
     noise, to which almost no noise is unlikely. BIC alone chooses if the best
     candidates have no noise, more than 100 hyperparameters, or more than 30 rows for
-    each of them, or were not learned to the end, and in sparse inference. See :doc:`/guide/rank`.
+    each of them, or were not learned to the end, and in sparse inference. See
+    :doc:`/guide/rank`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only

@@ -112,7 +112,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
         largest candidate has at most 100 hyperparameters and at most 30 rows for each,
         and if those within 5 nats of the best by BIC were learned to the end and one
-        has noise. Otherwise it is "bic", as in the paper.
+        has noise. It chooses among these and single tasks. Otherwise "auto" is "bic",
+        as in the paper.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
@@ -141,7 +142,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         - log_marginal_likelihood, of y in its own units, summed over outputs; with
           several outputs also output0_log_marginal_likelihood and so on;
         - n_hyperparameters;
-        - bic, aic, hqc, and loo or laplace if that is `criterion_`;
+        - bic, aic, hqc, and loo or laplace if that is `criterion_`, NaN where "auto"
+          does not look;
         - fit_time: seconds of computing spent on it, including the first stage that all
           share;
         - chosen: whether it is `best_model_`.
@@ -331,8 +333,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def _keep(self, model, settings, alone, training, of_forms, modes):
         """Set the fitted attributes."""
-        criterion = criterion_of(self.criterion, of_forms, modes)
-        options = criterion, model.n_jobs
+        criterion, among = criterion_of(self.criterion, of_forms, modes)
+        options = criterion, among, model.n_jobs
         table = tabulate(training, of_forms, modes, alone, *options)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
         makes = [

@@ -83,21 +83,24 @@ def _density_of_others(estimator):
 
 
 def criterion_of(asked, of_forms, modes):
-    """The criterion that is to choose: of "auto" laplace where it can, otherwise bic.
+    """The criterion that is to choose, and among which forms.
 
-    It can where learning is exact, in memory, of one term and few hyperparameters, and
-    where the forms near the best were learned to the end and one of them has noise.
+    Of "auto" it is laplace among those near the best, where it can be computed, and
+    otherwise bic. It can where learning is exact, in memory, of one term, of few rows
+    and hyperparameters, and where the forms near the best were learned to the end and
+    one of them has noise.
     """
+    every = list(range(len(of_forms)))
     if asked != "auto":
-        return asked
+        return asked, every
     if not (may_be_weighed(of_forms) and few_hyperparameters(of_forms)):
-        return "bic"
+        return "bic", every
     near = near_best(of_forms, modes)
     of_near = [of_forms[k] for k in near], [modes[k] for k in near]
-    return "laplace" if is_weighed(*of_near) else "bic"
+    return ("laplace", near) if is_weighed(*of_near) else ("bic", every)
 
 
-def tabulate(training, of_forms, modes, alone, criterion, n_jobs=None):
+def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
     """The table of criteria, one row for each form, and one for single tasks.
 
     Parameters
@@ -112,6 +115,8 @@ def tabulate(training, of_forms, modes, alone, criterion, n_jobs=None):
         The tasks learned alone, if they are a candidate.
     criterion : str
         The one that chooses: what takes time is only computed for it.
+    among : list of int
+        Positions of the forms of which it is computed; of the others it is NaN.
     n_jobs : int, default=None
         Processes.
 
@@ -138,7 +143,9 @@ def tabulate(training, of_forms, modes, alone, criterion, n_jobs=None):
     table |= _information(values.sum(axis=1), np.array(count), np.array(spared), n)
     if criterion in DENSITIES:
         of_form, of_alone = DENSITIES[criterion]
-        scaled = _of_forms(of_form, of_forms, modes, n_jobs)
+        scaled = np.full(len(of_forms), np.nan)
+        some = [of_forms[k] for k in among], [modes[k] for k in among]
+        scaled[among] = _of_forms(of_form, *some, n_jobs)
         beside = [] if alone is None else [of_alone(alone, training)]
         table[criterion] = -2.0 * np.append(scaled + jacobian.sum(), beside)
     table["fit_time"] = seconds

@@ -117,7 +117,7 @@ class RankSelectionDisplay(Display):
         )
         several = len(names) > 1
         self.lines_ = [self._draw(name, k, several) for k, name in enumerate(names)]
-        largest = max(np.max(line.get_ydata()) for line in self.lines_)
+        largest = max(np.nanmax(line.get_ydata()) for line in self.lines_)
         if several and largest > CLEAR:
             ax.set_yscale("symlog", linthresh=CLEAR)
         ax.set_ylabel("criterion less its minimum" if several else names[0].upper())
@@ -148,7 +148,7 @@ class RankSelectionDisplay(Display):
 
     def _draw(self, name, k, relative):
         values = np.asarray(self.results[name], dtype=np.float64)
-        values = values - values.min() if relative else values
+        values = values - np.nanmin(values) if relative else values
         at = self._positions()
         (line,) = self.ax_.plot(at, values, label=name.upper(), **style(k))
         return line
@@ -171,7 +171,8 @@ class RankSelectionDisplay(Display):
             Axes to draw on. None makes a new figure.
         criteria : str or sequence of str, default=None
             "bic", "aic", "hqc", "loo" or "laplace". If there are several, the minimum
-            of each is subtracted. None takes `criterion_`, which the search used.
+            of each is subtracted. None takes `criterion_`, which the search used,
+            and BIC beside it if that said of which candidates to compute it.
 
         Returns
         -------
@@ -195,5 +196,8 @@ class RankSelectionDisplay(Display):
                 f"{type(search).__name__} has compared no ranks: fit a RankSearchIC."
             )
         display = cls(results=search.results_, best_rank=search.best_rank_)
-        criteria = search.criterion_ if criteria is None else criteria
+        if criteria is None:
+            criteria = search.criterion_
+            if np.isnan(np.asarray(search.results_[criteria], dtype=float)).any():
+                criteria = ["bic", criteria]  # which said where to look
         return display.plot(ax=ax, criteria=criteria)

@@ -36,6 +36,7 @@ from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.learning.shortlisting import with_own_part
+from skmtgp.learning.weighing import simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -112,8 +113,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
         largest candidate has at most 100 hyperparameters and at most 30 rows for each,
         and if those within 5 nats of the best by BIC were learned to the end and one
-        has noise. It chooses among these and single tasks. Otherwise "auto" is "bic",
-        as in the paper.
+        has noise. It chooses among these and single tasks, and of evidences within a
+        nat the model with the fewest hyperparameters. Otherwise "auto" is "bic", as in
+        the paper.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
@@ -343,8 +345,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
-        # one that could not be computed is not chosen
-        best = int(np.argmin(np.nan_to_num(table[criterion], nan=np.inf)))
+        best = self._best(table, criterion)
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
@@ -361,6 +362,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = list(fitted.values())
+
+    def _best(self, table, criterion):
+        """Position of what is chosen; nothing whose criterion could not be computed."""
+        values = np.nan_to_num(table[criterion].astype(np.float64), nan=np.inf)
+        if self.criterion == "auto" and criterion == "laplace":
+            return simplest(-0.5 * values, table["n_hyperparameters"])
+        return int(np.argmin(values))
 
     def _learner(self):
         """A clone of the model, with the search's own parameters."""

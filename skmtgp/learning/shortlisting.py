@@ -24,7 +24,13 @@ from skmtgp.learning.ranks import (
 )
 from skmtgp.learning.stages import follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
-from skmtgp.learning.weighing import corrections, penalties, worth, worths_of
+from skmtgp.learning.weighing import (
+    best_of_forms,
+    corrections,
+    penalties,
+    worth,
+    worths_of,
+)
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches
@@ -106,8 +112,7 @@ def chosen(problems, forms, modes, n_jobs=None):
     """
     of_forms = [[problem.with_form(form) for problem in problems] for form in forms]
     learned = list(map(list, zip(*modes, strict=True)))
-    found = corrections(of_forms, learned, n_jobs)
-    best = int(np.argmax(found + worths_of(of_forms, learned)))
+    best = best_of_forms(of_forms, learned, n_jobs)
     return of_forms[best], learned[best]
 
 

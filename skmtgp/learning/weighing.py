@@ -21,6 +21,7 @@ MOST = 100  # hyperparameters of an output: with more the evidence takes too lon
 # Rows of each hyperparameter, of the largest form: with more eq. 8 says much the same,
 # and the evidence takes as long as learning does.
 ROWS = 30
+TIE = 1.0  # nats of evidence: not worth more than a bare mention (Kass, Raftery 1995)
 
 
 def worth(problem, mode, times=1.0):
@@ -153,6 +154,27 @@ def evidence_of(problem, mode):
     """The log evidence of a problem around a mode, in the problem's units."""
     likelihood = problem.engine.likelihood(problem.prior, problem.data)
     return evidence_around(likelihood, mode.theta)
+
+
+def best_of_forms(problems, modes, n_jobs=None):
+    """Position of the form to take, see :func:`corrections` and :func:`simplest`.
+
+    Parameters
+    ----------
+    problems, modes, n_jobs
+        See `evidences`.
+    """
+    found = corrections(problems, modes, n_jobs)
+    values = found + worths_of(problems, modes)
+    if not found.any():  # eq. 8 has chosen
+        return int(np.argmax(values))
+    return simplest(values, [of.prior.n_hyperparameters for of, *_ in problems])
+
+
+def simplest(evidences, sizes):
+    """Position of the smallest model of those with all but the highest evidence."""
+    close = np.flatnonzero(evidences >= evidences.max() - TIE)
+    return int(min(close, key=lambda k: (sizes[k], -evidences[k])))
 
 
 def corrections(problems, modes, n_jobs=None, n=None):

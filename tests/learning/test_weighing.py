@@ -14,6 +14,7 @@ from skmtgp.learning import weighing
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.weighing import (
     ROWS,
+    best_of_forms,
     corrections,
     evidences,
     is_weighed,
@@ -21,6 +22,7 @@ from skmtgp.learning.weighing import (
     near_best,
     noise_penalty,
     penalties,
+    simplest,
     worths_of,
 )
 from skmtgp.model.hyperprior import Hyperprior
@@ -105,6 +107,30 @@ def test_eq_8_chooses_otherwise(learned, why, monkeypatch):
     else:
         monkeypatch.setattr(weighing, "Forms", type(low_rank(M, 1)))
     assert corrections(problems, modes).tolist() == [0.0] * 3
+
+
+@pytest.mark.parametrize(
+    ("evidences", "sizes", "expected"),
+    [
+        ([-3.0, -1.0, -5.0], [3, 4, 2], 1),
+        ([-1.5, -1.0, -5.0], [3, 4, 2], 0),
+        ([-2.1, -1.0, -1.9], [2, 4, 3], 2),
+        ([-1.2, -1.0, -np.inf], [3, 3, 1], 1),
+        ([np.inf, -1.0], [3, 3], 0),
+    ],
+    ids=["clear", "close", "too far", "alike", "infinite"],
+)
+def test_the_simplest_of_the_close(evidences, sizes, expected):
+    assert simplest(np.array(evidences), sizes) == expected
+
+
+def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
+    problems, modes = learned
+    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([-0.9, 0.0]))
+    monkeypatch.setattr(weighing, "REACH", 4.5)
+    assert best_of_forms(problems, modes) == 0
+    monkeypatch.setattr(weighing, "TIE", 0.5)
+    assert best_of_forms(problems, modes) == 1
 
 
 def test_several_terms():

@@ -101,7 +101,7 @@ class EigenLikelihood(TiledLikelihood):
             G[old] -= scaled[rows] @ eigen.U[cols].T
             if d.size:
                 G[old] += of_levels[rows] @ Q[cols].T
-            G = self._halved(G, rows, cols)
+            self._halve(G, rows, cols)
             return bound.contract(G, tape, rows, cols)
 
         parts = self._map_tiles(contract, tapes)

@@ -60,8 +60,7 @@ class TileMemory:
         n_tiles = max(1, -(-n_rows // TILE))
         side = -(-n_rows // n_tiles)
         kept = 0.5 * n_tiles * (n_tiles + 1) * self.n_arrays * side**2
-        work = (2 if n_tiles == 2 else 1) * WORK * side**2  # see `blocks_of`
-        work += count_elements(self.kernel, side, self.node)
+        work = WORK * side**2 + count_elements(self.kernel, side, self.node)
         n_threads = 1 if n_rows < SMALL else min(count_threads(), n_tiles)
         return 8.0 * (n_climbs * kept + max(n_climbs, n_threads) * work)
 

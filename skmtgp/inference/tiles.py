@@ -11,7 +11,6 @@ from skmtgp.inference.likelihood import Likelihood
 from skmtgp.model._nodes import allocate
 
 TILE = 240
-FEW = 16  # tasks of a tile: their sums, as a product, take half to 0.85 of the time
 
 
 class TiledLikelihood(Likelihood):
@@ -35,9 +34,9 @@ class TiledLikelihood(Likelihood):
         self.inputs, n = inputs, len(inputs)
         edges = np.linspace(0, n, -(-n // TILE) + 1)
         self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        self.blocks = blocks_of(self.tiles)
-        shapes = [(a.stop - a.start, b.stop - b.start) for a, b in self.blocks]
-        self.upper = np.triu(np.ones(np.max(shapes, axis=0)), 1)
+        self.blocks = [(a, b) for i, a in enumerate(self.tiles) for b in self.tiles[i:]]
+        side = max(tile.stop - tile.start for tile in self.tiles)
+        self.upper = np.triu(np.ones((side, side)), 1)
         np.fill_diagonal(self.upper, 0.5)
         self._spare = []
 
@@ -105,59 +104,10 @@ class TiledLikelihood(Likelihood):
         jobs = [(*block, *of) for block, of in zip(self.blocks, kept, strict=True)]
         return map_threads(function, jobs)
 
-    def _halved(self, G, rows, cols):
-        """A copy of what one triangle takes of a tile, with half of the diagonal.
-
-        Row after row it is read faster, and it is read more than once.
-        """
-        if rows.start != cols.start:
-            return G.copy()
-        return G * self.upper[: G.shape[0], : G.shape[1]]
-
-
-def blocks_of(tiles):
-    """Rows and columns of each tile of one triangle.
-
-    Of three the first two, which have the same rows, are one. With 250 to 340 rows an
-    evaluation then takes 0.94 to 0.97 of the time: it makes fewer calls in Python.
-    """
-    if len(tiles) == 2:
-        first, last = tiles
-        return [(first, slice(0, last.stop)), (last, last)]
-    return [(a, b) for i, a in enumerate(tiles) for b in tiles[i:]]
-
-
-class TasksOfTile:
-    """Which tasks the rows of a tile have.
-
-    Parameters
-    ----------
-    tasks : ndarray of shape (n_rows,)
-        Of each row, ascending.
-
-    Attributes
-    ----------
-    tasks : ndarray of shape (n_present,)
-        Those that are there.
-    ranges : dict
-        Where the rows of each of them are.
-    span : slice
-        All tasks from the first to the last of them.
-    places : ndarray of shape (n_rows,)
-        The task of each row, counted from the first.
-    membership : ndarray of shape (n_rows, n_present) or None
-        One for each row and its task, where there are few tasks.
-    """
-
-    def __init__(self, tasks):
-        self.tasks, self.starts = np.unique(tasks, return_index=True)
-        stops = [*self.starts[1:].tolist(), len(tasks)]
-        of_each = map(slice, self.starts.tolist(), stops)
-        self.ranges = dict(zip(self.tasks.tolist(), of_each, strict=True))
-        self.span = slice(tasks[0], tasks[-1] + 1)
-        self.places, self.membership = tasks - tasks[0], None
-        if len(self.tasks) <= FEW:
-            self.membership = np.equal.outer(tasks, self.tasks).astype(float)
+    def _halve(self, G, rows, cols):
+        """Leave of a tile what one triangle takes, and half of the diagonal."""
+        if rows == cols:
+            G *= self.upper[: len(G), : len(G)]
 
 
 class Workspace:

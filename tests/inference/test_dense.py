@@ -59,32 +59,6 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
     np.testing.assert_allclose(results, expected, rtol=1e-10, atol=1e-10)
 
 
-def test_two_tiles_next_to_each_other_are_one():
-    a, b, c = slice(0, 3), slice(3, 5), slice(5, 8)
-    assert tiles.blocks_of([a]) == [(a, a)]
-    assert tiles.blocks_of([a, b]) == [(a, slice(0, 5)), (b, b)]
-    expected = [(a, a), (a, b), (a, c), (b, b), (b, c), (c, c)]
-    assert tiles.blocks_of([a, b, c]) == expected
-
-
-@pytest.mark.parametrize("few", [0, 4, 16])
-@pytest.mark.parametrize("size", [10, 14, 40])
-def test_sums_by_task(few, size, monkeypatch):
-    monkeypatch.setattr(tiles, "TILE", size)
-    monkeypatch.setattr(tiles, "FEW", few)
-    rng = np.random.default_rng(0)
-    tasks = np.repeat([0, 1, 2, 4, 5, 8], [5, 1, 9, 2, 3, 6])
-    data = rng.standard_normal((26, 2)), tasks, rng.standard_normal(26)
-    likelihood = building.dense(RBF(), low_rank(9, 2), *data)
-    for rows, cols in likelihood.blocks:
-        G = rng.standard_normal((26, 26))[rows, cols]
-        i, j = np.unique(tasks[rows]), np.unique(tasks[cols])
-        members = np.equal.outer(i, tasks[rows]), np.equal.outer(j, tasks[cols])
-        expected = members[0] @ G @ members[1].T
-        found = likelihood._sum_by_task(G, rows, cols)
-        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-13)
-
-
 def test_rows_of_a_task_in_several_tiles(monkeypatch):
     # tile edges within tasks, a tile with several tasks, and tasks without rows
     monkeypatch.setattr(tiles, "TILE", 16)

@@ -203,8 +203,7 @@ def test_threads_work_on_tiles_of_their_own(monkeypatch):
     monkeypatch.setattr(memory, "count_threads", lambda: 4)
     work = 8.0 * memory.WORK * 240**2
     assert tiles.of_triangle(2400, 1) == one + 3 * work
-    # has one thread, and of its two tiles the first with all columns
-    assert tiles.of_triangle(480, 1) == 8.0 * 3 * 240**2 + 2 * work
+    assert tiles.of_triangle(480, 1) == 8.0 * 3 * 240**2 + work  # has one thread
     assert tiles.of_triangle(2400, 4) == 4.0 * (one - work) + 4 * work
 
 

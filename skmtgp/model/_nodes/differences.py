@@ -96,8 +96,8 @@ class Differences:
         np.minimum(e, self.zeros[cols], out=e)  # takes twice as long with a scalar
         if len(self.wide):
             e -= self._half_squares(rows, cols, self.wide)
-        if self.sets[0] is self.sets[1] and rows.start == cols.start:
-            np.fill_diagonal(e, 0.0)
+        if self.sets[0] is self.sets[1] and rows == cols:
+            e.flat[:: len(e) + 1] = 0.0
         if not self.near:
             return e, NONE
         near = np.flatnonzero(e > -0.5 * self.near**2)
@@ -151,7 +151,7 @@ class Differences:
         zi, zj = self.left[rows, :-2], self.right[cols, :-2]
         VZ = V @ self.right[cols, :-1]  # and, last, its row sums
         of_columns = self.left[rows, -1] @ V  # of ones; faster than V.sum
-        of_narrow = VZ[:, -1] @ np.square(zi) + of_columns @ np.square(zj)
+        of_narrow = np.square(zi).T @ VZ[:, -1] + np.square(zj).T @ of_columns
         of_narrow -= 2.0 * np.einsum("id,id->d", zi, VZ[:, :-1])
         sums[self.narrow] = of_narrow + of_near
         return sums

@@ -199,27 +199,17 @@ class BoundUnknown(Bound):
         """Whether rows and columns are the same samples, which may be special."""
         return self.Z is self.X and rows == cols
 
-    def _apart(self, rows, cols):
-        """Columns that are the rows, and those after them."""
-        if self.Z is self.X and rows.start == cols.start and rows.stop < cols.stop:
-            return [rows, slice(rows.stop, cols.stop)]
-        return [cols]
-
     def block(self, rows, cols, new=allocate):
-        parts = [self._values(rows, of) for of in self._apart(rows, cols)]
-        return np.hstack(parts), None
-
-    def _values(self, rows, cols):
         if self._is_same(rows, cols):
-            return self.kernel(self.X[rows])
-        return self.kernel(self.Z[rows], self.X[cols])
+            return self.kernel(self.X[rows]), None
+        return self.kernel(self.Z[rows], self.X[cols]), None
 
     def contract(self, W, tape, rows, cols):
-        total, most = np.zeros(self.kernel.n_dims), side_of_tensor(self.kernel.n_dims)
-        for of in self._apart(rows, cols) if len(total) else ():
-            of_tile = W[:, of.start - cols.start : of.stop - cols.start]
-            for i, j in product(*(_cut(n, most) for n in of_tile.shape)):
-                total += self._contract(of_tile[i, j], _within(rows, i), _within(of, j))
+        total = np.zeros(self.kernel.n_dims)
+        if len(total):
+            side = side_of_tensor(len(total))
+            for i, j in product(*(_cut(n, side) for n in W.shape)):
+                total += self._contract(W[i, j], _within(rows, i), _within(cols, j))
         return total
 
     def _contract(self, W, rows, cols):

@@ -110,7 +110,7 @@ class Node:
             The gradient.
         """
         of_free = [gradients[name] for name in self.free]
-        return np.concatenate(of_free, axis=None) if of_free else np.empty(0)
+        return np.concatenate([np.empty(0), *of_free], axis=None)
 
 
 class Bound:
@@ -127,9 +127,6 @@ class Bound:
       lasts as long, or None.
     - ``contract(W, tape, rows, cols)``: the sum over the tile of W times the derivative
       by each element of theta. It leaves W as it is.
-
-    The rows of a tile are none of its columns, or its first columns: the diagonal is
-    where ``rows.start == cols.start``, unless it was bound against others.
 
     Examples
     --------
@@ -202,13 +199,10 @@ class BoundWhite(Bound):
         return BoundZero()
 
     def block(self, rows, cols, new=allocate):
-        if rows.start != cols.start:
-            return 0.0, None
-        return self.s * np.eye(rows.stop - rows.start, cols.stop - cols.start), None
+        return (self.s * np.eye(rows.stop - rows.start) if rows == cols else 0.0), None
 
     def contract(self, W, tape, rows, cols):
-        same = rows.start == cols.start
-        return np.full(self.n_dims, self.s * np.trace(W) if same else 0.0)
+        return np.full(self.n_dims, self.s * np.trace(W) if rows == cols else 0.0)
 
 
 class BoundZero(Bound):

@@ -8,16 +8,14 @@ from sklearn.base import clone
 
 from skmtgp._estimators.fitted import evidence_of, likelihood_at
 from skmtgp._estimators.ranks_of_terms import rank_column
-from skmtgp._numerics.parallel import run
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
-from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.weighing import (
+    evidence_of_form,
     few_hyperparameters,
-    is_weighed,
-    may_be_weighed,
-    near_best,
+    summed,
     uncounted,
+    weighed,
 )
 
 ALONE = "single tasks"
@@ -93,11 +91,8 @@ def criterion_of(asked, of_forms, modes):
     every = list(range(len(of_forms)))
     if asked != "auto":
         return asked, every
-    if not (may_be_weighed(of_forms) and few_hyperparameters(of_forms)):
-        return "bic", every
-    near = near_best(of_forms, modes)
-    of_near = [of_forms[k] for k in near], [modes[k] for k in near]
-    return ("laplace", near) if is_weighed(*of_near) else ("bic", every)
+    near = weighed(of_forms, modes) if few_hyperparameters(of_forms) else []
+    return ("laplace", near) if near else ("bic", every)
 
 
 def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
@@ -145,21 +140,13 @@ def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
         of_form, of_alone = DENSITIES[criterion]
         scaled = np.full(len(of_forms), np.nan)
         some = [of_forms[k] for k in among], [modes[k] for k in among]
-        scaled[among] = _of_forms(of_form, *some, n_jobs)
+        scaled[among] = summed(of_form, *some, n_jobs)
         beside = [] if alone is None else [of_alone(alone, training)]
         table[criterion] = -2.0 * np.append(scaled + jacobian.sum(), beside)
     table["fit_time"] = seconds
     if not training.single_output:
         table |= {_of_output(j): column for j, column in enumerate(values.T)}
     return {name: np.asarray(column) for name, column in table.items()}
-
-
-def _of_forms(density, of_forms, modes, n_jobs):
-    """A log density of each form, summed over the outputs."""
-    pairs = zip(of_forms, modes, strict=True)
-    jobs = [job for of in pairs for job in zip(*of, strict=True)]
-    found = np.array(run(density, jobs, n_jobs=n_jobs))
-    return found.reshape(len(of_forms), -1).sum(axis=1)
 
 
 def _spared(problems, modes, forms):
@@ -198,13 +185,8 @@ def _leave_out(problem, mode):
     return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
 
 
-def _evidence(problem, mode):
-    """Log evidence by Laplace's method, in the problem's units."""
-    return evidence_around(likelihood_at(problem, mode), mode.theta)
-
-
 # Log densities of y: of a form of the multi-task model, and of single tasks.
 DENSITIES = {
     "loo": (_leave_out, Alone.leave_out),
-    "laplace": (_evidence, Alone.evidence),
+    "laplace": (evidence_of_form, Alone.evidence),
 }

@@ -86,6 +86,17 @@ class Tuning:
         none: it does not count.
     foreseen : int
         Numbers of rows for which that is asked, from the few that it was learned from.
+    weighed_within : float
+        Nats an output from the best by eq. 8 within which the evidence chooses: eq. 8
+        missed by no more on drawn data.
+    most_weighed : int
+        Hyperparameters of an output: with more the evidence takes too long.
+    rows_weighed : int
+        Rows of each hyperparameter of the largest form: with more eq. 8 says much the
+        same, and the evidence takes as long as learning does.
+    tie : float
+        Nats of evidence that are "not worth more than a bare mention" (Kass and Raftery
+        1995).
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.
@@ -190,6 +201,10 @@ class Tuning:
     unsure: float = 2.0
     vanishing: float = 1e-3
     foreseen: int = 4
+    weighed_within: float = 5.0
+    most_weighed: int = 100
+    rows_weighed: int = 30
+    tie: float = 1.0
     rougher: float = 2.0
     rounds: int = 2
     telling: int = 4

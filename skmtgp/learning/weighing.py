@@ -6,22 +6,18 @@ takes two gradients for each hyperparameter. So it is only computed of the forms
 are near the best by eq. 8 and the prior of the noise.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.screening import criterion, price
+from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.several import Forms
-
-REACH = 5.0  # nats an output: no more did eq. 8 miss by, on drawn data
-MOST = 100  # hyperparameters of an output: with more the evidence takes too long
-# Rows of each hyperparameter, of the largest form: with more eq. 8 says much the same,
-# and the evidence takes as long as learning does.
-ROWS = 30
-TIE = 1.0  # nats of evidence: not worth more than a bare mention (Kass, Raftery 1995)
 
 
 def worth(problem, mode, times=1.0):
@@ -84,7 +80,7 @@ def near_best(problems, modes):
     positions : list of int
     """
     worths = worths_of(problems, modes) - penalties(problems, modes)
-    least = np.nanmax(worths) - REACH * len(problems[0])
+    least = np.nanmax(worths) - problems[0][0].tuning.weighed_within * len(problems[0])
     return np.flatnonzero(worths >= least).tolist()
 
 
@@ -104,7 +100,7 @@ def may_be_weighed(problems, n=None):
     if several or not first.engine.exact or is_dask(first.data.X):
         return False
     most = max(of.prior.n_hyperparameters for each in problems for of in each)
-    return (len(first.data) if n is None else n) <= ROWS * most
+    return (len(first.data) if n is None else n) <= first.tuning.rows_weighed * most
 
 
 def is_weighed(problems, modes):
@@ -124,14 +120,41 @@ def is_weighed(problems, modes):
 
 def few_hyperparameters(problems):
     """Whether none of some forms has more of them than its Hessian may take."""
-    return all(of.prior.n_hyperparameters <= MOST for each in problems for of in each)
+    most = problems[0][0].tuning.most_weighed
+    return all(of.prior.n_hyperparameters <= most for each in problems for of in each)
 
 
-def evidences(problems, modes, n_jobs=None):
-    """Log evidence of each form, summed over the outputs; see :mod:`.evidence`.
+def weighed(problems, modes, n=None):
+    """Positions of the forms among which the evidence chooses; none if eq. 8 does.
 
     Parameters
     ----------
+    problems, modes
+        See `penalties`.
+    n : int, default=None
+        Number of rows, where the problems have only some of them.
+
+    Returns
+    -------
+    positions : list of int
+    """
+    if not may_be_weighed(problems, n):
+        return []
+    near = near_best(problems, modes)
+    return near if is_weighed(*_some(problems, modes, near)) else []
+
+
+def _some(problems, modes, positions):
+    return [problems[k] for k in positions], [modes[k] for k in positions]
+
+
+def summed(density, problems, modes, n_jobs=None):
+    """A log density of each form, summed over the outputs.
+
+    Parameters
+    ----------
+    density : callable
+        ``density(problem, mode)`` is that of an output.
     problems, modes
         See `penalties`.
     n_jobs : int, default=None
@@ -139,41 +162,47 @@ def evidences(problems, modes, n_jobs=None):
 
     Returns
     -------
-    evidences : ndarray of shape (n_forms,)
+    densities : ndarray of shape (n_forms,)
     """
-    jobs = [
-        pair
-        for of in zip(problems, modes, strict=True)
-        for pair in zip(*of, strict=True)
-    ]
-    found = np.array(run(evidence_of, jobs, n_jobs=n_jobs))
+    pairs = zip(problems, modes, strict=True)
+    jobs = [job for of in pairs for job in zip(*of, strict=True)]
+    found = np.array(run(density, jobs, n_jobs=n_jobs))
     return found.reshape(len(problems), -1).sum(axis=1)
 
 
-def evidence_of(problem, mode):
+def evidence_of_form(problem, mode):
     """The log evidence of a problem around a mode, in the problem's units."""
-    likelihood = problem.engine.likelihood(problem.prior, problem.data)
+    data = replace(problem.data, Z=mode.Z)  # by its inducing inputs, if it has any
+    likelihood = problem.engine.likelihood(problem.prior, data)
     return evidence_around(likelihood, mode.theta)
 
 
+def evidences(problems, modes, n_jobs=None):
+    """`summed` of the log evidence; see :mod:`.evidence`."""
+    return summed(evidence_of_form, problems, modes, n_jobs)
+
+
 def best_of_forms(problems, modes, n_jobs=None):
-    """Position of the form to take, see :func:`corrections` and :func:`simplest`.
+    """Position of the form to take.
 
     Parameters
     ----------
     problems, modes, n_jobs
-        See `evidences`.
+        See `summed`.
     """
-    found = corrections(problems, modes, n_jobs)
-    values = found + worths_of(problems, modes)
-    if not found.any():  # eq. 8 has chosen
-        return int(np.argmax(values))
-    return simplest(values, [of.prior.n_hyperparameters for of, *_ in problems])
+    near = weighed(problems, modes)
+    if not near:
+        return int(np.argmax(worths_of(problems, modes)))
+    if len(near) == 1:
+        return near[0]
+    sizes = [problems[k][0].prior.n_hyperparameters for k in near]
+    told = evidences(*_some(problems, modes, near), n_jobs)
+    return near[simplest(told, sizes, problems[0][0].tuning)]
 
 
-def simplest(evidences, sizes):
+def simplest(evidences, sizes, tuning=TUNING):
     """Position of the smallest model of those with all but the highest evidence."""
-    close = np.flatnonzero(evidences >= evidences.max() - TIE)
+    close = np.flatnonzero(evidences >= evidences.max() - tuning.tie)
     return int(min(close, key=lambda k: (sizes[k], -evidences[k])))
 
 
@@ -183,7 +212,7 @@ def corrections(problems, modes, n_jobs=None, n=None):
     Parameters
     ----------
     problems, modes, n_jobs
-        See `evidences`.
+        See `summed`.
     n : int, default=None
         Number of rows, where the problems have only some of them.
 
@@ -194,14 +223,12 @@ def corrections(problems, modes, n_jobs=None, n=None):
         that it chooses among them. Zeros where eq. 8 is to choose.
     """
     worths = worths_of(problems, modes)
-    if not may_be_weighed(problems, n):
+    near = weighed(problems, modes, n)
+    if not near:
         return np.zeros(len(worths))
-    near, found = near_best(problems, modes), -penalties(problems, modes)
-    of_near = [problems[k] for k in near], [modes[k] for k in near]
-    if not is_weighed(*of_near):
-        return np.zeros(len(worths))
+    found = -penalties(problems, modes)
     if len(near) > 1:
-        told = evidences(*of_near, n_jobs)
+        told = evidences(*_some(problems, modes, near), n_jobs)
         best = near[int(np.argmax(told))]
         found[near] = told - told.max() + worths[best] + found[best] - worths[near]
     return found

@@ -12,8 +12,8 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp.learning import weighing
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.learning.weighing import (
-    ROWS,
     best_of_forms,
     corrections,
     evidences,
@@ -46,6 +46,11 @@ def learned():
     return problems, modes
 
 
+def tuned(problems, **changes):
+    """The same problems with other constants."""
+    return [[replace(of, tuning=Tuning(**changes))] for [of] in problems]
+
+
 def without_noise(modes, log_noise=-23.0):
     """The same modes with next to no noise."""
     changed = [mode.theta.copy() for [mode] in modes]
@@ -74,9 +79,9 @@ def test_weak_priors_have_it_already(learned):
     assert (penalties(problems, without_noise(modes)) > 10.0).all()
 
 
-def test_only_those_near_the_best_have_their_evidence(learned, monkeypatch):
+def test_only_those_near_the_best_have_their_evidence(learned):
     problems, modes = learned
-    monkeypatch.setattr(weighing, "REACH", 4.5)
+    problems = tuned(problems, weighed_within=4.5)
     near = near_best(problems, modes)
     assert near == [0, 1]
     found = worths_of(problems, modes) + corrections(problems, modes)
@@ -88,7 +93,7 @@ def test_only_those_near_the_best_have_their_evidence(learned, monkeypatch):
 
 def test_one_alone_needs_no_evidence(learned, monkeypatch):
     problems, modes = learned
-    monkeypatch.setattr(weighing, "REACH", 0.0)
+    problems = tuned(problems, weighed_within=0.0)
     monkeypatch.setattr(weighing, "evidences", None)
     assert corrections(problems, modes).tolist() == (-penalties(*learned)).tolist()
 
@@ -103,7 +108,7 @@ def test_eq_8_chooses_otherwise(learned, why, monkeypatch):
     elif why == "unfinished":
         modes = [[mode._replace(converged=False)] for [mode] in modes]
     elif why == "large":
-        monkeypatch.setattr(weighing, "MOST", 3)
+        problems = tuned(problems, most_weighed=3)
     else:
         monkeypatch.setattr(weighing, "Forms", type(low_rank(M, 1)))
     assert corrections(problems, modes).tolist() == [0.0] * 3
@@ -127,10 +132,9 @@ def test_the_simplest_of_the_close(evidences, sizes, expected):
 def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     problems, modes = learned
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([-0.9, 0.0]))
-    monkeypatch.setattr(weighing, "REACH", 4.5)
+    problems = tuned(problems, weighed_within=4.5)
     assert best_of_forms(problems, modes) == 0
-    monkeypatch.setattr(weighing, "TIE", 0.5)
-    assert best_of_forms(problems, modes) == 1
+    assert best_of_forms(tuned(problems, weighed_within=4.5, tie=0.5), modes) == 1
 
 
 def test_several_terms():
@@ -143,8 +147,8 @@ def test_many_rows_are_left_to_bic(learned):
     problems, _ = learned
     most = max(of.prior.n_hyperparameters for [of] in problems)
     assert may_be_weighed(problems)
-    assert may_be_weighed(problems, ROWS * most)
-    assert not may_be_weighed(problems, ROWS * most + 1)
+    assert may_be_weighed(problems, TUNING.rows_weighed * most)
+    assert not may_be_weighed(problems, TUNING.rows_weighed * most + 1)
 
 
 def _of_terms():

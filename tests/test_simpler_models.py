@@ -337,7 +337,11 @@ class TestSingleTasks:
                 getattr(RankSearchIC(), method)()
 
 
-@pytest.fixture(scope="module", params=[None, 2], ids=["one output", "two outputs"])
+@pytest.fixture(
+    scope="module",
+    params=[None, pytest.param(2, marks=pytest.mark.long)],
+    ids=["one output", "two outputs"],
+)
 def laplace(request):
     X, y = DATA["compound symmetry"]
     y = y if request.param is None else np.column_stack([y, -y])

@@ -135,6 +135,9 @@ def assert_same_model(found, expected, X):
         assert_allclose(one, other, rtol=1e-6, atol=1e-8)
 
 
+ALIKE = ["levels", "per task", "IndependentGP", "PooledGP"]
+
+
 def tasks_on(dask_scheduler):
     """How much a cluster still holds or has to do."""
     return len(dask_scheduler.tasks)
@@ -148,7 +151,13 @@ def wait_until(condition, most=20.0):
 
 
 class TestFit:
-    @pytest.mark.parametrize("model", GPS.values(), ids=GPS.keys())
+    @pytest.mark.parametrize(
+        "model",
+        [
+            pytest.param(of, id=name, marks=[pytest.mark.long] * (name in ALIKE))
+            for name, of in GPS.items()
+        ],
+    )
     def test_same_as_in_memory(self, model):
         X, y = draw(N)
         model = clone(model).set_params(max_iter=3)

@@ -51,9 +51,17 @@ MODELS = {
     "iGP": (IndependentGP, {"noise": "per_task"}, None),
     "pGP": (PooledGP, {"diagonal": True}, None),
 }
+QUICKEST = ["full rank", "diagonal", "pGP"]  # to learn
 LEARNED = [name for name, of in MODELS.items() if of[0] is MultiTaskGPRegressor]
 every_model = pytest.mark.parametrize(
     ("estimator", "params", "n_outputs"), MODELS.values(), ids=MODELS
+)
+some_models = pytest.mark.parametrize(
+    ("estimator", "params", "n_outputs"),
+    [
+        pytest.param(*of, id=name, marks=[pytest.mark.long] * (name not in QUICKEST))
+        for name, of in MODELS.items()
+    ],
 )
 
 
@@ -70,7 +78,7 @@ def test_both_tell_the_same(estimator, params, n_outputs):
     assert vars(model).keys() == vars(dense).keys()
 
 
-@every_model
+@some_models
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.AmbiguousFitWarning")  # 30 rows
 def test_both_learn_the_same(estimator, params, n_outputs):
     (X, y), Z = draw(n_outputs=n_outputs), draw(4, seed=1)[0]

@@ -154,7 +154,7 @@ def test_it_is_scikit_learns_where_the_models_coincide():
     "noise", ["per_task", pytest.param("shared", marks=pytest.mark.long)]
 )
 def test_means_of_repeats_are_all_measurements(estimator, noise):
-    options = {"noise": noise, "max_iter": 15}
+    options = {"noise": noise, "max_iter": 3}
     options |= {} if estimator is PooledGP else {"normalize_y": "per_task"}
     of_all = estimator(**options).fit(X[ROWS], Y_ALL)
     data, known = averaged()

@@ -310,7 +310,16 @@ class TestAuto:
         assert decided(X, Y) == ("per_task", "shared")
         assert decided(X, np.column_stack([y, 3.0 * y])) == ("shared", "shared")
 
-    @pytest.mark.parametrize("case", ["alike", "units", "noise"])
+    @pytest.mark.parametrize(
+        "case",
+        [
+            "noise",
+            *(
+                pytest.param(case, marks=pytest.mark.long)
+                for case in ("alike", "units")
+            ),
+        ],
+    )
     def test_small_and_constant_tasks_do_not_matter(self, case):
         (X, y), expected = CASES[case]
         more = np.array([[1.0, 7], [2.0, 7], [3.0, 7], [4.0, 8], [5.0, 9], [1.0, 9]])

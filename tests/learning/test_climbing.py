@@ -23,7 +23,7 @@ from skmtgp.learning.ranks import learn_ranks
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
 
-@pytest.mark.parametrize("fine", [False, True])
+@pytest.mark.parametrize("fine", [pytest.param(False, marks=pytest.mark.long), True])
 def test_a_diagonal_does_not_cost_likelihood(data, fine, monkeypatch):
     """Even if no climb of the model with a diagonal finds anything."""
 

@@ -72,7 +72,7 @@ def test_all_forms_are_told_where_nothing_is_learned():
     assert told(problem.with_data(problem.data.drawn(60)), forms) == forms
 
 
-@pytest.mark.parametrize("n_outputs", [1, 2])
+@pytest.mark.parametrize("n_outputs", [1, pytest.param(2, marks=pytest.mark.long)])
 def test_higher_ranks_are_learned_from_all_rows_alone(n_outputs):
     X, y = draw(2)
     Y = np.column_stack([y, y[::-1]])[:, :n_outputs]
@@ -134,7 +134,10 @@ def test_exact_inference_learns_all_ranks_from_all_rows(monkeypatch):
     assert len(modes) == 2
 
 
-@pytest.mark.parametrize(("ranks", "n"), [(None, 4), ((0, 1, 2, 3, 4), 5)])
+@pytest.mark.parametrize(
+    ("ranks", "n"),
+    [(None, 4), pytest.param((0, 1, 2, 3, 4), 5, marks=pytest.mark.long)],
+)
 def test_ranks_that_are_given_are_all_learned(ranks, n):
     X, y = draw(1)
     search = RankSearchIC(MODEL, ranks=ranks, keep_estimators=True).fit(X, y)

@@ -112,12 +112,22 @@ def test_terms_take_the_places_where_they_began():
 @pytest.mark.parametrize(
     "kernels",
     [
-        (Matern(0.2, WIDE, nu=2.5), Matern(4.0, WIDE, nu=0.5)),
-        (ConstantKernel(0.5, "fixed") * RBF(0.2, WIDE), ConstantKernel() * RBF(4.0)),
-        (RBF(4.0, "fixed"), RBF(0.2, WIDE)),
-        (Columns(RBF(1.0, WIDE), [0]), RBF(4.0, WIDE)),
+        pytest.param(
+            (Matern(0.2, WIDE, nu=2.5), Matern(4.0, WIDE, nu=0.5)),
+            id="nu",
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            (ConstantKernel(0.5, "fixed") * RBF(0.2, WIDE), ConstantKernel() * RBF(4)),
+            id="fixed amplitude",
+        ),
+        pytest.param((RBF(4.0, "fixed"), RBF(0.2, WIDE)), id="fixed"),
+        pytest.param(
+            (Columns(RBF(1.0, WIDE), [0]), RBF(4.0, WIDE)),
+            id="columns",
+            marks=pytest.mark.long,
+        ),
     ],
-    ids=["nu", "fixed amplitude", "fixed", "columns"],
 )
 def test_other_kernels_keep_their_places(kernels):
     problem, _ = make(0, [(kernel, ONE) for kernel in kernels])

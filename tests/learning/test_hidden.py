@@ -56,7 +56,7 @@ def data():
     [
         pytest.param(1, 4.0, 3, False, -162.3, marks=pytest.mark.long),
         pytest.param(3, 4.0, 3, True, -353.4, marks=pytest.mark.long),
-        (2, 3.0, 2, True, -350.4),
+        pytest.param(2, 3.0, 2, True, -350.4, marks=pytest.mark.long),
     ],
 )
 def test_sites(seed, frequency, n_features, second, expected):

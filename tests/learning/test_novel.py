@@ -158,7 +158,7 @@ class TestLearnBorder:
         assert (gradient(u)[~inside] <= 1e-6).all()
         assert np.abs(gradient(u + 0.1)).max() > 1.0
 
-    @pytest.mark.parametrize("n_new", [8, 260])
+    @pytest.mark.parametrize("n_new", [8, pytest.param(260, marks=pytest.mark.long)])
     def test_evaluations_are_counted(self, own, informed, n_new, monkeypatch):
         problem, count = Problem(n_new), []
         evaluate = PairedBorder.evaluate

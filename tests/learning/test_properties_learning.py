@@ -65,7 +65,7 @@ def kinds(draw):
     }
 
 
-@examples(10)
+@examples(6)
 @given(problems(), kinds())
 @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_learning_raises_the_likelihood_that_the_attributes_have(problem, options):

@@ -99,7 +99,7 @@ class TestLearnRanks:
             np.testing.assert_array_equal(start.kernel_theta, other.kernel_theta)
             np.testing.assert_array_equal(start.K_rho, other.K_rho)
 
-    @pytest.mark.parametrize("n_jobs", [1, 2])
+    @pytest.mark.parametrize("n_jobs", [1, pytest.param(2, marks=pytest.mark.long)])
     def test_report(self, problems, n_jobs):
         problems = [
             replace(problem, budget=Budget(1, 1e-3), name=f"output {j} of 2")
@@ -162,7 +162,7 @@ class TestLearnRanks:
 @pytest.mark.parametrize(
     ("rank", "size", "levels"),
     [
-        (3, 2.0, False),
+        pytest.param(3, 2.0, False, marks=pytest.mark.long),
         (2, 2.0, True),
         pytest.param(6, 1.0, False, marks=pytest.mark.long),
     ],

@@ -269,8 +269,7 @@ def test_frames_with_named_loads():
 
 def test_a_search_has_its_parameters():
     urdf, X, Y = arm(40)
-    process = MultiTaskGPRegressor(rank=1, max_iter=20)
-    model = make_semiparametric_regressor(urdf, joint=1, estimator=process)
+    model = make_semiparametric_regressor(urdf, joint=1, estimator=QUICK)
     grid = {"rest": [None, "friction"], "estimator__shared": [False, True]}
     search = GridSearchCV(model, grid, cv=2, error_score="raise").fit(X, Y[:, 1])
     assert set(search.best_params_) == set(grid)

@@ -199,7 +199,8 @@ class TestAddTask:
 
 
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [0, 1])
 def test_data_without_noise(seed):
     """Eigenvalues that are rounding would make the likelihood too rough to climb."""
     rng = np.random.default_rng(seed)

@@ -20,12 +20,11 @@ SPREAD = {  # over what n_jobs spreads the work
     "restarts": MultiTaskGPRegressor(n_restarts_optimizer=2, random_state=0, **QUICK),
     "outputs and ranks": ESTIMATORS["RankSearchIC"],
     "tasks": ESTIMATORS["SingleTaskGP"],
-}
-ALIKE = {
     "outputs": MultiTaskGPRegressor(rank=2, **QUICK),
     "outputs, independent": ESTIMATORS["IndependentGP"],
     "outputs, pooled": ESTIMATORS["PooledGP"],
 }
+QUICKEST = ["outputs and ranks", "tasks"]
 
 
 @pytest.mark.filterwarnings("ignore:A worker stopped while some jobs were given")
@@ -33,11 +32,8 @@ class TestProcesses:
     @pytest.mark.parametrize(
         "model",
         [
-            *(pytest.param(model, id=name) for name, model in SPREAD.items()),
-            *(
-                pytest.param(model, id=name, marks=pytest.mark.long)
-                for name, model in ALIKE.items()
-            ),
+            pytest.param(of, id=name, marks=[pytest.mark.long] * (name not in QUICKEST))
+            for name, of in SPREAD.items()
         ],
     )
     def test_same_bits_for_any_number(self, model):
@@ -61,7 +57,7 @@ class TestProcesses:
         assert_same_bits([one.theta_], [two.theta_])
 
     def test_the_context_sets_their_number(self):
-        model = ALIKE["outputs"]
+        model = SPREAD["outputs"]
         expected = spreads(clone(model).fit(FRAME, Y), FRAME)
         with joblib.parallel_config("threading", n_jobs=2):
             found = spreads(clone(model).fit(FRAME, Y), FRAME)

@@ -48,6 +48,9 @@ class Walker:
     rng : Generator
         Source of randomness.
 
+    length : float
+        Of a trajectory, in deviations.
+
     Attributes
     ----------
     propose : callable or None
@@ -56,8 +59,9 @@ class Walker:
         It is tried after each trajectory, where a density has several modes.
     """
 
-    def __init__(self, log_density, x, scale, rng):
+    def __init__(self, log_density, x, scale, rng, length=LENGTH):
         self.log_density, self.rng, self.propose = log_density, rng, None
+        self.length = length
         self.x, self.scale, self.n_evaluations = x, scale, 0
         self.n_divergent = self.n_jumps = 0
         self.value, self.gradient = self._evaluate(x)
@@ -68,7 +72,7 @@ class Walker:
 
     def move(self, step):
         """A trajectory of leapfrog steps, and a jump; with what chance to accept it."""
-        turn = LENGTH * self.rng.uniform(0.5, 1.5)  # no period is missed always
+        turn = self.length * self.rng.uniform(0.5, 1.5)  # no period is missed always
         n_steps = int(np.clip(np.rint(turn / step), 1, MOST_STEPS))
         momentum = self.rng.standard_normal(len(self.x))
         energy = self.value - 0.5 * momentum @ momentum
@@ -119,7 +123,18 @@ class Walker:
         self.scale = self.scale @ np.linalg.cholesky(covariance / (len(draws) + prior))
 
 
-def sample(log_density, x, scale, rng, *, n_warm, n_draws, propose=None, report=None):
+def sample(
+    log_density,
+    x,
+    scale,
+    rng,
+    *,
+    n_warm,
+    n_draws,
+    length=LENGTH,
+    propose=None,
+    report=None,
+):
     """Draws of one chain, warmed up in two halves: for the metric and with it.
 
     Parameters
@@ -130,6 +145,8 @@ def sample(log_density, x, scale, rng, *, n_warm, n_draws, propose=None, report=
         Trajectories to warm up with; they are not kept.
     n_draws : int
         Trajectories that are.
+    length : float, default=1.6
+        See Walker. Where the metric is poor, longer ones are worth more than they cost.
     propose : callable, default=None
         See Walker. Not used for the metric, which is that of one mode, nor for draws
         where none of its points was accepted while warming up.
@@ -140,7 +157,7 @@ def sample(log_density, x, scale, rng, *, n_warm, n_draws, propose=None, report=
     -------
     chain : Chain
     """
-    walker, draws = Walker(log_density, x, scale, rng), []
+    walker, draws = Walker(log_density, x, scale, rng, length), []
     warm, step = walker.tune(n_warm // 2, FIRST_STEP)
     walker.learn_scale(warm)
     walker.propose = propose

@@ -97,7 +97,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         - "compound symmetry": a function of all tasks and an independent deviation of
           each, ``rank=0, shared=True, diagonal="equal"``.
         - "single tasks": a SingleTaskGP, if inference is exact and each task has at
-          least twice as many samples as hyperparameters.
+          least twice as many samples as hyperparameters, and targets that vary.
         - "rank r and diagonal": the best rank with a diagonal in place of its last
           function, which one task may have to itself. It is tried if `ranks` is None,
           inference is exact and the data have noise. Criteria do not count variances of
@@ -698,6 +698,8 @@ def _alone(model, training, X, y, given):
     """The tasks learned alone, or None where their rows cannot tell as much."""
     alone = alone_like(model, training.features)
     learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
+    if training.constant.any():  # certain of y, a model of it alone would decide
+        return None
     if training.counts.min() < TOLD * (alone.kernel.n_dims + learned):
         return None
     names = "alpha", "sample_weight", "repeat_variance"

@@ -417,7 +417,20 @@ def warn_of_constants(constant):
         which = f" {(np.flatnonzero(constant) + 1).tolist()}" * (len(constant) > 1)
         warn(
             f"Output{which} is constant in training: the standard deviations of its "
-            "predictions mean nothing. Check y, or leave the output out.",
+            "predictions mean nothing. Check y, or leave it out.",
+            ConstantTargetWarning,
+        )
+
+
+def warn_of_constant_tasks(tasks, *, own_noise):
+    """Say which tasks, if any, have targets that do not vary, and what that does."""
+    if len(tasks):
+        harm = "which makes the noise of all tasks, and their intervals, too small"
+        if own_noise:
+            harm = "and the kernel may follow these rows alone. Set noise='shared'"
+        warn(
+            f"T{name_tasks(tasks)[1:]}: all targets are equal, as if there were no "
+            f"noise, {harm}. Check y, or leave these rows out.",
             ConstantTargetWarning,
         )
 

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from skmtgp._data.checks import warn_of_constant_tasks
 from skmtgp._estimators.named_kernels import SMOOTHNESS
 from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.units import shared_units, units_of_tasks
@@ -42,6 +43,8 @@ def decide(model, training, progress=None):
     training : Training
         With `units`, `noise` and `kernel`.
     """
+    constant = training.tasks[training.constant]
+    warn_of_constant_tasks(constant, own_noise=model.noise == "per_task")
     training = _decided(model, training)
     report = progress and "auto" in (model.normalize_y, model.noise)
     report = report and progress(
@@ -93,6 +96,8 @@ def _noises(model, training):
         return [model.noise]
     fixed = isinstance(model.noise_variance_bounds, str)
     if fixed or len(training.tasks) == 1 or model.max_iter == 0:
+        return ["shared"]
+    if training.constant.any():  # its own noise would vanish, and k^x follow it alone
         return ["shared"]
     return ["shared", "per_task"]
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from skmtgp._data.complete import count_missing, design_of
-from skmtgp._data.dask import held
+from skmtgp._data.dask import held, is_dask
 from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.known import Known
@@ -18,6 +18,7 @@ from skmtgp._estimators.units import Units, count_tasks, units_of_tasks
 from skmtgp.model.trend import Trend
 
 AS_THEY_ARE = slice(None)
+FEW_ROWS = 5  # of a task: so many may well have the same y
 
 
 @dataclass(frozen=True)
@@ -94,6 +95,23 @@ class Training:
     def counts(self):
         """Number of rows of each task."""
         return count_tasks(self.codes, len(self.tasks))
+
+    @cached_property
+    def constant(self):
+        """Whether all rows of each task have the same y, if they are not few.
+
+        It is not asked of outputs that do not vary at all, nor of Dask collections.
+        """
+        if is_dask(self.Y):
+            return np.zeros(len(self.tasks), dtype=bool)
+        starts = np.append(0, np.cumsum(self.counts)[:-1])
+        order = np.argsort(self.codes, kind="stable")
+        Y = self.Y[order]
+        same = np.minimum.reduceat(Y, starts) == np.maximum.reduceat(Y, starts)
+        if self.known is not None:  # means of measurements that differ
+            spread = np.reshape(self.known.spread, Y.shape)
+            same &= ~np.logical_or.reduceat(spread[order] > 0.0, starts)
+        return (self.counts > FEW_ROWS) & same[:, np.ptp(Y, axis=0) > 0.0].any(axis=1)
 
     @property
     def measured(self):

@@ -112,9 +112,13 @@ def _left_to_noise(problem, mode):
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)
         noise = posterior.noise + posterior.jitter
-        freedom = _of_tasks(problem.data, noise * posterior.precision())
-        squares = _of_tasks(problem.data, noise * np.square(posterior.alpha))
-    return freedom, squares
+        freedom = noise * posterior.precision()
+        squares = noise * np.square(posterior.alpha)
+    known, counts = problem.data.known, problem.data.counts
+    if known is not None:  # what repeats tell beside their means
+        freedom = freedom + counts - 1.0
+        squares = squares + known.spread / posterior.noise
+    return _of_tasks(problem.data, freedom), _of_tasks(problem.data, squares)
 
 
 def with_own_noise(problem, mode):
@@ -181,8 +185,17 @@ def price(n_parameters, n):
 
 def price_of_tasks(data):
     """Nats that a parameter for each task is worth: only its own rows tell it."""
-    counts = sum(map_parts(partial(np.bincount, minlength=data.n_tasks), data.tasks))
+    if data.known is None:
+        each = partial(np.bincount, minlength=data.n_tasks)
+        counts = sum(map_parts(each, data.tasks))
+    else:
+        counts = _of_tasks(data, data.counts)
     return 0.5 * np.log(np.maximum(counts, 1.0)).sum()
+
+
+def n_measured(data):
+    """How many measurements the rows stand for."""
+    return len(data) if data.known is None else data.counts.sum()
 
 
 def criterion(problem, mode, times=1.0):
@@ -196,7 +209,7 @@ def criterion(problem, mode, times=1.0):
     if prior.n_noise > 1:
         n_shared, of_tasks = n_shared - prior.n_noise, price_of_tasks(data)
         of_tasks += price(prior.n_noise, times)
-    return times * mode.value - price(n_shared, times * len(data)) - of_tasks
+    return times * mode.value - price(n_shared, times * n_measured(data)) - of_tasks
 
 
 def score(problem, mode, scale):
@@ -217,7 +230,7 @@ def score(problem, mode, scale):
     """
     data, trend = problem.data, problem.prior.trend
     scale = np.broadcast_to(scale, data.n_tasks)
-    found = criterion(problem, mode) - _of_tasks(data, np.log(scale)[data.tasks]).sum()
+    found = criterion(problem, mode) - data.counts @ np.log(scale)[data.tasks]
     if trend is not None:
         found += trend.log_jacobian(data.X, data.tasks)
     if (scale == scale[0]).all():

@@ -13,7 +13,7 @@ import numpy as np
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.evidence import evidence_around
-from skmtgp.learning.screening import criterion, price
+from skmtgp.learning.screening import criterion, n_measured, price
 from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.hyperprior import Hyperprior
@@ -24,7 +24,7 @@ def worth(problem, mode, times=1.0):
     """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts."""
     n_vanished, choices = uncounted(problem, mode)
     found = criterion(problem, mode, times)
-    return found + price(n_vanished, times * len(problem.data)) - choices
+    return found + price(n_vanished, times * n_measured(problem.data)) - choices
 
 
 def uncounted(problem, mode):

@@ -12,6 +12,7 @@ from strategies import examples, seeds
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 from skmtgp._estimators import deciding
+from skmtgp.exceptions import ConstantTargetWarning
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 OWN = {"normalize_y": "per_task", "noise": "shared"}
@@ -375,3 +376,50 @@ def test_noise_of_tasks_is_not_asked_where_one_has_no_row_for_it(monkeypatch):
     model.fit(X[tasks < 2], y[tasks < 2])
     assert model.noise_ == "per_task"
     assert asked
+
+
+@pytest.mark.parametrize("constant", [0.5])
+@pytest.mark.parametrize(
+    "model", [MultiTaskGPRegressor(), MultiTaskGPRegressor(rank=1), IndependentGP()]
+)
+def test_a_task_of_one_target_does_not_spoil_the_others(model, constant):
+    """With noise of its own, which vanishes, k^x was that of a constant."""
+    rng = np.random.default_rng(1)
+    x, task = rng.uniform(0.0, 6.0, (60, 2)), np.repeat([0, 1, 2], 20)
+    f = np.array([0.0, 1.5, -1.0])[task] * np.sin(x[:, 0])
+    y = np.where(task == 0, constant, f + 0.2 * rng.standard_normal(60))
+    X, others = np.column_stack([x, task]), task > 0
+    with pytest.warns(ConstantTargetWarning, match=r"^Task 0: all targets are equal"):
+        model = clone(model).fit(X, y)
+    assert model.noise_ == "shared"
+    error = model.predict(X[others]) - f[others]
+    assert np.sqrt(np.mean(error**2)) < 0.25  # the functions have 0.9
+    with pytest.warns(ConstantTargetWarning, match="Set noise='shared'"):
+        clone(model).set_params(noise="per_task", max_iter=0).fit(X, y)
+
+
+def test_single_tasks_are_no_candidate_where_one_has_one_target():
+    X, y = CASES["alike"][0]
+    y = np.where(X[:, -1] == X[0, -1], 1.0, y)
+    search = RankSearchIC(MultiTaskGPRegressor(max_iter=3), ranks=(1,), simpler=True)
+    with pytest.warns(ConstantTargetWarning):
+        found = search.fit(X, y).results_["model"]
+    assert "single tasks" not in set(found)
+
+
+@pytest.mark.parametrize(("own", "seed"), [(False, 2), (True, 0)])
+def test_means_of_repeats_decide_as_all_measurements(own, seed):
+    """Their spread tells the noise of each task, and they count as often."""
+    rng, repeats, n = np.random.default_rng(seed), 8, 18
+    x, task = rng.uniform(0.0, 6.0, n), np.arange(n) % 3
+    of = np.repeat(np.arange(n), repeats)
+    noise = np.array([0.2, 0.2, 0.4 if own else 0.2])[task[of]]
+    y = np.sin(x[of]) * (1.0 + task[of]) + noise * rng.standard_normal(len(of))
+    mean = np.bincount(of, y) / repeats
+    spread = np.bincount(of, (y - mean[of]) ** 2) / repeats
+    X, options = np.column_stack([x, task]), {"rank": 1, "kernel": "rbf"}
+    options |= {"normalize_y": "shared", "inference": "dense", "max_iter": 15}
+    all_rows = MultiTaskGPRegressor(**options).fit(X[of], y)
+    known = {"sample_weight": np.full(n, repeats), "repeat_variance": spread}
+    averaged = MultiTaskGPRegressor(**options).fit(X, mean, **known)
+    assert averaged.noise_ == all_rows.noise_ == ("per_task" if own else "shared")

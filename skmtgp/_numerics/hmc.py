@@ -85,7 +85,8 @@ class Walker:
                 break
             last = 0.5 if i == n_steps - 1 else 1.0
             momentum = momentum + last * step * (self.scale.T @ gradient)
-        gain = value - 0.5 * momentum @ momentum - energy
+        with np.errstate(over="ignore"):  # far outside
+            gain = value - 0.5 * momentum @ momentum - energy
         gain = gain if np.isfinite(gain) else -np.inf
         self.n_divergent += bool(gain < -DIVERGED)
         accepted = float(np.exp(min(0.0, gain)))

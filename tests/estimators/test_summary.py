@@ -145,6 +145,7 @@ def test_one_task():
     ]
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.ConstantTargetWarning")
 def test_targets_that_do_not_vary():
     X, y = draw()
     y = np.where(X[:, -1] == 1, 3.0, y)

@@ -15,6 +15,7 @@ __all__ = [
     "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
     "PrecisionWarning",
+    "RepeatedRowsWarning",
     "SamplingWarning",
     "SmallTaskWarning",
     "TaskColumnWarning",
@@ -264,6 +265,20 @@ class UnderflowWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import UnderflowWarning
     >>> warnings.simplefilter("error", UnderflowWarning)
+    """
+
+
+class RepeatedRowsWarning(UserWarning):
+    """Rows are there twice, as if measurements of the same agreed exactly.
+
+    All rows with the same inputs have the same target, too. So the noise that is
+    learned may be far too small, and with it the standard deviations of predictions.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import RepeatedRowsWarning
+    >>> warnings.simplefilter("error", RepeatedRowsWarning)
     """
 
 

@@ -35,6 +35,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp._support.warnings import collect_warnings
 from skmtgp.learning.shortlisting import with_own_part
 from skmtgp.learning.weighing import simplest
 from skmtgp.model.described import task_covariance
@@ -112,10 +113,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
         largest candidate has at most 100 hyperparameters and at most 30 rows for each,
-        and if those within 5 nats of the best by BIC were learned to the end and one
-        has noise. It chooses among these and single tasks, and of evidences within a
-        nat the model with the fewest hyperparameters. Otherwise "auto" is "bic", as in
-        the paper.
+        and if those near the best were learned to the end and one has noise: they are
+        within 5 nats for each output of the best, by BIC and the prior of the noise. It
+        chooses among these and single tasks, and of evidences within a nat the model
+        with the fewest hyperparameters. Otherwise "auto" is "bic", as in the paper.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
@@ -352,16 +353,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         self.criterion_ = criterion
         if model.verbose:
             say(f"chosen by {criterion.upper()}: {names[best]}")
-        kept = range(len(names)) if self.keep_estimators else [best]
-        fitted = {k: makes[k]() for k in kept}
-        self.best_estimator_ = fitted[best]
+        self.best_estimator_, kept = _made(makes, best, every=self.keep_estimators)
         if best < len(modes):
             rank = settings[best]["rank"]
             self.best_rank_ = tuple(rank) if isinstance(rank, list) else rank
             self.best_estimator_._warn_of_fit(training, of_forms[best], modes[best])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
-            self.estimators_ = list(fitted.values())
+            self.estimators_ = kept
 
     def _best(self, table, criterion):
         """Position of what is chosen; nothing whose criterion could not be computed."""
@@ -685,6 +684,16 @@ def _with_own_part(settings, of_forms, modes, n_jobs):
     form = own[0].prior.task_covariance
     params = {"rank": form.rank, "shared": bool(form.shared), "diagonal": True}
     return [*settings, params], [*of_forms, own], [*modes, of_own]
+
+
+def _made(makes, best, *, every):
+    """The best model, and all of them if asked; these warn of nothing."""
+    chosen = makes[best]()
+    if not every:
+        return chosen, []
+    with collect_warnings():
+        kept = [chosen if k == best else make() for k, make in enumerate(makes)]
+    return chosen, kept
 
 
 def _fitted(model, training, settings, problems, modes):

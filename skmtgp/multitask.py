@@ -406,10 +406,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     With ``rank=None`` the candidate with the highest evidence is taken: the likelihood
     with the hyperparameters integrated out under a weak prior, by Laplace's method. It
-    is computed of the candidates within 5 nats of the best by BIC and the prior of the
-    noise, to which almost no noise is unlikely. BIC alone chooses if the best
-    candidates have no noise, more than 100 hyperparameters, or more than 30 rows for
-    each of them, or were not learned to the end, and in sparse inference. See
+    is computed of the candidates within 5 nats for each output of the best by BIC and
+    the prior of the noise, to which almost no noise is unlikely. BIC alone chooses if
+    the best candidates have no noise, more than 100 hyperparameters, or more than 30
+    rows for each of them, or were not learned to the end, and in sparse inference. See
     :doc:`/guide/rank`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning

@@ -355,6 +355,21 @@ class TestKeptEstimators:
         search.set_params(keep_estimators=False).fit(*data)
         assert not hasattr(search, "estimators_")
 
+    def test_those_that_are_not_chosen_do_not_warn(self, data):
+        search = RankSearchIC(MODEL, ranks=(1, 2, 3), keep_estimators=True)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", ConvergenceWarning)
+            search.fit(*data)
+        told = [w for w in caught if w.category is ConvergenceWarning]
+        assert len(told) == 1
+
+    def test_weak_priors_are_no_part_of_the_likelihoods(self, data):
+        model = clone(STAGED).set_params(hyperparameters="map")
+        search = RankSearchIC(model, ranks=(1, 2), keep_estimators=True).fit(*data)
+        found = [of.log_marginal_likelihood_value_ for of in search.estimators_]
+        values = search.results_["log_marginal_likelihood"]
+        np.testing.assert_allclose(values, found)
+
     def test_bad_value(self, data):
         with pytest.raises(ValueError, match=r"'keep_estimators' parameter .* must be"):
             RankSearchIC(MODEL, keep_estimators="all").fit(*data)

@@ -21,6 +21,7 @@ from skmtgp._support.guide import NOISE, PARALLEL
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     ConstantTargetWarning,
+    RepeatedRowsWarning,
     TaskColumnWarning,
     UnderflowWarning,
     UnidentifiedNoiseWarning,
@@ -28,6 +29,7 @@ from skmtgp.exceptions import (
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
+FEW_COPIES = 2  # of rows: so many may be there by chance
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 # Last words of names of columns that are integers, and seldom name tasks
 TIMES = {"year", "month", "week", "day", "weekday", "hour", "minute", "time"}
@@ -432,6 +434,18 @@ def warn_of_constant_tasks(tasks, *, own_noise):
             f"T{name_tasks(tasks)[1:]}: all targets are equal, as if there were no "
             f"noise, {harm}. Check y, or leave these rows out.",
             ConstantTargetWarning,
+        )
+
+
+def warn_of_copies(n_copies):
+    """Say how many rows are there twice, if they are not few."""
+    if n_copies > FEW_COPIES:
+        warn(
+            f"{n_copies} rows repeat another one, with the same target, as if y had no "
+            "noise. If it has some, the noise that is learned may be far too small, "
+            "and so may the standard deviations of predictions. Take the copies out, "
+            "for example by drop_duplicates of a DataFrame with X and y.",
+            RepeatedRowsWarning,
         )
 
 

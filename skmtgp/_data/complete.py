@@ -130,6 +130,19 @@ def row_keys(features):
     return keys
 
 
+def count_copies(features, codes, Y):
+    """How many rows repeat another one; 0 if equal inputs have different targets.
+
+    Targets that have few values may be equal by chance.
+    """
+    inputs = np.column_stack([features, codes])
+    n_inputs = len(np.unique(row_keys(inputs)))
+    if n_inputs == len(Y):
+        return 0
+    n_rows = len(np.unique(row_keys(np.column_stack([inputs, Y]))))
+    return len(Y) - n_rows if n_rows == n_inputs else 0
+
+
 def nearly_complete(features, codes):
     """What keeps data from inference by Kronecker products, where it is little.
 

@@ -13,6 +13,7 @@ from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.weighing import (
     evidence_of_form,
     few_hyperparameters,
+    log_likelihood,
     summed,
     uncounted,
     weighed,
@@ -120,8 +121,8 @@ def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
     table : dict of str to ndarray of shape (n_candidates,)
     """
     jacobian = training.log_jacobian()
-    values = np.array([[mode.value for mode in of_rank] for of_rank in modes])
-    values += jacobian
+    pairs = zip(of_forms, modes, strict=True)
+    values = np.array([list(map(log_likelihood, *of)) for of in pairs]) + jacobian
     forms = [of_form[0].prior.task_covariance for of_form in of_forms]
     names, ranks = [str(form) for form in forms], [form.rank for form in forms]
     count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]

@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from skmtgp._data.checks import FEW_ROWS, check_training, locate, warn_of_constants
+from skmtgp._data.checks import (
+    FEW_ROWS,
+    check_training,
+    locate,
+    warn_of_constants,
+    warn_of_copies,
+)
+from skmtgp._data.complete import count_copies
 from skmtgp._data.dask import is_dask
 from skmtgp._data.descriptors import locate_descriptors, read_descriptors
 from skmtgp._data.known import read_known, weighed_rows
@@ -14,6 +21,7 @@ from skmtgp._estimators.targets import fit_target
 from skmtgp._estimators.training import Training
 from skmtgp.inference.engines import leaves_rows, repeats_rows
 
+MOST_ROWS = 100_000  # of which copies are looked for
 NOTHING = None, None, None  # is known of the noise of the rows
 # Arguments that need the rows in memory, and what to do without each.
 NEEDS_ROWS = {
@@ -45,12 +53,16 @@ def read(model, X, y, given=NOTHING):
     ValueError
         If something cannot be used, which it names.
     """
+    plain = all(part is None for part in given)
     X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
     stay = is_dask(X, y) and leaves_rows(model.inference)
     if stay:
         _refuse_what_needs_rows(model, given)
     check = check_partitions if stay else check_training
-    return gathered(model, *check(model, X, y), given)
+    training = gathered(model, *check(model, X, y), given)
+    if plain and not stay:
+        _tell_copies(model, training)
+    return training
 
 
 def _refuse_what_needs_rows(model, given):
@@ -99,6 +111,14 @@ def gathered(model, features, codes, tasks, Y, given=NOTHING):
     return Training(
         features, codes, tasks, Y, single_output, descriptors=described, **more
     )
+
+
+def _tell_copies(model, training):
+    """Warn of rows that are there twice, where noise is learned."""
+    fixed = isinstance(model.noise_variance_bounds, str)
+    if model.max_iter and not fixed and len(training.Y) <= MOST_ROWS:
+        rows = training.features, training.codes, training.Y
+        warn_of_copies(count_copies(*rows))
 
 
 def _tell_constants(model, Y):

@@ -35,6 +35,13 @@ def uncounted(problem, mode):
     return n_vanished, price_of_choice(problem.prior, n_vanished)
 
 
+def log_likelihood(problem, mode):
+    """That of a mode, without the weak priors if they count in its value."""
+    if not problem.weak_priors:
+        return mode.value
+    return mode.value - Hyperprior(problem.prior).log_density(mode.theta)[0]
+
+
 def noise_penalty(prior, theta):
     """Nats by which noise variances are less likely beforehand than the likeliest."""
     hyperprior = Hyperprior(prior)

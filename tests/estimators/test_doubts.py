@@ -7,11 +7,18 @@ import pandas as pd
 import pytest
 from scipy.signal import lfilter
 
-from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, SingleTaskGP
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+)
 from skmtgp._estimators import doubts
 from skmtgp.exceptions import (
     AmbiguousFitWarning,
     CorrelatedResidualsWarning,
+    RepeatedRowsWarning,
     SmallTaskWarning,
 )
 from skmtgp.learning.ambiguity import Doubt
@@ -153,3 +160,48 @@ class TestSmallTasks:
             warnings.simplefilter("ignore")
             warnings.simplefilter("error", SmallTaskWarning)
             self.model().fit(X, y, sample_weight=weight)
+
+
+class TestCopies:
+    """Rows that are there twice say that there is no noise."""
+
+    X = np.column_stack([np.linspace(0.0, 6.0, 40), np.arange(40) % 2])
+    y = np.sin(X[:, 0]) + 0.3 * np.random.default_rng(0).standard_normal(40)
+    FEW = {"max_iter": 2}
+    quick = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+
+    def twice(self, n):
+        rows = np.append(np.arange(40), np.arange(n))
+        return self.X[rows], self.y[rows]
+
+    @quick
+    @pytest.mark.parametrize(
+        "model",
+        [
+            MultiTaskGPRegressor(rank=1, **FEW),
+            IndependentGP(**FEW),
+            SingleTaskGP(**FEW),
+            RankSearchIC(MultiTaskGPRegressor(**FEW), ranks=(1,), simpler=False),
+        ],
+    )
+    def test_are_told(self, model):
+        with pytest.warns(RepeatedRowsWarning, match=r"rows repeat another one.*drop_"):
+            model.fit(*self.twice(8))
+
+    @quick
+    @pytest.mark.parametrize("n", [0, 2])
+    def test_a_few_are_not(self, n):
+        MultiTaskGPRegressor(rank=1, **self.FEW).fit(*self.twice(n))
+
+    @quick
+    def test_nor_what_is_equal_by_chance_or_counted(self):
+        X, y = self.twice(8)
+        MultiTaskGPRegressor(rank=1, **self.FEW).fit(X, np.append(y[:-1], 9.0))
+        options = {"rank": 1, "inference": "dense"} | self.FEW
+        MultiTaskGPRegressor(**options).fit(X, y, sample_weight=np.ones(48))
+
+    def test_nor_where_noise_is_not_learned(self):
+        X, y = self.twice(8)
+        MultiTaskGPRegressor(rank=1, max_iter=0).fit(X, y)
+        options = {"noise_variance": 0.1, "noise_variance_bounds": "fixed"}
+        MultiTaskGPRegressor(rank=1, learning="staged", **options).fit(X, y)

@@ -20,6 +20,7 @@ from sklearn.utils.validation import (
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.labels import check_labels
 from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
@@ -345,6 +346,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
                 f"{type(self).__name__} requires y to be passed, but the target y is "
                 "None."
             )
+        refuse_another_order(X, y)
         table, Y = self._table(X, reset=True), _as_table(y)
         self._single, names = Y.ndim == 1, _names(Y)
         if isinstance(table, pd.DataFrame):

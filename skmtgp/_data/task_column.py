@@ -2,6 +2,7 @@
 
 import difflib
 import numbers
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -251,7 +252,7 @@ def split_table(table, position, estimator=None):
         _without(table, position),
         "X",
         names[:position] + names[position + 1 :],
-        task=names[position],
+        advise=partial(_advise_text, names, position),
         estimator=estimator,
     )
     name = repr(names[position])
@@ -264,6 +265,20 @@ def split_table(table, position, estimator=None):
 def _names(table, estimator):
     """Names of the columns, or their positions."""
     return list(getattr(estimator, "feature_names_in_", column_names(table)))
+
+
+def _advise_text(names, position, k):
+    """What to do where the k-th of the columns but the task's holds text."""
+    at = k + (k >= position)
+    column, why = names[at], ""
+    if not isinstance(column, str) and column != at:
+        column, why = at, " (an integer is a position, not a column's name)"
+    return (
+        f" If it is the task column, set task_feature={column!r}{why} of the "
+        f"MultiTaskGPRegressor or its like (it is column {names[position]!r} now); "
+        "else encode it, with a OneHotEncoder in a ColumnTransformer with "
+        "remainder='passthrough' for example."
+    )
 
 
 def _is_mapped(array):

@@ -132,6 +132,18 @@ def test_split_names_the_position_of_a_feature_without_a_name():
         split_table(X, 2)
 
 
+def test_a_column_whose_label_is_an_integer_is_named_by_its_position():
+    X = pd.DataFrame({2: ["A", "B"], 0: [0.5, 0.25], 1: [1, 2], 3: [2, 1]})
+    match = (
+        r"column 2 holds .*'A'.* task_feature=0 \(an integer is a position, not a col"
+    )
+    with pytest.raises(ValueError, match=match):
+        PooledGP(task_feature=2).fit(X, [1.0, 2.0])
+    PooledGP(task_feature=0, max_iter=0).fit(X, [1.0, 2.0])
+    with pytest.raises(ValueError, match=r"column 2 holds .*task_feature=2 of the"):
+        split_table(X[[0, 1, 2, 3]], 1)  # where the label is the position
+
+
 def test_split_of_numbers_in_text():
     features, _ = split_table(np.array([["0.5", "a"], ["0.25", "b"]], object), 1)
     np.testing.assert_array_equal(features, [[0.5], [0.25]])

@@ -21,6 +21,8 @@ def as_frame(values):
     """
     if isinstance(values, pd.DataFrame) or not hasattr(values, "columns"):
         return values
+    if type(values).__module__.startswith("pyarrow"):  # its columns have no names
+        return values.to_pandas()
     return pd.DataFrame({name: as_array(values[name]) for name in values.columns})
 
 

@@ -108,9 +108,10 @@ def _locate_name(name, names, parameter):
     if names is None:
         raise ValueError(
             f"{parameter}={name!r} names a column, but X has no column names. Pass a "
-            "DataFrame, or the position of the column. Before the last step of a "
-            "pipeline make one by set_output(transform='pandas') of the pipeline, with "
-            "verbose_feature_names_out=False of a ColumnTransformer and "
+            "DataFrame, or the position of the column. Meta-estimators such as "
+            "BaggingRegressor pass arrays, where only positions count. Before the "
+            "last step of a pipeline make one by set_output(transform='pandas') of the "
+            "pipeline, with verbose_feature_names_out=False of a ColumnTransformer and "
             "sparse_output=False of a OneHotEncoder."
         )
     names = list(names)

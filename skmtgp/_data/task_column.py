@@ -160,6 +160,7 @@ def read_table(estimator, X, *, reset):
     X = as_frame(X)
     options = {"dtype": None, "ensure_all_finite": False}
     if isinstance(X, pd.DataFrame):
+        _refuse_levels(X, estimator.task_feature)
         options = {"skip_check_array": True}
     try:
         table = validate_data(estimator, _keep_types(X), reset=reset, **options)
@@ -176,6 +177,17 @@ def read_table(estimator, X, *, reset):
             "stack them into rows with a task, or do it by stack_tasks."
         )
     return table
+
+
+def _refuse_levels(frame, task_feature):
+    """Raise a ValueError where a name is looked for among columns of several levels."""
+    if isinstance(task_feature, str) and frame.columns.nlevels > 1:
+        raise ValueError(
+            f"task_feature={task_feature!r} names a column, but the columns of X have "
+            f"{frame.columns.nlevels} levels, such as {frame.columns[0]!r}. Make them "
+            "one, by X.columns = ['_'.join(map(str, c)) for c in X.columns] for "
+            "example, or give the position of the column."
+        )
 
 
 def _advise_task(estimator, X):
@@ -326,7 +338,9 @@ def task_labels(X, task_feature=-1, owner=None):
         number that is not an integer.
     """
     X = as_frame(X)
-    if not isinstance(X, pd.DataFrame) and not hasattr(X, "dtype"):
+    if isinstance(X, pd.DataFrame):
+        _refuse_levels(X, task_feature)
+    elif not hasattr(X, "dtype"):
         X = np.asarray(X, dtype=object)
     if X.ndim != 2:
         raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")

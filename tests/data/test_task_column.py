@@ -39,6 +39,21 @@ def test_column_name_without_names():
         locate_task_column("load", 3)
 
 
+def test_column_name_among_several_levels():
+    columns = pd.MultiIndex.from_tuples([("at", "x"), ("at", "site")])
+    table = pd.DataFrame([[0.5, 1], [1.5, 2], [2.5, 2]], columns=columns)
+    match = (
+        r"columns of X have 2 levels, such as \('at', 'x'\)\. Make them one, by X.co"
+    )
+    with pytest.raises(ValueError, match=match):
+        PooledGP(task_feature="site").fit(table, [1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=match):
+        task_labels(table, "site")
+    assert PooledGP(max_iter=0).fit(table, [1.0, 2.0, 3.0]).tasks_.tolist() == [1, 2]
+    table.columns = ["_".join(map(str, c)) for c in table.columns]
+    assert task_labels(table, "at_site").tasks.tolist() == [1, 2]
+
+
 def test_column_name_that_is_not_there():
     with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
         locate_task_column("load", 2, ["a", "b"])

@@ -19,7 +19,7 @@ from sklearn.utils.validation import (
 
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.labels import check_labels
-from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._data.numbers import as_frame, check_numbers, column_names, refuse_empty
 from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._support.progress import fitting
@@ -364,6 +364,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def _table(self, X, *, reset):
         """X as a frame, or as an array where its columns have no names."""
         X = as_frame(X)
+        refuse_empty("X", X)
         if isinstance(X, pd.DataFrame) and all(isinstance(c, str) for c in X.columns):
             if self.task in X.columns:
                 raise ValueError(

@@ -61,6 +61,7 @@ def check_numbers(values, name, columns=None, *, advise=None, estimator=None):
     values = as_frame(values)
     if not (isinstance(values, (pd.DataFrame, pd.Series)) or issparse(values)):
         values = np.asarray(values)
+    refuse_empty(name, values)
     explain = partial(_explain, values, name, columns, advise)
     if _has_dates(values):  # alone, they would become numbers of some unit
         explain()
@@ -86,6 +87,13 @@ def by_rows(values):
     """
     by_columns = values.ndim == 2 and values.strides[0] < values.strides[1]
     return np.ascontiguousarray(values) if by_columns else values
+
+
+def refuse_empty(name, values):
+    """Raise a ValueError where there are no rows."""
+    shape = getattr(values, "shape", None)
+    if isinstance(shape, tuple) and shape[:1] == (0,):
+        raise ValueError(f"{name} has 0 sample(s) (shape={shape}): give at least 1.")
 
 
 def column_names(values):

@@ -9,7 +9,12 @@ import pandas as pd
 from sklearn.utils.validation import validate_data
 
 from skmtgp._data.labels import FIRST_INEXACT, check_labels
-from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._data.numbers import (
+    as_frame,
+    check_numbers,
+    column_names,
+    refuse_empty,
+)
 
 
 def locate_task_column(task_feature, n_features, feature_names=None):
@@ -158,6 +163,7 @@ def read_table(estimator, X, *, reset):
         If X has one column, in fit, or not those of fit.
     """
     X = as_frame(X)
+    refuse_empty("X", X)
     options = {"dtype": None, "ensure_all_finite": False}
     if isinstance(X, pd.DataFrame):
         _refuse_levels(X, estimator.task_feature)

@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, clone
+from sklearn.compose import TransformedTargetRegressor
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
@@ -239,9 +240,15 @@ def predict_interval(
     if hasattr(model, "best_estimator_"):
         return predict_interval(model.best_estimator_, X, level, include_noise)
     check_is_fitted(model)  # of a search there is no best estimator yet
+    advice = ""
+    if isinstance(model, TransformedTargetRegressor):
+        advice = (
+            " It has no intervals. Use the model that it wraps, with the functions or "
+            "the transformer of y as its target_transform, such as (np.log, np.exp)."
+        )
     raise TypeError(
         "The model must be one of skmtgp, or a Pipeline or search that ends with one, "
-        f"not a {type(model).__name__}."
+        f"not a {type(model).__name__}.{advice}"
     )
 
 

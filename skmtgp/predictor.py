@@ -78,8 +78,8 @@ def compile_predictor(
     TypeError
         If a model is none of these.
     ValueError
-        If the task or an output is not known, or if it is unclear which column of X has
-        the task.
+        If the task or an output is not known, if it is unclear which column of X has
+        the task, or if a transformer was fitted to text.
 
     Notes
     -----

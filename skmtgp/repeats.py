@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.numbers import as_frame, check_numbers
+from skmtgp._data.order import refuse_another_order
 
 __all__ = ["average_repeats"]
 
@@ -71,6 +72,7 @@ def average_repeats(
     """
     for name, data in (("X", X), ("y", y)):
         refuse_dask(name, data, "Collect them first, with compute().")
+    refuse_another_order(X, y)
     X = as_frame(X)
     table = _table(X)
     Y = check_numbers(y, "y")

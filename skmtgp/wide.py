@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.metrics import r2_score
 from sklearn.pipeline import Pipeline
+from sklearn.utils import _safe_indexing
 from sklearn.utils.validation import (
     check_consistent_length,
     check_is_fitted,
@@ -19,7 +21,8 @@ from sklearn.utils.validation import (
 
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.labels import check_labels
-from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._data.numbers import as_frame, check_numbers, column_names, refuse_empty
+from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
@@ -233,6 +236,15 @@ def _names(values):
     return names
 
 
+def _advise_text(columns, k):
+    """What to do where a column of X holds text."""
+    return (
+        " Encode it, with a OneHotEncoder in a ColumnTransformer with "
+        "remainder='passthrough' before the WideRegressor for example. If it names the "
+        f"tasks, fit the model itself, with task_feature={columns[k]!r}."
+    )
+
+
 def _check_labels(names):
     """Raise a ValueError where names of columns cannot be those of tasks."""
     try:
@@ -345,6 +357,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
                 f"{type(self).__name__} requires y to be passed, but the target y is "
                 "None."
             )
+        refuse_another_order(X, y)
         table, Y = self._table(X, reset=True), _as_table(y)
         self._single, names = Y.ndim == 1, _names(Y)
         if isinstance(table, pd.DataFrame):
@@ -362,6 +375,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def _table(self, X, *, reset):
         """X as a frame, or as an array where its columns have no names."""
         X = as_frame(X)
+        refuse_empty("X", X)
         if isinstance(X, pd.DataFrame) and all(isinstance(c, str) for c in X.columns):
             if self.task in X.columns:
                 raise ValueError(
@@ -375,6 +389,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
 
     def _stack(self, table, rows, codes):
         """Rows of X, and as the last column the task of each."""
+        if self.estimator is None or isinstance(self.estimator, Estimator):
+            used = _safe_indexing(table, np.unique(rows))  # a pipeline may encode text
+            check_numbers(used, "X", advise=partial(_advise_text, column_names(used)))
         if isinstance(table, pd.DataFrame):
             return table.iloc[rows].assign(**{self.task: self.outputs_[codes]})
         kind = object if table.dtype.kind in "OSU" else np.float64

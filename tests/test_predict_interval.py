@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from sklearn.compose import TransformedTargetRegressor
 from sklearn.exceptions import NotFittedError
 from sklearn.linear_model import LinearRegression
 from sklearn.model_selection import GridSearchCV
@@ -53,4 +54,13 @@ def test_of_a_search():
 def test_other_models_are_refused():
     model = make_pipeline(LinearRegression()).fit(X, Y[:, 0])
     with pytest.raises(TypeError, match="not a LinearRegression"):
+        predict_interval(model, X)
+
+
+def test_transformed_targets_are_those_of_the_model():
+    model = TransformedTargetRegressor(PooledGP(max_iter=0), func=np.cbrt)
+    model.set_params(check_inverse=False, inverse_func=np.sinh).fit(X, Y[:, 0])
+    with pytest.raises(
+        TypeError, match=r"TransformedTargetRegressor.*target_transform"
+    ):
         predict_interval(model, X)

@@ -20,7 +20,12 @@ from sklearn.gaussian_process.kernels import (
 )
 from sklearn.linear_model import LinearRegression
 from sklearn.pipeline import Pipeline, make_pipeline
-from sklearn.preprocessing import FunctionTransformer, PowerTransformer, StandardScaler
+from sklearn.preprocessing import (
+    FunctionTransformer,
+    OneHotEncoder,
+    PowerTransformer,
+    StandardScaler,
+)
 
 from skmtgp import (
     IndependentGP,
@@ -443,6 +448,29 @@ class TestRefused:
         models = [clone(MODELS["paper"]).fit(of, y) for of in (X, X[:, 1:])]
         with pytest.raises(ValueError, match=r"states of different lengths, \[1, 2\]"):
             compile_predictor(models)
+
+    @pytest.mark.parametrize("container", [pd.DataFrame.copy, pd.DataFrame.to_numpy])
+    def test_steps_that_encode_text(self, container):
+        """A state has numbers alone; of an array, they were no known category."""
+        model = PooledGP("rbf", noise="shared", max_iter=0)
+        X, y = (
+            pd.DataFrame({"c": ["u", "v"] * 6, "x": range(12), "load": "a"}),
+            range(12),
+        )
+        encoder = OneHotEncoder(handle_unknown="ignore", sparse_output=False)
+        columns = ColumnTransformer([("c", encoder, [0])], remainder="passthrough")
+        steps = make_pipeline(make_pipeline(columns), model).fit(container(X), y)
+        match = "OneHotEncoder of the Pipeline was fitted to text such as 'u'. Encode"
+        with pytest.raises(ValueError, match=match):
+            compile_predictor(steps)
+        numbers = container(X.assign(c=[1, 2] * 6))
+        steps = make_pipeline(columns, model).fit(numbers, y)
+        close(compile_predictor(steps, "a")([2, 3]), steps.predict(numbers[3:4]))
+        columns = ColumnTransformer(
+            [("code", encoder, [2]), ("all", "passthrough", [0, 1, 2])]
+        )  # the task as a feature
+        steps = make_pipeline(columns, model).fit(numbers, y)
+        close(compile_predictor(steps, "a")([2, 3]), steps.predict(numbers[3:4]))
 
     def test_no_task_in_common(self):
         X, y = draw()

@@ -8,11 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
+from sklearn.compose import make_column_transformer
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.exceptions import NotFittedError
 from sklearn.metrics import r2_score
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import OneHotEncoder
 
 from skmtgp import (
     IndependentGP,
@@ -338,3 +340,19 @@ def test_the_order_of_the_columns_does_not_matter(order):
     whole = WideRegressor(kept).fit(X, GAPS)
     other = WideRegressor(kept).fit(X, GAPS[:, order])
     np.testing.assert_allclose(other.predict(NEW), whole.predict(NEW)[:, order])
+
+
+def test_text_is_encoded_before_it():
+    table = FRAME.assign(site=["A", "B"] * 6)
+    for of_X, name in (table, "'site'"), (table.to_numpy(), "2"):
+        match = rf"column {name} holds .*'A'\. Encode it, .* task_feature={name}"
+        with pytest.raises(ValueError, match=match):
+            WideRegressor(QUICK).fit(of_X, WIDE.to_numpy())
+    encoder = make_column_transformer(
+        (OneHotEncoder(), ["site"]), remainder="passthrough", sparse_threshold=0
+    )
+    for model in (
+        make_pipeline(encoder, WideRegressor(QUICK)),
+        WideRegressor(make_pipeline(encoder, QUICK)),
+    ):
+        assert model.fit(table, WIDE.to_numpy()).predict(table).shape == WIDE.shape

@@ -16,6 +16,7 @@ from sklearn.utils import (
 from skmtgp._data.dask import is_dask, refuse_dask
 from skmtgp._data.labels import alike, encode_tasks
 from skmtgp._data.numbers import check_numbers, column_names
+from skmtgp._data.order import refuse_another_order
 from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._support.guide import NOISE, PARALLEL
 from skmtgp._support.warnings import warn
@@ -74,6 +75,7 @@ def check_training(estimator, X, y):
         )
     table = read_table(estimator, X, reset=True)
     check_given(estimator, y)
+    refuse_another_order(X, y)
     y = check_target(table, y)
     features, (tasks, codes) = _split(estimator, table)
     warn_of_training(estimator, features, tasks, y)
@@ -177,6 +179,7 @@ def _check_joining(estimator, X, y):
     """Features, labels and targets, of as many outputs as those of fit."""
     table = read_table(estimator, X, reset=False)
     check_given(estimator, y)
+    refuse_another_order(X, y)
     features, labels = _split(estimator, table)
     _check_descriptors(estimator, features, labels)
     y = check_target(table, y)

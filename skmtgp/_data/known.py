@@ -17,14 +17,17 @@ from dataclasses import dataclass, replace
 from reprlib import repr as shorten
 
 import numpy as np
-import pandas as pd
 from sklearn.utils import _safe_indexing
 from sklearn.utils.validation import _num_features, _num_samples
 
+from skmtgp._data.order import (
+    PANDAS,
+    are_of_the_same_rows,
+    refuse_another_order,
+)
 from skmtgp._numerics.memory import check_available
 
 ARGUMENTS = "alpha", "sample_weight", "repeat_variance"
-PANDAS = pd.Series, pd.DataFrame
 
 
 @dataclass(frozen=True)
@@ -131,7 +134,8 @@ def weighed_rows(X, y, given, *, repeats):
     X, y, given
         Without rows of weight 0. Nothing is known where all weights are 1 then.
     """
-    _refuse_another_order(given, X, y)
+    refuse_another_order(X, y)  # before rows are left out or repeated
+    _refuse_order_of(given, X, y)
     alpha, weights, variance = given
     weights = None if weights is None else _weights(weights, X)
     if weights is None:
@@ -151,26 +155,24 @@ def weighed_rows(X, y, given, *, repeats):
     return X, y, (alpha, weights if known else None, variance)
 
 
-def _refuse_another_order(given, X, y):
-    """Raise a ValueError where an index has the labels of the rows in another order."""
+def _refuse_order_of(given, X, y):
+    """Raise a ValueError where an index has the labels of the rows in another order.
+
+    These are those of X, or those of y where X has none of them.
+    """
     indices = [of.index for of in (X, y) if isinstance(of, PANDAS)]
     for name, part in zip(ARGUMENTS, given, strict=True):
         own = part.index if isinstance(part, PANDAS) else None
-        if own is None or any(map(own.equals, indices)):
-            continue
-        others = [index for index in indices if _are_of_the_same_rows(own, index)]
-        if others:
+        others = [] if own is None else indices
+        same = (index for index in others if are_of_the_same_rows(own, index))
+        rows = next(same, own)
+        if own is not None and not own.equals(rows):
             raise ValueError(
                 f"{name} has the labels of the rows in another order: it begins with "
-                f"{own[0]}, X or y with {others[0][0]}, and what belongs together "
+                f"{own[0]}, X or y with {rows[0]}, and what belongs together "
                 f"is told by position. Give {name}.loc[X.index], or {name}.to_numpy() "
                 "if the positions are right."
             )
-
-
-def _are_of_the_same_rows(index, other):
-    same = len(index) == len(other) and index.isin(other).all()
-    return same and other.isin(index).all()
 
 
 def _weights(given, X):

@@ -21,6 +21,8 @@ def as_frame(values):
     """
     if isinstance(values, pd.DataFrame) or not hasattr(values, "columns"):
         return values
+    if type(values).__module__.startswith("pyarrow"):  # its columns have no names
+        return values.to_pandas()
     return pd.DataFrame({name: as_array(values[name]) for name in values.columns})
 
 
@@ -29,7 +31,7 @@ def as_array(column):
     return column.to_numpy() if hasattr(column, "to_numpy") else np.asarray(column)
 
 
-def check_numbers(values, name, columns=None, *, task=None, estimator=None):
+def check_numbers(values, name, columns=None, *, advise=None, estimator=None):
     """Numbers as float64, row after row in memory.
 
     Parameters
@@ -40,8 +42,8 @@ def check_numbers(values, name, columns=None, *, task=None, estimator=None):
         What it is called in errors: "X" or "y", say.
     columns : sequence, default=None
         What its columns are called. None is the names of a frame, or positions.
-    task : object, default=None
-        Name of the task column beside them, which a column of text might be instead.
+    advise : callable, default=None
+        Of the position of a column that holds text, what an error says beside that.
     estimator : estimator or str, default=None
         Is named in errors.
 
@@ -59,7 +61,8 @@ def check_numbers(values, name, columns=None, *, task=None, estimator=None):
     values = as_frame(values)
     if not (isinstance(values, (pd.DataFrame, pd.Series)) or issparse(values)):
         values = np.asarray(values)
-    explain = partial(_explain, values, name, columns, task)
+    refuse_empty(name, values)
+    explain = partial(_explain, values, name, columns, advise)
     if _has_dates(values):  # alone, they would become numbers of some unit
         explain()
     try:
@@ -86,6 +89,13 @@ def by_rows(values):
     return np.ascontiguousarray(values) if by_columns else values
 
 
+def refuse_empty(name, values):
+    """Raise a ValueError where there are no rows."""
+    shape = getattr(values, "shape", None)
+    if isinstance(shape, tuple) and shape[:1] == (0,):
+        raise ValueError(f"{name} has 0 sample(s) (shape={shape}): give at least 1.")
+
+
 def column_names(values):
     """Names of the columns of a frame, or their positions."""
     if hasattr(values, "columns"):
@@ -102,7 +112,7 @@ def _has_dates(values):
     return any(issubclass(kind, DATES) for kind in kinds)
 
 
-def _explain(values, name, columns, task):
+def _explain(values, name, columns, advise):
     """Raise an error that names the first column that cannot be used, if one can."""
     if issparse(values) or values.ndim not in (1, 2) or not len(values):
         return
@@ -113,8 +123,8 @@ def _explain(values, name, columns, task):
     if columns is None:
         columns = column_names(values)
     found = [
-        (column, _bad_of(np.asarray(part), name, column, task))
-        for column, part in zip(columns, parts, strict=True)
+        (column, _bad_of(np.asarray(part), name, column, advise and partial(advise, k)))
+        for k, (column, part) in enumerate(zip(columns, parts, strict=True))
     ]
     found = [(column, bad) for column, bad in found if bad]
     if found:
@@ -129,12 +139,12 @@ class _Bad(NamedTuple):
     first: int
 
 
-def _bad_of(values, name, column, task):
+def _bad_of(values, name, column, advise):
     """Those of a column, or None."""
     kind = values.dtype.kind
     if kind in "OSUTmM":
         for value in values.tolist() if kind in "SUT" else values:
-            _check_value(value, name, column, task)
+            _check_value(value, name, column, advise)
         values = np.where(pd.isna(values), np.nan, values).astype(np.float64)
     elif kind != "f":
         return None
@@ -158,7 +168,7 @@ def _refuse_bad(name, n, first, *others):
     )
 
 
-def _check_value(value, name, column, task):
+def _check_value(value, name, column, advise):
     """Raise an error where a value is neither a number nor missing."""
     subject = "Features" if name == "X" else name
     where = "" if column is None else f" column {column!r}"
@@ -173,12 +183,5 @@ def _check_value(value, name, column, task):
     except TypeError as error:
         raise TypeError(f"{what} {value!r}: {error}.") from error
     except ValueError as error:
-        advice = ""
-        if task is not None:
-            advice = (
-                f" If it is the task column, set task_feature={column!r} of the "
-                f"MultiTaskGPRegressor or its like (it is column {task!r} now); else "
-                "encode it, with a OneHotEncoder in a ColumnTransformer with "
-                "remainder='passthrough' for example."
-            )
+        advice = advise() if advise else ""
         raise ValueError(f"{what} strings such as {value!r}.{advice}") from error

@@ -2,13 +2,19 @@
 
 import difflib
 import numbers
+from functools import partial
 
 import numpy as np
 import pandas as pd
 from sklearn.utils.validation import validate_data
 
 from skmtgp._data.labels import FIRST_INEXACT, check_labels
-from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._data.numbers import (
+    as_frame,
+    check_numbers,
+    column_names,
+    refuse_empty,
+)
 
 
 def locate_task_column(task_feature, n_features, feature_names=None):
@@ -107,9 +113,10 @@ def _locate_name(name, names, parameter):
     if names is None:
         raise ValueError(
             f"{parameter}={name!r} names a column, but X has no column names. Pass a "
-            "DataFrame, or the position of the column. Before the last step of a "
-            "pipeline make one by set_output(transform='pandas') of the pipeline, with "
-            "verbose_feature_names_out=False of a ColumnTransformer and "
+            "DataFrame, or the position of the column. Meta-estimators such as "
+            "BaggingRegressor pass arrays, where only positions count. Before the "
+            "last step of a pipeline make one by set_output(transform='pandas') of the "
+            "pipeline, with verbose_feature_names_out=False of a ColumnTransformer and "
             "sparse_output=False of a OneHotEncoder."
         )
     names = list(names)
@@ -156,8 +163,10 @@ def read_table(estimator, X, *, reset):
         If X has one column, in fit, or not those of fit.
     """
     X = as_frame(X)
+    refuse_empty("X", X)
     options = {"dtype": None, "ensure_all_finite": False}
     if isinstance(X, pd.DataFrame):
+        _refuse_levels(X, estimator.task_feature)
         options = {"skip_check_array": True}
     try:
         table = validate_data(estimator, _keep_types(X), reset=reset, **options)
@@ -174,6 +183,17 @@ def read_table(estimator, X, *, reset):
             "stack them into rows with a task, or do it by stack_tasks."
         )
     return table
+
+
+def _refuse_levels(frame, task_feature):
+    """Raise a ValueError where a name is looked for among columns of several levels."""
+    if isinstance(task_feature, str) and frame.columns.nlevels > 1:
+        raise ValueError(
+            f"task_feature={task_feature!r} names a column, but the columns of X have "
+            f"{frame.columns.nlevels} levels, such as {frame.columns[0]!r}. Make them "
+            "one, by X.columns = ['_'.join(map(str, c)) for c in X.columns] for "
+            "example, or give the position of the column."
+        )
 
 
 def _advise_task(estimator, X):
@@ -251,7 +271,7 @@ def split_table(table, position, estimator=None):
         _without(table, position),
         "X",
         names[:position] + names[position + 1 :],
-        task=names[position],
+        advise=partial(_advise_text, names, position),
         estimator=estimator,
     )
     name = repr(names[position])
@@ -264,6 +284,20 @@ def split_table(table, position, estimator=None):
 def _names(table, estimator):
     """Names of the columns, or their positions."""
     return list(getattr(estimator, "feature_names_in_", column_names(table)))
+
+
+def _advise_text(names, position, k):
+    """What to do where the k-th of the columns but the task's holds text."""
+    at = k + (k >= position)
+    column, why = names[at], ""
+    if not isinstance(column, str) and column != at:
+        column, why = at, " (an integer is a position, not a column's name)"
+    return (
+        f" If it is the task column, set task_feature={column!r}{why} of the "
+        f"MultiTaskGPRegressor or its like (it is column {names[position]!r} now); "
+        "else encode it, with a OneHotEncoder in a ColumnTransformer with "
+        "remainder='passthrough' for example."
+    )
 
 
 def _is_mapped(array):
@@ -310,7 +344,9 @@ def task_labels(X, task_feature=-1, owner=None):
         number that is not an integer.
     """
     X = as_frame(X)
-    if not isinstance(X, pd.DataFrame) and not hasattr(X, "dtype"):
+    if isinstance(X, pd.DataFrame):
+        _refuse_levels(X, task_feature)
+    elif not hasattr(X, "dtype"):
         X = np.asarray(X, dtype=object)
     if X.ndim != 2:
         raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")

@@ -35,6 +35,8 @@ class Transform:
         self.names = getattr(steps[0], "feature_names_in_", None)
         if self.names is not None and model.task_feature in self.names:
             self.before = list(self.names).index(model.task_feature)
+        for step in steps:
+            _refuse_text(step, label)
         self._check(n)
 
     def _check(self, n):
@@ -64,6 +66,33 @@ class Transform:
         for step in self.steps:
             row = step.transform(row)
         return np.asarray(row, dtype=object)[0]
+
+
+def _refuse_text(step, label):
+    """Raise a ValueError where a step encodes text, which no state of numbers has.
+
+    An encoder of the task gets its label, not a number.
+    """
+    for encoder in _encoders(step):
+        for values in encoder.categories_:
+            texts = [value for value in values if isinstance(value, str)]
+            if texts and label not in texts:
+                within = f" of the {type(step).__name__}" * (encoder is not step)
+                raise ValueError(
+                    "compile_predictor takes states of numbers, but the "
+                    f"{type(encoder).__name__}{within} was fitted to text such as "
+                    f"{texts[0]!r}. Encode that column before the pipeline is fitted, "
+                    "or leave it out."
+                )
+
+
+def _encoders(step):
+    """The parts of a fitted transformer, or itself, that know categories."""
+    if hasattr(step, "categories_"):
+        yield step
+    for name in ("transformers_", "transformer_list", "steps"):
+        for _, part, *_ in getattr(step, name, ()):
+            yield from _encoders(part)
 
 
 def means_of(model, codes):

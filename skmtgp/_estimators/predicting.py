@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from numbers import Integral
+from numbers import Integral, Real
 from typing import Literal, overload
 
 import numpy as np
@@ -171,8 +171,7 @@ class PosteriorMixin(RegressorMixin):
         maps the ends to units of y. :doc:`/guide/intervals` says when intervals are
         right.
         """
-        if not 0.0 <= level < 1.0:
-            raise ValueError(f"level={level} must be in [0, 1), such as 0.95.")
+        _check_level(level)
         check_is_fitted(self)
         model = self._model()
         features, codes = check_test(model, X, unseen=model._knows_unseen())
@@ -273,3 +272,10 @@ class PosteriorMixin(RegressorMixin):
         tags.input_tags.categorical = True
         tags.target_tags.multi_output = True
         return tags
+
+
+def _check_level(level):
+    """Raise a ValueError where it is not one probability."""
+    is_number = isinstance(level, Real) or getattr(level, "shape", None) == ()
+    if not is_number or not 0.0 <= level < 1.0:
+        raise ValueError(f"level={level!r} must be one number in [0, 1), such as 0.95.")

@@ -149,5 +149,24 @@ def test_a_series_in_another_order_is_refused():
         assert weighed_rows(array, y.to_numpy(), theirs, repeats=False)[0] is array
     numbered = alpha.reset_index(drop=True)
     assert weighed_rows(frame, y, (numbered, None, None), repeats=False)[1] is y
-    scaled = frame.sort_index().assign(x=y.to_numpy())
+    scaled = frame.set_axis([0, 1, 2])
     assert weighed_rows(scaled, y, ours, repeats=False)[0] is scaled
+
+
+def test_a_series_in_the_order_of_y_alone_is_refused():
+    """Those of X count where labels are not unique, and X and y cannot be compared."""
+    frame = pd.DataFrame({"x": [1.0, 2.0, 3.0], "task": list("aab")}, index=[5, 5, 3])
+    y = pd.Series([1.0, 2.0, 3.0], index=[3, 5, 5])
+    of_X, of_y = (pd.Series(0.1, index=of.index) for of in (frame, y))
+    with pytest.raises(ValueError, match=r"alpha has the labels .*with 3, .*with 5"):
+        weighed_rows(frame, y, (of_y, None, None), repeats=False)
+    assert weighed_rows(frame, y, (of_X, None, None), repeats=False)[1] is y
+
+
+def test_y_in_another_order_is_refused_before_rows_are_left_out():
+    frame = pd.DataFrame({"x": [1.0, 2.0, 3.0], "task": list("aab")}, index=[5, 3, 4])
+    y = frame["x"].sort_index()
+    alpha, weights = pd.Series(0.1, index=y.index), np.array([1, 0, 1])
+    for given in (None, weights, None), (alpha, None, None):
+        with pytest.raises(ValueError, match="y has the index labels of X"):
+            weighed_rows(frame, y, given, repeats=True)

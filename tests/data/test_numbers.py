@@ -7,7 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
+from skmtgp import (
+    BayesianLinearRegression,
+    MultiTaskGPRegressor,
+    PooledGP,
+    WideRegressor,
+)
 from skmtgp._data.numbers import as_frame, by_rows, check_numbers
 from skmtgp.inspection import CoverageDisplay
 from skmtgp.metrics import coverage, normalized_mean_squared_error
@@ -215,3 +220,16 @@ def test_targets_that_are_too_large_are_told_by_their_name():
     y = pd.DataFrame({"u": [1.0, 2.0], "v": [1e80, 1.0]})
     with pytest.raises(ValueError, match=r"y has values as large as .* in column 'v'"):
         BayesianLinearRegression().fit([[0.5, 1], [1.5, 1]], y)
+
+
+@pytest.mark.parametrize("kind", [pd.DataFrame.copy, pd.DataFrame.to_numpy])
+def test_what_has_no_rows_is_named(kind):
+    frame, y = pd.DataFrame({"x": [1.0, 2.0], "load": [1, 2]}), pd.Series([1.0, 2.0])
+    few, columns = frame[:0], pd.DataFrame({1: y, 2: y})
+    for of_X, of_y, name in (few, y[:0], "X"), (frame, y[:0], "y"):
+        with pytest.raises(ValueError, match=rf"^{name} has 0 sample\(s\) \(shape="):
+            PooledGP(max_iter=0).fit(kind(of_X), of_y)
+    with pytest.raises(ValueError, match=r"^X has 0 sample"):
+        WideRegressor().fit(kind(few), columns[:0])
+    with pytest.raises(ValueError, match=r"^X has 0 sample"):
+        PooledGP(max_iter=0).fit(kind(frame), y).predict(kind(few))

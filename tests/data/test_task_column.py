@@ -39,6 +39,21 @@ def test_column_name_without_names():
         locate_task_column("load", 3)
 
 
+def test_column_name_among_several_levels():
+    columns = pd.MultiIndex.from_tuples([("at", "x"), ("at", "site")])
+    table = pd.DataFrame([[0.5, 1], [1.5, 2], [2.5, 2]], columns=columns)
+    match = (
+        r"columns of X have 2 levels, such as \('at', 'x'\)\. Make them one, by X.co"
+    )
+    with pytest.raises(ValueError, match=match):
+        PooledGP(task_feature="site").fit(table, [1.0, 2.0, 3.0])
+    with pytest.raises(ValueError, match=match):
+        task_labels(table, "site")
+    assert PooledGP(max_iter=0).fit(table, [1.0, 2.0, 3.0]).tasks_.tolist() == [1, 2]
+    table.columns = ["_".join(map(str, c)) for c in table.columns]
+    assert task_labels(table, "at_site").tasks.tolist() == [1, 2]
+
+
 def test_column_name_that_is_not_there():
     with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
         locate_task_column("load", 2, ["a", "b"])
@@ -130,6 +145,18 @@ def test_split_names_the_position_of_a_feature_without_a_name():
     X = np.array([[0.5, "A", 1], [0.25, "B", 2]], object)
     with pytest.raises(ValueError, match=r"column 1 holds .*'A'.*\(it is column 2 now"):
         split_table(X, 2)
+
+
+def test_a_column_whose_label_is_an_integer_is_named_by_its_position():
+    X = pd.DataFrame({2: ["A", "B"], 0: [0.5, 0.25], 1: [1, 2], 3: [2, 1]})
+    match = (
+        r"column 2 holds .*'A'.* task_feature=0 \(an integer is a position, not a col"
+    )
+    with pytest.raises(ValueError, match=match):
+        PooledGP(task_feature=2).fit(X, [1.0, 2.0])
+    PooledGP(task_feature=0, max_iter=0).fit(X, [1.0, 2.0])
+    with pytest.raises(ValueError, match=r"column 2 holds .*task_feature=2 of the"):
+        split_table(X[[0, 1, 2, 3]], 1)  # where the label is the position
 
 
 def test_split_of_numbers_in_text():

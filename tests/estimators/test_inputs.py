@@ -112,6 +112,15 @@ def test_polars_frames(estimator, labels):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+def test_tables_of_pyarrow(estimator):
+    pyarrow = pytest.importorskip("pyarrow")
+    table, targets = pyarrow.table(frame()), pyarrow.chunked_array([y])
+    found = estimator.fit(table, targets).predict(table)
+    assert estimator.feature_names_in_.tolist() == ["a", "load", "b"]
+    expected = estimator.fit(frame(), y).predict(frame())
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
 @pytest.mark.parametrize("target", ["Float64", "Int64", "list", "frame"])
 def test_targets(estimator, target):
     targets = {

@@ -1,6 +1,7 @@
 """What scikit-learn users do with regressors, done with those of the package."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from citizens import (
     CV,
@@ -189,3 +190,13 @@ class TestMetaEstimators:
         found = MultiOutputRegressor(estimator).fit(FRAME, Y).predict(FRAME)
         expected = [clone(estimator).fit(FRAME, t).predict(FRAME) for t in Y.T]
         np.testing.assert_array_equal(found, np.transpose(expected))
+
+
+def test_bagging_passes_arrays():
+    """Names of columns are then lost, and a position counts."""
+    table = pd.DataFrame({"x": np.linspace(0, 6, 20), "site": [1, 2] * 10})
+    model, y = PooledGP("rbf", max_iter=0), np.sin(table["x"])
+    bagged = BaggingRegressor(model, n_estimators=2, random_state=0)
+    with pytest.raises(ValueError, match="such as BaggingRegressor pass arrays, where"):
+        clone(bagged).set_params(estimator__task_feature="site").fit(table, y)
+    assert bagged.set_params(estimator__task_feature=1).fit(table, y).score(table, y)

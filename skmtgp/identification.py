@@ -285,13 +285,14 @@ class TaskIdentifier(Estimator):
             log_densities = sum(of.each() for of in outputs)
         n_classes = len(self.classes_)
         usual = np.full(n_classes, 1.0 / n_classes)
-        before = getattr(self, "responsibilities_", usual)
+        before = getattr(self, "_log_responsibilities", np.log(usual))
         if len(before) != n_classes:
             raise ValueError(
                 f"The model knows {n_classes - 1} tasks, but knew {len(before) - 1} in "
                 "the last call. Call reset() before a stream with another model."
             )
-        self.path_ = follow(before, log_densities, usual, self.switching)
+        path = follow(before, log_densities, usual, self.switching)
+        self._log_responsibilities, self.path_ = path[-1], np.exp(path)
         self.responsibilities_ = self.path_[-1]
         return self
 
@@ -303,7 +304,7 @@ class TaskIdentifier(Estimator):
         self : TaskIdentifier
             In the state before the first `partial_fit`.
         """
-        for name in ("responsibilities_", "path_"):
+        for name in ("responsibilities_", "path_", "_log_responsibilities"):
             vars(self).pop(name, None)
         return self
 

@@ -14,10 +14,11 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_test
+from skmtgp._data.checks import check_test, locate
 from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
+from skmtgp._estimators.compiled import are_label, place_of_task
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
@@ -182,7 +183,9 @@ class TaskIdentifier(Estimator):
         Raises
         ------
         TypeError
-            If the model has no factor of a task covariance.
+            If the model has no factor of a task covariance, or if transformers in front
+            of it move or change the labels of the tasks so that nothing tells which
+            column of X has them.
         ValueError
             If X or y cannot be used, or if the models do not know the same tasks.
         """
@@ -485,13 +488,79 @@ def _targets(y, model, n_outputs):
 
 def _inputs(estimator, model, X):
     """Inputs of the kernel, whatever the task."""
-    steps = estimator[:-1] if isinstance(estimator, Pipeline) else []
-    table = _with_task(estimator[0] if len(steps) else model, model, X)
-    table = steps.transform(table) if len(steps) else table
+    steps = estimator.steps[:-1] if isinstance(estimator, Pipeline) else []
+    steps = [step for _, step in steps if step not in (None, "passthrough")]
+    if steps and not hasattr(steps[0], "task_feature"):
+        X, steps = _transformed(steps, model, X), []
+    table = _transform(steps, _with_task([*steps, model][0], model, X))
     features, _ = check_test(model, table)
     return (
         features if model._descriptors is None else model._descriptors.inputs(features)
     )
+
+
+def _transform(steps, table):
+    """What transformers make of a table, one after another."""
+    for step in steps:
+        table = step.transform(table)
+    return table
+
+
+def _transformed(steps, model, X):
+    """What transformers make of X that know no tasks, such as a ColumnTransformer."""
+    if not hasattr(steps[0], "n_features_in_"):
+        _refuse_steps(steps)
+    place, (position, _) = place_of_task(steps[0], model), locate(model)
+    X = as_frame(X)
+    X = X if isinstance(X, pd.DataFrame) else np.asarray(X)
+    label, other = model.tasks_[[0, -1]].tolist()
+    table = _transform(steps, _with_label(steps[0], place, model, X, label))
+    probe = _transform(steps, _with_label(steps[0], place, model, X[:1], other))
+    for found, expected in [(table, label), (probe, other)]:
+        columns = found.iloc if isinstance(found, pd.DataFrame) else found
+        if not are_label(columns[:, position], expected):
+            _refuse_steps(steps)
+    return table
+
+
+def _refuse_steps(steps):
+    names = ", ".join(type(step).__name__ for step in steps)
+    raise TypeError(
+        "TaskIdentifier takes a Pipeline whose transformers leave the labels of the "
+        f"tasks as they are, and cannot tell which column of X has them before {names}."
+        " Make it the last column of X and of what the transformers make of it. Or fit "
+        "the Pipeline to frames, with set_output(transform='pandas') of the "
+        "transformers, and name the column by task_feature of the model."
+    )
+
+
+def _with_label(first, place, model, X, label):
+    """X with the label of a task, as a first step takes it that knows no tasks."""
+    names, n = getattr(first, "feature_names_in_", None), first.n_features_in_
+    if isinstance(X, pd.DataFrame) and names is not None:
+        given, known = model._descriptors, {names[place]: label}
+        if given is not None:  # any will do: those of a known task follow
+            pairs = zip(given.names.tolist(), given.table[0].tolist(), strict=True)
+            known = {name: of for name, of in pairs if name not in X.columns} | known
+        return _with_columns(X, known, names)
+    table = np.asarray(X)
+    if table.ndim != 2 or table.shape[1] not in (n, n - 1):
+        raise ValueError(
+            f"X has shape {table.shape}, but must have {n} columns, as the model takes "
+            f"them, or {n - 1}, without the task."
+        )
+    if isinstance(label, (str, bool)):
+        table = table.astype(object)
+    others = np.delete(table, place, axis=1) if table.shape[1] == n else table
+    return np.insert(others, place, label, axis=1)
+
+
+def _with_columns(X, known, names):
+    """The columns of a frame with these names, of which some are known."""
+    missing = [name for name in names if name not in {*known, *X.columns}]
+    if missing:
+        raise ValueError(f"X lacks the columns {missing} that the model takes.")
+    return X.assign(**known)[list(names)]
 
 
 def _with_task(first, model, X):
@@ -507,11 +576,7 @@ def _with_task(first, model, X):
         values += model._descriptors.table[0].tolist()
     X = as_frame(X)
     if isinstance(X, pd.DataFrame) and names is not None:
-        known = dict(zip(names[columns], values, strict=True))
-        missing = [name for name in names if name not in {*known, *X.columns}]
-        if missing:
-            raise ValueError(f"X lacks the columns {missing} that the model takes.")
-        return X.assign(**known)[list(names)]
+        return _with_columns(X, dict(zip(names[columns], values, strict=True)), names)
     table = np.asarray(X)
     others = np.delete(np.arange(n), columns)
     if table.ndim != 2 or table.shape[1] not in (n, len(others)):

@@ -14,9 +14,9 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_test, locate
+from skmtgp._data.checks import check_magnitude, check_test, locate
 from skmtgp._data.descriptors import locate_descriptors
-from skmtgp._data.numbers import as_frame, check_numbers
+from skmtgp._data.numbers import as_frame, check_numbers, column_names
 from skmtgp._data.task_column import locate_task_column
 from skmtgp._estimators.compiled import are_label, place_of_task
 from skmtgp._estimators.estimator import Estimator
@@ -178,7 +178,7 @@ class TaskIdentifier(Estimator):
         -------
         probabilities : ndarray of shape (n_tasks + 1,)
             Probabilities in the order of `classes_`; the last one is for none of the
-            known tasks. With no sample all are equal.
+            known tasks.
 
         Raises
         ------
@@ -483,6 +483,7 @@ def _targets(y, model, n_outputs):
         raise ValueError(
             f"y has {Y.shape[1]} columns, but the model has {n_outputs} outputs."
         )
+    check_magnitude(Y, "y", column_names(y if hasattr(y, "columns") else Y))
     return Y
 
 

@@ -50,6 +50,20 @@ def test_a_stream_that_never_or_always_switches(model, switching):
     np.testing.assert_allclose(identifier.responsibilities_, expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("method", ["predict_proba", "estimate", "partial_fit"])
+@pytest.mark.parametrize(
+    ("x", "y", "match"),
+    [
+        (np.ones((2, 1)), [1.0, -1e160], r"y has values as large as 1.0e\+160 in .* 0"),
+        (np.ones((1, 1)), pd.DataFrame({"torque": [1e80]}), "in column 'torque'"),
+        (np.ones((0, 1)), [], "0 sample"),
+    ],
+)
+def test_samples_that_are_too_large_or_none(model, method, x, y, match):
+    with pytest.raises(ValueError, match=match):
+        getattr(TaskIdentifier(model), method)(x, y)
+
+
 class TestPipelines:
     """Transformers that know no tasks, with a task or without one."""
 

@@ -14,10 +14,11 @@ from sklearn.base import BaseEstimator
 from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_test
+from skmtgp._data.checks import check_magnitude, check_test, locate
 from skmtgp._data.descriptors import locate_descriptors
-from skmtgp._data.numbers import as_frame, check_numbers
+from skmtgp._data.numbers import as_frame, check_numbers, column_names
 from skmtgp._data.task_column import locate_task_column
+from skmtgp._estimators.compiled import are_label, place_of_task
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
@@ -177,12 +178,14 @@ class TaskIdentifier(Estimator):
         -------
         probabilities : ndarray of shape (n_tasks + 1,)
             Probabilities in the order of `classes_`; the last one is for none of the
-            known tasks. With no sample all are equal.
+            known tasks.
 
         Raises
         ------
         TypeError
-            If the model has no factor of a task covariance.
+            If the model has no factor of a task covariance, or if transformers in front
+            of it move or change the labels of the tasks so that nothing tells which
+            column of X has them.
         ValueError
             If X or y cannot be used, or if the models do not know the same tasks.
         """
@@ -285,13 +288,14 @@ class TaskIdentifier(Estimator):
             log_densities = sum(of.each() for of in outputs)
         n_classes = len(self.classes_)
         usual = np.full(n_classes, 1.0 / n_classes)
-        before = getattr(self, "responsibilities_", usual)
+        before = getattr(self, "_log_responsibilities", np.log(usual))
         if len(before) != n_classes:
             raise ValueError(
                 f"The model knows {n_classes - 1} tasks, but knew {len(before) - 1} in "
                 "the last call. Call reset() before a stream with another model."
             )
-        self.path_ = follow(before, log_densities, usual, self.switching)
+        path = follow(before, log_densities, usual, self.switching)
+        self._log_responsibilities, self.path_ = path[-1], np.exp(path)
         self.responsibilities_ = self.path_[-1]
         return self
 
@@ -303,7 +307,7 @@ class TaskIdentifier(Estimator):
         self : TaskIdentifier
             In the state before the first `partial_fit`.
         """
-        for name in ("responsibilities_", "path_"):
+        for name in ("responsibilities_", "path_", "_log_responsibilities"):
             vars(self).pop(name, None)
         return self
 
@@ -479,18 +483,85 @@ def _targets(y, model, n_outputs):
         raise ValueError(
             f"y has {Y.shape[1]} columns, but the model has {n_outputs} outputs."
         )
+    check_magnitude(Y, "y", column_names(y if hasattr(y, "columns") else Y))
     return Y
 
 
 def _inputs(estimator, model, X):
     """Inputs of the kernel, whatever the task."""
-    steps = estimator[:-1] if isinstance(estimator, Pipeline) else []
-    table = _with_task(estimator[0] if len(steps) else model, model, X)
-    table = steps.transform(table) if len(steps) else table
+    steps = estimator.steps[:-1] if isinstance(estimator, Pipeline) else []
+    steps = [step for _, step in steps if step not in (None, "passthrough")]
+    if steps and not hasattr(steps[0], "task_feature"):
+        X, steps = _transformed(steps, model, X), []
+    table = _transform(steps, _with_task([*steps, model][0], model, X))
     features, _ = check_test(model, table)
     return (
         features if model._descriptors is None else model._descriptors.inputs(features)
     )
+
+
+def _transform(steps, table):
+    """What transformers make of a table, one after another."""
+    for step in steps:
+        table = step.transform(table)
+    return table
+
+
+def _transformed(steps, model, X):
+    """What transformers make of X that know no tasks, such as a ColumnTransformer."""
+    if not hasattr(steps[0], "n_features_in_"):
+        _refuse_steps(steps)
+    place, (position, _) = place_of_task(steps[0], model), locate(model)
+    X = as_frame(X)
+    X = X if isinstance(X, pd.DataFrame) else np.asarray(X)
+    label, other = model.tasks_[[0, -1]].tolist()
+    table = _transform(steps, _with_label(steps[0], place, model, X, label))
+    probe = _transform(steps, _with_label(steps[0], place, model, X[:1], other))
+    for found, expected in [(table, label), (probe, other)]:
+        columns = found.iloc if isinstance(found, pd.DataFrame) else found
+        if not are_label(columns[:, position], expected):
+            _refuse_steps(steps)
+    return table
+
+
+def _refuse_steps(steps):
+    names = ", ".join(type(step).__name__ for step in steps)
+    raise TypeError(
+        "TaskIdentifier takes a Pipeline whose transformers leave the labels of the "
+        f"tasks as they are, and cannot tell which column of X has them before {names}."
+        " Make it the last column of X and of what the transformers make of it. Or fit "
+        "the Pipeline to frames, with set_output(transform='pandas') of the "
+        "transformers, and name the column by task_feature of the model."
+    )
+
+
+def _with_label(first, place, model, X, label):
+    """X with the label of a task, as a first step takes it that knows no tasks."""
+    names, n = getattr(first, "feature_names_in_", None), first.n_features_in_
+    if isinstance(X, pd.DataFrame) and names is not None:
+        given, known = model._descriptors, {names[place]: label}
+        if given is not None:  # any will do: those of a known task follow
+            pairs = zip(given.names.tolist(), given.table[0].tolist(), strict=True)
+            known = {name: of for name, of in pairs if name not in X.columns} | known
+        return _with_columns(X, known, names)
+    table = np.asarray(X)
+    if table.ndim != 2 or table.shape[1] not in (n, n - 1):
+        raise ValueError(
+            f"X has shape {table.shape}, but must have {n} columns, as the model takes "
+            f"them, or {n - 1}, without the task."
+        )
+    if isinstance(label, (str, bool)):
+        table = table.astype(object)
+    others = np.delete(table, place, axis=1) if table.shape[1] == n else table
+    return np.insert(others, place, label, axis=1)
+
+
+def _with_columns(X, known, names):
+    """The columns of a frame with these names, of which some are known."""
+    missing = [name for name in names if name not in {*known, *X.columns}]
+    if missing:
+        raise ValueError(f"X lacks the columns {missing} that the model takes.")
+    return X.assign(**known)[list(names)]
 
 
 def _with_task(first, model, X):
@@ -506,11 +577,7 @@ def _with_task(first, model, X):
         values += model._descriptors.table[0].tolist()
     X = as_frame(X)
     if isinstance(X, pd.DataFrame) and names is not None:
-        known = dict(zip(names[columns], values, strict=True))
-        missing = [name for name in names if name not in {*known, *X.columns}]
-        if missing:
-            raise ValueError(f"X lacks the columns {missing} that the model takes.")
-        return X.assign(**known)[list(names)]
+        return _with_columns(X, dict(zip(names[columns], values, strict=True)), names)
     table = np.asarray(X)
     others = np.delete(np.arange(n), columns)
     if table.ndim != 2 or table.shape[1] not in (n, len(others)):

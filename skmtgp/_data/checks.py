@@ -248,7 +248,7 @@ def locate(estimator):
 def cut_table(table, position, columns, estimator):
     """Features and labels of a table, checked; `columns` and `estimator` are named."""
     features, labels = split_table(table, position, estimator)
-    _check_magnitude(features, "X", columns)
+    check_magnitude(features, "X", columns)
     return features, labels
 
 
@@ -258,11 +258,11 @@ def check_target(table, y):
     check_consistent_length(table, numbers)
     columns = numbers.reshape(len(numbers), -1)
     names = column_names(y if hasattr(y, "columns") else columns)
-    _check_magnitude(columns, "y", names)
+    check_magnitude(columns, "y", names)
     return numbers
 
 
-def _check_magnitude(values, name, columns):
+def check_magnitude(values, name, columns):
     """Raise a ValueError where squares of the values overflow."""
     largest = largest_of(values)
     if (largest > LARGEST).any():

@@ -24,29 +24,53 @@ class Chain:
         return x
 
 
+def place_of_task(first, model):
+    """Which column of X has the task, if transformers know no tasks: by name or place.
+
+    Parameters
+    ----------
+    first : transformer
+        Fitted, the first of those in front of the model.
+    model : estimator
+        Fitted.
+
+    Returns
+    -------
+    place : int
+        A guess: see `are_label` for whether the task comes out where the model has it.
+    """
+    names = list(getattr(first, "feature_names_in_", []))
+    if model.task_feature in names:
+        return names.index(model.task_feature)
+    position, _ = locate(model)
+    is_last = position + 1 == model.n_features_in_
+    return first.n_features_in_ - 1 if is_last else position
+
+
+def are_label(values, label):
+    """Whether values of a column are all the label of this task."""
+    try:
+        return check_labels(values).tasks.tolist() == [label]
+    except (TypeError, ValueError):
+        return False
+
+
 class Transform:
     """Transformers that are called as they are, of a row with its task."""
 
     def __init__(self, steps, model, label):
         self.steps, self.label = steps, label
         self.position, _ = locate(model)
-        n, is_last = steps[0].n_features_in_, self.position + 1 == model.n_features_in_
-        self.before = n - 1 if is_last else self.position
+        self.before = place_of_task(steps[0], model)
         self.names = getattr(steps[0], "feature_names_in_", None)
-        if self.names is not None and model.task_feature in self.names:
-            self.before = list(self.names).index(model.task_feature)
         for step in steps:
             _refuse_text(step, label)
-        self._check(n)
+        self._check(steps[0].n_features_in_)
 
     def _check(self, n):
         """Raise a ValueError where the label does not come out where the task is."""
         found = self._transformed(np.ones(n - 1))[self.position]
-        try:
-            same = check_labels([found]).tasks[0].item() == self.label
-        except (TypeError, ValueError):
-            same = False
-        if not same:
+        if not are_label([found], self.label):
             names = [type(step).__name__ for step in self.steps]
             raise ValueError(
                 "compile_predictor cannot tell which column of X has the task, because "

@@ -65,9 +65,9 @@ def excess(likelihood, theta, expected=1.0):
         is an error divided by its deviation, and w the share that f has in the
         variance, the rest being noise. Each task counts alike.
     """
-    n = len(likelihood.y)
-    rows = np.linspace(0, n - 1, min(n, MOST_ROWS)).astype(int)
-    tasks, noise = np.asarray(likelihood.tasks[rows]), _noise(likelihood, theta)[rows]
+    tasks = np.asarray(likelihood.tasks)
+    rows = some_of_each(tasks, MOST_ROWS)
+    tasks, noise = tasks[rows], _noise(likelihood, theta)[rows]
     X = np.asarray(likelihood.X[rows], dtype=float)
     K = likelihood.prior.covariance(theta, X, tasks)
     K.flat[:: len(K) + 1] += noise
@@ -78,6 +78,13 @@ def excess(likelihood, theta, expected=1.0):
     squares = np.square(errors) / variances / np.sqrt(counts)
     found, _ = nnls(np.vstack([design, [1.0, 0.0]]), np.append(squares, expected))
     return float(found[0])
+
+
+def some_of_each(tasks, most):
+    """Ascending positions of at most so many rows; each task has its share of them."""
+    order = np.argsort(tasks, kind="stable")
+    places = np.linspace(0, len(order) - 1, min(len(order), most)).astype(int)
+    return np.sort(order[places])
 
 
 def _noise(likelihood, theta):

@@ -8,6 +8,7 @@ or for the rows themselves. Given u the samples are normal, see `inference.borde
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp
 
 from skmtgp._numerics.linalg import Cholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
@@ -263,12 +264,15 @@ def log_normal(y, mean, covariance):
     return log_density(half @ half, cholesky.log_det(), len(y))
 
 
-def follow(responsibilities, log_densities, usual, switching):
+def follow(log_responsibilities, log_densities, usual, switching):
     """Responsibilities of classes, row after row, of a stream that may switch.
+
+    They are logarithms: of a class that is far less probable than others, the
+    responsibility itself may be 0 in floating point, and so for good without switches.
 
     Parameters
     ----------
-    responsibilities : ndarray of shape (n_classes,)
+    log_responsibilities : ndarray of shape (n_classes,)
         Before the first row.
     log_densities : ndarray of shape (n_rows, n_classes)
         Of each row if it is of the class.
@@ -279,12 +283,13 @@ def follow(responsibilities, log_densities, usual, switching):
 
     Returns
     -------
-    responsibilities : ndarray of shape (n_rows, n_classes)
+    log_responsibilities : ndarray of shape (n_rows, n_classes)
         Given the rows so far.
     """
-    found = np.empty(log_densities.shape)
+    found, log_now = np.empty(log_densities.shape), log_responsibilities
+    with np.errstate(divide="ignore"):  # never or always switching
+        stays, switches = np.log1p(-switching), np.log(switching * usual)
     for k, log_density_of_row in enumerate(log_densities):
-        before = (1.0 - switching) * responsibilities + switching * usual
-        weights = np.exp(log_density_of_row - log_density_of_row.max()) * before
-        found[k] = responsibilities = weights / weights.sum()
+        log_now = log_density_of_row + np.logaddexp(stays + log_now, switches)
+        found[k] = log_now = log_now - logsumexp(log_now)
     return found

@@ -51,6 +51,7 @@ SIMPLER_AND_SPARSE = [
 pytestmark = [
     pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.ConstantTargetWarning"),
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.RepeatedRowsWarning"),
     # targets that are sorted
     pytest.mark.filterwarnings(
         "ignore:Task:skmtgp.exceptions.CorrelatedResidualsWarning"

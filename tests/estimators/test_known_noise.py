@@ -375,6 +375,7 @@ def test_rows_of_zero_weight_are_left_out(options):
     assert len(search.fit(X, Y, sample_weight=weights).best_estimator_.y_train_) == 30
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.RepeatedRowsWarning")
 def test_engines_that_take_no_counts_repeat_rows():
     weights = np.where(np.arange(N) < 6, 3, 1)
     options = {"inference": "sparse", "n_inducing": 8, "max_iter": 3}

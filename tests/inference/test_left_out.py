@@ -1,12 +1,14 @@
 """Tasks that are left out, at the hyperparameters that were learned with them."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 from scipy.optimize import nnls
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp.inference.left_out import excess, inflation
+from skmtgp.inference.left_out import excess, inflation, some_of_each
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning"),
@@ -99,3 +101,27 @@ def test_some_of_many_rows_and_inducing_inputs(models, monkeypatch):
     monkeypatch.setattr("skmtgp.inference.left_out.MOST_ROWS", 60)
     assert inflation(likelihood, theta, M, 3) == pytest.approx(whole, rel=1.0)
     assert inflation(*of_model(fitted(0.3, "sparse")), M, 3) >= 1.0
+
+
+@pytest.mark.parametrize("n", [3997, 3996, 50])
+def test_each_task_has_its_share_of_the_rows(n):
+    """Whatever their order: every fourth row may be of one task."""
+    interleaved = np.arange(n) % 4
+    rng = np.random.default_rng(0)
+    for tasks in (interleaved, np.sort(interleaved), rng.permutation(interleaved)):
+        rows = some_of_each(tasks, 1000)
+        assert len(rows) == min(n, 1000)
+        assert (np.diff(rows) > 0).all()
+        shares = np.bincount(tasks[rows], minlength=4)
+        assert np.ptp(shares) <= 2
+
+
+def test_inflation_does_not_depend_on_the_order_of_tasks(models, monkeypatch):
+    likelihood, theta = of_model(models[0.3])
+    monkeypatch.setattr("skmtgp.inference.left_out.MOST_ROWS", 12)
+    expected, order = excess(likelihood, theta), np.arange(M * N).reshape(M, N).T
+    mixed = copy(likelihood)  # row k of each task before row k + 1 of any
+    mixed.X, mixed.tasks, mixed.y = (
+        of[order.ravel()] for of in (likelihood.X, likelihood.tasks, likelihood.y)
+    )
+    assert excess(mixed, theta) == pytest.approx(expected)

@@ -9,6 +9,7 @@ from scipy.special import gammaln
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp._data.data import Data
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
 from skmtgp.learning.tuning import TUNING
@@ -153,7 +154,8 @@ def test_vanished_numbers_of_a_diagonal_do_not_count():
     counted = 1 + 6 + 1 + 1 + left
     assert counted < model.n_hyperparameters_
 
-    problem = SimpleNamespace(prior=likelihood.prior, data=y, tuning=TUNING)
+    [data] = model._training().data(model._engine)
+    problem = SimpleNamespace(prior=likelihood.prior, data=data, tuning=TUNING)
     mode = SimpleNamespace(theta=model.theta_, value=0.0)
     expected = -0.5 * counted * np.log(len(y)) - np.log(comb(6, left))
     assert worth(problem, mode) == pytest.approx(expected, rel=1e-12)
@@ -258,7 +260,8 @@ def test_choices_of_many_parts_of_their_own():
     prior = Prior(RBF(1.0), low_rank(139, 1, diagonal=True))
     log_own = np.repeat([-1.0, -20.0], [70, 69])
     theta = prior.with_rho(prior.theta(), np.append(np.ones(139), log_own))
-    problem = SimpleNamespace(prior=prior, data=np.ones(500), tuning=TUNING)
+    data = Data(np.ones((500, 1)), np.arange(500) % 139, np.ones(500), 139)
+    problem = SimpleNamespace(prior=prior, data=data, tuning=TUNING)
     found = worth(problem, SimpleNamespace(theta=theta, value=0.0))
     counted = 1 + 139 + 70 + 1  # kernel, loadings, parts of their own, noise
     of_choices = gammaln([140, 71, 70]) @ [1.0, -1.0, -1.0]

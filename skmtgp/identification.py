@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Mapping
 from numbers import Real
 from typing import Self
@@ -289,10 +290,12 @@ class TaskIdentifier(Estimator):
         n_classes = len(self.classes_)
         usual = np.full(n_classes, 1.0 / n_classes)
         before = getattr(self, "_log_responsibilities", np.log(usual))
-        if len(before) != n_classes:
+        known = self.classes_[:-1].tolist()
+        knew = vars(self).setdefault("_known", known)
+        if known != knew:
             raise ValueError(
-                f"The model knows {n_classes - 1} tasks, but knew {len(before) - 1} in "
-                "the last call. Call reset() before a stream with another model."
+                f"The model knows {_listed(known)}, but knew {_listed(knew)} in the "
+                "last call. Call reset() before a stream with another model."
             )
         path = follow(before, log_densities, usual, self.switching)
         self._log_responsibilities, self.path_ = path[-1], np.exp(path)
@@ -307,7 +310,7 @@ class TaskIdentifier(Estimator):
         self : TaskIdentifier
             In the state before the first `partial_fit`.
         """
-        for name in ("responsibilities_", "path_", "_log_responsibilities"):
+        for name in ("responsibilities_", "path_", "_log_responsibilities", "_known"):
             vars(self).pop(name, None)
         return self
 
@@ -366,6 +369,11 @@ class TaskIdentifier(Estimator):
                 f"one for each of the {len(pairs)} outputs."
             )
         return np.broadcast_to(found, len(pairs))
+
+
+def _listed(labels):
+    """Some tasks as an error names them."""
+    return f"{len(labels)} tasks, {reprlib.repr(labels)}"
 
 
 def _each(model):

@@ -50,6 +50,22 @@ def test_a_stream_that_never_or_always_switches(model, switching):
     np.testing.assert_allclose(identifier.responsibilities_, expected, atol=1e-9)
 
 
+def test_a_stream_of_as_many_other_tasks_needs_a_reset(model):
+    identifier = TaskIdentifier(model).partial_fit(X[:3, None], Y[:3])
+    before = identifier.responsibilities_
+    identifier.model = fitted(MACHINE + 10)
+    expected = r"knows 4 tasks, \[10, 11, 12, 13\], but knew 4 tasks, \[0, 1, 2, 3\]"
+    for _ in range(2):
+        with pytest.raises(ValueError, match=expected):
+            identifier.partial_fit(X[:3, None], Y[:3])
+    np.testing.assert_array_equal(identifier.responsibilities_, before)
+    identifier.model = fitted()  # another one of the same tasks
+    identifier.partial_fit(X[:3, None], Y[:3])
+    identifier.model = fitted(MACHINE + 10)
+    identifier.reset().partial_fit(X[:3, None], Y[:3])
+    assert identifier.responsibilities_.argmax() == 0
+
+
 @pytest.mark.parametrize("method", ["predict_proba", "estimate", "partial_fit"])
 @pytest.mark.parametrize(
     ("x", "y", "match"),

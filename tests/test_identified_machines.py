@@ -50,6 +50,26 @@ def test_a_stream_that_never_or_always_switches(model, switching):
     np.testing.assert_allclose(identifier.responsibilities_, expected, atol=1e-9)
 
 
+@pytest.mark.parametrize("options", [{}, {"inference": "sparse", "n_inducing": 20}])
+def test_a_long_stream_takes_some_samples_at_a_time(options, monkeypatch):
+    """So memory is that of some rows and all training rows, and densities are equal."""
+    x = np.linspace(0.0, 6.0, 50)
+    (output,), _ = TaskIdentifier(fitted(**options))._outputs(x[:, None], np.sin(x))
+    whole, of_class, sizes = output.each(), type(output.posterior), []
+    latent = of_class.latent
+
+    def counted(self, X, factor):
+        means, halves = latent(self, X, factor)
+        sizes.append(halves.size)
+        return means, halves
+
+    monkeypatch.setattr(of_class, "latent", counted)
+    monkeypatch.setattr("skmtgp.learning.identifying.BLOCK_SIZE", 1000)
+    np.testing.assert_allclose(output.each(), whole, rtol=1e-6)
+    assert len(sizes) > 1
+    assert max(sizes) <= 1000
+
+
 def test_a_stream_of_as_many_other_tasks_needs_a_reset(model):
     identifier = TaskIdentifier(model).partial_fit(X[:3, None], Y[:3])
     before = identifier.responsibilities_

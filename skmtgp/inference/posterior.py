@@ -135,6 +135,11 @@ class Posterior(WithCoefficients, ABC):
         return self.K_rho.shape[-1]
 
     @property
+    def n_halves(self):
+        """How many numbers each of the halves of `latent` has for a row."""
+        return len(self.tasks)
+
+    @property
     def terms(self):
         """A list of (k^x, K^rho) of each term."""
         K_rhos = self.K_rho.reshape(-1, self.n_tasks, self.n_tasks)

@@ -113,6 +113,11 @@ class SparsePosterior(WithCoefficients):
         return [of[0] for of in means]
 
     @property
+    def n_halves(self):
+        """How many numbers at most each of the halves of `latent` has for a row."""
+        return len(self.covariances.inverse) * len(self.bound.Z)
+
+    @property
     def terms(self):
         """A list of (k^x, K^rho) of each term."""
         K_rhos = self.K_rho.reshape(-1, *self.K_rho.shape[-2:])

@@ -14,7 +14,8 @@ from skmtgp._numerics.linalg import Cholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.inference.likelihood import log_density
-from skmtgp.inference.posterior import Posterior
+from skmtgp.inference.posterior import BLOCK_SIZE, Posterior
+from skmtgp.inference.variances import in_blocks
 
 MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to gain
 # Linear steps before it. At the start samples without noise are millions of nats below
@@ -94,24 +95,23 @@ class Output(NamedTuple):
 
     def each(self):
         """Log density of each sample by itself, (n_samples, n_tasks + 1)."""
-        n, n_tasks, diagonal = len(self.X), len(self.factor), self._diagonal()
+        n, n_tasks = len(self.X), len(self.factor)
         means, variances = np.empty((2, n, n_tasks + 1))
         for task in range(n_tasks):
             tasks = np.full(n, task)
             means[:, task] = self.posterior.mean(self.X, tasks)
             variances[:, task] = self.posterior.variance(self.X, tasks)
         of_tasks = self.error * np.diagonal(self.posterior.K_rho)
-        variances[:, :-1] += np.outer(diagonal, of_tasks)
-        means[:, -1], variances[:, -1] = self._another()
+        variances[:, :-1] += np.outer(self.posterior.kernel.diag(self.X), of_tasks)
+        size = self.posterior.n_halves * (self.factor.shape[1] + 1)
+        size = max(1, BLOCK_SIZE // size)
+        means[:, -1], variances[:, -1] = in_blocks(self._another, size, self.X, axis=1)
         variances += self.noise
         z = np.square(self.y[:, None] - means) / variances
         return -0.5 * (z + np.log(2.0 * np.pi * variances))
 
-    def _diagonal(self):
-        return self.posterior.kernel.diag(self.X)
-
-    def _another(self):
-        """Mean and variance of f of another task, u integrated out."""
+    def _another(self, X):
+        """Mean and variance of f of another task at rows X, u integrated out."""
         c, A = self.row
         shared = self.prior.shared_loading(self.posterior.theta)
         given = np.zeros(0) if shared is None else np.array([shared])
@@ -119,14 +119,15 @@ class Output(NamedTuple):
         c = np.append(given, c)
         spread = np.zeros((len(c),) * 2)
         spread[len(given) :, len(given) :] = A @ A.T
-        means, halves = self.posterior.latent(self.X, factor)
+        means, halves = self.posterior.latent(X, factor)
         second = np.outer(c, c) + spread
         told = np.einsum("ab,aij,bij->j", second, halves, halves, optimize=True)
-        prior = (np.trace(second) + self.unshared()) * self._diagonal()
+        diagonal = self.posterior.kernel.diag(X)
+        prior = (np.trace(second) + self.unshared()) * diagonal
         variance = np.maximum(prior - told, 0.0) + self.posterior.level
         variance = self.inflation * variance + self.error * prior
         variance += np.einsum("ai,ab,bi->i", means, spread, means)
-        return c @ means, variance
+        return np.stack([c @ means, variance])
 
 
 class Found(NamedTuple):

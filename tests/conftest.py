@@ -2,7 +2,7 @@ import pytest
 
 from skmtgp._estimators import sampled
 from skmtgp.learning import sampling
-from skmtgp.learning.sampling import N_WARM, THINNED
+from skmtgp.learning.sampling import LENGTH, N_WARM, THINNED
 
 
 @pytest.hookimpl(wrapper=True)
@@ -32,6 +32,7 @@ def length_of_chains():
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sampling, "N_WARM", 10)
+        patch.setattr(sampling, "LENGTH", 1.0)
         for module in (sampling, sampled):
             patch.setattr(module, "THINNED", 4)
         yield
@@ -41,5 +42,6 @@ def length_of_chains():
 def long_chains(monkeypatch):
     """Chains of hyperparameters as users have them."""
     monkeypatch.setattr(sampling, "N_WARM", N_WARM)
+    monkeypatch.setattr(sampling, "LENGTH", LENGTH)
     for module in (sampling, sampled):
         monkeypatch.setattr(module, "THINNED", THINNED)

@@ -47,9 +47,10 @@ def draw(identifier, u, x, rng):
 
 @pytest.mark.parametrize(
     ("noise", "n"),
-    [pytest.param(0.1, 1, marks=pytest.mark.long), (0.0, 6)],
+    [(0.1, 1), (0.0, 6)],
     ids=["noisy", "exact"],
 )
+@pytest.mark.long
 def test_tasks_from_the_prior(noise, n):
     """What is drawn from the model is within two deviations as often as it must be.
 

@@ -73,7 +73,7 @@ class TestMemory:
             (0, "greedy", False),
             pytest.param(-1, "greedy", False, marks=pytest.mark.long),
             pytest.param(-1, "k-means", False, marks=pytest.mark.long),
-            (-1, "greedy", True),
+            pytest.param(-1, "greedy", True, marks=pytest.mark.long),
         ],
     )
     def test_a_file_is_read_in_blocks(

@@ -34,7 +34,7 @@ def problems(draw, max_tasks=4):
     return X, y, Z
 
 
-@examples(5)
+@examples(3)
 @given(tables(per_task=2, max_tasks=4, max_rows=20), st.booleans(), st.booleans())
 def test_likelihood_does_not_fall_with_the_rank(table, diagonal, levels):
     M = len(np.unique(table.tasks))

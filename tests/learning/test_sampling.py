@@ -164,6 +164,7 @@ def test_no_peak_is_without_a_function_of_many_tasks():
         assert np.sqrt(np.mean(deviations**2)) > 0.01 * prior.scale
 
 
+@pytest.mark.long
 def test_is_deterministic(drawn):
     likelihood, first = drawn
     theta = likelihood.prior.theta()

@@ -84,10 +84,11 @@ class AngleUnitWarning(UserWarning):
 
 
 class ConstantTargetWarning(RuntimeWarning):
-    """A Gaussian process was fitted to an output that is constant over many rows.
+    """The targets of an output, or of a task, are all equal.
 
-    It cannot know how much the output varies, and is certain of its predictions
-    everywhere.
+    A Gaussian process cannot know how much a constant output varies, and is certain of
+    its predictions everywhere. A task whose targets are equal looks as if there were no
+    noise, so the noise of all tasks is learned too small.
 
     Examples
     --------

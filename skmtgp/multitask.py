@@ -422,9 +422,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     Three rules shorten this. If the standard deviations of the tasks' targets differ by
     no more than chance, units are shared. Noise of each task is only tried if it
     promises a gain. With ``max_iter=0`` units and noise are shared, and "fixed" noise
-    is always shared. So is that of data where a task of more than five rows has one and
-    the same target: its own noise would vanish. After exact inference with shared
-    noise, the choice of the noise is checked once more with the learned model.
+    is always shared. Noise is also shared if all targets of a task with more than five
+    rows are equal, because the noise of that task would vanish. After exact inference
+    with shared noise, the choice of the noise is checked once more with the learned
+    model.
 
     With ``kernel=None`` the same small model says how smooth the functions are: it is
     fitted with "rbf", then "matern52", "matern" and "exponential", as long as each is

@@ -21,8 +21,9 @@ from skmtgp.learning.evidence import climb_posterior, log_evidence
 N_CHAINS = 4  # as many agree by chance seldom enough
 N_WARM = 100  # trajectories of each, half of them for the metric, half with it
 THINNED = 5  # trajectories of which one is kept for predictions
-# Half a turn around a normal density. Where it is curved, as that of few rows is, a
-# quarter of a turn cost 0.65 of the evaluations, for half the effective sample size.
+# Half a turn around a normal density. A quarter of a turn is enough for that, but not
+# for the curved density of few rows, where chains then disagree (R-hat, as
+# benchmarks/intervals.py prints it).
 LENGTH = 3.2
 LEAPS = 12  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new

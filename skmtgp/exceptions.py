@@ -224,10 +224,10 @@ class SamplingWarning(UserWarning):
 class SmallTaskWarning(UserWarning):
     """Some tasks have one to three rows in fit, and others have more.
 
-    So few rows do not determine how a task is related to the others: a function that is
-    far larger than theirs may be the likeliest. Predictions of such a task may be far
-    off, and their intervals too narrow. ``add_task`` and ``hyperparameters="sampled"``
-    use what is known of the other tasks.
+    So few rows do not determine how a task is related to the others. Where two or more
+    tasks have more rows, `fit` takes their rows of the factor for the population that a
+    small task comes from, as ``add_task`` does. Predictions of such a task may still be
+    off, and their intervals too narrow. ``hyperparameters="sampled"`` has wider ones.
 
     Examples
     --------

@@ -30,6 +30,7 @@ from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import join_described, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.settling import settled
 from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
 from skmtgp.model.described import describes
@@ -411,6 +412,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     the best candidates have no noise, more than 100 hyperparameters, or more than 30
     rows for each of them, or were not learned to the end, and in sparse inference. See
     :doc:`/guide/rank`.
+
+    A task of one to three rows, where two or more tasks have more, gets a row of the
+    factor from its samples and the prior of `add_task`: the population of the larger
+    tasks' rows. Everything else is learned by maximum likelihood, as is this row with
+    complete data and other kinds of `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only
@@ -822,6 +828,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             not has_descriptors(self) and term.rank is None and rank == len(self.tasks_)
             for term, rank in zip(self._terms(), ranks, strict=True)
         ]
+
+    def _settled(self, problems, modes):
+        if self.learning != "annealed":  # the paper's, by maximum likelihood
+            return modes
+        return list(map(settled, problems, modes))
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
         super()._store_learned(training, engine, likelihoods, modes, posteriors)

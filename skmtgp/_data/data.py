@@ -74,6 +74,10 @@ class Data:
         design[there] = np.searchsorted(rows, design[there])
         return replace(self._part(rows), design=design)
 
+    def of_tasks(self, kept):
+        """The rows of some tasks, of which `kept` is a mask; all tasks count."""
+        return self._part(np.flatnonzero(kept[self.tasks]))
+
     def drawn(self, size):
         """The same number of rows, whatever their order, and wherever they lie.
 

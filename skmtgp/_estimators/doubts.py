@@ -50,10 +50,9 @@ def warn_of_small_tasks(training, form):
         names = name_tasks(training.tasks[small])
         warn(
             f"T{names[1:]}: at most {SMALL} rows. So few rows do not determine how a "
-            "task is related to the others: its predictions may be far off, and their "
-            "intervals too narrow. Leave these rows out of fit and let the task join "
-            "by add_task, which uses what the other tasks are like. Or set "
-            "hyperparameters='sampled', or a rank of 0.",
+            "task is related to the others: its predictions may be off, and their "
+            "intervals too narrow. hyperparameters='sampled' has wider ones. rank=0 "
+            "relates all tasks alike.",
             SmallTaskWarning,
         )
 

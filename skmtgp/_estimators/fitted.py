@@ -310,12 +310,17 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """Set the fitted attributes, in the target's own units."""
         if self.verbose and is_large(problems[0]):
             say(f"computing the posterior of {len(problems[0].data)} rows")
+        modes = self._settled(problems, modes)
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
         self.hyperparameters_ = "map" if self.hyperparameters == "map" else "mode"
         if self._wants_draws(training, likelihoods[0].prior):
             self._draw_hyperparameters()
             self.hyperparameters_ = "sampled"
+
+    def _settled(self, problems, modes):
+        """Modes as they are kept: with what the rows of small tasks leave open."""
+        return modes
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
         """The same of likelihoods, and perhaps posteriors, that are there already."""

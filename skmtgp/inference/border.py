@@ -31,8 +31,8 @@ class BorderLikelihood:
         Inputs of the novel task.
     y : ndarray of shape (n_samples,)
         Its targets.
-    noise : float
-        Noise variance of the novel task.
+    noise : float or ndarray of shape (n_samples,)
+        Noise variance of the novel task, or of each of its samples.
     own : bool
         Whether there is a w.
     level : float, default=0.0
@@ -85,7 +85,8 @@ class BorderLikelihood:
         terms = [(factor, own, shared, equal)]
         if isinstance(factor, list):
             terms = list(zip(factor, own, shared, equal, strict=True))
-        self.noise, self.level, self.y = noise, np.full((len(y),) * 2, level), y
+        self.noise = np.diag(np.broadcast_to(noise, len(y)))
+        self.level, self.y = np.full((len(y),) * 2, level), y
         self.K_x = np.array([kernel(X) for kernel in terms_of(posterior.kernel)])
         self.with_error = 1.0 + error
         self.fixed, self.half_of_fixed = np.empty(len(terms)), 0.0
@@ -125,7 +126,7 @@ class BorderLikelihood:
         self.y, self.means, self.halves = Z.T @ self.y, self.means @ Z, self.halves @ Z
         self.half_of_fixed = self.half_of_fixed @ Z
         self.K_x, self.level = Z.T @ self.K_x @ Z, self.level @ Z
-        self.level = Z.T @ self.level
+        self.level, self.noise = Z.T @ self.level, Z.T @ self.noise @ Z
 
     def _of_term(self, posterior, X, q, F, own, shared, equal):
         """Means and halves of a term; what is known of it is taken off the targets.
@@ -214,8 +215,7 @@ class BorderLikelihood:
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
         squares = np.bincount(self.of_term, np.square(row), len(self.K_x))
         S = np.tensordot(self.with_error * (squares + self.fixed), self.K_x, axes=1)
-        S += self.level - (self.signs * half).T @ half
-        S.flat[:: len(S) + 1] += self.noise
+        S += self.level + self.noise - (self.signs * half).T @ half
         return S, half
 
     def pairs(self):

@@ -82,7 +82,7 @@ def learn_novel(
     """
     begin, prior = perf_counter(), likelihood.prior
     log_noise = likelihood.usual_log_noise(theta)
-    factors, shared, equal = map(list, zip(*_shares(prior, theta), strict=True))
+    factors, shared, equal = shares_of(prior, theta)
     owns = own if isinstance(own, list) else [own]
     of_terms = {"own": owns, "shared": shared, "equal": equal}
     level = prior.values(theta).level
@@ -96,7 +96,7 @@ def learn_novel(
             border, np.hstack(factors), budget, informed=informed, rng=rng
         )
         value = border.value(best.x)
-    rows, of_own = _by_terms(border, best.x, len(factors))
+    rows, of_own = by_terms(border, best.x, len(factors))
     log_noise = log_noise if own_noise else None
     prior, theta = prior.bordered(theta, rows, of_own, position, log_noise)
     seconds = perf_counter() - begin
@@ -166,21 +166,23 @@ def join_alike(likelihood, position, own_noise, posterior, theta, *, rng=None):
     return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
 
 
-def _shares(prior, theta):
-    """What tasks have of each term.
+def shares_of(prior, theta):
+    """What tasks have of each term, lists.
 
     F; what each has of a function that all share alike, None without one; the variance
     of what each has of its own, if all have the same.
     """
+    factors, shared, equal = [], [], []
     of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
     for (_, form), (_, rho) in of_terms:
         _check_extensible(form)
-        shared = form.unseen(rho)[0][0, 0] if form.shared else None
-        equal = float(np.exp(rho[-1])) if getattr(form, "equal", False) else 0.0
-        yield form.columns(rho), shared, equal
+        factors.append(form.columns(rho))
+        shared.append(form.unseen(rho)[0][0, 0] if form.shared else None)
+        equal.append(float(np.exp(rho[-1])) if getattr(form, "equal", False) else 0.0)
+    return factors, shared, equal
 
 
-def _by_terms(border, x, n_terms):
+def by_terms(border, x, n_terms):
     """The rows l of each term, and w of each; None where there is none."""
     rows = [
         x[: border.rank][border.of_term[: border.rank] == q] for q in range(n_terms)
@@ -191,16 +193,20 @@ def _by_terms(border, x, n_terms):
 
 def _check_extensible(form, needed=("columns", "bordered"), what="add_task"):
     """Raise a ValueError where a form of K^rho cannot get one more task."""
-    inner = form
-    while hasattr(inner, "form"):
-        inner = inner.form
-    missing = [name for name in needed if not hasattr(inner, name)]
+    name, missing = lacking(form, needed)
     if missing:
         raise ValueError(
-            f"{what} adds a row to a factor of the task covariance, but "
-            f"{type(inner).__name__} has no {' and no '.join(missing)}. Fit the model "
-            "to all tasks, or give the class these methods."
+            f"{what} adds a row to a factor of the task covariance, but {name} has no "
+            f"{' and no '.join(missing)}. Fit the model to all tasks, or give the "
+            "class these methods."
         )
+
+
+def lacking(form, needed):
+    """The class of a form of K^rho, the innermost one, and what it lacks."""
+    while hasattr(form, "form"):
+        form = form.form
+    return type(form).__name__, [name for name in needed if not hasattr(form, name)]
 
 
 class Population:

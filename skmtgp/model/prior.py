@@ -608,6 +608,16 @@ class Prior:
         tail = np.concatenate([level, log_noises])
         return prior, prior.with_theta_of_terms(tail, of_terms)
 
+    def with_row(self, theta, row, own, position):
+        """Theta with another row of a task; the arguments are those of `bordered`."""
+        of_terms = [
+            (kernel, form.with_row(rho, *of, position))
+            for (_, form), (kernel, rho), *of in zip(
+                self.terms, self.theta_of_terms(theta), row, own, strict=True
+            )
+        ]
+        return self.with_theta_of_terms(theta, of_terms)
+
     def with_own_noise(self, theta):
         """The prior with a noise variance for each task, and its theta: all the same.
 

@@ -235,6 +235,12 @@ class LowRank:
         """Parameters of the model of a higher rank: F with these columns added."""
         return np.hstack([self.columns(parameters), columns]).ravel()
 
+    def with_row(self, parameters, row, own, position):
+        """Parameters with another row of F of a task; see `bordered`."""
+        F = self.columns(parameters).copy()
+        F[position] = row
+        return F.ravel()
+
     def bordered(self, parameters, row, own, position):
         """The model of one more task, section 3.3.
 
@@ -323,6 +329,11 @@ class Enlarged:
         """Parameters of the model of a higher rank: F with these columns added."""
         grown = self.form.grown(self._split(parameters)[0], columns)
         return self._with_same(grown, parameters)
+
+    def with_row(self, parameters, row, own, position):
+        """Parameters with another row of the other one's F; see LowRank."""
+        found = self.form.with_row(self._split(parameters)[0], row, own, position)
+        return self._with_same(found, parameters)
 
 
 class WithShared(Enlarged):
@@ -518,6 +529,13 @@ class WithDiagonal(Enlarged):
         """Parameters of the other one with the smallest diagonal of their bounds."""
         smallest = self.bounds(scale)[-self.n_more :, 0]
         return np.concatenate([parameters, smallest])
+
+    def with_row(self, parameters, row, own, position):
+        """Parameters with another row of F, and the square of `own` for its kappa."""
+        found = super().with_row(parameters, row, own, position)
+        if not self.equal:
+            found[self.form.n_parameters + position] = 2.0 * np.log(own)
+        return found
 
     def bordered(self, parameters, row, own, position):
         """The model of one more task, whose kappa is the square of `own`, or equal."""

@@ -35,7 +35,7 @@ def problems(draw, max_tasks=4):
 
 
 @examples(3)
-@given(tables(per_task=2, max_tasks=4, max_rows=20), st.booleans(), st.booleans())
+@given(tables(per_task=4, max_tasks=4, max_rows=24), st.booleans(), st.booleans())
 def test_likelihood_does_not_fall_with_the_rank(table, diagonal, levels):
     M = len(np.unique(table.tasks))
     model = MultiTaskGPRegressor(

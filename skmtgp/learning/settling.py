@@ -1,0 +1,102 @@
+"""Rows of F of tasks with few rows of data, learned with what the other tasks are like.
+
+One to three samples do not determine how a task is related to the others: by maximum
+likelihood its row of F explains them exactly, however large it must be for that. So
+these rows are learned once more, at the hyperparameters of all data, each as the border
+of the larger tasks with the prior of their population, as a task that joins later has
+it (section 3.3 and :mod:`skmtgp.learning.novel`). The order of tasks does not matter.
+"""
+
+import numpy as np
+
+from skmtgp._data.dask import is_dask
+from skmtgp._data.known import noise_of
+from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.border import BorderLikelihood
+from skmtgp.learning.novel import by_terms, lacking, learn_border, shares_of
+
+FEW = 3  # rows of a task that do not determine its row of F
+LEAST = 2  # tasks that make a population
+
+
+def settled(problem, mode):
+    """The mode with rows of F of tasks of few samples as the other tasks suggest them.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was learned.
+    mode : Mode
+        What was found.
+
+    Returns
+    -------
+    mode : Mode
+        As it was, unless some tasks have few rows and others do not, and K^rho has a
+        factor with a row for each.
+    """
+    few = few_rows(problem)
+    if not few.any():
+        return mode
+    prior, theta, spent = problem.prior, mode.theta.copy(), mode.n_evaluations
+    larger = problem.with_data(problem.data.of_tasks(~few)).likelihood()
+    with limit_threads(larger.side):
+        if prior.n_noise > 1:
+            theta[np.flatnonzero(prior.of_noise)[few]] = larger.usual_log_noise(theta)
+        posterior = larger.posterior(theta)
+        for task in np.flatnonzero(few):
+            border = _border(problem, posterior, theta, task)
+            if not len(border.y):  # all that its rows tell is a trend of its own
+                continue
+            larger = np.hstack(shares_of(prior, theta)[0])[~few]
+            best = learn_border(border, larger, problem.budget, informed=True)
+            row = by_terms(border, best.x, prior.n_terms)
+            theta, spent = prior.with_row(theta, *row, task), spent + best.n_evaluations
+    likelihood = problem.likelihood()
+    with limit_threads(likelihood.side):
+        value = likelihood.value(theta)
+    return mode._replace(theta=theta, value=value, n_evaluations=spent, rivals=())
+
+
+def few_rows(problem):
+    """Which tasks have few rows of data, a mask; none where nothing is to be settled.
+
+    A row counts as often as measurements were averaged. The fast algebra of complete
+    data needs rows of each task.
+    """
+    data, prior = problem.data, problem.prior
+    few = np.zeros(data.n_tasks, dtype=bool)
+    learned = problem.budget.max_iter and _has_rows(prior)
+    if not learned or is_dask(data.X) or data.design is not None:
+        return few
+    few = np.bincount(data.tasks, data.counts, data.n_tasks) <= FEW
+    return few & (np.count_nonzero(~few) >= LEAST)
+
+
+def _has_rows(prior):
+    """Whether each task has a row of F to learn, in each term that has an F."""
+    forms = [form for _, form in prior.terms]
+    return any(getattr(form, "rank", 0) for form in forms) and not any(
+        lacking(form, ["columns", "with_row"])[1] for form in forms
+    )
+
+
+def _border(problem, posterior, theta, task):
+    """The likelihood of a task's row by the larger tasks, those of the posterior."""
+    prior, data = problem.prior, problem.data
+    X, _, y, known = data.some(np.flatnonzero(data.tasks == task))
+    values, trend = prior.values(theta), prior.trend
+    noise = np.broadcast_to(values.noise, data.n_tasks)[task]
+    factors, shared, equal = shares_of(prior, theta)
+    return BorderLikelihood(
+        posterior,
+        factors,
+        X,
+        y,
+        noise_of(known, np.full(len(y), noise)),
+        [form.n_own > 1 for _, form in prior.terms],  # one number is that of all
+        level=values.level,
+        shared=shared,
+        equal=equal,
+        trend=None if trend is None else trend.rows_of(task, X),
+    )

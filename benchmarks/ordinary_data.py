@@ -21,6 +21,7 @@ N_TEST = 200  # rows to predict, of all tasks
 BASE = {
     "n_tasks": (3, 6),
     "rows": (10, 30),  # of each task
+    "small": None,  # rows of a third of the tasks, the last ones, instead
     "n_inputs": (1, 2),
     "irrelevant": 0,  # more inputs, on which nothing depends
     "rank": (1, 2),
@@ -40,6 +41,7 @@ CLASSES = {
     "many-tasks": {"n_tasks": (25, 40), "rows": (5, 8)},
     "few-rows": {"n_tasks": (4, 8), "rows": (5, 8)},
     "unequal-rows": {"rows": (5, 60)},
+    "small-tasks": {"n_tasks": (4, 9), "rows": (15, 30), "small": (1, 3)},
     "no-levels": {"level": 0.0},
     "levels-50": {"level": 50.0},
     "units": {"units": (1.0, 1000.0)},
@@ -69,6 +71,7 @@ CLASSES = {
     "115-tasks": {"n_tasks": 115, "n_rows": 300},
     "131-tasks": {"n_tasks": 131, "n_rows": 600},
 }
+OF_EACH = "rows", "small", "noise", "units"  # drawn for each task
 HUNDREDS = "115-tasks", "131-tasks"
 MOST_ROWS = 400  # of "anything", on average: many tasks have few each
 
@@ -181,7 +184,7 @@ def problem(name, seed):
     if name in HUNDREDS:
         return hundreds(rng, **CLASSES[name])
     settings = {
-        key: value if key in ("rows", "noise", "units") else _one(value, rng)
+        key: value if key in OF_EACH else _one(value, rng)
         for key, value in {**BASE, **CLASSES[name]}.items()
     }
     if name == "anything":
@@ -218,10 +221,13 @@ def _one(value, rng, size=None):
     return np.exp(rng.uniform(*np.log(value), size))
 
 
-def draw(rng, *, n_tasks, rows, n_inputs, irrelevant, apart, noise, **settings):
+def draw(rng, *, n_tasks, rows, small, n_inputs, irrelevant, apart, noise, **settings):
     """A problem with the settings of `BASE`."""
     d = n_inputs + irrelevant
-    task = np.repeat(np.arange(n_tasks), _one(rows, rng, n_tasks))
+    rows = _one(rows, rng, n_tasks)
+    if small is not None:
+        rows[-(n_tasks // 3) :] = _one(small, rng, n_tasks // 3)
+    task = np.repeat(np.arange(n_tasks), rows)
     test = np.repeat(np.arange(n_tasks), max(3, N_TEST // n_tasks))
     x = rng.uniform(0.0, RANGE, (len(task), d))
     if apart:  # a part of the range for each, in any order

@@ -13,6 +13,7 @@ import json
 import numpy as np
 import pandas as pd
 
+BY_PRIOR = ("small-tasks",)  # rows of F that are not the likeliest
 CLOSE, MOST = 0.5, 5.0  # nats below the best known
 SHARES = {"default": 0.98, "search": 0.99}
 RATIOS = {"default": 1.10, "search": 1.05}
@@ -112,7 +113,7 @@ def described(fit, best, errors):
         return kept
     if "config" in fit:
         value, sought = best.get((fit["problem"], config_of(fit)), (np.nan, False))
-        if sought:
+        if sought and fit["class"] not in BY_PRIOR:
             kept |= {"below": value - fit["lml"], "best": value}
     kept["chose"] = chosen(fit)
     if fit.get("right") is not None:

@@ -10,6 +10,7 @@ from skmtgp.exceptions import InsufficientMemoryError
 
 GIB = 2.0**30
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
+UNLIMITED = 2.0**60  # version 1 has such a limit for none
 CONTROLS = [  # of a control group: limit, use, files within that can be let go
     ("memory.max", "memory.current", "inactive_file"),
     ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"),
@@ -60,7 +61,10 @@ def _control_groups():
 def _left(group, limit, used, files):
     """Bytes that a control group leaves; infinite where it has no limit."""
     try:
-        most, held = (int((group / name).read_text()) for name in (limit, used))
+        most = int((group / limit).read_text())
+        if most > UNLIMITED:
+            return math.inf
+        held = int((group / used).read_text())
     except (OSError, ValueError):  # "max"
         return math.inf
     with contextlib.suppress(OSError, ValueError, KeyError):

@@ -7,6 +7,8 @@ of the larger tasks with the prior of their population, as a task that joins lat
 it (section 3.3 and :mod:`skmtgp.learning.novel`). The order of tasks does not matter.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from skmtgp._data.dask import is_dask
@@ -39,6 +41,7 @@ def settled(problem, mode):
     if not few.any():
         return mode
     prior, theta, spent = problem.prior, mode.theta.copy(), mode.n_evaluations
+    problem = problem.with_data(replace(problem.data, Z=mode.Z))
     larger = problem.with_data(problem.data.of_tasks(~few)).likelihood()
     with limit_threads(larger.side):
         if prior.n_noise > 1:

@@ -11,6 +11,7 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._data.known import Known
 from skmtgp.exceptions import SmallTaskWarning
+from skmtgp.inference.engines import Sparse
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.novel import learn_novel
 from skmtgp.learning.settling import settled
@@ -192,6 +193,40 @@ def sites(seed):
 def worst(model, test):
     X, y = test
     return np.sqrt(np.bincount(X[:, -1].astype(int), (model.predict(X) - y) ** 2) / 50)
+
+
+def test_inducing_inputs():
+    """As many as there are inputs: as by dense inference."""
+    data = observations()
+    exact = problem(data)
+    bound = problem(data, engine=Sparse(n_inducing=len(data)))
+    mode = learned(exact)
+    found = settled(bound, mode._replace(Z=data.X)).theta
+    np.testing.assert_allclose(found, settled(exact, mode).theta, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"inference": "sparse", "n_inducing": 12},
+        {"normalize_y": "per_task"},
+        {"noise": "per_task"},
+        {"trend": "linear"},
+        {"hyperparameters": "map"},
+        {"kernel": ["rbf", "matern"]},
+    ],
+    ids=lambda changes: next(iter(changes.values())),
+)
+def test_any_model(changes):
+    """Of two outputs, one of which is minus the other."""
+    (X, y), test = sites(1)
+    model = MultiTaskGPRegressor(**{"rank": 1, "kernel": "rbf", **changes}, max_iter=30)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model.fit(X, np.column_stack([y, -y]))
+    f, g = model.predict(test[0]).T
+    np.testing.assert_allclose(f, -g, rtol=1e-3, atol=1e-3)
+    assert np.isfinite(f).all()
 
 
 @pytest.mark.parametrize("search", [False, True])

@@ -40,7 +40,7 @@ def settled(problem, mode):
     few = few_rows(problem)
     if not few.any():
         return mode
-    prior, theta, spent = problem.prior, mode.theta.copy(), mode.n_evaluations
+    prior, theta = problem.prior, mode.theta.copy()
     problem = problem.with_data(replace(problem.data, Z=mode.Z))
     larger = problem.with_data(problem.data.of_tasks(~few)).likelihood()
     with limit_threads(larger.side):
@@ -54,11 +54,11 @@ def settled(problem, mode):
             larger = np.hstack(shares_of(prior, theta)[0])[~few]
             best = learn_border(border, larger, problem.budget, informed=True)
             row = by_terms(border, best.x, prior.n_terms)
-            theta, spent = prior.with_row(theta, *row, task), spent + best.n_evaluations
+            theta = prior.with_row(theta, *row, task)
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
         value = likelihood.value(theta)
-    return mode._replace(theta=theta, value=value, n_evaluations=spent, rivals=())
+    return mode._replace(theta=theta, value=value, rivals=())
 
 
 def few_rows(problem):

@@ -95,7 +95,6 @@ def test_a_small_task_is_as_if_it_had_joined(form):
         found.theta, as_joined(model, mode.theta, SMALL), rtol=1e-6, atol=1e-8
     )
     assert found.value == pytest.approx(model.likelihood().value(found.theta))
-    assert found.n_evaluations > mode.n_evaluations
 
 
 def test_the_order_of_tasks_does_not_matter():

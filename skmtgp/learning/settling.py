@@ -47,12 +47,12 @@ def settled(problem, mode):
         if prior.n_noise > 1:
             theta[np.flatnonzero(prior.of_noise)[few]] = larger.usual_log_noise(theta)
         posterior = larger.posterior(theta)
+        population = np.hstack(shares_of(prior, theta)[0])[~few]
         for task in np.flatnonzero(few):
             border = _border(problem, posterior, theta, task)
             if not len(border.y):  # all that its rows tell is a trend of its own
                 continue
-            larger = np.hstack(shares_of(prior, theta)[0])[~few]
-            best = learn_border(border, larger, problem.budget, informed=True)
+            best = learn_border(border, population, problem.budget, informed=True)
             row = by_terms(border, best.x, prior.n_terms)
             theta = prior.with_row(theta, *row, task)
     likelihood = problem.likelihood()

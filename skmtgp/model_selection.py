@@ -143,7 +143,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         - rank and model (its name);
         - log_marginal_likelihood, of y in its own units, summed over outputs; with
-          several outputs also output0_log_marginal_likelihood and so on;
+          several outputs also output0_log_marginal_likelihood and so on. It is the
+          maximum, also where tasks of one to three rows then get the prior of
+          `add_task`;
         - n_hyperparameters;
         - bic, aic, hqc, and loo or laplace if that is `criterion_`, NaN where "auto"
           does not look;

@@ -23,6 +23,7 @@ WARNINGS = (
     exceptions.DescriptorWarning,
     exceptions.JitterWarning,
     exceptions.PrecisionWarning,
+    exceptions.RepeatedRowsWarning,
     exceptions.SmallTaskWarning,
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,

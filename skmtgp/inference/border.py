@@ -147,7 +147,10 @@ class BorderLikelihood:
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
-        return self.value_and_grad(row)[0]
+        try:
+            return self._solved(row)[0]
+        except NotPositiveDefiniteError:
+            return -np.inf
 
     def value_and_grad(self, row):
         """The log density and its gradient.
@@ -164,15 +167,11 @@ class BorderLikelihood:
         gradient : ndarray of the shape of row
             Its gradient; nan where the value is -inf.
         """
-        S, half = self._covariance(row)
         try:
-            cholesky = Cholesky(np.asfortranarray(S))
+            value, alpha, cholesky, half = self._solved(row)
         except NotPositiveDefiniteError:
             return -np.inf, np.full(len(row), np.nan)
-        rest = self.y - row[: self.rank] @ self.means
-        alpha = cholesky.solve(rest)
-        value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
-        G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
+        G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(alpha)))
         slopes = np.array([np.vdot(G, K_x) for K_x in self.K_x])
         gradient = self.with_error * slopes[self.of_term] * row
         gradient[: self.rank] += self.means @ alpha
@@ -180,6 +179,15 @@ class BorderLikelihood:
             self.halves, self.signs * half @ G, axes=2
         )
         return value, gradient
+
+    def _solved(self, row):
+        """The log density, S^{-1} (y - mean), S factorised, and C^{-1} cov(y_old, f)."""
+        S, half = self._covariance(row)
+        cholesky = Cholesky(np.asfortranarray(S))
+        rest = self.y - row[: self.rank] @ self.means
+        alpha = cholesky.solve(rest)
+        value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
+        return value, alpha, cholesky, half
 
     def fisher_information(self, row):
         """Fisher information of the border, of shape (len(row), len(row)).
@@ -261,10 +269,11 @@ class PairedBorder:
         n, n_row = len(border.y), border.rank + border.own
         self.means = np.zeros((n_row + 1, n))
         self.means[: border.rank], self.means[-1] = border.means, -border.y
-        halves = np.zeros((n_row + 1, *border.halves.shape[1:]))
-        halves[: border.rank], halves[-1] = border.halves, border.half_of_fixed
-        flat = halves.transpose(1, 0, 2).reshape(halves.shape[1], -1)
-        told = (border.signs * flat).T @ flat
+        halves = np.zeros((n_row + 1, n, len(border.signs)))
+        halves[: border.rank] = border.halves.swapaxes(1, 2)
+        halves[-1] = np.transpose(border.half_of_fixed)
+        flat = halves.reshape(-1, len(border.signs))
+        told = (flat * border.signs.T) @ flat.T
         C = -told.reshape(n_row + 1, n, n_row + 1, n).transpose(0, 2, 1, 3)
         each = np.arange(n_row)
         C[each, each] += border.with_error * border.K_x[border.of_term]

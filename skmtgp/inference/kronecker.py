@@ -284,8 +284,9 @@ class KroneckerPosterior(Posterior):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
         of_tasks, cross = factor[self.observed], self.cross(X)
         means, along = of_tasks.T @ self.A.T @ cross.T, cross @ self.eigen.U
-        halves = [self._half(along, row[:, None]) for row in of_tasks.T]
-        return means, np.stack(halves)
+        rotated = along[:, :, None] * (of_tasks.T @ self.eigen.W)[:, None, None]
+        halves = self.eigen.half(rotated).reshape(*rotated.shape[:2], -1)
+        return means, halves.swapaxes(1, 2)
 
     def half(self, X, loadings):
         """C^{-1} cov(y, g(X)), where K = C C^T, for sums g of the latent functions.

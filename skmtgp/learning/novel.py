@@ -236,8 +236,8 @@ class Population:
         of_own = np.arange(self.rank, self.rank + own)
         self.scale[of_own, of_own] = np.sqrt(moment)
         self.lower[of_own] = TUNING.smallest
-        self.counts = np.zeros(self.rank + own)  # 1 of what is in the prior
-        self.counts[: self.rank] = 1.0
+        self.flat = np.zeros_like(self.scale)  # the identity of what is in the prior
+        self.flat[np.diag_indices(self.rank)] = 1.0
 
     def row(self, u):
         """The row of these coordinates."""
@@ -257,11 +257,11 @@ class Population:
     def log_priors(self, U):
         """The same of many u, with Hessians."""
         nu, weight = self.degrees_of_freedom, self.degrees_of_freedom + self.rank
-        shared = U * self.counts
+        shared = U @ self.flat
         distance = nu + np.einsum("kp,kp->k", shared, shared)
-        slopes, flat = shared / distance[:, None], np.diag(self.counts)
+        slopes = shared / distance[:, None]
         hessians = 2.0 * slopes[:, :, None] * slopes[:, None]
-        hessians -= flat / distance[:, None, None]
+        hessians -= self.flat / distance[:, None, None]
         values = -0.5 * weight * np.log(distance / nu)
         return values, -weight * slopes, weight * hessians
 

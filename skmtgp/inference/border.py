@@ -181,7 +181,7 @@ class BorderLikelihood:
         return value, gradient
 
     def _solved(self, row):
-        """The log density, S^{-1} (y - mean), S factorised, and C^{-1} cov(y_old, f)."""
+        """The log density, S^{-1} (y - mean), S factorised, C^{-1} cov(y_old, f)."""
         S, half = self._covariance(row)
         cholesky = Cholesky(np.asfortranarray(S))
         rest = self.y - row[: self.rank] @ self.means
@@ -238,7 +238,7 @@ class PairedBorder:
     r"""The likelihood of a border by the covariances of pairs of latent functions.
 
     A row is ``mean + scale @ u``, with coordinates u. So f = sum_a u_a g_a, where the
-    g_a are sums of latent functions, and the last g is the sum that the mean makes, with
+    g_a are sums of latent functions. The last one is the sum that the mean makes, with
     what the novel task shares with all, and with noise: its u is 1. If the novel task
     has a function of its own, the old tasks tell nothing of that. Then
 

@@ -74,23 +74,26 @@ class _Newton:
 
     def _steps(self, active):
         """Newton's, no longer along any eigenvector than the last ones have told."""
-        X, g, H = self.X[active], self.g[active], self.H[active].copy()
+        X, g, H = self.X[active], self.g[active], self.H[active]  # copies
         low, high = self.lower >= X, self.upper <= X
         held = low & (g > 0.0) | high & (g < 0.0)
-        H[held[:, None] | held[..., None]] = 0.0
+        if held.any():
+            H[held[:, None] | held[..., None]] = 0.0
+            g = np.where(held, 0.0, g)
         values, V = np.linalg.eigh(H)
         values = np.abs(values)
         flattest = FLATTEST * values.max(axis=1, keepdims=True)
-        along = np.einsum("kp,kpq->kq", np.where(held, 0.0, g), V)
+        along = np.einsum("kp,kpq->kq", g, V)
         steps = -along / np.maximum(values, np.maximum(flattest, TINY))
         self.gain[active] = -0.5 * np.einsum("kq,kq->k", along, steps)
         longest = self.longest[active, None]
-        return np.einsum("kpq,kq->kp", V, np.clip(steps, -longest, longest))
+        steps = np.maximum(np.minimum(steps, longest), -longest)
+        return np.einsum("kpq,kq->kp", V, steps)
 
     def _try(self, active, steps):
         """Go where the function is lower; where it is not, shorten the next step."""
         X, g, H, f = (of[active] for of in (self.X, self.g, self.H, self.f))
-        trial = np.clip(X + steps, self.lower, self.upper)
+        trial = np.maximum(np.minimum(X + steps, self.upper), self.lower)
         steps = trial - X
         slope = np.einsum("kp,kp->k", g, steps)
         expected = -slope - 0.5 * np.einsum("kp,kpq,kq->k", steps, H, steps)

@@ -259,23 +259,21 @@ class Joining(Nearest):
         first = self.task != self.NEW
         X, y = map(np.array, zip(*self.samples[0 if first else -1 :], strict=True))
         X, models = np.column_stack([X, np.full(len(X), self.NEW)]), {}
+        X = next(iter(self.models.values()))[:-1].transform(
+            X
+        )  # the same for all joints
         for (name, model), target in zip(self.models.items(), y.T, strict=True):
             if first:
-                models[name] = add_task(model, X, target)
+                last = add_task(model[-1], X, target)
             else:  # a copy: what is learned counts when its time has passed
-                models[name] = partial_fit(_copied(model), X, target)
+                last = partial_fit(copy.copy(model[-1]), X, target)
+            models[name] = Pipeline([*model.steps[:-1], (model.steps[-1][0], last)])
         return models, compile_predictor(models, self.NEW, follow=False)
 
     def install(self, result):
         """Take over models that know more."""
         self.models, self.predictor = result
         self.task, self.busy = self.NEW, False
-
-
-def _copied(model):
-    """A pipeline whose last step can learn without changing the model."""
-    name, last = model.steps[-1]
-    return Pipeline([*model.steps[:-1], (name, copy.copy(last))])
 
 
 def _reverses(state):

@@ -62,6 +62,8 @@ def check_numbers(values, name, columns=None, *, advise=None, estimator=None):
     if not (isinstance(values, (pd.DataFrame, pd.Series)) or issparse(values)):
         values = np.asarray(values)
     refuse_empty(name, values)
+    if _are_plain(values):
+        return by_rows(values)
     explain = partial(_explain, values, name, columns, advise)
     if _has_dates(values):  # alone, they would become numbers of some unit
         explain()
@@ -77,6 +79,14 @@ def check_numbers(values, name, columns=None, *, advise=None, estimator=None):
         explain()
         raise
     return by_rows(numbers)
+
+
+def _are_plain(values):
+    """Whether this is an array of finite numbers, which needs no closer look."""
+    if type(values) is not np.ndarray or values.dtype != np.float64:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):  # then it gets one
+        return values.ndim in (1, 2) and values.size > 0 and np.isfinite(values.sum())
 
 
 def by_rows(values):

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from skmtgp._estimators.online import OnlineGP
+from skmtgp._estimators.online import OnlineGP, grows
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.novel import join_alike
 
@@ -20,7 +20,8 @@ class JoiningGP(OnlineGP):
         before = self._training()
         training, position = before.with_task(features, label, Y)
         training = self._incomplete(training)
-        self._check_room(training)
+        if grows(before, training):
+            self._check_room(training)
         self._check_beside(before, training.features[len(before.Y) :])
         informed, engine = prior is not None, self._engine
         origin = np.append(np.arange(len(self.X_train_)), np.full(len(features), -1))

@@ -151,8 +151,7 @@ class OnlineGP(FittedGP):
             prior = self._likelihoods[0].prior
             engine = choose(self.inference, prior, training, **self._options())
             engine.check(prior, training.data(engine)[0], training.tasks)
-        grown = len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE
-        if grown or engine is not self._engine:
+        if grows(before, training) or engine is not self._engine:
             engine.check_memory(*self._demand(training))
         origin = np.append(np.arange(len(before.Y)), np.full(n_new, -1))
         self._go_on(training, origin, engine)
@@ -276,6 +275,11 @@ class OnlineGP(FittedGP):
         )
         node, x = self._likelihoods[0].prior.node, training.features[:1]
         return demand, TileMemory(self._posteriors[0].kernel, x, node)
+
+
+def grows(before, training):
+    """Whether there are more rows by so many that memory is looked for again."""
+    return len(before.Y) // AT_ONCE != len(training.Y) // AT_ONCE
 
 
 def _check_trend(likelihoods):

@@ -12,9 +12,10 @@ from skmtgp._numerics.bfgs import ARMIJO, LONGEST_STEP, NOTHING, Optimum
 POOR, GOOD = 0.25, 0.75  # parts of the expected gain: steps then get shorter, or longer
 SHORTEST = 1e-12  # of steps, below which nothing is gained any more
 FLATTEST = 1e-14  # eigenvalues, relative to the largest
+TINY = np.finfo(float).tiny  # or absolutely
 
 
-def minimize_all(fun, X, lower, upper, *, max_iter, tol):
+def minimize_all(fun, X, lower, upper, *, max_iter, tol, followed=None):
     """Minimise a function from several starting points.
 
     Parameters
@@ -32,23 +33,30 @@ def minimize_all(fun, X, lower, upper, *, max_iter, tol):
     tol : float
         See :func:`skmtgp._numerics.bfgs.minimize`; one ends where a step is expected to
         gain next to nothing of it.
+    followed : int, default=None
+        Of how many starts the search goes on: those with the lowest values, which come
+        first. None is all of them, in their order.
 
     Returns
     -------
-    optima : list of n_starts Optimum
+    optima : list of n_followed Optimum
         Where each ended.
     """
-    search = _Newton(fun, np.clip(X, lower, upper), lower, upper)
+    search = _Newton(fun, np.clip(X, lower, upper), lower, upper, followed)
     search.run(max_iter, tol)
     return search.optima(tol)
 
 
 class _Newton:
-    def __init__(self, fun, X, lower, upper):
-        self.fun, self.lower, self.upper, self.X = fun, lower, upper, X
-        self.f, self.g, self.H = fun(X)
-        self.longest = np.full(len(X), LONGEST_STEP)
-        self.n_iter, self.n_evaluations = np.zeros((2, len(X)), dtype=int)
+    def __init__(self, fun, X, lower, upper, followed=None):
+        self.fun, self.lower, self.upper = fun, lower, upper
+        self.X, (self.f, self.g, self.H) = X, fun(X)
+        if followed is not None:
+            best = np.argsort(self.f, kind="stable")[:followed]
+            of_best = (of[best] for of in (X, self.f, self.g, self.H))
+            self.X, self.f, self.g, self.H = of_best
+        self.longest = np.full(len(self.X), LONGEST_STEP)
+        self.n_iter, self.n_evaluations = np.zeros((2, len(self.X)), dtype=int)
         self.n_evaluations += 1
         self.gain = np.where(np.isfinite(self.f), np.inf, 0.0)  # that is expected
 
@@ -66,23 +74,26 @@ class _Newton:
 
     def _steps(self, active):
         """Newton's, no longer along any eigenvector than the last ones have told."""
-        X, g, H = self.X[active], self.g[active], self.H[active].copy()
+        X, g, H = self.X[active], self.g[active], self.H[active]  # copies
         low, high = self.lower >= X, self.upper <= X
         held = low & (g > 0.0) | high & (g < 0.0)
-        H[held[:, None] | held[..., None]] = 0.0
+        if held.any():
+            H[held[:, None] | held[..., None]] = 0.0
+            g = np.where(held, 0.0, g)
         values, V = np.linalg.eigh(H)
         values = np.abs(values)
-        flattest = np.maximum(FLATTEST * values.max(axis=1), np.finfo(float).tiny)
-        along = np.einsum("kp,kpq->kq", np.where(held, 0.0, g), V)
-        steps = -along / np.maximum(values, flattest[:, None])
+        flattest = FLATTEST * values.max(axis=1, keepdims=True)
+        along = np.einsum("kp,kpq->kq", g, V)
+        steps = -along / np.maximum(values, np.maximum(flattest, TINY))
         self.gain[active] = -0.5 * np.einsum("kq,kq->k", along, steps)
         longest = self.longest[active, None]
-        return np.einsum("kpq,kq->kp", V, np.clip(steps, -longest, longest))
+        steps = np.maximum(np.minimum(steps, longest), -longest)
+        return np.einsum("kpq,kq->kp", V, steps)
 
     def _try(self, active, steps):
         """Go where the function is lower; where it is not, shorten the next step."""
         X, g, H, f = (of[active] for of in (self.X, self.g, self.H, self.f))
-        trial = np.clip(X + steps, self.lower, self.upper)
+        trial = np.maximum(np.minimum(X + steps, self.upper), self.lower)
         steps = trial - X
         slope = np.einsum("kp,kp->k", g, steps)
         expected = -slope - 0.5 * np.einsum("kp,kpq,kq->k", steps, H, steps)

@@ -147,7 +147,10 @@ class BorderLikelihood:
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
-        return self.value_and_grad(row)[0]
+        try:
+            return self._solved(row)[0]
+        except NotPositiveDefiniteError:
+            return -np.inf
 
     def value_and_grad(self, row):
         """The log density and its gradient.
@@ -164,15 +167,11 @@ class BorderLikelihood:
         gradient : ndarray of the shape of row
             Its gradient; nan where the value is -inf.
         """
-        S, half = self._covariance(row)
         try:
-            cholesky = Cholesky(np.asfortranarray(S))
+            value, alpha, cholesky, half = self._solved(row)
         except NotPositiveDefiniteError:
             return -np.inf, np.full(len(row), np.nan)
-        rest = self.y - row[: self.rank] @ self.means
-        alpha = cholesky.solve(rest)
-        value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
-        G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(rest)))
+        G = np.outer(alpha, alpha) - cholesky.solve(np.eye(len(alpha)))
         slopes = np.array([np.vdot(G, K_x) for K_x in self.K_x])
         gradient = self.with_error * slopes[self.of_term] * row
         gradient[: self.rank] += self.means @ alpha
@@ -180,6 +179,15 @@ class BorderLikelihood:
             self.halves, self.signs * half @ G, axes=2
         )
         return value, gradient
+
+    def _solved(self, row):
+        """The log density, S^{-1} (y - mean), S factorised, C^{-1} cov(y_old, f)."""
+        S, half = self._covariance(row)
+        cholesky = Cholesky(np.asfortranarray(S))
+        rest = self.y - row[: self.rank] @ self.means
+        alpha = cholesky.solve(rest)
+        value = log_density(rest @ alpha, cholesky.log_det(), len(rest))
+        return value, alpha, cholesky, half
 
     def fisher_information(self, row):
         """Fisher information of the border, of shape (len(row), len(row)).
@@ -218,19 +226,24 @@ class BorderLikelihood:
         S += self.level + self.noise - (self.signs * half).T @ half
         return S, half
 
-    def pairs(self):
-        """The same likelihood at many borders at once, without the old rows."""
-        return PairedBorder(self)
+    def pairs(self, mean=0.0, scale=None):
+        """The same likelihood at many borders at once, without the old rows.
+
+        See :class:`PairedBorder`.
+        """
+        return PairedBorder(self, mean, scale)
 
 
 class PairedBorder:
     r"""The likelihood of a border by the covariances of pairs of latent functions.
 
-    Let :math:`C_{ab} = \mathrm{cov}(z_a(X), z_b(X) | y_{old})`. If the novel task has a
-    function of its own, its w is the last of the l, and the old tasks tell nothing of
-    that function. Then
+    A row is ``mean + scale @ u``, with coordinates u. So f = sum_a u_a g_a, where the
+    g_a are sums of latent functions. The last one is the sum that the mean makes, with
+    what the novel task shares with all, and with noise: its u is 1. If the novel task
+    has a function of its own, the old tasks tell nothing of that. Then
 
-    .. math:: S = \sum_{ab} l_a l_b C_{ab} + \sum_a l_a (D_a + D_a^T) + S_0.
+    .. math:: S = \sum_{ab} u_a u_b C_{ab}, \qquad
+        C_{ab} = \mathrm{cov}(g_a(X), g_b(X) | y_{old}).
 
     One border takes :math:`O(r n^3 + r^2 n^2)`, n being the number of samples. The
     number of old rows does not matter.
@@ -239,59 +252,67 @@ class PairedBorder:
     ----------
     border : BorderLikelihood
         The likelihood.
+    mean : float or ndarray of shape (n_row,), default=0.0
+        The row whose coordinates are zeros.
+    scale : ndarray of shape (n_row, n_row), default=None
+        What coordinates add to it; None is the identity.
 
     Attributes
     ----------
-    C : ndarray of shape (n_row, n_row, n_samples, n_samples)
+    C : ndarray of shape (n_row + 1, n_row + 1, n_samples**2)
         C_ab.
-    D : ndarray of shape (n_row, n_samples, n_samples)
-        Covariances with what the novel task shares with all.
-    S_0 : ndarray of shape (n_samples, n_samples)
-        S of a border of zeros.
+    means : ndarray of shape (n_row + 1, n_samples)
+        Means of g_a, the last less the targets.
     """
 
-    def __init__(self, border):
+    def __init__(self, border, mean=0.0, scale=None):
         n, n_row = len(border.y), border.rank + border.own
-        self.y, self.means = border.y, np.zeros((n_row, n))
-        self.means[: border.rank] = border.means
-        halves = np.zeros((n_row, *border.halves.shape[1:]))
-        halves[: border.rank] = border.halves
-        flat = halves.transpose(1, 0, 2).reshape(halves.shape[1], -1)
-        signed = (border.signs * flat).T
-        told = (signed @ flat).reshape(n_row, n, n_row, n)
-        self.C, each = -told.transpose(0, 2, 1, 3), np.arange(n_row)
-        self.C[each, each] += border.with_error * border.K_x[border.of_term]
-        self.C = np.ascontiguousarray(self.C)
-        fixed = np.broadcast_to(border.half_of_fixed, halves.shape[1:])
-        self.D = -(signed @ fixed).reshape(n_row, n, n)
-        self.S_0, _ = border._covariance(np.zeros(n_row))
+        self.means = np.zeros((n_row + 1, n))
+        self.means[: border.rank], self.means[-1] = border.means, -border.y
+        halves = np.zeros((n_row + 1, n, len(border.signs)))
+        halves[: border.rank] = border.halves.swapaxes(1, 2)
+        halves[-1] = np.transpose(border.half_of_fixed)
+        flat = halves.reshape(-1, len(border.signs))
+        told = (flat * border.signs.T) @ flat.T
+        C = -told.reshape(n_row + 1, n, n_row + 1, n).transpose(0, 2, 1, 3)
+        each = np.arange(n_row)
+        C[each, each] += border.with_error * border.K_x[border.of_term]
+        C[-1, -1] = border._covariance(np.zeros(n_row))[0]
+        to_row = np.eye(n_row + 1)  # from (u, 1) to (l, w, 1)
+        to_row[:-1, -1] = mean
+        if scale is not None:
+            to_row[:-1, :-1] = scale
+        self.means = to_row.T @ self.means
+        C = (to_row.T @ C.reshape(n_row + 1, -1)).reshape(n_row + 1, n_row + 1, -1)
+        self.C = to_row.T @ C
 
-    def evaluate(self, rows):
+    def evaluate(self, U):
         """Log densities, gradients and Hessians.
 
         Parameters
         ----------
-        rows : ndarray of shape (n_borders, n_row)
-            Borders.
+        U : ndarray of shape (n_borders, n_row)
+            Coordinates of borders.
 
         Returns
         -------
         values : ndarray of shape (n_borders,)
             -inf where one cannot be computed; its derivatives are nan.
         gradients : ndarray of shape (n_borders, n_row)
+            By the coordinates.
         hessians : ndarray of shape (n_borders, n_row, n_row)
         """
-        (n_row, n), n_rows = self.means.shape, len(rows)
-        told = (rows @ self.C.reshape(n_row, -1)).reshape(n_rows, n_row, n, n)
-        half_dS = told.swapaxes(2, 3) + self.D
-        S = (half_dS + self.D.swapaxes(1, 2)).reshape(n_rows, n_row, -1)
-        W, log_det = _whitening((rows[:, None] @ S).reshape(-1, n, n) + self.S_0)
-        rest = np.einsum("kij,kj->ki", W, self.y - rows @ self.means)
-        values = log_density(np.square(rest).sum(axis=1), log_det, len(self.y))
+        n_all, n = self.means.shape
+        U = np.hstack([U, np.ones((len(U), 1))])
+        half_dS = (U @ self.C.reshape(n_all, -1)).reshape(len(U), n_all, -1)
+        W, log_det = _whitening((U[:, None] @ half_dS).reshape(-1, n, n))
+        rest = -np.einsum("kij,kj->ki", W, U @ self.means)
+        values = log_density(np.square(rest).sum(axis=1), log_det, n)
         values[np.isnan(values)] = -np.inf
+        half_dS = half_dS[:, :-1].reshape(len(U), -1, n, n)
         dS = half_dS + half_dS.swapaxes(2, 3)
         T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]  # relative to S
-        dm = self.means @ W.swapaxes(1, 2)
+        dm = self.means[:-1] @ W.swapaxes(1, 2)
         pull = np.einsum("kaij,kj->kai", T, rest)
         gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
         gradients -= 0.5 * np.einsum("kaii->ka", T)
@@ -303,9 +324,9 @@ class PairedBorder:
         G = alpha[:, :, None] * alpha[:, None] - W.swapaxes(1, 2) @ W
         T = T.reshape(*T.shape[:2], -1)
         hessians = 0.5 * T @ T.swapaxes(1, 2) - along @ along.swapaxes(1, 2)
-        n_row = len(self.C)
-        by_pair = G.reshape(len(G), -1) @ self.C.reshape(n_row**2, -1).T
-        return hessians + by_pair.reshape(-1, n_row, n_row)
+        n_all = len(self.C)
+        by_pair = G.reshape(len(G), -1) @ self.C.reshape(n_all**2, -1).T
+        return hessians + by_pair.reshape(-1, n_all, n_all)[:, :-1, :-1]
 
 
 def _whitening(S):
@@ -315,7 +336,7 @@ def _whitening(S):
     except np.linalg.LinAlgError:
         L = np.stack([_cholesky_or_nan(of) for of in S])
     log_det = 2.0 * np.log(np.diagonal(L, axis1=1, axis2=2)).sum(axis=1)
-    return np.linalg.solve(L, np.broadcast_to(np.eye(S.shape[1]), S.shape)), log_det
+    return np.linalg.inv(L), log_det
 
 
 def _cholesky_or_nan(S):

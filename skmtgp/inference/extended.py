@@ -133,22 +133,21 @@ class ExtendedPosterior(Posterior):
         else:
             base = base.with_tasks(likelihood.base, theta)
         self.base = base
-        S = base.covariance(self.X, tasks) + np.diag(self.noise[self.new])
+        mean, S, cross = base.joint(self.X, tasks)
+        S += np.diag(self.noise[self.new])
         self.cholesky = cholesky_with_jitter(lambda: S.copy(order="F"))
         self.jitter = np.zeros(len(self.tasks))
         self.jitter[self.new] = self.cholesky.jitter
-        half = self.cholesky.half_solve(
-            likelihood.y[self.new] - base.mean(self.X, tasks)
-        )
+        half = self.cholesky.half_solve(likelihood.y[self.new] - mean)
         self.log_likelihood = base.log_likelihood + log_density(
             half @ half, self.cholesky.log_det(), len(half)
         )
-        self._set_alpha(self.cholesky.half_solve(half, transposed=True))
+        self._set_alpha(self.cholesky.half_solve(half, transposed=True), cross)
 
-    def _set_alpha(self, of_new):
+    def _set_alpha(self, of_new, cross):
         """K^{-1} y: that of the complete data less P times that of the others."""
         base, self.alpha = self.base, np.empty(len(self.tasks))
-        weighed = np.tensordot(of_new, self._cross_to_base(), axes=1)
+        weighed = cross.T @ (of_new[:, None] * self._loadings_of_base())
         self.A = base.A - base.eigen.solve(weighed)
         self.alpha[self.old], self.alpha[self.new] = base.by_row(self.A), of_new
         self._set_means()
@@ -170,8 +169,11 @@ class ExtendedPosterior(Posterior):
 
     def _cross_to_base(self):
         """B^T, of shape (n_new, n_inputs, n_observed)."""
-        loadings = self.K_rho[np.ix_(self.tasks[self.new], self.base.observed)]
-        return self.base.cross(self.X)[..., None] * loadings[:, None]
+        return self.base.cross(self.X)[..., None] * self._loadings_of_base()[:, None]
+
+    def _loadings_of_base(self):
+        """K^rho of the other rows and the tasks of the complete data."""
+        return self.K_rho[np.ix_(self.tasks[self.new], self.base.observed)]
 
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""

@@ -268,7 +268,6 @@ class KroneckerPosterior(Posterior):
         posterior.K_rho = prior.K_rho_at(theta)
         posterior.tasks, posterior.observed = likelihood.tasks, likelihood.observed
         posterior.noise = likelihood.noise_of_rows(prior.values(theta).noise)
-        posterior._set_largest()
         posterior._set_means()
         return posterior
 
@@ -285,8 +284,9 @@ class KroneckerPosterior(Posterior):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
         of_tasks, cross = factor[self.observed], self.cross(X)
         means, along = of_tasks.T @ self.A.T @ cross.T, cross @ self.eigen.U
-        halves = [self._half(along, row[:, None]) for row in of_tasks.T]
-        return means, np.stack(halves)
+        rotated = along[:, :, None] * (of_tasks.T @ self.eigen.W)[:, None, None]
+        halves = self.eigen.half(rotated).reshape(*rotated.shape[:2], -1)
+        return means, halves.swapaxes(1, 2)
 
     def half(self, X, loadings):
         """C^{-1} cov(y, g(X)), where K = C C^T, for sums g of the latent functions.
@@ -346,8 +346,22 @@ class KroneckerPosterior(Posterior):
         explained -= left_of_X @ self.eigen.levels.covariance @ left_of_Z.T
         return explained - np.multiply.outer(novel_X, novel_Z > 0.0) * same
 
+    def joint(self, X, tasks):
+        """Mean and covariance of f, and k^x(X, inputs), of which both are made."""
+        cross = self.cross(X)
+        along = self._dependence(cross @ self.eigen.U, tasks)
+        covariance = self._covariance(X, tasks, self._between(along, along))
+        mean = np.einsum("ij,ij->i", cross, self.weights[tasks]) + self.levels[tasks]
+        return mean, covariance, cross
+
     def _along(self, X, tasks):
+        """How f at X is along the eigenvectors, see `_dependence`."""
+        return self._dependence(self._along_x(X), tasks)
+
+    def _dependence(self, along_x, tasks):
         """How f is along the eigenvectors, and depends on the levels beside.
+
+        `along_x` is k^x(X, inputs) U, of shape (n_samples, n_inputs).
 
         Returns
         -------
@@ -359,7 +373,7 @@ class KroneckerPosterior(Posterior):
         novel : ndarray of shape (n_samples,) or None
             Variance of the level of a task without data.
         """
-        along = Along(self._along_x(X), self._along_tasks(), tasks)
+        along = Along(along_x, self._along_tasks(), tasks)
         if not self.level:
             return along, None, None
         left = -self.eigen.levels.told(along.of_x, along.columns[:, tasks])

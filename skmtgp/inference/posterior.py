@@ -22,6 +22,7 @@ from skmtgp.inference.variances import (
 from skmtgp.model.several import terms_of, unseen_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
+WHEN_ASKED = "bound", "largest_of_k"  # attributes that are made then, and not pickled
 
 LEAST_FREEDOM = 1.0  # degrees of freedom that tell a noise variance
 
@@ -82,8 +83,6 @@ class Posterior(WithCoefficients, ABC):
         Mean of the level of each task.
     log_likelihood : float
         Log marginal likelihood of the targets.
-    largest : float
-        Largest prior variance of f, over the training inputs and all tasks.
     coefficients : Coefficients or None
         Coefficients of a trend, which belongs to f. `alpha` is then P y.
 
@@ -104,10 +103,14 @@ class Posterior(WithCoefficients, ABC):
         self.inputs = likelihood.inputs
         self.tasks, self.level = likelihood.tasks, values.level
         self.noise = likelihood.noise_of_rows(values.noise)
-        self._set_largest()
 
     def __getstate__(self):  # that of a model that has predicted is the same
-        return {name: value for name, value in vars(self).items() if name != "bound"}
+        return {name: of for name, of in vars(self).items() if name not in WHEN_ASKED}
+
+    def __copy__(self):  # which keeps what was made: kernel and inputs are the same
+        posterior = object.__new__(type(self))
+        vars(posterior).update(vars(self))
+        return posterior
 
     @cached_property
     def bound(self):
@@ -124,10 +127,12 @@ class Posterior(WithCoefficients, ABC):
         """Largest value of the k^x of each term, over the training inputs."""
         return [kernel.diag(self.inputs).max() for kernel in terms_of(self.kernel)]
 
-    def _set_largest(self):
+    @property
+    def largest(self):
+        """Largest prior variance of f, over the training inputs and all tasks."""
         pairs = zip(self.terms, self.largest_of_k, strict=True)
         of_terms = [np.diagonal(K_rho).max() * of_k for (_, K_rho), of_k in pairs]
-        self.largest = self.level + float(sum(of_terms))
+        return self.level + float(sum(of_terms))
 
     @property
     def n_tasks(self):
@@ -269,10 +274,14 @@ class Posterior(WithCoefficients, ABC):
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
+        return self._covariance(X, tasks, self.explained_covariance(X, tasks))
+
+    def _covariance(self, X, tasks, explained):
+        """The same, from what the data take off that of the prior."""
         between = np.ix_(tasks, tasks)
         prior = sum(of[between] * k(X) for k, of in self.terms)
         prior += self.level * np.equal.outer(tasks, tasks)
-        covariance = prior - self.explained_covariance(X, tasks)
+        covariance = prior - explained
         without_negatives(diagonal(covariance), np.diagonal(prior), self.rounding)
         return covariance
 

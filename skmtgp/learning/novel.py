@@ -236,6 +236,8 @@ class Population:
         of_own = np.arange(self.rank, self.rank + own)
         self.scale[of_own, of_own] = np.sqrt(moment)
         self.lower[of_own] = TUNING.smallest
+        self.flat = np.zeros_like(self.scale)  # the identity of what is in the prior
+        self.flat[np.diag_indices(self.rank)] = 1.0
 
     def row(self, u):
         """The row of these coordinates."""
@@ -254,14 +256,14 @@ class Population:
 
     def log_priors(self, U):
         """The same of many u, with Hessians."""
-        n_row, nu, of_l = U.shape[1], self.degrees_of_freedom, slice(self.rank)
-        shared, weight = np.where(np.arange(n_row) < self.rank, U, 0.0), nu + self.rank
-        distance = 1.0 + np.square(shared).sum(axis=1) / nu
-        scaled = shared / (nu * distance[:, None])
-        hessians = 2.0 * weight * scaled[:, :, None] * scaled[:, None]
-        flat = weight / (nu * distance)
-        hessians[:, of_l, of_l] -= flat[:, None, None] * np.eye(self.rank)
-        return -0.5 * weight * np.log(distance), -weight * scaled, hessians
+        nu, weight = self.degrees_of_freedom, self.degrees_of_freedom + self.rank
+        shared = U @ self.flat
+        distance = nu + np.einsum("kp,kp->k", shared, shared)
+        slopes = shared / distance[:, None]
+        hessians = 2.0 * slopes[:, :, None] * slopes[:, None]
+        hessians -= self.flat / distance[:, None, None]
+        values = -0.5 * weight * np.log(distance / nu)
+        return values, -weight * slopes, weight * hessians
 
 
 def _negative_density(border, rows, informed, u):
@@ -326,22 +328,19 @@ def _is_small(border):
 
 def _follow_together(border, rows, informed, starts, upper, budget):
     """Optima of the best starts by Newton's method, and the number of evaluations."""
-    pairs = border.pairs()
+    pairs = border.pairs(rows.mean, rows.scale)
 
     def objective(U):
-        values, gradients, hessians = pairs.evaluate(rows.mean + U @ rows.scale.T)
-        gradients = gradients @ rows.scale
-        hessians = rows.scale.T @ hessians @ rows.scale
+        found = pairs.evaluate(U)
         if informed:
-            told = rows.log_priors(U)
-            values, gradients = values + told[0], gradients + told[1]
-            hessians = hessians + told[2]
-        return -values, -gradients, -hessians
+            found = map(np.add, found, rows.log_priors(U))
+        return map(np.negative, found)
 
-    best = np.argsort(objective(starts)[0], kind="stable")[: TUNING.followed]
     options = {"max_iter": budget.max_iter, "tol": budget.tol}
-    optima = minimize_all(objective, starts[best], rows.lower, upper, **options)
-    return optima, len(starts) + sum(optimum.n_evaluations for optimum in optima)
+    options["followed"] = TUNING.followed
+    optima = minimize_all(objective, starts, rows.lower, upper, **options)
+    n_steps = sum(optimum.n_evaluations - 1 for optimum in optima)
+    return optima, len(starts) + n_steps
 
 
 def _follow_each(border, rows, informed, starts, upper, budget):

@@ -1,6 +1,7 @@
 """Whether a kernel is a covariance of the inputs: before it is learned, and after."""
 
 from contextlib import contextmanager
+from functools import lru_cache
 from numbers import Real
 
 import numpy as np
@@ -125,8 +126,13 @@ def sample_rows(features, most=SAMPLED):
     n = len(features)
     if n <= most:
         return np.asarray(features)
-    rows = np.sort(sample_without_replacement(n, most, random_state=0))
-    return np.asarray(features[rows], dtype=np.float64)
+    return np.asarray(features[_drawn(n, most)], dtype=np.float64)
+
+
+@lru_cache(maxsize=8)
+def _drawn(n, most):
+    """Positions of rows; the outputs of a robot, say, have as many."""
+    return np.sort(sample_without_replacement(n, most, random_state=0))
 
 
 @contextmanager

@@ -669,10 +669,16 @@ class Prior:
 def _copied(kernel):
     """A deep copy of a kernel of known kinds, in a fraction of the time."""
     found = object.__new__(type(kernel))  # copy() asks how to make one, each time
-    vars(found).update(vars(kernel))
-    for name, value in vars(kernel).items():
-        if isinstance(value, Kernel):
-            setattr(found, name, _copied(value))
-        elif not isinstance(value, (float, int, str)):
-            setattr(found, name, deepcopy(value))
+    vars(found).update({name: _copied_value(of) for name, of in vars(kernel).items()})
     return found
+
+
+def _copied_value(value):
+    """A deep copy of what a kernel of known kinds is made of."""
+    if isinstance(value, (float, int, str)):
+        return value
+    if isinstance(value, Kernel):
+        return _copied(value)
+    if type(value) in (list, tuple):
+        return type(value)(map(_copied_value, value))
+    return deepcopy(value)

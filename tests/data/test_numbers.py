@@ -44,6 +44,19 @@ def test_numbers(values):
     assert found.tolist() == [1.0, 2.5]
 
 
+@pytest.mark.parametrize("values", [[1.0, 2.5], [[1.0, 2.5]], [1e308, 1e308]])
+def test_an_array_of_finite_numbers_is_taken_as_it_is(values):
+    values = np.array(values)
+    assert check_numbers(values, "y") is values
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_an_array_of_numbers_that_are_not_finite(bad):
+    for values in (np.array([1.0, bad]), np.array([[1.0, 3.0], [2.0, bad]])):
+        with pytest.raises(ValueError, match="y"):
+            check_numbers(values, "y")
+
+
 def test_numbers_of_a_frame_are_row_after_row():
     found = check_numbers(pd.DataFrame({"a": [1.0, 2.0], "b": [3, 4]}), "X")
     assert found.flags.c_contiguous

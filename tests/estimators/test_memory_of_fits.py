@@ -16,6 +16,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp._estimators import online
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.reading import read
@@ -135,8 +136,9 @@ class TestMemory:
         model = MultiTaskGPRegressor(rank=1, **options).fit(X, Y)
         new = X[:3].copy()
         new[:, -1] = 77
-        model.add_task(new, Y[:3])
         monkeypatch.setattr(_memory, "available_memory", lambda: 1e4)
+        model.add_task(new, Y[:3])  # of a few rows it is not looked for
+        monkeypatch.setattr(online, "AT_ONCE", 25)  # one more than there are
         with pytest.raises(InsufficientMemoryError, match=r"n_inducing=13, .* rank 1"):
             model.add_task(new, Y[:3])
 

@@ -224,6 +224,22 @@ class TestPairs:
             np.testing.assert_allclose(found, slope, rtol=0.0, atol=atol)
             np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(found).max())
 
+    def test_coordinates(self, problem):
+        """Of a row, mean + scale @ u: derivatives are those of the chain rule."""
+        border, rows = self.border(problem, 0.3), self.rows(problem)
+        rng = np.random.default_rng(1)
+        mean = rng.normal(size=rows.shape[1])
+        scale = np.tril(rng.normal(size=(len(mean), len(mean))))
+        scale[np.diag_indices(len(mean))] += 3.0
+        U = np.linalg.solve(scale, (rows - mean).T).T
+        found = border.pairs(mean, scale).evaluate(U)
+        values, gradients, hessians = border.pairs().evaluate(rows)
+        np.testing.assert_allclose(found[0], values, rtol=1e-9)
+        np.testing.assert_allclose(found[1], gradients @ scale, rtol=1e-7, atol=1e-7)
+        np.testing.assert_allclose(
+            found[2], scale.T @ hessians @ scale, rtol=1e-7, atol=1e-6
+        )
+
     def test_what_cannot_be_factorised(self, problem):
         pairs = problem.border(noise=-problem.row @ problem.row).pairs()
         values, gradients, _ = pairs.evaluate(np.zeros((1, len(problem.row))))

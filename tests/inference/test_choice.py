@@ -16,6 +16,7 @@ from sklearn.gaussian_process.kernels import (
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 from skmtgp._data.data import Data
+from skmtgp._estimators import online
 from skmtgp._estimators.training import Training
 from skmtgp._estimators.units import shared_units
 from skmtgp._numerics import memory as _memory
@@ -247,7 +248,8 @@ class TestMemory:
         with pytest.raises(InsufficientMemoryError, match="with 12 inputs of each ta"):
             MultiTaskGPRegressor(max_iter=0).fit(X, y)
 
-    def test_a_task_of_too_many_samples(self):
+    def test_a_task_of_too_many_samples(self, monkeypatch):
+        monkeypatch.setattr(online, "AT_ONCE", 1)
         X, y = draw()
         model = MultiTaskGPRegressor(max_iter=0, rank=1).fit(X, y)
         model.add_task(NEW[:1], TARGETS[:1])

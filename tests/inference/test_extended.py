@@ -146,6 +146,18 @@ def test_pickle():
     assert again.value(theta) == likelihood.value(theta)
 
 
+def test_what_rows_that_join_leave_as_it_is_is_not_made_again():
+    likelihood, _, theta = both(RBF(ARD), low_rank(M, 2))
+    base, (Z, tasks) = likelihood.posterior(theta).base, new_rows()
+    as_made = pickle.dumps(likelihood.base.posterior(theta))
+    posterior = likelihood.base.posterior(theta)
+    posterior.variance(Z, tasks)
+    assert pickle.dumps(posterior) == as_made
+    more = base.with_tasks(likelihood.base, theta)
+    assert more.bound is base.bound
+    assert more.largest_of_k is base.largest_of_k
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 @pytest.mark.parametrize("k", [0, 1, -1])
 def test_parameters_that_are_not_finite(k, bad):

@@ -140,6 +140,10 @@ class TestLikelihood:
         np.testing.assert_allclose(posterior.alpha, expected.alpha, **CLOSE)
         of_tasks = posterior.mean_of_tasks(Z, np.arange(M))
         np.testing.assert_allclose(of_tasks[np.arange(8), tasks], mean, **CLOSE)
+        *joint, cross = posterior.joint(Z, tasks)
+        for found, expected in zip(joint, (mean, covariance), strict=True):
+            np.testing.assert_allclose(found, expected, **CLOSE)
+        np.testing.assert_array_equal(cross, posterior.cross(Z))
 
     def test_leave_one_out(self, kernel, form, n_noise, tile):
         *likelihoods, theta = both(kernel, form, n_noise)

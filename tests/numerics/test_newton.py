@@ -63,6 +63,17 @@ def test_evaluations_are_counted():
     assert optima[2].n_evaluations == 1
 
 
+def test_the_best_starts_are_followed():
+    starts = np.array([[-5.0, 20.0], [1.0, 1.1], [3.0, -2.0], [0.9, 1.0]])
+    order = np.argsort(rosenbrock(starts)[0])
+    found = minimize_all(rosenbrock, starts, -FAR, FAR, followed=2, **BUDGET)
+    expected = minimize_all(rosenbrock, starts[order[:2]], -FAR, FAR, **BUDGET)
+    assert len(found) == 2
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.x, other.x)
+        assert one[1:] == other[1:]
+
+
 def test_a_saddle_repels():
     [optimum] = minimize_all(saddle, np.array([[2.0, 1e-3]]), -FAR, FAR, **BUDGET)
     np.testing.assert_allclose(optimum.x, [0.0, 1.0], atol=1e-6)

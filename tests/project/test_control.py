@@ -14,6 +14,12 @@ controllers = pytest.importorskip("controllers")
 run = pytest.importorskip("run")
 sys.path.pop(0)
 
+from skmtgp import (  # noqa: E402
+    MultiTaskGPRegressor,
+    add_task,
+    compile_predictor,
+    partial_fit,
+)
 from skmtgp.datasets import load_puma560  # noqa: E402
 from skmtgp.datasets._robot import inverse_dynamics  # noqa: E402
 
@@ -93,6 +99,31 @@ def test_samples_in_which_a_joint_turns_back_are_left_out():
     assert not controllers._reverses(state)
     state[6], state[12] = 1e-3, -10.0  # before the period it moved the other way
     assert controllers._reverses(state)
+
+
+def test_a_task_that_joins_is_that_of_each_joints_pipeline():
+    """And what is learned counts only when it is installed."""
+    rng = np.random.default_rng(0)
+    states, factors = rng.standard_normal((12, 18)), (1.0, 0.5, 0.2)
+    X = np.vstack([np.column_stack([states, np.full(12, m)]) for m in range(3)])
+    y = np.vstack([plant.torques(states, factor * LOAD) for factor in factors])[:, 1:3]
+    model = MultiTaskGPRegressor(rank=1, max_iter=0, learning="staged")
+    make = functools.partial(run.make_model, model, kernel="geometric")
+    models = {j: make().fit(X, y[:, j]) for j in range(2)}
+    controller = controllers.Joining(compile_predictor(models), models, np.ones(2), 1)
+    new, y = np.column_stack([states[:5], np.full(5, controller.NEW)]), 1.5 * y[:5]
+    samples = list(zip(states[:5], y, strict=True))
+    controller.samples = samples[:4]
+    controller.install(controller._joined())
+    controller.samples = samples
+    after, _ = controller._joined()
+    for j, of in models.items():
+        expected = add_task(of, new[:4], y[:4, j])
+        found = controller.models[j].predict(new)
+        np.testing.assert_allclose(found, expected.predict(new), rtol=1e-9)
+        more = partial_fit(expected, new[4:], y[4:, j]).predict(new)
+        np.testing.assert_allclose(after[j].predict(new), more, rtol=1e-9)
+        assert not np.allclose(more, found, rtol=1e-9)
 
 
 class Equations:

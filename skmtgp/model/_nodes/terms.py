@@ -226,8 +226,8 @@ class BoundLinear(Bound):
         self.left = self.right * self.w
 
     def against(self, Z):
-        other = copy(self)
-        other.left = append(Z, 1.0) * self.w
+        other = object.__new__(type(self))  # copy() asks how to make one, each time
+        vars(other).update(vars(self), left=append(Z, 1.0) * self.w)
         return other
 
     def block(self, rows, cols, new=allocate):

@@ -259,9 +259,8 @@ class Joining(Nearest):
         first = self.task != self.NEW
         X, y = map(np.array, zip(*self.samples[0 if first else -1 :], strict=True))
         X, models = np.column_stack([X, np.full(len(X), self.NEW)]), {}
-        X = next(iter(self.models.values()))[:-1].transform(
-            X
-        )  # the same for all joints
+        features = next(iter(self.models.values()))[:-1]  # the same for all joints
+        X = features.transform(X)
         for (name, model), target in zip(self.models.items(), y.T, strict=True):
             if first:
                 last = add_task(model[-1], X, target)

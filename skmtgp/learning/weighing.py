@@ -39,7 +39,10 @@ def log_likelihood(problem, mode):
     """That of a mode, without the weak priors if they count in its value."""
     if not problem.weak_priors:
         return mode.value
-    return mode.value - Hyperprior(problem.prior).log_density(mode.theta)[0]
+    of_prior = Hyperprior(problem.prior).log_density(mode.theta)[0]
+    if np.isfinite(of_prior):
+        return mode.value - of_prior
+    return problem.likelihood().likelihood.value(mode.theta)  # not learned: F is zero
 
 
 def noise_penalty(prior, theta):

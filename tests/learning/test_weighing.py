@@ -179,3 +179,18 @@ def test_noise_of_few_rows_does_not_vanish(seed):
     assert search.criterion_ == "laplace"
     for best in (search.best_estimator_, model):
         assert best.noise_variance_ > 1e-3
+
+
+def test_a_factor_of_zeros_has_a_likelihood_but_no_prior():
+    """As where nothing is learned."""
+    rng = np.random.default_rng(0)
+    observations = building.data(
+        rng.normal(size=(9, 1)), np.arange(9) // 3, rng.normal(size=9), 3
+    )
+    plain = building.problem(RBF(1.0), low_rank(3, 1), observations)
+    theta = plain.theta(K_rho=np.zeros((3, 3)))
+    penalised = replace(plain, weak_priors=True)
+    mode = climb(plain, theta)._replace(theta=theta, value=-np.inf)
+    assert penalised.likelihood().value(theta) == -np.inf
+    found = weighing.log_likelihood(penalised, mode)
+    assert found == pytest.approx(plain.likelihood().value(theta))

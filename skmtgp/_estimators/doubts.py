@@ -14,9 +14,9 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
+from skmtgp.learning.settling import FEW
 
 LONG = 120.0  # seconds of learning that a user wants to know of before
-SMALL = 3  # rows of a task from which fit learns worse than add_task does
 
 
 def warn_of_duration(learning, seconds):
@@ -45,11 +45,11 @@ def warn_of_small_tasks(training, form):
     if training.descriptors is not None or not np.any(getattr(form, "rank", 0)):
         return
     n_rows = count_tasks(training.codes, len(training.tasks), training.known)
-    small = n_rows <= SMALL
+    small = n_rows <= FEW
     if small.any() and not small.all():
         names = name_tasks(training.tasks[small])
         warn(
-            f"T{names[1:]}: at most {SMALL} rows. So few rows do not determine how a "
+            f"T{names[1:]}: at most {FEW} rows. So few rows do not determine how a "
             "task is related to the others: its predictions may be off, and their "
             "intervals too narrow. hyperparameters='sampled' has wider ones. rank=0 "
             "relates all tasks alike.",

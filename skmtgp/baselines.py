@@ -158,17 +158,19 @@ class IndependentGP(_FixedTaskCovarianceGP):
         drawn at random and learned from exactly, before the bound is maximised. Without
         noise they determine most of the kernel. Time grows with the cube of their
         number, memory with its square.
-    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
+    hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
         - "mode" uses the maximum of the likelihood.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
+        - "laplace" uses the mode of that posterior, and its curvature there widens the
+          intervals (Laplace's method). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "mode" otherwise.
+          hyperparameter, and "laplace" otherwise; with sparse inference "mode".
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
@@ -242,7 +244,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         is scaled by `y_scale_`. Without `normalize_y` and with the default kernel it is
         scaled by its root mean square, or with `task_levels` by the standard deviation
         around the means of the tasks.
-    hyperparameters_ : {"mode", "map", "sampled"}
+    hyperparameters_ : {"mode", "map", "laplace", "sampled"}
         Which hyperparameters predictions use. "auto" has chosen one of these.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
@@ -332,7 +334,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
+        hyperparameters: Literal["mode", "map", "laplace", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,
@@ -454,17 +456,19 @@ class PooledGP(_FixedTaskCovarianceGP):
         drawn at random and learned from exactly, before the bound is maximised. Without
         noise they determine most of the kernel. Time grows with the cube of their
         number, memory with its square.
-    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
+    hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
         - "mode" uses the maximum of the likelihood.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
+        - "laplace" uses the mode of that posterior, and its curvature there widens the
+          intervals (Laplace's method). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "mode" otherwise.
+          hyperparameter, and "laplace" otherwise; with sparse inference "mode".
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
@@ -533,7 +537,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         noise variances, all of the scaled target. A target is scaled by `y_scale_`.
         Without `normalize_y` and with the default kernel it is scaled by its root mean
         square.
-    hyperparameters_ : {"mode", "map", "sampled"}
+    hyperparameters_ : {"mode", "map", "laplace", "sampled"}
         Which hyperparameters predictions use. "auto" has chosen one of these.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
@@ -623,7 +627,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         n_inducing: int = 500,
         inducing_inputs: Literal["greedy", "k-means", "optimised"] = "greedy",
         n_exact: int = 1100,
-        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
+        hyperparameters: Literal["mode", "map", "laplace", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,

@@ -219,17 +219,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     n_restarts_optimizer : int, default=0
         Number of additional starts. The first starts from a fit of full rank, truncated
         to the given rank; the others are random. With "simultaneous" all are random.
-    hyperparameters : {"mode", "map", "sampled", "auto"}, default="mode"
+    hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
         - "mode" uses the maximum of the likelihood.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
+        - "laplace" uses the mode of that posterior, and its curvature there widens the
+          intervals (Laplace's method). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "mode" otherwise.
+          hyperparameter, and "laplace" otherwise; with sparse inference "mode".
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
@@ -333,7 +335,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         that `fit` has not seen are predicted only if you asked for ``shared=True``.
     diagonal_ : bool or "equal", or list of them
         Which diagonal the task covariance has. With several terms that of each.
-    hyperparameters_ : {"mode", "map", "sampled"}
+    hyperparameters_ : {"mode", "map", "laplace", "sampled"}
         Which hyperparameters predictions use. "auto" has chosen one of these.
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
@@ -506,7 +508,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         learning: Literal["annealed", "staged", "simultaneous"] = "annealed",
         truncation: Literal["eigen", "cholesky"] = "eigen",
         n_restarts_optimizer: int = 0,
-        hyperparameters: Literal["mode", "map", "sampled", "auto"] = "mode",
+        hyperparameters: Literal["mode", "map", "laplace", "sampled", "auto"] = "mode",
         n_draws: int = 100,
         max_iter: int = 2000,
         tol: float = 1e-2,

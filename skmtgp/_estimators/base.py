@@ -64,7 +64,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         "n_inducing": [Interval(Integral, 1, None, closed="left")],
         "inducing_inputs": [StrOptions({"greedy", "k-means", "optimised"})],
         "n_exact": [Interval(Integral, 1, None, closed="left")],
-        "hyperparameters": [StrOptions({"mode", "map", "sampled", "auto"})],
+        "hyperparameters": [StrOptions({"mode", "map", "laplace", "sampled", "auto"})],
         "n_draws": [Interval(Integral, 4, None, closed="left")],
         "max_iter": [Interval(Integral, 0, None, closed="left")],
         "tol": [Interval(Real, 0.0, None, closed="neither")],

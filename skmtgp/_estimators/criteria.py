@@ -20,7 +20,7 @@ from skmtgp.learning.weighing import (
 )
 
 ALONE = "single tasks"
-DRAWN = "sampled", "auto"  # what may draw hyperparameters
+LATER = "laplace", "sampled", "auto"  # what is done once a model is chosen
 
 
 class Alone:
@@ -29,7 +29,8 @@ class Alone:
     Parameters
     ----------
     estimator : SingleTaskGP
-        Is fitted. If it draws hyperparameters, it does so once it is chosen.
+        Is fitted. Draws of its hyperparameters, or Laplace's
+        method, wait until it is chosen.
     X, y : array-like
         Training data.
     levels : bool, default=False
@@ -41,7 +42,7 @@ class Alone:
     def __init__(self, estimator, X, y, *, levels=False, **known):
         self.data, self.asked = (X, y), estimator.hyperparameters
         self.levels, self.known = levels, known
-        if self.asked in DRAWN:
+        if self.asked in LATER:
             estimator.set_params(hyperparameters="mode")
         begin = perf_counter()
         with collect_warnings() as self.collected:
@@ -50,7 +51,7 @@ class Alone:
 
     def told(self):
         """The fitted estimator; what its fit warned of is said now."""
-        if self.asked in DRAWN:
+        if self.asked in LATER:
             model = clone(self.estimator).set_params(hyperparameters=self.asked)
             return model.fit(*self.data, **self.known)
         for category, message in self.collected:

@@ -21,9 +21,11 @@ from skmtgp._support.guide import INFERENCE, PARALLEL
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
+from skmtgp.inference.leeway import Widened
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
+from skmtgp.learning.laplace import approximated
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 from skmtgp.model.several import Kernels
 
@@ -310,13 +312,14 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """Set the fitted attributes, in the target's own units."""
         if self.verbose and is_large(problems[0]):
             say(f"computing the posterior of {len(problems[0].data)} rows")
-        modes = self._settled(problems, modes)
+        modes, way = self._settled(problems, modes), self._way(training, problems[0])
+        if way == "laplace":
+            modes = list(map(approximated, problems, modes))
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
-        self.hyperparameters_ = "map" if self.hyperparameters == "map" else "mode"
-        if self._wants_draws(training, likelihoods[0].prior):
+        self.hyperparameters_ = way
+        if way == "sampled":
             self._draw_hyperparameters()
-            self.hyperparameters_ = "sampled"
 
     def _settled(self, problems, modes):
         """Modes as they are kept: with what the rows of small tasks leave open."""
@@ -327,6 +330,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         thetas = [mode.theta for mode in modes]
         if posteriors is None:
             posteriors = self._posteriors_at(training, likelihoods, thetas)
+        self._leeway = [mode.leeway for mode in modes]
         self._store_posteriors(training, engine, likelihoods, posteriors)
         self.theta_ = np.concatenate(thetas)
         self._store_parameters(thetas)
@@ -344,7 +348,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """Set what follows from the rows and the posterior of each output."""
         self._engine, self.inference_ = engine, engine.name
         self._likelihoods, self._posteriors = likelihoods, posteriors
-        self._predictive = self._posteriors
+        outputs = zip(posteriors, likelihoods, self._leeway, strict=True)
+        self._predictive = [
+            Widened(*output) if output[-1] else output[0] for output in outputs
+        ]
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
         self._store_target(training.target)

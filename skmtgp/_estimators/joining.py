@@ -55,11 +55,12 @@ class JoiningGP(OnlineGP):
             self._thetas(),
             training.data(self._engine),
             training.trends or [None] * len(self._likelihoods),
+            self._leeway,
             strict=True,
         )
-        for likelihood, posterior, theta, data, trend in outputs:
+        for likelihood, posterior, theta, data, trend, leeway in outputs:
             learn = self._border(likelihood, data, training, position, informed, trend)
-            prior, mode = learn(posterior, theta)
+            prior, mode = learn(posterior, theta, leeway=leeway)
             prior = prior.with_trend(trend)
             more = likelihood, prior, data, position, posterior.kernel
             yield self._engine.joined(*more), mode

@@ -113,11 +113,11 @@ def _check_engine(model, engine, prior, training):
     check_terms(engine, prior)
     check_trend(engine, prior)
     check_known(engine, prior, training)
-    if model.hyperparameters == "sampled" and prior.n_terms > 1:
+    if model.hyperparameters in ("laplace", "sampled") and prior.n_terms > 1:
         raise ValueError(
-            "hyperparameters='sampled' draws those of one term K^rho x k^x, but kernel "
-            f"is a list of {prior.n_terms} kernels. Set hyperparameters='map' or "
-            "'mode', or give one kernel."
+            f"hyperparameters={model.hyperparameters!r} takes one term K^rho x k^x, "
+            f"but kernel is a list of {prior.n_terms} kernels. Set "
+            "hyperparameters='map' or 'mode', or give one kernel."
         )
 
 

@@ -25,7 +25,7 @@ MOST_ROWS = 100_000  # of which copies are looked for
 NOTHING = None, None, None  # is known of the noise of the rows
 # Arguments that need the rows in memory, and what to do without each.
 NEEDS_ROWS = {
-    "hyperparameters='sampled'": "set hyperparameters='mode'",
+    "hyperparameters='sampled' or 'laplace'": "set hyperparameters='mode'",
     "task_descriptors": "leave the descriptors out",
     "trend": "leave the trend out",
     "alpha or sample_weight": "leave it out",
@@ -67,7 +67,7 @@ def read(model, X, y, given=NOTHING):
 
 def _refuse_what_needs_rows(model, given):
     asked = (
-        model.hyperparameters == "sampled",
+        model.hyperparameters in ("laplace", "sampled"),
         has_descriptors(model),
         getattr(model, "trend", None) is not None,
         any(part is not None for part in given),

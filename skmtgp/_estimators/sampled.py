@@ -32,9 +32,14 @@ CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"
 
 
 def n_posteriors(estimator, n):
-    """How many posteriors are kept of n rows, at most: of the mode, and of draws."""
-    asked = {"sampled": True, "auto": n <= MOST_ROWS}
-    return 1 + estimator.n_draws if asked.get(estimator.hyperparameters) else 1
+    """How many posteriors there are of n rows, at most: of the mode, and of others.
+
+    The others are those of draws, or one at a time around the mode.
+    """
+    asked = estimator.hyperparameters
+    if asked == "sampled" or (asked == "auto" and n <= MOST_ROWS):
+        return 1 + estimator.n_draws
+    return 2 if asked in ("laplace", "auto") else 1
 
 
 class SampledMixin:
@@ -153,13 +158,16 @@ class SampledMixin:
 
     # drawing
 
-    def _wants_draws(self, training, prior):
-        """Whether the hyperparameters are to be drawn, once they are learned."""
-        most = min(MOST_ROWS, FEW_ROWS_EACH * prior.n_hyperparameters)
-        few = len(training.Y) <= most and not is_dask(training.features)
-        few = few and prior.n_terms == 1
-        asked = {"sampled": True, "auto": few}.get(self.hyperparameters, False)
-        return bool(asked and self.max_iter)
+    def _way(self, training, problem):
+        """Which hyperparameters predict: what was asked for, where that can be."""
+        asked, prior = self.hyperparameters, problem.prior
+        if asked == "auto":
+            asked = "laplace" if problem.engine.exact else "mode"
+            most = min(MOST_ROWS, FEW_ROWS_EACH * prior.n_hyperparameters)
+            if len(training.Y) <= most and not is_dask(training.features):
+                asked = "sampled"
+            asked = asked if prior.n_terms == 1 else "mode"
+        return asked if self.max_iter or asked == "map" else "mode"
 
     def _draw_hyperparameters(self):
         """Draw them at the learned mode, and predict by the draws from now on."""

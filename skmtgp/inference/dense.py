@@ -203,6 +203,8 @@ class DensePosterior(Posterior):
         What the trend's basis is, if there is one.
     """
 
+    of_variances = "cholesky", "flat"
+
     def __init__(self, likelihood, theta, before=None):
         super().__init__(likelihood, theta)
         self.cholesky = None if before is None else self._update(likelihood, *before)

@@ -124,6 +124,8 @@ class ExtendedPosterior(Posterior):
         Of S.
     """
 
+    of_variances = ("cholesky",)
+
     def __init__(self, likelihood, theta, base=None):
         super().__init__(likelihood, theta)
         self.old, self.new = likelihood.old, likelihood.new

@@ -234,6 +234,8 @@ class KroneckerPosterior(Posterior):
         K^{-1} y of each input and task, and what of it tells of f.
     """
 
+    of_variances = ("eigen",)
+
     def __init__(self, likelihood, theta):
         super().__init__(likelihood, theta)
         self.observed, self.rows = likelihood.observed, likelihood.rows

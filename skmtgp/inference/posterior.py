@@ -95,6 +95,7 @@ class Posterior(WithCoefficients, ABC):
     """
 
     jitter = 0.0
+    of_variances = ()  # attributes that means do not need
 
     def __init__(self, likelihood, theta):
         prior, values = likelihood.prior, likelihood.prior.values(theta)
@@ -111,6 +112,10 @@ class Posterior(WithCoefficients, ABC):
         posterior = object.__new__(type(self))
         vars(posterior).update(vars(self))
         return posterior
+
+    def of_means(self):
+        """The same for means alone, without the matrices of the variances."""
+        return without(self, self.of_variances)
 
     @cached_property
     def bound(self):
@@ -382,6 +387,14 @@ class Posterior(WithCoefficients, ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
+
+
+def without(posterior, names):
+    """A copy of a posterior that lacks some attributes."""
+    posterior = copy(posterior)
+    for name in names:
+        vars(posterior).pop(name, None)
+    return posterior
 
 
 def kernels_of(posterior):

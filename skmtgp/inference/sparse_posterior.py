@@ -7,7 +7,13 @@ import numpy as np
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.flat import Coefficients, WithCoefficients
-from skmtgp.inference.posterior import Summand, bordered, kernels_of, loadings_of
+from skmtgp.inference.posterior import (
+    Summand,
+    bordered,
+    kernels_of,
+    loadings_of,
+    without,
+)
 from skmtgp.inference.restricted import Means, unexplained
 from skmtgp.inference.variances import (
     diagonal,
@@ -72,6 +78,8 @@ class SparsePosterior(WithCoefficients):
     covariance of each task's weights is kept.
     """
 
+    covariances = None  # of one for means alone
+
     def __init__(self, bound, theta, before=None):
         summed = None if before is None else _summed(bound, *before)
         with limit_threads(bound.side):
@@ -84,6 +92,7 @@ class SparsePosterior(WithCoefficients):
             if weights.turn is not None:
                 means = self._set_trend(bound, weights, sums.squares, means)
             self.V, self.omega, self.levels = means
+            self.loadings = weights.loadings
             self.covariances = Covariances(weights)  # spends the factor of `weights`
             # f^m(x) = omega_m . L^{-1} k^x(Z, x), summed over the terms
             self.weights = self.features.pull_back(self.omega.T).T
@@ -122,6 +131,10 @@ class SparsePosterior(WithCoefficients):
         """A list of (k^x, K^rho) of each term."""
         K_rhos = self.K_rho.reshape(-1, *self.K_rho.shape[-2:])
         return list(zip(terms_of(self.kernel), K_rhos, strict=True))
+
+    def of_means(self):
+        """The same for means alone, without the matrices of the variances."""
+        return without(self, ["covariances"])
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -226,7 +239,7 @@ class SparsePosterior(WithCoefficients):
 
         See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
         """
-        posterior, loadings = copy(self), self.covariances.loadings
+        posterior, loadings = copy(self), self.loadings
         unseen = loadings_of(self.prior, self.theta, n_unseen, described)
         F = [loadings.F[:, columns] for columns in loadings.columns]
         K_rhos = [K_rho for _, K_rho in self.terms]
@@ -235,8 +248,10 @@ class SparsePosterior(WithCoefficients):
             for of in zip(K_rhos, F, *zip(*unseen, strict=True), strict=True)
         ]
         posterior.K_rho = np.array(found) if len(found) > 1 else found[0]
-        posterior.covariances = self.covariances.with_unseen(unseen)
-        mix = posterior.covariances.loadings.mix
+        posterior.loadings = loadings.with_unseen(unseen)
+        if self.covariances is not None:
+            posterior.covariances = self.covariances.with_unseen(unseen)
+        mix = posterior.loadings.mix
         omega = mix(self.V)[-n_unseen:]
         posterior.omega = np.vstack([self.omega, omega])
         weights = self.features.pull_back(omega.T).T

@@ -16,6 +16,7 @@ from skmtgp._numerics.hmc import sample
 from skmtgp._numerics.newton import minimize_all
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
+from skmtgp.inference.leeway import OfRow
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
 
@@ -35,6 +36,7 @@ def learn_novel(
     informed,
     budget,
     trend=None,
+    leeway=(),
     rng=None,
 ):
     """Extend a model by a task of which little is known.
@@ -64,6 +66,8 @@ def learn_novel(
         As for the estimators.
     trend : Trend, default=None
         Of all tasks, the novel one counted, if there is a trend.
+    leeway : tuple of OfTheta or OfRow, default=()
+        What is open of theta.
     rng : Generator, default=None
         Where an informed border is drawn from its posterior, not the mode: the source
         of randomness.
@@ -96,14 +100,21 @@ def learn_novel(
             border, np.hstack(factors), budget, informed=informed, rng=rng
         )
         value = border.value(best.x)
+        of_row = ()
+        if informed and rng is None:
+            of_row = leeway_of(border, np.hstack(factors), best.x, position)
     rows, of_own = by_terms(border, best.x, len(factors))
     log_noise = log_noise if own_noise else None
-    prior, theta = prior.bordered(theta, rows, of_own, position, log_noise)
+    known = rows, of_own, position, log_noise
+    leeway = tuple(of.bordered(prior, theta, *known) for of in leeway) + of_row
+    prior, theta = prior.bordered(theta, *known)
     seconds = perf_counter() - begin
-    return prior, Mode(theta, value, *best[2:], seconds, len(y))
+    return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
 
-def join_described(likelihood, row, position, own_noise, posterior, theta, *, rng=None):
+def join_described(
+    likelihood, row, position, own_noise, posterior, theta, *, leeway=(), rng=None
+):
     """Extend a model by a task whose descriptors tell all: nothing is learned.
 
     Parameters
@@ -112,7 +123,7 @@ def join_described(likelihood, row, position, own_noise, posterior, theta, *, rn
         Of the tasks so far.
     row : ndarray of shape (n_rows,)
         What is known of the task, see :class:`~skmtgp.model.described.Described`.
-    position, own_noise, theta
+    position, own_noise, theta, leeway
         See :func:`learn_novel`.
     posterior, rng
         Not needed.
@@ -127,18 +138,19 @@ def join_described(likelihood, row, position, own_noise, posterior, theta, *, rn
     prior = likelihood.prior
     own = np.sqrt(prior.unseen(theta, row[None])[1])  # of a diagonal, the mean
     log_noise = likelihood.usual_log_noise(theta) if own_noise else None
-    prior, theta = prior.bordered(theta, [row], [own], position, log_noise)
-    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
+    return _joined(prior, theta, leeway, [row], [own], position, log_noise)
 
 
-def join_alike(likelihood, position, own_noise, posterior, theta, *, rng=None):
+def join_alike(
+    likelihood, position, own_noise, posterior, theta, *, leeway=(), rng=None
+):
     """Extend a model whose tasks are all related alike: nothing is learned.
 
     Parameters
     ----------
     likelihood : Likelihood
         Of the tasks so far, with a K^rho without a row for each task to learn.
-    position, own_noise, theta
+    position, own_noise, theta, leeway
         See :func:`learn_novel`.
     posterior, rng
         Not needed.
@@ -162,8 +174,14 @@ def join_alike(likelihood, position, own_noise, posterior, theta, *, rng=None):
     log_kappa = rho[len(rho) - form.n_kappa :]
     own = np.exp(0.5 * log_kappa.mean()) if len(log_kappa) else None
     log_noise = likelihood.usual_log_noise(theta) if own_noise else None
-    prior, theta = prior.bordered(theta, [None], [own], position, log_noise)
-    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0)
+    return _joined(prior, theta, leeway, [None], [own], position, log_noise)
+
+
+def _joined(prior, theta, leeway, *border):
+    """The prior and the mode with a border that is known."""
+    leeway = tuple(of.bordered(prior, theta, *border) for of in leeway)
+    prior, theta = prior.bordered(theta, *border)
+    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0, leeway=leeway)
 
 
 def shares_of(prior, theta):
@@ -319,6 +337,34 @@ def learn_border(border, factor, budget, *, informed, rng=None):
         n_evaluations += chain.n_evaluations
         best = best._replace(x=chain.draws[-1])
     return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
+
+
+def leeway_of(border, factor, x, task):
+    """What the samples and the prior leave open of a row of F, by Laplace's method.
+
+    Parameters
+    ----------
+    border, factor
+        See :func:`learn_border`.
+    x : ndarray of shape (rank,), or (rank + 1,) with w last
+        The row that was learned.
+    task : int
+        Position of the task.
+
+    Returns
+    -------
+    leeway : tuple of OfRow
+        One, or none where there is no l.
+    """
+    if not border.rank:
+        return ()
+    rows = Population(factor, border.own)
+    covariance = np.linalg.inv(_information(border, rows, rows.coordinates(x)))
+    covariance = (rows.scale @ covariance @ rows.scale.T)[: border.rank, : border.rank]
+    values, vectors = np.linalg.eigh(covariance)
+    axes = (np.sqrt(np.maximum(values, 0.0)) * vectors).T
+    of_l = border.of_term[: border.rank]
+    return (OfRow(task, [axes[:, of_l == q] for q in range(len(border.K_x))]),)
 
 
 def _is_small(border):

@@ -180,6 +180,8 @@ class Mode(NamedTuple):
         Inducing inputs, if its value is a bound.
     rivals : tuple of Rival, default=()
         Nearly as good modes of the same model that it was preferred to.
+    leeway : tuple of OfTheta or OfRow, default=()
+        What is open of theta, see :mod:`skmtgp.inference.leeway`.
     """
 
     theta: np.ndarray
@@ -192,6 +194,7 @@ class Mode(NamedTuple):
     n_samples: int
     Z: np.ndarray | None = None
     rivals: tuple = ()
+    leeway: tuple = ()
 
     def led_to(self, later):
         """A later mode whose climb began at this one; what each took counts apart."""

@@ -15,7 +15,13 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.learning.novel import by_terms, lacking, learn_border, shares_of
+from skmtgp.learning.novel import (
+    by_terms,
+    lacking,
+    learn_border,
+    leeway_of,
+    shares_of,
+)
 
 FEW = 3  # rows of a task that do not determine its row of F
 LEAST = 2  # tasks that make a population
@@ -47,18 +53,19 @@ def settled(problem, mode):
         if prior.n_noise > 1:
             theta[np.flatnonzero(prior.of_noise)[few]] = larger.usual_log_noise(theta)
         posterior = larger.posterior(theta)
-        population = np.hstack(shares_of(prior, theta)[0])[~few]
+        population, leeway = np.hstack(shares_of(prior, theta)[0])[~few], ()
         for task in np.flatnonzero(few):
             border = _border(problem, posterior, theta, task)
             if not len(border.y):  # all that its rows tell is a trend of its own
                 continue
             best = learn_border(border, population, problem.budget, informed=True)
             row = by_terms(border, best.x, prior.n_terms)
+            leeway += leeway_of(border, population, best.x, task)
             theta = prior.with_row(theta, *row, task)
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
         value = likelihood.value(theta)
-    return mode._replace(theta=theta, value=value, rivals=())
+    return mode._replace(theta=theta, value=value, rivals=(), leeway=leeway)
 
 
 def few_rows(problem):

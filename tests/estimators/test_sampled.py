@@ -368,17 +368,18 @@ class TestAuto:
     def test_many_rows_a_hyperparameter_are_not(self):
         rows, t = draw(rows=40)
         model = IndependentGP(**self.AUTO).fit(rows, t)
-        assert model.hyperparameters_ == "mode"
+        assert model.hyperparameters_ == "laplace"
         assert not hasattr(model, "theta_samples_")
-        mode = IndependentGP().fit(rows, t)
-        np.testing.assert_array_equal(model.predict(Z), mode.predict(Z))
+        expected = IndependentGP(hyperparameters="laplace").fit(rows, t)
+        found = [of.predict(Z, return_std=True) for of in (model, expected)]
+        np.testing.assert_array_equal(*found)
 
     def test_where_it_would_take_long(self, monkeypatch):
         from skmtgp._estimators import sampled
 
         monkeypatch.setattr(sampled, "MOST_ROWS", len(y) - 1)
         model = MultiTaskGPRegressor(rank=1, **self.AUTO).fit(X, y)
-        assert model.hyperparameters_ == "mode"
+        assert model.hyperparameters_ == "laplace"
 
     def test_search(self):
         model = MultiTaskGPRegressor(learning="staged", **self.AUTO)
@@ -417,7 +418,17 @@ class TestAuto:
         monkeypatch.setattr(memory, "available_memory", lambda: 50e6)
         options = {"hyperparameters": "auto", "n_draws": 10**6}
         model = MultiTaskGPRegressor(rank=1, **options).fit(X, y)
-        assert model.hyperparameters_ == "mode"
+        assert model.hyperparameters_ == "laplace"
+
+    @pytest.mark.parametrize(
+        "params", [{"kernel": [RBF(1.0), RBF(3.0)]}, {"inference": "sparse"}]
+    )
+    def test_where_only_the_mode_is_known(self, params, monkeypatch):
+        from skmtgp._estimators import sampled
+
+        monkeypatch.setattr(sampled, "MOST_ROWS", len(y) - 1)
+        options = {"rank": 1, **self.AUTO, **params}
+        assert MultiTaskGPRegressor(**options).fit(X, y).hyperparameters_ == "mode"
 
 
 def test_nothing_to_draw():

@@ -1,0 +1,257 @@
+"""Variances that count what is open of theta, against the textbook at other thetas."""
+
+import pickle
+
+import building
+import numpy as np
+import pytest
+import textbook
+from sklearn.gaussian_process.kernels import RBF
+
+from skmtgp.inference.leeway import OfRow, OfTheta, Widened
+from skmtgp.model.task_covariance import low_rank
+
+N_TASKS, RANK, ROW = 3, 2, 1
+FORM = low_rank(N_TASKS, RANK)
+Z, OF_Z = np.linspace(0.0, 7.0, 6)[:, None], np.array([0, 1, 2, 1, 0, 2])
+
+
+def rows():
+    rng = np.random.default_rng(0)
+    x, tasks = np.linspace(0.0, 6.0, 6), np.repeat(np.arange(N_TASKS), 6)
+    X = np.tile(x, N_TASKS)[:, None]
+    return X, tasks, np.sin(X[:, 0]) * (tasks - 0.5) + 0.1 * rng.standard_normal(18)
+
+
+def dense(form=FORM, **options):
+    return building.dense(RBF(1.0), form, *rows(), levels=True, **options)
+
+
+LIKELIHOODS = {
+    "dense": dense,
+    "kronecker": lambda: building.kronecker(RBF(1.0), FORM, *rows(), levels=True),
+    "sparse": lambda: building.sparse(
+        RBF(1.0), FORM, *rows(), rows()[0][:6], levels=True
+    ),
+}
+
+
+def theta_of(likelihood):
+    prior = likelihood.prior
+    theta = np.full(prior.n_theta, -0.5)
+    F = np.array([[1.0, 0.2], [-0.5, 0.8], [0.3, 0.6]])
+    theta[prior.of_factor] = F.ravel()
+    theta[prior.of_noise] = np.log(0.05)
+    return theta
+
+
+def whole(theta, n_axes=4):
+    """Axes of all of theta."""
+    away = 0.2 * np.random.default_rng(1).standard_normal((n_axes, len(theta)))
+    return OfTheta(np.stack([theta + away, theta - away], axis=1))
+
+
+OF_ROW = OfRow(ROW, [np.array([[0.3, 0.1], [-0.1, 0.2]])])
+
+
+def widened(likelihood, *leeway):
+    theta = theta_of(likelihood)
+    return Widened(likelihood.posterior(theta), likelihood, leeway)
+
+
+def by_the_book(likelihood, theta):
+    """Mean and covariance of f at Z."""
+    prior, (X, tasks, y) = likelihood.prior, rows()
+    values = prior.values(theta)
+    parts = prior.kernel_at(theta), prior.K_rho_at(theta), values.noise
+    return textbook.posterior(*parts, X, tasks, y, Z, OF_Z, level=values.level)
+
+
+def differences(likelihood, ends):
+    means = [[by_the_book(likelihood, theta)[0] for theta in pair] for pair in ends]
+    return np.array([0.5 * (more - less) for more, less in means])
+
+
+@pytest.mark.parametrize("name", LIKELIHOODS)
+def test_all_of_theta(name):
+    likelihood = LIKELIHOODS[name]()
+    leeway = whole(theta_of(likelihood))
+    found = widened(likelihood, leeway)
+    mean, C = by_the_book(likelihood, theta_of(likelihood))
+    spread = differences(likelihood, leeway.ends)
+    tolerance = {"rtol": 1e-5, "atol": 1e-6} if name == "sparse" else {"rtol": 1e-8}
+    np.testing.assert_allclose(found.mean(Z, OF_Z), mean, **tolerance)
+    expected = C + spread.T @ spread
+    assert (np.diagonal(spread.T @ spread) > 0.01 * np.diagonal(C)).any()
+    np.testing.assert_allclose(
+        found.variance(Z, OF_Z), np.diagonal(expected), **tolerance
+    )
+    np.testing.assert_allclose(
+        found.covariance(Z, OF_Z), expected, **tolerance | {"atol": 1e-6}
+    )
+
+
+@pytest.mark.parametrize("name", LIKELIHOODS)
+def test_a_row_of_the_factor(name):
+    """It widens the variances of its task alone."""
+    likelihood = LIKELIHOODS[name]()
+    theta, found = theta_of(likelihood), widened(likelihood, OF_ROW)
+    of_factor, ends = likelihood.prior.of_factor, np.tile(theta, (2, 2, 1))
+    of_row = np.flatnonzero(of_factor)[ROW * RANK : (ROW + 1) * RANK]
+    ends[:, 0, of_row] += OF_ROW.axes[0]
+    ends[:, 1, of_row] -= OF_ROW.axes[0]
+    spread = differences(likelihood, ends) * (OF_Z == ROW)
+    _, C = by_the_book(likelihood, theta)
+    tolerance = {"rtol": 1e-5, "atol": 1e-6} if name == "sparse" else {"rtol": 1e-8}
+    expected = np.diagonal(C) + np.square(spread).sum(axis=0)
+    np.testing.assert_allclose(found.variance(Z, OF_Z), expected, **tolerance)
+    others = OF_Z != ROW
+    np.testing.assert_array_equal(
+        found.variance(Z, OF_Z)[others], found.posterior.variance(Z, OF_Z)[others]
+    )
+    of_all = found.covariance(Z, OF_Z)
+    np.testing.assert_allclose(np.diagonal(of_all), expected, **tolerance)
+
+
+def test_rows_of_two_tasks_are_open_each_by_itself():
+    likelihood = dense()
+    other = OfRow(2, [np.array([[0.1, -0.2]])])
+    both = widened(likelihood, OF_ROW, other)
+    for leeway in (OF_ROW, other):
+        found, expected = (
+            of.covariance(Z, OF_Z)[np.ix_(*[leeway.concerns(OF_Z)] * 2)]
+            for of in (both, widened(likelihood, leeway))
+        )
+        np.testing.assert_allclose(found, expected)
+    between = np.ix_(OF_Z == ROW, OF_Z != ROW)
+    expected = both.posterior.covariance(Z, OF_Z)[between]
+    np.testing.assert_array_equal(both.covariance(Z, OF_Z)[between], expected)
+
+
+def test_both_kinds_add_up():
+    likelihood = dense()
+    of_theta = whole(theta_of(likelihood))
+    both = widened(likelihood, of_theta, OF_ROW).variance(Z, OF_Z)
+    least = likelihood.posterior(theta_of(likelihood)).variance(Z, OF_Z)
+    parts = [widened(likelihood, of).variance(Z, OF_Z) for of in (of_theta, OF_ROW)]
+    np.testing.assert_allclose(both, sum(parts) - least, rtol=1e-10)
+
+
+@pytest.mark.parametrize("include_noise", [False, True])
+def test_leave_one_out(include_noise):
+    likelihood = dense()
+    theta, (X, tasks, y) = theta_of(likelihood), rows()
+    leeway = whole(theta, 2)
+    residual, variance = widened(likelihood, leeway).leave_one_out(include_noise)
+    prior, i = likelihood.prior, 7
+    others = np.delete(np.arange(len(y)), i)
+
+    def left_out(theta):
+        values = prior.values(theta)
+        parts = prior.kernel_at(theta), prior.K_rho_at(theta), values.noise
+        given = X[others], tasks[others], y[others], X[[i]], tasks[[i]]
+        mean, C = textbook.posterior(*parts, *given, level=values.level)
+        noise = float(np.ravel(values.noise)[0])
+        return mean[0], C[0, 0] + noise * include_noise
+
+    mean, expected = left_out(theta)
+    for more, less in leeway.ends:
+        expected += 0.25 * (left_out(more)[0] - left_out(less)[0]) ** 2
+    assert residual[i] == pytest.approx(y[i] - mean)
+    assert variance[i] == pytest.approx(expected)
+
+
+def test_leaving_out_rows_of_an_open_task():
+    likelihood = dense()
+    _, variance = widened(likelihood, OF_ROW).leave_one_out()
+    _, least = likelihood.posterior(theta_of(likelihood)).leave_one_out()
+    of_task = rows()[1] == ROW
+    assert (variance[of_task] > least[of_task]).all()
+    np.testing.assert_array_equal(variance[~of_task], least[~of_task])
+
+
+def test_levels():
+    likelihood = dense()
+    leeway = whole(theta_of(likelihood))
+    levels = [
+        [likelihood.posterior(theta).levels for theta in pair] for pair in leeway.ends
+    ]
+    spread = np.square([0.5 * (more - less) for more, less in levels]).sum(axis=0)
+    found = widened(likelihood, leeway)
+    least = found.posterior.level_variances()
+    np.testing.assert_allclose(found.level_variances(), least + spread)
+    np.testing.assert_array_equal(widened(likelihood, OF_ROW).level_variances(), least)
+
+
+@pytest.mark.parametrize("name", LIKELIHOODS)
+def test_tasks_without_data(name):
+    form = low_rank(N_TASKS, RANK, shared=True)
+    build = {
+        "dense": building.dense,
+        "kronecker": building.kronecker,
+        "sparse": lambda *of: building.sparse(*of, rows()[0][:6]),
+    }[name]
+    likelihood = build(RBF(1.0), form, *rows())
+    theta = np.full(likelihood.prior.n_theta, 0.4)
+    leeway, unseen = whole(theta, 2), np.full(len(Z), N_TASKS)
+    found = Widened(likelihood.posterior(theta), likelihood, (leeway,))
+    means = [
+        [likelihood.posterior(x).with_unseen(1).mean(Z, unseen) for x in pair]
+        for pair in leeway.ends
+    ]
+    spread = np.square([0.5 * (more - less) for more, less in means]).sum(axis=0)
+    larger = found.with_unseen(1)
+    least = likelihood.posterior(theta).with_unseen(1).variance(Z, unseen)
+    np.testing.assert_allclose(larger.variance(Z, unseen), least + spread)
+    np.testing.assert_allclose(larger.variance(Z, OF_Z), found.variance(Z, OF_Z))
+
+
+def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
+    likelihood = dense()
+    found = widened(likelihood, OF_ROW)
+    known = pickle.dumps(found)
+    monkeypatch.setattr(type(likelihood), "posterior", None)
+    found.mean(Z, OF_Z)
+    found.level_variances()
+    monkeypatch.undo()
+    variance = found.variance(Z, OF_Z)
+    assert found.known
+    assert pickle.dumps(found) == known
+    np.testing.assert_array_equal(pickle.loads(known).variance(Z, OF_Z), variance)
+
+
+def test_ends_keep_nothing_for_variances():
+    found = widened(dense(), OF_ROW)
+    found.variance(Z, OF_Z)
+    [[more, _], _] = found.known[0]
+    assert not hasattr(more, "cholesky")
+    assert hasattr(found.posterior, "cholesky")
+
+
+@pytest.mark.parametrize("own", [None, 0.7])
+def test_a_task_joins(own):
+    """At all ends it is the same sum of the others, and they are as they were."""
+    likelihood = dense(low_rank(N_TASKS, RANK, diagonal=own is not None))
+    prior, theta = likelihood.prior, theta_of(dense())
+    theta = np.insert(theta, [-1] * 3, 0.3) if own is not None else theta
+    sum_of = np.array([0.5, 0.0, -1.0])
+    F = theta[prior.of_factor].reshape(N_TASKS, RANK)
+    leeway, position = whole(theta), ROW
+    border = [sum_of @ F], [own], position, None
+    larger, _ = prior.bordered(theta, *border)
+    known = [0, 2, 3]
+    for end, of in zip(
+        leeway.bordered(prior, theta, *border).ends.reshape(-1, larger.n_theta),
+        leeway.ends.reshape(-1, prior.n_theta),
+        strict=True,
+    ):
+        K_rho, before = larger.K_rho_at(end), prior.K_rho_at(of)
+        np.testing.assert_allclose(K_rho[np.ix_(known, known)], before)
+        of_F = of[prior.of_factor].reshape(N_TASKS, RANK)
+        turned = F @ np.linalg.lstsq(F, of_F)[0]  # what F alone says of that end
+        np.testing.assert_allclose(
+            K_rho[position, known], sum_of @ turned @ of_F.T, atol=1e-10
+        )
+    assert OF_ROW.bordered(prior, theta, *border).task == ROW + 1
+    border = *border[:2], ROW + 1, None
+    assert OF_ROW.bordered(prior, theta, *border).task == ROW

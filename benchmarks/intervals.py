@@ -3,12 +3,14 @@
 ``python benchmarks/intervals.py`` draws data from the model itself: a squared
 exponential of length-scale 1 on [0, 8], K^rho = F F^T with normal F of rank 1 to 3,
 noise of deviation 0.2; 3 and 8 tasks of 5, 10, 20 and 50 rows, 20 test points each. The
-model is fitted at the true rank and at BIC's, once, and predicts by its mode and by
-draws of its hyperparameters. "y" and "f" are shares of 95 % intervals that hold new
-observations and the function, "density" is the mean log density of new observations,
-"mse" the mean squared error of f, all averaged over the draws of a cell. "times" is how
-many times a fit's likelihoods sampling took, "ess" the effective sample size of the
-hyperparameter for which it is least, "rhat" the largest R-hat; medians.
+model is fitted at the true rank and at BIC's, and predicts by the mode of its
+hyperparameters, by Laplace's method and by draws of them (``--by`` takes some of these;
+"seconds" are those of the processor for a fit). "y" and "f" are shares of 95 %
+intervals that hold new observations and the function, "density" is the mean log density
+of new observations, "mse" the mean squared error of f, all averaged over the draws of a
+cell. "times" is how many times a fit's likelihoods sampling took, "ess" the effective
+sample size of the hyperparameter for which it is least, "rhat" the largest R-hat;
+medians.
 """
 
 import argparse
@@ -17,11 +19,13 @@ from concurrent.futures import ProcessPoolExecutor
 from copy import copy
 from functools import partial
 from itertools import product
+from time import process_time
 
 import numpy as np
 import pandas as pd
 from scipy.special import logsumexp
 from scipy.stats import norm
+from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
@@ -69,27 +73,51 @@ def fitted(way, rank, X, y):
     return RankSearchIC(simpler=False).fit(X, y).best_estimator_
 
 
-def compared(n_draws, job):
-    """Rows of the table: the mode and the draws of one data set, each way."""
+def by_mode(mode, *_):
+    """The model as it was fitted."""
+    return mode, {}
+
+
+def by_laplace(mode, X, y, _):
+    """The same, whose intervals count what is open around the mode."""
+    begin = process_time()
+    model = clone(mode).set_params(hyperparameters="laplace").fit(X, y)
+    return model, {"seconds": process_time() - begin}
+
+
+def by_draws(mode, X, y, n_draws):
+    """The same by draws of its hyperparameters."""
+    model = copy(mode).set_params(n_draws=n_draws)
+    model._draw_hyperparameters()
+    return model, {
+        "times": model.n_evaluations_ / mode.n_evaluations_ - 1.0,
+        "ess": model.effective_sample_size_,
+        "rhat": model.r_hat_,
+    }
+
+
+WAYS = {"mode": by_mode, "laplace": by_laplace, "sampled": by_draws}
+
+
+def compared(names, n_draws, job):
+    """Rows of the table: the ways to predict of one data set, at each rank."""
     n_tasks, n_rows, rank, seed = job
     X, y, *test = draw(*job)
     rows, known = [], {}
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for way in ("true rank", "BIC's rank"):
+            begin = process_time()
             mode = fitted(way, rank, X, y)
+            seconds = process_time() - begin
             setting = mode.rank_, mode.shared
             if setting not in known:
-                by_draws = copy(mode).set_params(n_draws=n_draws)
-                by_draws._draw_hyperparameters()
-                sampled = {
-                    "times": by_draws.n_evaluations_ / mode.n_evaluations_ - 1.0,
-                    "ess": by_draws.effective_sample_size_,
-                    "rhat": by_draws.r_hat_,
-                    **measured(by_draws, *test),
-                }
-                known[setting] = measured(mode, *test), sampled
-            for name, values in zip(("mode", "sampled"), known[setting], strict=True):
+                known[setting] = {}
+                for name in names:
+                    model, told = WAYS[name](mode, X, y, n_draws)
+                    known[setting][name] = told | measured(model, *test)
+            known[setting].get("mode", {}).setdefault("seconds", seconds)
+            for name, values in known[setting].items():
                 cell = {"tasks": n_tasks, "rows": n_rows, "rank": rank, "seed": seed}
                 count = mode._likelihoods[0].prior.n_hyperparameters
                 cell["rows a hyperparameter"] = len(y) / count
@@ -106,6 +134,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=40, help="draws of each cell")
     parser.add_argument("--first", type=int, default=0, help="the first of them")
     parser.add_argument("--n-draws", type=int, default=100, help="of hyperparameters")
+    parser.add_argument("--by", nargs="+", choices=WAYS, default=list(WAYS))
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="file of the rows, one JSON object each")
     parser.add_argument("--report", help="such a file, whose table is printed alone")
@@ -117,7 +146,7 @@ def main():
     jobs.sort(key=lambda job: job[3])  # a part of a run has every cell
     rows = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        for found in pool.map(partial(compared, args.n_draws), jobs):
+        for found in pool.map(partial(compared, args.by, args.n_draws), jobs):
             rows += found
             if args.output:
                 pd.DataFrame(found).to_json(
@@ -130,7 +159,8 @@ def report(rows):
     """Print the table of the cells, and one over the ranks."""
     cells = rows.groupby(["fit", "tasks", "rows", "rank", "by"])
     table = cells[["y", "f", "density", "mse"]].mean()
-    table[["times", "ess", "rhat"]] = cells[["times", "ess", "rhat"]].median()
+    of_cells = [name for name in ("seconds", "times", "ess", "rhat") if name in rows]
+    table[of_cells] = cells[of_cells].median()
     table["draws"] = cells.size()
     print(table.round(3).to_string(na_rep="-"))
     over_ranks = rows.groupby(["fit", "tasks", "rows", "by"])

@@ -226,8 +226,9 @@ class SmallTaskWarning(UserWarning):
 
     So few rows do not determine how a task is related to the others. Where two or more
     tasks have more rows, `fit` takes their rows of the factor for the population that a
-    small task comes from, as ``add_task`` does. Predictions of such a task may still be
-    off, and their intervals too narrow. ``hyperparameters="sampled"`` has wider ones.
+    small task comes from, as ``add_task`` does, and its intervals count what its rows
+    leave open. Predictions of such a task may still be off, and their intervals too
+    narrow. ``hyperparameters="sampled"`` has wider ones.
 
     Examples
     --------

@@ -225,8 +225,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         - "mode" uses the maximum of the likelihood.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
-        - "laplace" uses the mode of that posterior, and its curvature there widens the
-          intervals (Laplace's method). It takes about as long as "mode".
+        - "laplace" predicts as "mode", with standard deviations and intervals that
+          count what the rows leave open of the hyperparameters (Laplace's method, with
+          the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.
@@ -768,8 +769,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         as often as its task has rows. If they have their own units, the new task's
         targets are centred and divided by their standard deviation; with one or two
         samples, by the geometric mean of the other tasks' standard deviations.
-        `n_iter_` and `n_evaluations_` are those of learning
-        the new row.
+        `n_iter_` and `n_evaluations_` are those of learning the new row.
+
+        With ``prior="tasks"`` the variances of the new task count what its samples and
+        the prior leave open of the new row, by Laplace's method. The first that are
+        asked for take two posteriors for each number of the row.
 
         Examples
         --------

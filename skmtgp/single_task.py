@@ -134,8 +134,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         - "mode" uses the maximum of the likelihood.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
-        - "laplace" uses the mode of that posterior, and its curvature there widens the
-          intervals (Laplace's method). It takes about as long as "mode".
+        - "laplace" predicts as "mode", with standard deviations and intervals that
+          count what the rows leave open of the hyperparameters (Laplace's method, with
+          the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.

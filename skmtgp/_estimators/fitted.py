@@ -25,7 +25,7 @@ from skmtgp.inference.leeway import Widened
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
-from skmtgp.learning.laplace import approximated
+from skmtgp.learning.laplace import with_leeway
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 from skmtgp.model.several import Kernels
 
@@ -314,7 +314,9 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             say(f"computing the posterior of {len(problems[0].data)} rows")
         modes, way = self._settled(problems, modes), self._way(training, problems[0])
         if way == "laplace":
-            modes = list(map(approximated, problems, modes))
+            if self.verbose:
+                say("looking how much the rows leave open of the hyperparameters")
+            modes = list(map(with_leeway, problems, modes))
         likelihoods = list(map(likelihood_at, problems, modes))
         self._store_learned(training, problems[0].engine, likelihoods, modes)
         self.hyperparameters_ = way

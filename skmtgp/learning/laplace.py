@@ -1,8 +1,10 @@
-"""The posterior of the hyperparameters as a normal density around its mode.
+"""What the rows leave open of the hyperparameters around a mode: Laplace's method.
 
-The posterior is the likelihood times weak priors, in coordinates in which it is nearly
-normal (`Chart`). Its mode is near that of the likelihood, and its curvature there says
-what the rows leave open of theta: Laplace's method.
+Around the mode of the likelihood the posterior of the hyperparameters is taken to be
+normal, in coordinates in which it nearly is (`Chart`). Its precision is the curvature
+of the likelihood and of weak priors there. The priors bound what the rows do not tell.
+They do not move the mode: where rows are few the posterior has its mode elsewhere, but
+without noise, far from what the priors expect, that would be a worse model.
 """
 
 from dataclasses import replace
@@ -11,15 +13,13 @@ import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.leeway import OfTheta
-from skmtgp.learning.evidence import FAR, climb_posterior
+from skmtgp.learning.evidence import LogPosterior, Peak
+from skmtgp.model.chart import Chart
 from skmtgp.model.hyperprior import Hyperprior
 
 
-def approximated(problem, mode):
-    """The mode of the posterior, and what is open around it.
-
-    Variances that are next to nothing are raised before the climb, for there it would
-    not see where to go.
+def with_leeway(problem, mode):
+    """The mode with what is open around it.
 
     Parameters
     ----------
@@ -31,25 +31,19 @@ def approximated(problem, mode):
     Returns
     -------
     mode : Mode
-        Theta is that of the posterior's mode, the value is its likelihood.
+        The same but for its leeway and the evaluations that it took.
     """
     data = replace(problem.data, Z=mode.Z)  # by its inducing inputs, if it has any
     likelihood = problem.engine.likelihood(problem.prior, data)
-    every = np.ones(len(mode.theta), dtype=bool)
-    start = Hyperprior(problem.prior).near(mode.theta, FAR, every)
+    hyperprior = Hyperprior(problem.prior)
+    chart = Chart(hyperprior, mode.theta)
+    x = chart.coordinates(mode.theta)
     with limit_threads(likelihood.side):
-        peak = climb_posterior(likelihood, start)
-        values, vectors = peak.curvature()
-        theta = peak.density.chart.theta(peak.x)
-        value = likelihood.value(theta)
-    steps = (vectors / np.sqrt(values)).T
-    ends = [[peak.density.chart.theta(peak.x + s * c) for s in (1, -1)] for c in steps]
-    ends = np.reshape(ends, (len(steps), 2, len(theta)))
-    n_evaluations = peak.n_evaluations + 2 * len(steps)
+        density = LogPosterior(likelihood, hyperprior, chart)
+        values, vectors = Peak(density, x, np.nan, 0).curvature()
     likelihood.release()
-    return mode._replace(
-        theta=theta,
-        value=value,
-        n_evaluations=mode.n_evaluations + n_evaluations,
-        leeway=(OfTheta(ends),),
-    )
+    steps = (vectors / np.sqrt(values)).T
+    ends = [[chart.theta(x + c), chart.theta(x - c)] for c in steps]
+    leeway = OfTheta(np.reshape(ends, (len(steps), 2, len(mode.theta))))
+    n_evaluations = mode.n_evaluations + 2 * len(steps)
+    return mode._replace(leeway=(leeway,), n_evaluations=n_evaluations)

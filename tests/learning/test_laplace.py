@@ -9,7 +9,7 @@ from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.evidence import LogPosterior
-from skmtgp.learning.laplace import approximated
+from skmtgp.learning.laplace import with_leeway
 from skmtgp.model.chart import Chart
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.task_covariance import identity, low_rank
@@ -34,7 +34,7 @@ def learned(problem):
 @pytest.fixture(scope="module", params=[0, 1, 2])
 def found(request):
     model = problem(request.param)
-    return model, approximated(model, learned(model))
+    return model, with_leeway(model, learned(model))
 
 
 def density_around(model, theta):
@@ -50,15 +50,13 @@ def spread(chart, mode):
     return 0.5 * (of_chart[:, 0] - of_chart[:, 1])
 
 
-def test_is_a_mode_of_the_posterior(found):
+def test_the_mode_stays(found):
     model, mode = found
-    chart, density = density_around(model, mode.theta)
-    value, gradient = density(chart.coordinates(mode.theta))
-    away = spread(chart, mode)
-    assert 0.5 * np.square(away @ gradient).sum() < 0.01  # nats that a step would gain
-    for away in 0.1 * np.random.default_rng(1).standard_normal((20, chart.size)):
-        assert density(chart.coordinates(mode.theta) + away)[0] < value
-    assert mode.value == pytest.approx(model.likelihood().value(mode.theta))
+    known = learned(model)
+    np.testing.assert_array_equal(mode.theta, known.theta)
+    assert mode.value == known.value
+    middle = mode.leeway[0].ends.mean(axis=1)
+    assert not np.allclose(mode.leeway[0].ends[:, 0], middle, atol=1e-3)
 
 
 def test_covariance_is_the_inverse_of_the_curvature(found):
@@ -91,7 +89,7 @@ def test_more_rows_leave_less_open():
     spreads = []
     for rows in (6, 60):
         model = problem(1, rows)
-        mode = approximated(model, learned(model))
+        mode = with_leeway(model, learned(model))
         ends = mode.leeway[0].ends[..., model.prior.of_noise]
         spreads.append(np.square(ends[:, 0] - ends[:, 1]).sum())
     assert spreads[1] < 0.3 * spreads[0]
@@ -100,28 +98,9 @@ def test_more_rows_leave_less_open():
 def test_evaluations_count():
     model = problem(1)
     mode = learned(model)
-    found = approximated(model, mode)
+    found = with_leeway(model, mode)
     n_axes = len(found.leeway[0].ends)
-    assert found.n_evaluations > mode.n_evaluations + 2 * n_axes
-
-
-def test_noise_next_to_nothing_is_raised():
-    """From there a climb would not see where to go."""
-    model = problem(1)
-    mode = learned(model)
-    theta = mode.theta.copy()
-    theta[model.prior.of_noise] = np.log(1e-9)
-    found = approximated(model, replace_theta(mode, theta))
-    expected = approximated(model, mode)
-    np.testing.assert_allclose(
-        found.theta[model.prior.of_noise],
-        expected.theta[model.prior.of_noise],
-        atol=0.2,
-    )
-
-
-def replace_theta(mode, theta):
-    return mode._replace(theta=theta)
+    assert found.n_evaluations == mode.n_evaluations + 2 * n_axes
 
 
 def test_by_inducing_inputs():
@@ -130,7 +109,9 @@ def test_by_inducing_inputs():
 
     model = problem(1)
     mode = learned(model)
-    exact = approximated(model, mode)
+    exact = with_leeway(model, mode)
     sparse = replace(model, engine=Sparse(n_inducing=24))
-    bound = approximated(sparse, mode._replace(Z=model.data.X))
-    np.testing.assert_allclose(bound.theta, exact.theta, atol=0.02)
+    bound = with_leeway(sparse, mode._replace(Z=model.data.X))
+    ends = [of.leeway[0].ends for of in (exact, bound)]
+    spreads = [np.square(of[:, 0] - of[:, 1]).sum(axis=0) for of in ends]
+    np.testing.assert_allclose(*spreads, rtol=1e-3, atol=1e-6)

@@ -107,7 +107,9 @@ class TaskIdentifier(Estimator):
     shares :math:`w = Q (Q^T Q)^{-1} q`, where Q has the rows [1, descriptors] of the
     tasks, and q is that of the unknown one. So its error is the sum of theirs with
     these shares, beside its own. If all were equally large, its variance would be
-    1 + h times as large, where :math:`h = w^T w` is the leverage of a regression.
+    1 + h times as large, where :math:`h = w^T w` is the leverage of a regression. The
+    covariance of these errors is held while a mode is looked for, and that is done
+    twice.
 
     How large errors are, each task of the fit tells: it is predicted from the rows of
     the others, with the hyperparameters of all. It has its leverage in these, so the

@@ -22,13 +22,14 @@ from skmtgp._estimators.unlabelled import inputs_of_any_task
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.left_out import inflation
-from skmtgp.learning.identifying import Output, Unknown, follow, identify
+from skmtgp.learning.identifying import Learned, Output, Unknown, follow, identify
 from skmtgp.learning.novel import Population
 from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["TaskIdentifier"]
 
 INFLATIONS = WeakKeyDictionary()  # of posteriors
+FLOOR = 1e-4  # of the targets' deviation, where nothing tells how wrong a model is
 RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks differ
 
 
@@ -53,16 +54,18 @@ class TaskIdentifier(Estimator):
     widening : float, default=2.0
         Standard deviation of an unknown task's descriptors around the mean of the known
         tasks', in units of their standard deviation.
-    floor : float, default=1e-4
+    floor : "auto" or float, default="auto"
         Size of the model's own error: each task deviates from the model by an unknown
         function with this standard deviation, relative to that of the targets that the
         model was fitted to. If a task's function is larger than those of the known
         tasks, so is the deviation, and likewise if it is smaller. It does not vanish
-        with many or exact samples.
+        with many or exact samples. "auto" is 1e-4, but 0 for an unknown task if
+        ``inflation="auto"`` tells how large the errors of the model are.
     inflation : "auto", float or array-like of shape (n_outputs,), default="auto"
         How much larger the variance of an unknown task's function is than the model
-        says, apart from noise and `floor`. "auto" tells it for each output from the
-        tasks of the fit, see Notes. It is 1 without descriptors.
+        says, apart from noise and `floor`. If tasks have descriptors, "auto" tells it
+        for each output from the tasks of the fit, and adds the errors that an unknown
+        task has in common with them, see Notes. Without descriptors "auto" is 1.
     switching : float, default=0.02
         Probability that the task switches between two consecutive samples of a stream.
 
@@ -98,13 +101,21 @@ class TaskIdentifier(Estimator):
     a model plays no part: it may be hundreds of times that of the targets.
 
     Most of the error of a model of few tasks is not of this kind: it is large where the
-    model is unsure, and grows with the posterior's variance. The k coefficients of the
-    descriptors were learned from m tasks, and the model takes them for known. So the
-    variance of an unknown task is larger than it says. With ``inflation="auto"`` each
-    task of the fit is predicted from the rows of the others, with the hyperparameters
-    of all. The mean square of the errors, relative to their variances, times
-    (m + k) / (m - k), Akaike's final prediction error, is the inflation, but at least
-    1. Errors of known tasks are not inflated.
+    model is unsure, and for a task whose descriptors are far from those that are known.
+    The coefficients of the descriptors were learned from m tasks, and the model treats
+    them as exact. The row of an unknown task is a sum of the rows of these tasks with
+    shares :math:`w = Q (Q^T Q)^{-1} q`, where Q has the rows [1, descriptors] of the
+    tasks, and q is that of the unknown one. So its error is the sum of theirs with
+    these shares, beside its own. If all were equally large, its variance would be
+    1 + h times as large, where :math:`h = w^T w` is the leverage of a regression. The
+    covariance of these errors is held while a mode is looked for, and that is done
+    twice.
+
+    How large errors are, each task of the fit tells: it is predicted from the rows of
+    the others, with the hyperparameters of all. It has its leverage in these, so the
+    variance of its error should be 1 - h of what the model says. What the squares of
+    errors are, over what they should be, is the inflation of all these variances, but
+    at least 1. Errors of known tasks are not inflated.
 
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.
@@ -136,7 +147,7 @@ class TaskIdentifier(Estimator):
         "model": "no_validation",
         "noise": [Interval(Real, 0.0, None, closed="left"), "array-like", None],
         "widening": [Interval(Real, 0.0, None, closed="neither")],
-        "floor": [Interval(Real, 0.0, None, closed="left")],
+        "floor": [StrOptions({"auto"}), Interval(Real, 0.0, None, closed="left")],
         "inflation": [
             StrOptions({"auto"}),
             Interval(Real, 0.0, None, closed="neither"),
@@ -151,7 +162,7 @@ class TaskIdentifier(Estimator):
         *,
         noise: ArrayLike | None = None,
         widening: float = 2.0,
-        floor: float = 1e-4,
+        floor: float | str = "auto",
         inflation: float | str | ArrayLike = "auto",
         switching: float = 0.02,
     ) -> None:
@@ -332,7 +343,8 @@ class TaskIdentifier(Estimator):
         population = _population(models[0]._descriptors, self.widening)
         rows = _rows(models, population, self.widening)
         noises, Y = self._noises(len(rows)), _targets(y, self.model, len(rows))
-        inflations = self._inflations(models)
+        inflations, floors = self._inflations(models), self._floors(models[0])
+        shares = self._shares(models[0]._descriptors, population)
         outputs = []
         for estimator, model in zip(_each(self.model), models, strict=True):
             inputs = inputs_of_any_task(_best(estimator), model, X)
@@ -340,8 +352,10 @@ class TaskIdentifier(Estimator):
                 raise ValueError(f"X has {len(inputs)} rows, but y has {len(Y)}.")
             k = len(outputs)
             columns = slice(k, k + len(model._posteriors))
-            of_model = rows[columns], noises[columns], self.floor, inflations[columns]
-            outputs += _at_samples(model, inputs, Y[:, columns], *of_model)
+            of_model = rows[columns], noises[columns], inflations[columns]
+            outputs += _at_samples(
+                model, inputs, Y[:, columns], *of_model, floors, shares
+            )
         return outputs, _starts(models[0], population, rows)
 
     def _noises(self, n_outputs):
@@ -367,6 +381,32 @@ class TaskIdentifier(Estimator):
                 f"one for each of the {len(pairs)} outputs."
             )
         return np.broadcast_to(found, len(pairs))
+
+    def _is_told(self, descriptors):
+        """Whether tasks that are left out tell how wrong the model is of another."""
+        return descriptors is not None and isinstance(self.inflation, str)
+
+    def _floors(self, model):
+        """The floor of each task, and of another."""
+        floors = np.full(len(model.tasks_) + 1, FLOOR)
+        if not isinstance(self.floor, str):
+            floors[:] = self.floor
+        elif self._is_told(model._descriptors):
+            floors[-1] = 0.0
+        return floors
+
+    def _shares(self, descriptors, population):
+        """What another task has of each that the model was learned from.
+
+        That is centre + slopes u: its row of Q is a sum of theirs with these shares.
+        """
+        if not self._is_told(descriptors):
+            return None
+        centre, scale = population
+        Q = descriptors.rows(descriptors.learned)
+        tables = descriptors.rows(np.vstack([centre, centre + scale.T]))
+        c, *others = tables @ Q.T / len(Q)  # Q^T Q is n_tasks I
+        return c, (np.array(others) - c).T
 
 
 def _listed(labels):
@@ -453,7 +493,7 @@ def _check_alike(models):
             )
 
 
-def _at_samples(model, inputs, Y, rows, noises, floor, inflations):
+def _at_samples(model, inputs, Y, rows, noises, inflations, floors, shares):
     """The outputs of a model at samples, in its own units."""
     units = model._units
     scaled = (model._target.forward(Y) - units.centre.T) / units.scale.T
@@ -463,10 +503,11 @@ def _at_samples(model, inputs, Y, rows, noises, floor, inflations):
             inputs,
             y,
             _noise_of(model, j, noises[j]),
-            _error(model, j, floor),
+            _errors(model, j, floors),
             _factor(model, j),
             rows[j],
             inflations[j],
+            None if shares is None else Learned(*shares, _learned_factor(model, j)),
         )
         for j, y in enumerate(scaled.T)
     ]
@@ -509,6 +550,14 @@ def _factor(model, j):
     """F of an output, without the function that all share."""
     prior, theta = model._posteriors[j].prior, model._posteriors[j].theta
     return prior.task_covariance.columns(prior.values(theta).rho)
+
+
+def _learned_factor(model, j):
+    """The same of the tasks that the model was learned from."""
+    descriptors, posterior = model._descriptors, model._posteriors[j]
+    Q, prior = descriptors.rows(descriptors.learned), posterior.prior
+    loadings, _ = prior.unseen(posterior.theta, Q)
+    return loadings[:, int(prior.task_covariance.shared) :]
 
 
 def _rows(models, population, widening):
@@ -557,21 +606,32 @@ def _inflation(model, j):
     if descriptors is None:
         return 1.0
     if posterior not in INFLATIONS:
-        sizes = len(descriptors.learned), descriptors.n_rows
         INFLATIONS[posterior] = inflation(
-            model._likelihoods[j], posterior.theta, *sizes
+            model._likelihoods[j], posterior.theta, _usual(descriptors)
         )
     return INFLATIONS[posterior]
 
 
-def _error(model, j, floor):
-    """Variance of the model's own error, relative to a task's prior variance.
+def _usual(descriptors):
+    """Variances of errors of tasks that are left out, in units of the posterior's.
 
-    The floor is relative to the targets: the prior's variance may be hundreds of times
+    1 - h if the coefficients were learned from the task, too, and 1 + h if not.
+    """
+    table, learned = descriptors.table, descriptors.learned
+    h = np.square(descriptors.Q).sum(axis=1) / len(learned)
+    counted = (table[:, None] == learned).all(axis=2).any(axis=1)
+    return np.where(counted, np.maximum(1.0 - h, 0.0), 1.0 + h)
+
+
+def _errors(model, j, floors):
+    """Variances of the model's own error, relative to a task's prior variance.
+
+    Floors are relative to the targets: the prior's variance may be hundreds of times
     theirs.
     """
     posterior = model._posteriors[j]
     targets = model.y_train_.reshape(-1, len(model._posteriors))[:, j]
     spread = targets.var() / np.square(model._units.scale[j, 0])
     of_tasks = np.diagonal(posterior.K_rho).mean()
-    return floor**2 * spread / (of_tasks * posterior.kernel.diag(model.X_train_).mean())
+    of_prior = of_tasks * posterior.kernel.diag(model.X_train_).mean()
+    return np.square(floors) * spread / of_prior

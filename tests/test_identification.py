@@ -214,7 +214,8 @@ def test_an_inflated_task_is_less_certain(model, undescribed):
         row = output.row[0] + output.row[1] @ [0.3, -0.2]
         before, inflated = (of.border()._covariance(row)[0] for of in (plain, output))
         K_x, eye = output.posterior.kernel(output.X), output.noise[-1] * np.eye(len(x))
-        expected = 4.0 * (before - eye) + output.error * row @ row * K_x + eye
+        own = output.error[-1] * row @ row * K_x
+        expected = 4.0 * (before - eye) + own + eye
         np.testing.assert_allclose(inflated, expected, rtol=1e-8, atol=1e-12)
     told = TaskIdentifier(undescribed)._outputs(x, y)[0]
     assert [of.inflation for of in told] == [1.0, 1.0]
@@ -483,12 +484,15 @@ def test_samples_whose_covariance_is_singular():
 def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):
     outputs, starts = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
     unknown, u = Unknown(outputs), starts[0]
+    unknown.carry(u)
     H, b = np.eye(len(u)), np.zeros(len(u))  # by the book, the covariances held
     for border, (c, A) in zip(unknown.borders, unknown.maps, strict=True):
         S, design = border._covariance(c + A @ u)[0], border.means.T @ A
         H += design.T @ np.linalg.solve(S, design)
         b += design.T @ np.linalg.solve(S, border.y - border.means.T @ c)
     np.testing.assert_allclose(unknown.reweight(u), np.linalg.solve(H, b), rtol=1e-8)
-    by_scoring, found = unknown.climb(u), identify(unknown, starts)
+    found = identify(unknown, starts)
+    unknown.carry(found.u)
+    by_scoring = unknown.climb(u)
     np.testing.assert_allclose(found.u, by_scoring.u, atol=1e-3)
     assert found.log_evidence == pytest.approx(by_scoring.log_evidence, abs=1e-6)

@@ -32,13 +32,14 @@ def fitted(noise, **options):
 
 
 def draw(identifier, u, x, rng):
-    """Samples as the identifier has them, of a task with this u."""
+    """Samples as the identifier has them, with errors that carry over, of this u."""
     model = identifier.model
     outputs, _ = identifier._outputs(x[:, None], np.zeros((len(x), 2)))
     samples = []
     for output in outputs:
         c, A = output.row
-        border = output.border()
+        border, learned = output.border(), output.learned
+        border.carry(learned.shares(u), learned.factor)
         covariance, _ = border._covariance(c + A @ u)
         mean = (c + A @ u) @ border.means
         samples.append(rng.multivariate_normal(mean, covariance, method="cholesky"))

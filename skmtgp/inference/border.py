@@ -63,6 +63,8 @@ class BorderLikelihood:
     y : ndarray of shape (n_samples,)
         Targets, less the mean of the function that all share. With a trend of the new
         task alone all are contrasts of the samples, which it is no part of.
+    carried : float or ndarray of shape (n_samples, n_samples)
+        Covariance of errors that come from other tasks, see `carry`.
     signs : ndarray of shape (n_halves, 1)
         1 of what takes off the variance, -1 of what coefficients of a trend add.
     """
@@ -99,7 +101,7 @@ class BorderLikelihood:
         of_w = [q for q, of in enumerate(terms) if of[1]]
         self.rank, self.own = len(of_l), len(of_w)
         self.of_term = np.array(of_l + of_w, dtype=int)
-        self.signs = np.ones((self.halves.shape[1], 1))
+        self.signs, self.carried = np.ones((self.halves.shape[1], 1)), 0.0
         if trend is not None:
             self._add_trend(posterior.coefficients, trend)
         if inflation != 1.0:
@@ -144,6 +146,30 @@ class BorderLikelihood:
         self.half_of_fixed = self.half_of_fixed + of_fixed
         self.fixed[q] = fixed @ fixed + equal
         return means[n:], halves[n:]
+
+    def carry(self, shares, factor):
+        """Take account of errors of the tasks that the row was learned from.
+
+        They are independent, and as large as those of new tasks with these rows. This
+        takes the place of what was carried before. It is for one term.
+
+        Parameters
+        ----------
+        shares : ndarray of shape (n_tasks,)
+            What the novel task has of the error of each.
+        factor : ndarray of shape (n_tasks, rank)
+            Their rows.
+        """
+        rows = shares[:, None] * np.insert(factor, 0, 1.0, axis=1)
+        R = np.linalg.qr(rows, mode="r")  # as much, in few rows
+        of_fixed = np.broadcast_to(self.half_of_fixed, self.halves.shape[1:])
+        halves = np.concatenate([of_fixed[None], self.halves])
+        squares = np.square(R) @ np.append(self.fixed, np.ones(self.rank))
+        own = np.square(R[:, 0]).sum()
+        self.carried = squares.sum() * self.K_x[0] + own * self.level
+        for r in R:
+            half = np.tensordot(r, halves, axes=1)
+            self.carried -= half.T @ half
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
@@ -223,7 +249,7 @@ class BorderLikelihood:
         half = half + np.tensordot(row[: self.rank], self.halves, axes=1)
         squares = np.bincount(self.of_term, np.square(row), len(self.K_x))
         S = np.tensordot(self.with_error * (squares + self.fixed), self.K_x, axes=1)
-        S += self.level + self.noise - (self.signs * half).T @ half
+        S += self.level + self.noise + self.carried - (self.signs * half).T @ half
         return S, half
 
     def pairs(self, mean=0.0, scale=None):

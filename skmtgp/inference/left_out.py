@@ -6,21 +6,20 @@ of the covariance K of all, as in Rasmussen and Williams (2006), section 5.4.2:
 .. math:: y_i - \mu_i = S \alpha_i, \quad S = ([K^{-1}]_{ii})^{-1},
     \quad \alpha = K^{-1} y
 
-The hyperparameters stay, although they were learned from the task, too.
+The hyperparameters stay, although they were learned from the task, too. So errors are
+smaller than those of new tasks, see :func:`inflation`.
 """
 
 import numpy as np
-from scipy.optimize import nnls
 
 from skmtgp._numerics.linalg import cholesky_with_jitter
 from skmtgp._numerics.parallel import limit_threads
 
 MOST_ROWS = 1000  # a second or less; more rows tell the same
-LEAST_FREEDOM = 1  # tasks whose number is that of the coefficients leave none
 
 
-def inflation(likelihood, theta, n_tasks, n_coefficients):
-    r"""How much larger the variance of a new task is than the posterior's.
+def inflation(likelihood, theta, usual):
+    r"""How much larger the variance of a task's function is than the model says.
 
     Parameters
     ----------
@@ -28,42 +27,22 @@ def inflation(likelihood, theta, n_tasks, n_coefficients):
         Without a trend. If there are many rows, some of them count.
     theta : ndarray of shape (n_theta,)
         Parameters.
-    n_tasks : int
-        Number m of tasks that the coefficients were learned from.
-    n_coefficients : int
-        Number k of coefficients that were learned for each latent function, by which
-        its part in a task is linear in what describes the task.
+    usual : ndarray of shape (n_tasks,)
+        What the square of an error should be, in units of its variance, if there is no
+        noise: 1 - h of a task whose leverage is h among those from which the
+        coefficients of descriptors were learned, as of residuals of a regression.
 
     Returns
     -------
     inflation : float
-        The excess of the tasks that are left out times (m + k) / (m - k), and at
-        least 1. In a linear regression with k coefficients the variance of residuals is
-        1 - k / m of that of the errors, and that of predictions is 1 + k / m of it:
-        Akaike's final prediction error (1969).
-    """
-    of_residuals = max(n_tasks - n_coefficients, LEAST_FREEDOM) / n_tasks
-    of_predictions = 1.0 + n_coefficients / n_tasks
-    found = excess(likelihood, theta, of_residuals)
-    return max(1.0, of_predictions / of_residuals * found)
+        What the squares of errors are over what they should be, and at least 1.
 
-
-def excess(likelihood, theta, expected=1.0):
-    r"""How much larger errors of tasks that are left out are than their variances say.
-
-    Parameters
-    ----------
-    likelihood, theta
-        See :func:`inflation`.
-    expected : float, default=1.0
-        What is expected before, which counts as much as a task.
-
-    Returns
-    -------
-    excess : float
-        a of the least squares fit :math:`z^2 = a w + b (1 - w)` with a, b >= 0. Here z
-        is an error divided by its deviation, and w the share that f has in the
-        variance, the rest being noise. Each task counts alike.
+    Notes
+    -----
+    Let z be an error divided by its deviation, w the share that f has in the variance,
+    the rest being noise, and v what is usual. Then :math:`z^2` should be
+    :math:`v w + 1 - w` on average. Rows count as w: the others tell of the noise. Each
+    task counts alike, and what is expected before counts as one task.
     """
     tasks = np.asarray(likelihood.tasks)
     rows = some_of_each(tasks, MOST_ROWS)
@@ -73,11 +52,11 @@ def excess(likelihood, theta, expected=1.0):
     K.flat[:: len(K) + 1] += noise
     with limit_threads(len(K)):
         errors, variances = _left_out(K, np.asarray(likelihood.y)[rows], tasks)
-    of_noise, counts = np.minimum(noise / variances, 1.0), np.bincount(tasks)[tasks]
-    design = np.column_stack([1.0 - of_noise, of_noise]) / np.sqrt(counts)[:, None]
-    squares = np.square(errors) / variances / np.sqrt(counts)
-    found, _ = nnls(np.vstack([design, [1.0, 0.0]]), np.append(squares, expected))
-    return float(found[0])
+    of_noise = np.minimum(noise / variances, 1.0)
+    expected = usual[tasks] * (1.0 - of_noise) + of_noise
+    weights = (1.0 - of_noise) / np.bincount(tasks)[tasks]
+    found = 1.0 + weights @ (np.square(errors) / variances)
+    return max(1.0, float(found / (1.0 + weights @ expected)))
 
 
 def some_of_each(tasks, most):

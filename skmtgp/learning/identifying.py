@@ -21,8 +21,36 @@ MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to
 # Linear steps before it. At the start samples without noise are millions of nats below
 # the mode: after three of them scoring took one step or two, not forty.
 N_REWEIGHTED = 3
+N_CLIMBS = 2  # where the errors that a task carries depend on u, each time held
 ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
 HALVINGS = 30
+
+
+class Learned(NamedTuple):
+    """The tasks from which it was learned how a row follows from u.
+
+    Errors of their functions carry over to another task: its row is a sum of theirs.
+
+    Attributes
+    ----------
+    centre, slopes : ndarrays of shape (n_tasks,) and (n_tasks, n_u)
+        The share that it has of each task is centre + slopes u.
+    factor : ndarray of shape (n_tasks, rank)
+        Their rows.
+    """
+
+    centre: np.ndarray
+    slopes: np.ndarray
+    factor: np.ndarray
+
+    def shares(self, u):
+        """What it has of each task."""
+        return self.centre + self.slopes @ u
+
+    @property
+    def mean_squares(self):
+        """Means of the squares of shares, u integrated out."""
+        return np.square(self.centre) + np.square(self.slopes).sum(axis=1)
 
 
 class Output(NamedTuple):
@@ -38,24 +66,28 @@ class Output(NamedTuple):
         Targets.
     noise : ndarray of shape (n_tasks + 1,)
         Noise variance of the samples of each task, and of another one.
-    error : float
-        Variance of the model's own error, relative to a task's prior variance.
+    error : ndarray of shape (n_tasks + 1,)
+        Variance of the model's own error, relative to the task's prior variance, for
+        each task and for another one.
     factor : ndarray of shape (n_tasks, rank)
         F.
     row : pair of ndarrays of shape (rank,) and (rank, n_u)
         c and A, of which the row of another task is c + A u.
     inflation : float
         How much larger the variance of another task is than the posterior's.
+    learned : Learned, default=None
+        Tasks whose errors carry over to another one.
     """
 
     posterior: Posterior
     X: np.ndarray
     y: np.ndarray
     noise: np.ndarray
-    error: float
+    error: np.ndarray
     factor: np.ndarray
     row: tuple[np.ndarray, np.ndarray]
     inflation: float = 1.0
+    learned: Learned | None = None
 
     @property
     def prior(self):
@@ -75,7 +107,7 @@ class Output(NamedTuple):
             level=self.posterior.level,
             shared=self.prior.shared_loading(theta),
             equal=self.unshared(),
-            error=self.error,
+            error=self.error[-1],
             inflation=self.inflation,
         )
 
@@ -88,7 +120,7 @@ class Output(NamedTuple):
         """Log density of the samples as those of a known task."""
         tasks = np.full(len(self.X), task)
         covariance = self.posterior.covariance(self.X, tasks)
-        own = self.error * self.posterior.K_rho[task, task]
+        own = self.error[task] * self.posterior.K_rho[task, task]
         covariance += own * self.posterior.kernel(self.X)
         covariance.flat[:: len(covariance) + 1] += self.noise[task]
         return log_normal(self.y, self.posterior.mean(self.X, tasks), covariance)
@@ -101,7 +133,7 @@ class Output(NamedTuple):
             tasks = np.full(n, task)
             means[:, task] = self.posterior.mean(self.X, tasks)
             variances[:, task] = self.posterior.variance(self.X, tasks)
-        of_tasks = self.error * np.diagonal(self.posterior.K_rho)
+        of_tasks = self.error[:-1] * np.diagonal(self.posterior.K_rho)
         variances[:, :-1] += np.outer(self.posterior.kernel.diag(self.X), of_tasks)
         size = self.posterior.n_halves * (self.factor.shape[1] + 1)
         size = max(1, BLOCK_SIZE // size)
@@ -120,14 +152,24 @@ class Output(NamedTuple):
         spread = np.zeros((len(c),) * 2)
         spread[len(given) :, len(given) :] = A @ A.T
         means, halves = self.posterior.latent(X, factor)
-        second = np.outer(c, c) + spread
-        told = np.einsum("ab,aij,bij->j", second, halves, halves, optimize=True)
+        own = np.outer(c, c) + spread
+        carried, n_own = self._carried(given)
+        told = np.einsum("ab,aij,bij->j", own + carried, halves, halves, optimize=True)
         diagonal = self.posterior.kernel.diag(X)
-        prior = (np.trace(second) + self.unshared()) * diagonal
-        variance = np.maximum(prior - told, 0.0) + self.posterior.level
-        variance = self.inflation * variance + self.error * prior
+        prior = (np.trace(own + carried) + n_own * self.unshared()) * diagonal
+        variance = np.maximum(prior - told, 0.0) + n_own * self.posterior.level
+        variance *= self.inflation
+        variance += self.error[-1] * (np.trace(own) + self.unshared()) * diagonal
         variance += np.einsum("ai,ab,bi->i", means, spread, means)
         return np.stack([c @ means, variance])
+
+    def _carried(self, given):
+        """Squares of rows whose errors it has, and their number with its own."""
+        if self.learned is None:
+            return 0.0, 1.0
+        squares, F = self.learned.mean_squares, self.learned.factor
+        F = np.hstack([np.tile(given, (len(F), 1)), F])
+        return F.T @ (squares[:, None] * F), 1.0 + squares.sum()
 
 
 class Found(NamedTuple):
@@ -160,6 +202,14 @@ class Unknown:
     def __init__(self, outputs):
         self.borders = [output.border() for output in outputs]
         self.maps = [output.row for output in outputs]
+        self.learned = [output.learned for output in outputs]
+        self.n_climbs = N_CLIMBS if any(self.learned) else 1
+
+    def carry(self, u):
+        """Let the task carry errors of others as it does at u; they are held there."""
+        for border, learned in zip(self.borders, self.learned, strict=True):
+            if learned is not None:
+                border.carry(learned.shares(u), learned.factor)
 
     def value_and_grad(self, u):
         """Log density of the samples and u but for a constant, and its gradient."""
@@ -168,6 +218,11 @@ class Unknown:
             of_output, slope = border.value_and_grad(c + A @ u)
             value, gradient = value + of_output, gradient + A.T @ slope
         return value, gradient
+
+    def value(self, u):
+        """The same density with what is carried at u."""
+        self.carry(u)
+        return self.value_and_grad(u)[0]
 
     def information(self, u):
         """Fisher information of u, with that of its prior."""
@@ -179,9 +234,11 @@ class Unknown:
     def reweight(self, u):
         """The mode if the covariance of the samples were always that at u.
 
-        A linear problem. Where the samples are far more exact than what is known of u,
-        scoring takes tens of steps to get near the mode, and this takes a few.
+        A linear problem. Errors of others are carried as at u. Where the samples are
+        far more exact than what is known of u, scoring takes tens of steps to get near
+        the mode, and this takes a few.
         """
+        self.carry(u)
         H, b = np.eye(len(u)), np.zeros(len(u))
         for border, (c, A) in zip(self.borders, self.maps, strict=True):
             by_means, by_targets = border.weighted(c + A @ u)
@@ -239,12 +296,16 @@ def identify(unknown, starts):
     NotPositiveDefiniteError
         If the covariance of the samples is singular in floating point.
     """
-    values = [unknown.value_and_grad(u)[0] for u in starts]
+    values = [unknown.value(u) for u in starts]
     modes = []
     for u in (np.zeros_like(starts[0]), starts[np.argmax(values)]):
         for _ in range(N_REWEIGHTED):
             u = unknown.reweight(u)
-        modes.append(unknown.climb(u))
+        for _ in range(unknown.n_climbs):
+            unknown.carry(u)
+            found = unknown.climb(u)
+            u = found.u
+        modes.append(found)
     best = max(modes, key=lambda mode: mode.log_evidence)
     if not np.isfinite(best.log_evidence):
         raise NotPositiveDefiniteError(

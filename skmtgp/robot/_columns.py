@@ -164,8 +164,11 @@ class Columns:
         self._friction = self._names_of_friction(x, links[:, self._links])
         self.names = [dynamics.links[j] for j in self._links] + self._friction
         base = links[:, self._links]
-        regrouped = np.linalg.lstsq(base, links @ dynamics.nominal, rcond=None)[0]
-        self.nominal = np.concatenate([regrouped, np.zeros(len(self._friction))])
+        regrouped = np.linalg.lstsq(base, links, rcond=None)[0]
+        nominal = regrouped @ dynamics.nominal
+        self.nominal = np.concatenate([nominal, np.zeros(len(self._friction))])
+        own = regrouped * dynamics.sizes
+        self.spread = np.linalg.qr(own.T, mode="r").T
 
     def _names_of_friction(self, x, base):
         """Parameters of friction that those of links do not stand for."""

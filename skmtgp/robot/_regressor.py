@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import partial
 from numbers import Integral
 from typing import Any, Literal, Self
 
@@ -28,7 +29,7 @@ from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbac
 from skmtgp.robot._columns import Columns, check_friction
 from skmtgp.robot._dynamics import INERTIAL, Dynamics
 from skmtgp.robot._one_state import Torques
-from skmtgp.robot._solving import METHODS, join, solve, typical
+from skmtgp.robot._solving import evidence, join, least_squares, solve, typical
 
 BLIND = 1e-6  # share of a direction that the data do not show, above which it counts
 
@@ -213,18 +214,33 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._check_outputs(Y)
         columns, load = self._columns.of(x)
         self._scale = typical(columns, Y), typical(load, Y)
-        to_loads = np.kron(self._code(tasks), np.eye(load.shape[2]))
-        self._matrix = block_diag(np.eye(columns.shape[2]), to_loads)
-        self._centre = np.zeros(len(self._matrix))
-        if self.prior == "nominal":
-            self._centre[: len(self._scale[0])] = self._columns.nominal * self._scale[0]
+        self._set_prior(tasks)
         design = self._whole(x, codes)
         solution, noise, self._freedom = solve(
-            design @ self._matrix, Y - design @ self._centre, METHODS[self.prior]
+            design @ self._matrix, Y - design @ self._centre, self._method()
         )
         warn_of_noise((self._freedom >= 1.0)[:, None])
         self._noise_variances = noise
         self._keep(solution)
+
+    def _set_prior(self, tasks):
+        """Set the coordinates in which coefficients have a prior around 0."""
+        (scale, of_load), n_links = self._scale, self._columns.n_links
+        links, friction = np.eye(n_links), np.eye(len(scale) - n_links)
+        to_loads = np.kron(self._code(tasks), np.eye(len(of_load)))
+        centre = np.zeros(len(scale) + len(to_loads))
+        if self.prior == "nominal":
+            links = self._columns.spread * scale[:n_links, None]
+            centre[: len(scale)] = self._columns.nominal * scale
+        self._matrix, self._centre = block_diag(links, friction, to_loads), centre
+        every = np.arange(self._matrix.shape[1])
+        self._groups = np.split(every, [n_links, len(scale)])
+
+    def _method(self):
+        """How coefficients are found."""
+        if self.prior is None:
+            return least_squares
+        return partial(evidence, groups=self._groups)
 
     def _check_outputs(self, Y):
         n, names = len(self._columns.joints), self._columns.dynamics.names
@@ -251,7 +267,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
 
     def _keep(self, solution):
         """Set what is known of links, friction and the load of each task."""
-        matrix, self._precision = self._matrix, solution.precision
+        matrix, self._precision = self._matrix, solution.precision[-1]
         self._coef = self._centre + matrix @ solution.coef
         self._factor = matrix @ solution.factor
         self._blind = matrix @ solution.blind

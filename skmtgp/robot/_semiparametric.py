@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from functools import partial
+from operator import itemgetter
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -21,8 +22,8 @@ from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp._support.warnings import warn
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._regressor import BLIND, RigidBodyRegressor
-from skmtgp.robot._rest import NONE, Features, check_rest, choose, whiten
-from skmtgp.robot._solving import METHODS, SMALLEST, join, power_of
+from skmtgp.robot._rest import NONE, Features, check_rest, choose, log_det, whiten
+from skmtgp.robot._solving import SMALLEST, evidence, join, power_of, solve
 
 # Of learning what is left and, given that, links and friction anew: the first rest is
 # that of least squares, which has taken a part of it for links. More than two changed
@@ -189,7 +190,11 @@ class SemiparametricRegressor(RigidBodyRegressor):
         model: Any,
         *,
         friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-        rest: str | Sequence[str] | None = "friction",
+        rest: str | Sequence[str] | None = (
+            "friction",
+            "neighbours",
+            "friction+neighbours",
+        ),
         criterion: Literal["bic", "loo"] = "bic",
         estimator: MultiTaskGPRegressor | None = None,
         prior: Literal["evidence", "nominal"] | None = "evidence",
@@ -213,11 +218,43 @@ class SemiparametricRegressor(RigidBodyRegressor):
         kinds = check_rest(self.rest)
         super()._fit(x, codes, tasks, y)
         self._rows_in_training = x, codes, y.reshape(len(y), -1)
-        for _ in range(N_ROUNDS):
-            told = self._learn_rests(kinds)
-            self._settle()
+        learned = [self._learned_from(start, kinds) for start in self._starts()]
+        _, attributes, told = min(learned, key=itemgetter(0))
+        vars(self).update(attributes)
         for category, message in told:
             warn(message, category)
+
+    def _starts(self):
+        """Coefficients to begin with: the likeliest, and those with the model's links.
+
+        Where all is left to links and noise, links take for theirs what a process
+        would explain. The description's own leave it to the process.
+        """
+        if self.prior != "nominal":
+            return [self._coef]
+        x, codes, Y = self._rows_in_training
+        design, n = self._whole(x, codes), self._columns.n_links
+        matrix, known = self._matrix[:, n:], Y - design @ self._centre
+        groups = [group - n for group in self._groups[1:]]
+        method = partial(evidence, groups=groups)
+        found = solve(design @ matrix, known, method)[0]
+        return [self._coef, self._centre + matrix @ found.coef]
+
+    def _learned_from(self, start, kinds):
+        """Deviance, attributes and warnings of what is learned from such links."""
+        model = copy(self)
+        model._coef = start
+        for _ in range(N_ROUNDS):
+            told = model._learn_rests(kinds)
+            model._settle()
+        return model._deviance(), vars(model), told
+
+    def _deviance(self):
+        """-2 log evidence of all torques and, as in BIC, a price of the processes."""
+        n = len(self._rows_in_training[0])
+        chosen = [row["n_hyperparameters"] for row in self._table if row["chosen"]]
+        sizes = [log_det(factor, n) for factor in self._factors]
+        return np.log(n) * sum(chosen) + sum(sizes) - 2.0 * self._evidence
 
     def _learn_rests(self, kinds):
         """Learn the process of each joint; give the warnings of those chosen."""
@@ -286,7 +323,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         targets = [whiten(L, Y[:, i]) for i, L in joints]
         A, b = np.concatenate(self._whitened), np.concatenate(targets)
         self._noise_variances = np.array([np.mean(rest.noise) for rest in self._rests])
-        self._keep(METHODS[self.prior](A @ self._matrix, b - A @ self._centre))
+        found = self._method()(A @ self._matrix, b - A @ self._centre)
+        self._evidence = found.log_evidence
+        self._keep(found)
         self._left = [
             target - W @ self._coef
             for target, W in zip(targets, self._whitened, strict=True)
@@ -390,6 +429,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
         self._centre = np.append(self._centre, np.zeros(len(new)))
+        links, friction, loads = self._groups
+        own = self._matrix.shape[1] + np.arange(len(new))
+        self._groups = [links, friction, np.append(loads, own)]
         self._matrix = block_diag(self._matrix, np.eye(len(new)))
 
     def _join_rests(self, x, code, Y):
@@ -463,7 +505,11 @@ def make_semiparametric_regressor(
     *,
     joint: int | str | None = None,
     friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-    rest: str | Sequence[str] | None = "friction",
+    rest: str | Sequence[str] | None = (
+        "friction",
+        "neighbours",
+        "friction+neighbours",
+    ),
     estimator: MultiTaskGPRegressor | None = None,
     prior: Literal["evidence", "nominal"] | None = "evidence",
     empty_task: int | str | None = None,

@@ -29,7 +29,7 @@ from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbac
 from skmtgp.robot._columns import Columns, check_friction
 from skmtgp.robot._dynamics import INERTIAL, Dynamics
 from skmtgp.robot._one_state import Torques
-from skmtgp.robot._solving import evidence, join, least_squares, solve, typical
+from skmtgp.robot._solving import evidence, join, plain, solve, typical
 
 BLIND = 1e-6  # share of a direction that the data do not show, above which it counts
 
@@ -230,16 +230,24 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         to_loads = np.kron(self._code(tasks), np.eye(len(of_load)))
         centre = np.zeros(len(scale) + len(to_loads))
         if self.prior == "nominal":
+            self._check_masses()
             links = self._columns.spread * scale[:n_links, None]
             centre[: len(scale)] = self._columns.nominal * scale
         self._matrix, self._centre = block_diag(links, friction, to_loads), centre
         every = np.arange(self._matrix.shape[1])
         self._groups = np.split(every, [n_links, len(scale)])
 
+    def _check_masses(self):
+        if not self._columns.spread.any():
+            raise ValueError(
+                "prior='nominal' needs the masses of the links, and the model has "
+                "none. Set prior='evidence'."
+            )
+
     def _method(self):
         """How coefficients are found."""
         if self.prior is None:
-            return least_squares
+            return plain
         return partial(evidence, groups=self._groups)
 
     def _check_outputs(self, Y):
@@ -267,7 +275,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
 
     def _keep(self, solution):
         """Set what is known of links, friction and the load of each task."""
-        matrix, self._precision = self._matrix, solution.precision[-1]
+        matrix, self._precision = self._matrix, solution.precision
         self._coef = self._centre + matrix @ solution.coef
         self._factor = matrix @ solution.factor
         self._blind = matrix @ solution.blind
@@ -324,7 +332,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision)
+        new = join(load, left, self._noise_variances, self._precision[-1])
         model = copy(self)
         model.tasks_ = np.append(self.tasks_, label)
         model._coef = np.append(self._coef, new.coef)

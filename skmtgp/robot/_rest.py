@@ -29,7 +29,10 @@ def _friction(dynamics, x, link, joint):
 
 def _states(dynamics, x, link, joint):
     """All positions, those of joints that turn as cosine and sine, and rates."""
-    columns = np.hstack(_neighbours(dynamics, x, link, joint))
+    q, qd, qdd = dynamics.states(x)
+    turns = ~np.array(dynamics.slides)
+    parts = q[:, ~turns], np.cos(q[:, turns]), np.sin(q[:, turns]), qd, qdd
+    columns = np.hstack(parts)
     return np.hsplit(columns, columns.shape[1])
 
 

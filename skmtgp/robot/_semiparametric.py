@@ -323,7 +323,10 @@ class SemiparametricRegressor(RigidBodyRegressor):
         targets = [whiten(L, Y[:, i]) for i, L in joints]
         A, b = np.concatenate(self._whitened), np.concatenate(targets)
         self._noise_variances = np.array([np.mean(rest.noise) for rest in self._rests])
-        found = self._method()(A @ self._matrix, b - A @ self._centre)
+        start = self._precision
+        if len(start) != self._matrix.shape[1]:
+            start = None
+        found = self._method()(A @ self._matrix, b - A @ self._centre, start)
         self._evidence = found.log_evidence
         self._keep(found)
         self._left = [
@@ -425,7 +428,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision).coef
+        new = join(load, left, self._noise_variances, self._precision[-1]).coef
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
         self._centre = np.append(self._centre, np.zeros(len(new)))

@@ -9,6 +9,7 @@ from skmtgp._numerics.linalg import RESOLVED
 N_ROUNDS = 50  # of weights and coefficients, most often fewer than ten
 CHANGE = 1e-3  # relative, of a noise variance that need not be learned again
 SHRINK = 1e-4  # the same of the precision of a prior
+N_STEPS = 100  # of that precision; one that grows without end changes nothing
 NOTHING = 1e-10  # size of a column relative to the largest: rounding
 SMALLEST = 1e-24  # noise variance relative to the power of the torque: rounding
 
@@ -61,7 +62,12 @@ def least_squares(A, b, precision=0.0):
     return Solution(coef, factor, unseen[:, :0], precision, value)
 
 
-def evidence(A, b, groups=None):
+def plain(A, b, start):
+    """Least squares, which start nowhere."""
+    return least_squares(A, b)
+
+
+def evidence(A, b, start=None, groups=None):
     """The posterior under the normal prior that makes the data likeliest.
 
     MacKay's fixed point: the number of coefficients of a group that the data determine
@@ -73,6 +79,8 @@ def evidence(A, b, groups=None):
         What the targets are linear in; the noise has variance 1.
     b : ndarray of shape (n_rows,)
         Targets.
+    start : ndarray of shape (n_columns,), default=None
+        Precisions to begin with.
     groups : list of ndarray of int, default=None
         Columns whose coefficients have one prior variance; None: all of them.
     """
@@ -80,8 +88,8 @@ def evidence(A, b, groups=None):
     if len(A) > A.shape[1]:
         whole = np.linalg.qr(np.column_stack([A, b]), mode="r")
         A, b = whole[:, :-1], whole[:, -1]
-    precision = np.ones(A.shape[1])
-    for _ in range(N_ROUNDS * 20):
+    precision = np.ones(A.shape[1]) if start is None else start.copy()
+    for _ in range(N_STEPS):
         before = precision.copy()
         shown, size = _shown(A, b, before)
         for group in groups:
@@ -116,7 +124,7 @@ def solve(A, Y, method):
     Y : ndarray of shape (n_samples, n_joints)
         Torques.
     method : callable
-        `least_squares` or `evidence`.
+        `plain` or `evidence`.
 
     Returns
     -------
@@ -129,10 +137,11 @@ def solve(A, Y, method):
     """
     n, power = len(Y), power_of(Y)
     A, Y = compress(A, Y)
-    noise = power
+    noise, precision = power, None
     for _ in range(N_ROUNDS):
         before = noise
-        solution = method(*weigh(A, Y, noise))
+        solution = method(*weigh(A, Y, noise), precision)
+        precision = solution.precision
         spread = np.square(A @ solution.factor).sum(axis=(0, 2))
         freedom = n - spread / noise
         left = np.sum(np.square(Y - A @ solution.coef), axis=0)

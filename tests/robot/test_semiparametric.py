@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from rigid import rnea, states, two_joints
 from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
 from sklearn.model_selection import GridSearchCV
@@ -93,7 +94,7 @@ def dense(model, X):
     codes = np.searchsorted(model.tasks_, X[:, -1])
     design = model._whole(X[:, :-1], codes) @ model._matrix
     design = design.swapaxes(0, 1).reshape(-1, design.shape[2])
-    K = design @ design.T / model._precision
+    K = design / model._precision @ design.T
     parts = [
         rest.covariance(rows, rows) if rows else np.zeros((len(X), len(X)))
         for rest, rows in zip(
@@ -184,7 +185,8 @@ def test_summary_and_results(fitted, sticky):
     assert summary.index.tolist() == [f"joint{j}" for j in range(1, 7)]
     columns = ["links", "friction", "load", "process", "noise", "rest", "gain"]
     assert summary.columns.tolist() == columns
-    assert results["rest"].tolist() == ["none", "friction"] * 6
+    words = ["none", "friction", "neighbours", "friction+neighbours"]
+    assert results["rest"].tolist() == words * 6
     assert results.groupby("joint")["chosen"].sum().eq(1).all()
     best = results[results["chosen"]].set_index("joint")
     none = results[results["rest"] == "none"].set_index("joint")
@@ -192,7 +194,7 @@ def test_summary_and_results(fitted, sticky):
     assert summary["rest"].tolist() == best["rest"].tolist()
     X, Y = sticky[0][:120], sticky[1][:120]
     left = Y - fitted.predict(X)
-    np.testing.assert_allclose(left.std(axis=0), summary["noise"], rtol=0.6)
+    np.testing.assert_allclose(left.std(axis=0), summary["noise"], rtol=0.8)
     np.testing.assert_allclose(summary["noise"] ** 2, fitted.noise_variance_)
     assert [e is None for e in fitted.estimators_] == (
         summary["rest"] == "none"
@@ -234,6 +236,49 @@ def test_a_new_load_is_one_normal_distribution_too():
     expected = cross @ np.linalg.solve(known, targets.T.ravel())
     found = model.predict(test).T.ravel()
     np.testing.assert_allclose(found, expected, rtol=1e-2, atol=1e-2)
+
+
+def test_the_likelier_start_is_kept():
+    urdf, X, Y = arm()
+    model = SemiparametricRegressor(urdf, prior="nominal", estimator=QUICK).fit(X, Y)
+    K = dense(model, X) + np.diag(np.repeat(model.noise_variance_, len(X)))
+    of_links = model._whole(X[:, :-1], X[:, -1].astype(int)) @ model._centre
+    left = (Y - of_links).T.ravel()
+    likelihood = multivariate_normal(np.zeros(len(left)), K).logpdf(left)
+    table = model.results_[model.results_["chosen"]]
+    price = np.log(len(X)) * table["n_hyperparameters"].sum()
+    expected = price - 2.0 * likelihood - len(left) * np.log(2.0 * np.pi)
+    assert model._deviance() == pytest.approx(expected)
+    starts = model._starts()
+    assert len(starts) == 2
+    np.testing.assert_array_equal(
+        starts[1][: model._columns.n_links], model._centre[: model._columns.n_links]
+    )
+    kinds = ["friction", "neighbours", "friction+neighbours"]
+    reached = [model._learned_from(start, kinds)[0] for start in starts]
+    assert model._deviance() <= min(reached) + 1.0
+
+
+def test_links_stay_near_the_model_where_errors_are_common_to_neighbours():
+    urdf = two_joints("revolute", "revolute")
+    time = np.linspace(0.0, 3.0, 80)[:, None]
+    q, w = 0.6 * np.sin(1.5 * time + [0.0, 0.3]), 1.5
+    qd, qdd = 0.9 * np.cos(w * time + [0.0, 0.3]), -(w**2) * q
+    X = np.column_stack([q, qd, qdd, np.zeros(80)])
+    Y = rnea(pin.buildModelFromXML(urdf), X)
+    Y += 0.5 * np.sin(9.0 * time + [0.0, 1.0]) + 0.02 * np.sin(80.0 * time)
+    Z = states(60, 2, seed=4)
+    Z[:, -1] = 0.0
+    expected = rnea(pin.buildModelFromXML(urdf), Z)
+    options = {"friction": None, "prior": "nominal", "estimator": QUICK}
+    errors = [
+        np.square(
+            SemiparametricRegressor(urdf, rest=rest, **options).fit(X, Y).predict(Z)
+            - expected
+        ).mean()
+        for rest in ("neighbours", None)
+    ]
+    assert errors[0] < 0.5 * errors[1]
 
 
 def test_a_single_task_without_a_load(puma, sticky):
@@ -352,7 +397,8 @@ def test_errors(options, error, message):
 def test_warnings_name_the_joint():
     urdf, X, Y = arm()
     process = MultiTaskGPRegressor(rank=1, max_iter=1)
-    model = SemiparametricRegressor(urdf, joint="slide", estimator=process)
+    options = {"rest": "friction", "estimator": process}
+    model = SemiparametricRegressor(urdf, joint="slide", **options)
     with pytest.warns(ConvergenceWarning, match="^Rest of 'slide': "):
         model.fit(X, Y[:, 1])
     assert model.summary()["rest"].tolist() == ["friction"]

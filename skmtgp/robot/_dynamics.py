@@ -45,6 +45,8 @@ class Dynamics:
         (10 J,). A link has the name of the joint that moves it.
     nominal : ndarray of shape (10 J,)
         Their values in the model.
+    sizes : ndarray of shape (10 J,)
+        How large each is in a link of that mass and extent.
     slides : list of bool
         Whether each joint slides.
     """

@@ -56,12 +56,13 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         Torques of each joint besides those of rigid bodies, see
         :class:`RigidBodyFeatures`.
     prior : {"evidence", "nominal"} or None, default=None
-        None is least squares. "evidence" is a normal prior around 0 of what each
-        parameter typically contributes to the torques, in units of y. Its variance is
-        the one that makes the data likeliest. "nominal" is the same prior around the
-        masses and inertias of the model. It suits motion that does not show all of
-        them. y must then be torques, and the model must have the robot's true masses
-        and inertias.
+        None is least squares. "evidence" is a normal prior around 0. Links, friction
+        and loads have one variance each, in units of what a parameter typically
+        contributes to the torques. The variances are those that make the data
+        likeliest. "nominal" is such a prior around the masses and inertias of the
+        model, for links in units of each link's own mass and extent. It suits motion
+        that does not show all of them. y must then be torques, and the model must have
+        the masses and inertias of such a robot.
     joint : int, str or None, default=None
         Position from 0, or name, of the joint whose torque is y. None means that y has
         a column for each joint.
@@ -111,6 +112,12 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     shortest of the solutions that fit equally well, in units of what each parameter
     typically contributes. Predictions that depend on such a direction have an infinite
     standard deviation.
+
+    With ``prior="nominal"`` the ten inertial parameters of a link of mass m vary on
+    their own, by a common factor times m, m r and m r^2, where r is the link's radius
+    of gyration about the origin of its joint. The base parameters, which are sums of
+    these, have the covariance that follows: a mass that the hand holds shows in all
+    joints at once.
 
     The parameters need not be those of a physical body: a mass may be negative if the
     data say little about it.

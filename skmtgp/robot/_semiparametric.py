@@ -29,6 +29,7 @@ from skmtgp.robot._solving import SMALLEST, evidence, join, power_of, solve
 # that of least squares, which has taken a part of it for links. More than two changed
 # errors by less than they differ between draws.
 N_ROUNDS = 2
+REST = "friction", "neighbours", "friction+neighbours"
 PARTS = "links", "friction", "load", "process"
 ROUNDING = 1e-20  # power of what is left relative to that of the torque
 CHUNK = 500  # rows of predictions at a time: columns of all tasks' loads are many
@@ -53,7 +54,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     .. math::
         \mathrm{cov}(g_j^m(z), g_j^{m'}(z')) = K^{\rho j}_{mm'} k_j(z, z')
 
-    with a squared exponential k_j and its own task covariance. A criterion decides for
+    with its own task covariance. k_j is a squared exponential, an exponential or the
+    sum of both. A criterion decides for
     each joint whether it has such a process. All three terms have a joint normal
     distribution: what the process explains, the links do not.
 
@@ -66,20 +68,27 @@ class SemiparametricRegressor(RigidBodyRegressor):
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
         Torques of each joint besides those of rigid bodies, see
         :class:`RigidBodyFeatures`.
-    rest : str, sequence of str or None, default="friction"
-        What the process of a joint depends on. "friction" is the joint's velocity, its
-        sign and the torque of the rigid bodies, for effects of bearings and gears.
-        "states" is positions, velocities and accelerations of all joints. If there are
-        several, the best one is chosen for each joint, or none of them. None means
-        rigid bodies alone.
+    rest : str, sequence of str or None
+        What the process of a joint depends on. By default it is one of the first,
+        the second and their sum, whichever is best for the joint, or none of them.
+
+        - "friction": the joint's velocity, its sign and the torque of the rigid
+          bodies, for effects of bearings and gears.
+        - "neighbours": errors that rows have in common if their states are near each
+          other. They are rough, and end where the training rows end.
+        - "friction+neighbours": the sum of both.
+        - "states": positions, velocities and accelerations of all joints.
+
+        None means rigid bodies alone.
     criterion : {"bic", "loo"}, default="bic"
         How the best is chosen. "bic" is the marginal likelihood of what rigid bodies
         leave, minus half the logarithm of the number of rows for each hyperparameter.
         "loo" is the density of each row given all others.
     estimator : MultiTaskGPRegressor, default=None
         Settings of the process: its K^rho, its kernel if it has one, and how it is
-        learned. Its levels, units and `target_transform` are ignored, and its
-        hyperparameters are those of the mode. None is ``MultiTaskGPRegressor(rank=1,
+        learned. A kernel must suit all words of `rest`. Its levels, units and
+        `target_transform` are ignored, and its hyperparameters are those of the mode.
+        None is ``MultiTaskGPRegressor(rank=1,
         shared=True, noise="shared")``: a function that all tasks share, and one that
         each has in its own amount.
     prior : {"evidence", "nominal"} or None, default="evidence"
@@ -143,8 +152,18 @@ class SemiparametricRegressor(RigidBodyRegressor):
     2.7). In the second round the process learns from what these leave. The variances
     treat its hyperparameters, and features that depend on rigid bodies, as known.
 
-    Features are limited to the range of the training rows. Outside, the process keeps
-    its value at the edge, where a squared exponential would fall back to 0.
+    Rows of a recording are neighbours in time, and so are their states. What a model
+    does not know of a robot, such as vibrations of its gears, they have in common. If
+    errors were independent, links and friction would be fitted to these. "neighbours"
+    is therefore an exponential kernel of all states, of one length-scale.
+
+    With ``prior="nominal"`` learning begins twice: with what least squares leaves, and
+    with what the model's own links leave. The likelier result is kept. Links that begin
+    at the likeliest values without a process have already taken its part.
+
+    The features of "friction" and "states" are limited to the range of the training
+    rows. Outside, the process keeps its value at the edge, where a squared exponential
+    would fall back to 0. Errors that neighbours have in common do fall back to 0.
 
     `sample_y` draws each joint independently, although joints have links in common.
 
@@ -190,11 +209,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         model: Any,
         *,
         friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-        rest: str | Sequence[str] | None = (
-            "friction",
-            "neighbours",
-            "friction+neighbours",
-        ),
+        rest: str | Sequence[str] | None = REST,
         criterion: Literal["bic", "loo"] = "bic",
         estimator: MultiTaskGPRegressor | None = None,
         prior: Literal["evidence", "nominal"] | None = "evidence",
@@ -236,6 +251,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         design, n = self._whole(x, codes), self._columns.n_links
         matrix, known = self._matrix[:, n:], Y - design @ self._centre
         groups = [group - n for group in self._groups[1:]]
+        if not matrix.shape[1]:
+            return [self._coef, self._centre]
         method = partial(evidence, groups=groups)
         found = solve(design @ matrix, known, method)[0]
         return [self._coef, self._centre + matrix @ found.coef]
@@ -508,11 +525,7 @@ def make_semiparametric_regressor(
     *,
     joint: int | str | None = None,
     friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-    rest: str | Sequence[str] | None = (
-        "friction",
-        "neighbours",
-        "friction+neighbours",
-    ),
+    rest: str | Sequence[str] | None = REST,
     estimator: MultiTaskGPRegressor | None = None,
     prior: Literal["evidence", "nominal"] | None = "evidence",
     empty_task: int | str | None = None,
@@ -529,9 +542,10 @@ def make_semiparametric_regressor(
         a column for each joint. All joints together tell much more about the links.
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
         Friction law, see :class:`RigidBodyFeatures`.
-    rest : str, sequence of str or None, default="friction"
-        What the process depends on: "friction" or "states". None means rigid bodies
-        alone.
+    rest : str, sequence of str or None
+        What the process depends on: "friction", "neighbours", their sum
+        "friction+neighbours", or "states". The best of them is chosen for each joint.
+        None means rigid bodies alone.
     estimator : MultiTaskGPRegressor, default=None
         Settings of the process: how tasks are related in it, and how it is learned.
     prior : {"evidence", "nominal"} or None, default="evidence"

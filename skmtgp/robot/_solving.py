@@ -29,6 +29,9 @@ class Solution(NamedTuple):
         with a prior.
     precision : ndarray of shape (n_columns,)
         Of the prior of each coefficient; 0 for least squares.
+    log_evidence : float
+        Log density of the targets under that prior, up to their number times a
+        constant; 0 for least squares.
     """
 
     coef: np.ndarray

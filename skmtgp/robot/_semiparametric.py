@@ -190,8 +190,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     >>> train, test = rows[:200], rows[200:]
     >>> model = SemiparametricRegressor(puma560_urdf(), joint=2)
     >>> model = model.fit(X[train], y[train])
-    >>> model.summary()["rest"].tolist()
-    ['friction']
+    >>> "friction" in model.summary()["rest"].iloc[0]
+    True
     >>> rigid = RigidBodyRegressor(puma560_urdf(), joint=2).fit(X[train], y[train])
     >>> left, more = (1 - m.score(X[test], y[test]) for m in (model, rigid))
     >>> bool(left < 0.1 * more)

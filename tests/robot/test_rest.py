@@ -54,7 +54,7 @@ def test_neighbours_have_one_length_scale_and_parts_of_one_unit(dynamics):
     parts = [x[:, [1]], turned, *(x[:, [i]] for i in (3, 2, 5, 4))]
     expected = [part / np.sqrt(np.square(part).mean()) for part in parts]
     np.testing.assert_allclose(features(x, np.zeros(50)), np.hstack(expected))
-    assert features.kernel() == Matern(0.5, (0.02, 10.0), nu=0.5)
+    assert features.kernel() == Matern(0.5, (0.02, 1.0), nu=0.5)
 
 
 def test_what_neighbours_have_in_common_ends_where_rows_end(dynamics):

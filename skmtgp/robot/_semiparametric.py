@@ -88,9 +88,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         Settings of the process: its K^rho, its kernel if it has one, and how it is
         learned. A kernel must suit all words of `rest`. Its levels, units and
         `target_transform` are ignored, and its hyperparameters are those of the mode.
-        None is ``MultiTaskGPRegressor(rank=1,
-        shared=True, noise="shared")``: a function that all tasks share, and one that
-        each has in its own amount.
+        None is ``MultiTaskGPRegressor(rank=1, shared=True, noise="shared")``: a
+        function that all tasks share, and one that each has in its own amount.
     prior : {"evidence", "nominal"} or None, default="evidence"
         Prior of links, friction and loads, see :class:`RigidBodyRegressor`.
     joint : int, str or None, default=None

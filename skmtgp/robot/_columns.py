@@ -148,6 +148,9 @@ class Columns:
         How many of them are parameters of links.
     nominal : ndarray of shape (n_columns,)
         The values that the model gives them; friction 0.
+    spread : ndarray of shape (n_links, n_links)
+        Factor of the covariance of the links' parameters, if those of each link vary
+        by as much as they are large.
     load : list of int
         Which of the ten parameters of a load in the last link can be told apart.
     """
@@ -164,8 +167,10 @@ class Columns:
         self._friction = self._names_of_friction(x, links[:, self._links])
         self.names = [dynamics.links[j] for j in self._links] + self._friction
         base = links[:, self._links]
-        regrouped = np.linalg.lstsq(base, links @ dynamics.nominal, rcond=None)[0]
-        self.nominal = np.concatenate([regrouped, np.zeros(len(self._friction))])
+        regrouped = np.linalg.lstsq(base, links, rcond=None)[0]
+        nominal = regrouped @ dynamics.nominal
+        self.nominal = np.concatenate([nominal, np.zeros(len(self._friction))])
+        self.spread = np.linalg.qr((regrouped * dynamics.sizes).T, mode="r").T
 
     def _names_of_friction(self, x, base):
         """Parameters of friction that those of links do not stand for."""

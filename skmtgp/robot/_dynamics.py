@@ -45,6 +45,8 @@ class Dynamics:
         (10 J,). A link has the name of the joint that moves it.
     nominal : ndarray of shape (10 J,)
         Their values in the model.
+    sizes : ndarray of shape (10 J,)
+        How large each is in a link of that mass and extent.
     slides : list of bool
         Whether each joint slides.
     """
@@ -58,6 +60,7 @@ class Dynamics:
         self.links = [f"{of}({joint})" for joint in self.names for of in INERTIAL]
         inertias = list(self._model.inertias)[1:]
         self.nominal = np.concatenate([i.toDynamicParameters() for i in inertias])
+        self.sizes = np.concatenate([_sizes(inertia) for inertia in inertias])
         joints = list(self._model.joints)[1:]
         self._turns_freely = [joint.nq == 2 for joint in joints]
         self.slides = [joint.shortname().startswith(SLIDING) for joint in joints]
@@ -200,6 +203,13 @@ def _read(pin, model):
             f"model={given} cannot be read as a URDF: {error} The lines above, from "
             "the parser, say where it is wrong. A file of xacro must be expanded first."
         ) from error
+
+
+def _sizes(inertia):
+    """How large the ten parameters of a link are, by its mass and its extent."""
+    m, *_, xx, _, yy, _, _, zz = inertia.toDynamicParameters()
+    extent = np.sqrt(max(xx + yy + zz, 0.0) / (2.0 * m)) if m > 0.0 else 0.0
+    return m * extent ** np.repeat([0, 1, 2], [1, 3, 6])
 
 
 def _check(model):

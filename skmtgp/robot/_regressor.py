@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
+from functools import partial
 from numbers import Integral
 from typing import Any, Literal, Self
 
@@ -28,7 +29,7 @@ from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbac
 from skmtgp.robot._columns import Columns, check_friction
 from skmtgp.robot._dynamics import INERTIAL, Dynamics
 from skmtgp.robot._one_state import Torques
-from skmtgp.robot._solving import METHODS, join, solve, typical
+from skmtgp.robot._solving import evidence, join, plain, solve, typical
 
 BLIND = 1e-6  # share of a direction that the data do not show, above which it counts
 
@@ -55,12 +56,13 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         Torques of each joint besides those of rigid bodies, see
         :class:`RigidBodyFeatures`.
     prior : {"evidence", "nominal"} or None, default=None
-        None is least squares. "evidence" is a normal prior around 0 of what each
-        parameter typically contributes to the torques, in units of y. Its variance is
-        the one that makes the data likeliest. "nominal" is the same prior around the
-        masses and inertias of the model. It suits motion that does not show all of
-        them. y must then be torques, and the model must have the robot's true masses
-        and inertias.
+        None is least squares. "evidence" is a normal prior around 0. Links, friction
+        and loads have one variance each, in units of what a parameter typically
+        contributes to the torques. The variances are those that make the data
+        likeliest. "nominal" is such a prior around the masses and inertias of the
+        model, for links in units of each link's own mass and extent. It suits motion
+        that does not show all of them. y must then be torques, and the model must have
+        the masses and inertias of such a robot.
     joint : int, str or None, default=None
         Position from 0, or name, of the joint whose torque is y. None means that y has
         a column for each joint.
@@ -110,6 +112,12 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     shortest of the solutions that fit equally well, in units of what each parameter
     typically contributes. Predictions that depend on such a direction have an infinite
     standard deviation.
+
+    With ``prior="nominal"`` the ten inertial parameters of a link of mass m vary on
+    their own, by a common factor times m, m r and m r^2, where r is the link's radius
+    of gyration about the origin of its joint. The base parameters, which are sums of
+    these, have the covariance that follows: a mass that the hand holds shows in all
+    joints at once.
 
     The parameters need not be those of a physical body: a mass may be negative if the
     data say little about it.
@@ -213,18 +221,41 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._check_outputs(Y)
         columns, load = self._columns.of(x)
         self._scale = typical(columns, Y), typical(load, Y)
-        to_loads = np.kron(self._code(tasks), np.eye(load.shape[2]))
-        self._matrix = block_diag(np.eye(columns.shape[2]), to_loads)
-        self._centre = np.zeros(len(self._matrix))
-        if self.prior == "nominal":
-            self._centre[: len(self._scale[0])] = self._columns.nominal * self._scale[0]
+        self._set_prior(tasks)
         design = self._whole(x, codes)
         solution, noise, self._freedom = solve(
-            design @ self._matrix, Y - design @ self._centre, METHODS[self.prior]
+            design @ self._matrix, Y - design @ self._centre, self._method()
         )
         warn_of_noise((self._freedom >= 1.0)[:, None])
         self._noise_variances = noise
         self._keep(solution)
+
+    def _set_prior(self, tasks):
+        """Set the coordinates in which coefficients have a prior around 0."""
+        (scale, of_load), n_links = self._scale, self._columns.n_links
+        links, friction = np.eye(n_links), np.eye(len(scale) - n_links)
+        to_loads = np.kron(self._code(tasks), np.eye(len(of_load)))
+        centre = np.zeros(len(scale) + len(to_loads))
+        if self.prior == "nominal":
+            self._check_masses()
+            links = self._columns.spread * scale[:n_links, None]
+            centre[: len(scale)] = self._columns.nominal * scale
+        self._matrix, self._centre = block_diag(links, friction, to_loads), centre
+        every = np.arange(self._matrix.shape[1])
+        self._groups = np.split(every, [n_links, len(scale)])
+
+    def _check_masses(self):
+        if not self._columns.spread.any():
+            raise ValueError(
+                "prior='nominal' needs the masses of the links, and the model has "
+                "none. Set prior='evidence'."
+            )
+
+    def _method(self):
+        """How coefficients are found."""
+        if self.prior is None:
+            return plain
+        return partial(evidence, groups=self._groups)
 
     def _check_outputs(self, Y):
         n, names = len(self._columns.joints), self._columns.dynamics.names
@@ -308,7 +339,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision)
+        new = join(load, left, self._noise_variances, self._precision[-1])
         model = copy(self)
         model.tasks_ = np.append(self.tasks_, label)
         model._coef = np.append(self._coef, new.coef)

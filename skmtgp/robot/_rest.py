@@ -4,15 +4,19 @@ from typing import NamedTuple
 
 import numpy as np
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._support.warnings import collect_warnings
+from skmtgp.kernels import Columns
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._columns import FRICTION, check_words
 
 # Length-scales in units of a feature's size: shorter ones than a tenth fit noise.
 LENGTH_SCALE, BOUNDS = 3.0, (0.1, 10.0)
+# Those of errors that neighbours have in common: a longer one relates all states
+NEAR, NEAR_BOUNDS = 0.5, (0.02, 1.0)
+SHARE, SHARE_BOUNDS = 0.1, (1e-5, 1e5)  # of the second part of a sum
 NONE = "none"
 
 
@@ -20,17 +24,43 @@ def _friction(dynamics, x, link, joint):
     """Velocity, its sign, and the torque that the gear passes on."""
     _, qd, qdd = dynamics.states(x)
     sign = FRICTION["coulomb"]["coulomb"](qd[:, joint], qdd[:, joint])
-    return np.column_stack([qd[:, joint], sign, link])
+    return [qd[:, [joint]], sign[:, None], link[:, None]]
 
 
 def _states(dynamics, x, link, joint):
     """All positions, those of joints that turn as cosine and sine, and rates."""
     q, qd, qdd = dynamics.states(x)
     turns = ~np.array(dynamics.slides)
-    return np.hstack([q[:, ~turns], np.cos(q[:, turns]), np.sin(q[:, turns]), qd, qdd])
+    parts = q[:, ~turns], np.cos(q[:, turns]), np.sin(q[:, turns]), qd, qdd
+    columns = np.hstack(parts)
+    return np.hsplit(columns, columns.shape[1])
 
 
-KINDS = {"friction": _friction, "states": _states}
+def _neighbours(dynamics, x, link, joint):
+    """The same, in parts that have one unit."""
+    q, qd, qdd = dynamics.states(x)
+    slides = np.array(dynamics.slides)
+    turned = np.hstack([np.cos(q[:, ~slides]), np.sin(q[:, ~slides])])
+    rates = [rate[:, of] for rate in (qd, qdd) for of in (slides, ~slides)]
+    return [part for part in (q[:, slides], turned, *rates) if part.shape[1]]
+
+
+def _smooth(width):
+    """A length-scale for each feature."""
+    return RBF(np.full(width, LENGTH_SCALE), BOUNDS)
+
+
+def _rough(width):
+    """One length-scale: what is not white along a path, of any shape."""
+    return Matern(NEAR, NEAR_BOUNDS, nu=0.5)
+
+
+KINDS = {
+    "friction": (_friction, _smooth),
+    "states": (_states, _smooth),
+    "neighbours": (_neighbours, _rough),
+}
+WORDS = [*KINDS, "friction+neighbours"]
 
 
 def check_rest(rest):
@@ -39,7 +69,7 @@ def check_rest(rest):
     Parameters
     ----------
     rest : str, sequence of str or None
-        "friction" or "states"; None: nothing.
+        Of `WORDS`; None: nothing.
 
     Returns
     -------
@@ -51,7 +81,7 @@ def check_rest(rest):
     TypeError, ValueError
         If they are none of these.
     """
-    return check_words("rest", rest, KINDS)
+    return check_words("rest", rest, WORDS)
 
 
 class Features:
@@ -63,7 +93,7 @@ class Features:
     Parameters
     ----------
     kind : str
-        Of `KINDS`.
+        Of `WORDS`.
     dynamics : Dynamics
         The robot.
     joint : int
@@ -76,17 +106,44 @@ class Features:
 
     def __init__(self, kind, dynamics, joint, x, link):
         self.kind, self.dynamics, self.joint = kind, dynamics, joint
+        self.sizes = [[part.shape[1] for part in of] for of in self._parts(x, link)]
         values = self._of(x, link)
-        self.lower, self.upper = values.min(axis=0), values.max(axis=0)
-        size = np.sqrt(np.square(values).mean(axis=0))
+        sizes = np.concatenate(self.sizes)
+        near = np.repeat([w == "neighbours" for w in kind.split("+")], self._widths())
+        self.lower = np.where(near, -np.inf, values.min(axis=0))
+        self.upper = np.where(near, np.inf, values.max(axis=0))
+        power = np.square(values).mean(axis=0)
+        ends = np.append(0, np.cumsum(sizes)[:-1])
+        size = np.repeat(np.sqrt(np.add.reduceat(power, ends) / sizes), sizes)
         self.scale = np.where(size > 0.0, size, 1.0)
 
+    def _widths(self):
+        """How many features each word has."""
+        return [sum(sizes) for sizes in self.sizes]
+
+    def _parts(self, x, link):
+        """Of each word, columns that have one unit."""
+        words = self.kind.split("+")
+        return [KINDS[word][0](self.dynamics, x, link, self.joint) for word in words]
+
     def _of(self, x, link):
-        return KINDS[self.kind](self.dynamics, x, link, self.joint)
+        return np.hstack([part for of in self._parts(x, link) for part in of])
 
     def __call__(self, x, link):
         """The features of some rows, of shape (n_samples, n_features)."""
         return np.clip(self._of(x, link), self.lower, self.upper) / self.scale
+
+    def kernel(self):
+        """That of the word, or the sum of those of several."""
+        words, widths = self.kind.split("+"), self._widths()
+        kernels = [
+            KINDS[word][1](width) for word, width in zip(words, widths, strict=True)
+        ]
+        if len(kernels) == 1:
+            return kernels[0]
+        parts = np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1])
+        first, *others = map(Columns, kernels, [part.tolist() for part in parts])
+        return sum((ConstantKernel(SHARE, SHARE_BOUNDS) * k for k in others), first)
 
 
 class Rest(NamedTuple):
@@ -95,7 +152,7 @@ class Rest(NamedTuple):
     Attributes
     ----------
     name : str
-        Of `KINDS`, or `NONE`.
+        Of `WORDS`, or `NONE`.
     features : Features or None
         What it depends on.
     model : MultiTaskGPRegressor or None
@@ -176,7 +233,7 @@ def choose(kinds, make, left, tasks, estimator, criterion):
     for kind in kinds:
         features, z = make(kind)
         with collect_warnings() as warnings:
-            model = _learn(estimator, np.column_stack([z, tasks]), left)
+            model = _learn(estimator, features, np.column_stack([z, tasks]), left)
             told = _tell(kind, model, left, criterion)
         rest = Rest(kind, features, model, model.noise_variance_)
         candidates.append((rest, told, warnings))
@@ -185,13 +242,12 @@ def choose(kinds, make, left, tasks, estimator, criterion):
     return best[0], table, best[2]
 
 
-def _learn(estimator, Z, left):
+def _learn(estimator, features, Z, left):
     """A model of what is left, whose mean is 0: a constant is a part of friction."""
-    kernel = RBF(np.full(Z.shape[1] - 1, LENGTH_SCALE), BOUNDS)
     units = {"task_levels": False, "normalize_y": False, "target_transform": None}
     model = clone(estimator).set_params(task_feature=-1, **units)
     if model.kernel is None:
-        model.set_params(kernel=kernel)
+        model.set_params(kernel=features.kernel())
     return model.fit(Z, left)
 
 
@@ -235,3 +291,8 @@ def whiten(scale, B):
         What is linear in the targets.
     """
     return scale.half_solve(B) if isinstance(scale, Cholesky) else B / scale
+
+
+def log_det(scale, n):
+    """Log determinant of the covariance of n rows, of such a scale."""
+    return scale.log_det() if isinstance(scale, Cholesky) else 2.0 * n * np.log(scale)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from functools import partial
+from operator import itemgetter
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -21,13 +22,14 @@ from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp._support.warnings import warn
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._regressor import BLIND, RigidBodyRegressor
-from skmtgp.robot._rest import NONE, Features, check_rest, choose, whiten
-from skmtgp.robot._solving import METHODS, SMALLEST, join, power_of
+from skmtgp.robot._rest import NONE, Features, check_rest, choose, log_det, whiten
+from skmtgp.robot._solving import SMALLEST, evidence, join, power_of, solve
 
 # Of learning what is left and, given that, links and friction anew: the first rest is
 # that of least squares, which has taken a part of it for links. More than two changed
 # errors by less than they differ between draws.
 N_ROUNDS = 2
+REST = "friction", "neighbours", "friction+neighbours"
 PARTS = "links", "friction", "load", "process"
 ROUNDING = 1e-20  # power of what is left relative to that of the torque
 CHUNK = 500  # rows of predictions at a time: columns of all tasks' loads are many
@@ -52,7 +54,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     .. math::
         \mathrm{cov}(g_j^m(z), g_j^{m'}(z')) = K^{\rho j}_{mm'} k_j(z, z')
 
-    with a squared exponential k_j and its own task covariance. A criterion decides for
+    with its own task covariance. k_j is a squared exponential, an exponential or the
+    sum of both. A criterion decides for
     each joint whether it has such a process. All three terms have a joint normal
     distribution: what the process explains, the links do not.
 
@@ -65,22 +68,28 @@ class SemiparametricRegressor(RigidBodyRegressor):
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
         Torques of each joint besides those of rigid bodies, see
         :class:`RigidBodyFeatures`.
-    rest : str, sequence of str or None, default="friction"
-        What the process of a joint depends on. "friction" is the joint's velocity, its
-        sign and the torque of the rigid bodies, for effects of bearings and gears.
-        "states" is positions, velocities and accelerations of all joints. If there are
-        several, the best one is chosen for each joint, or none of them. None means
-        rigid bodies alone.
+    rest : str, sequence of str or None
+        What the process of a joint depends on. By default it is one of the first,
+        the second and their sum, whichever is best for the joint, or none of them.
+
+        - "friction": the joint's velocity, its sign and the torque of the rigid
+          bodies, for effects of bearings and gears.
+        - "neighbours": errors that rows have in common if their states are near each
+          other. They are rough, and end where the training rows end.
+        - "friction+neighbours": the sum of both.
+        - "states": positions, velocities and accelerations of all joints.
+
+        None means rigid bodies alone.
     criterion : {"bic", "loo"}, default="bic"
         How the best is chosen. "bic" is the marginal likelihood of what rigid bodies
         leave, minus half the logarithm of the number of rows for each hyperparameter.
         "loo" is the density of each row given all others.
     estimator : MultiTaskGPRegressor, default=None
         Settings of the process: its K^rho, its kernel if it has one, and how it is
-        learned. Its levels, units and `target_transform` are ignored, and its
-        hyperparameters are those of the mode. None is ``MultiTaskGPRegressor(rank=1,
-        shared=True, noise="shared")``: a function that all tasks share, and one that
-        each has in its own amount.
+        learned. A kernel must suit all words of `rest`. Its levels, units and
+        `target_transform` are ignored, and its hyperparameters are those of the mode.
+        None is ``MultiTaskGPRegressor(rank=1, shared=True, noise="shared")``: a
+        function that all tasks share, and one that each has in its own amount.
     prior : {"evidence", "nominal"} or None, default="evidence"
         Prior of links, friction and loads, see :class:`RigidBodyRegressor`.
     joint : int, str or None, default=None
@@ -142,8 +151,18 @@ class SemiparametricRegressor(RigidBodyRegressor):
     2.7). In the second round the process learns from what these leave. The variances
     treat its hyperparameters, and features that depend on rigid bodies, as known.
 
-    Features are limited to the range of the training rows. Outside, the process keeps
-    its value at the edge, where a squared exponential would fall back to 0.
+    Rows of a recording are neighbours in time, and so are their states. What a model
+    does not know of a robot, such as vibrations of its gears, they have in common. If
+    errors were independent, links and friction would be fitted to these. "neighbours"
+    is therefore an exponential kernel of all states, of one length-scale.
+
+    With ``prior="nominal"`` learning begins twice: with what least squares leaves, and
+    with what the model's own links leave. The likelier result is kept. Links that begin
+    at the likeliest values without a process have already taken its part.
+
+    The features of "friction" and "states" are limited to the range of the training
+    rows. Outside, the process keeps its value at the edge, where a squared exponential
+    would fall back to 0. Errors that neighbours have in common do fall back to 0.
 
     `sample_y` draws each joint independently, although joints have links in common.
 
@@ -170,8 +189,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     >>> train, test = rows[:200], rows[200:]
     >>> model = SemiparametricRegressor(puma560_urdf(), joint=2)
     >>> model = model.fit(X[train], y[train])
-    >>> model.summary()["rest"].tolist()
-    ['friction']
+    >>> "friction" in model.summary()["rest"].iloc[0]
+    True
     >>> rigid = RigidBodyRegressor(puma560_urdf(), joint=2).fit(X[train], y[train])
     >>> left, more = (1 - m.score(X[test], y[test]) for m in (model, rigid))
     >>> bool(left < 0.1 * more)
@@ -189,7 +208,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         model: Any,
         *,
         friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-        rest: str | Sequence[str] | None = "friction",
+        rest: str | Sequence[str] | None = REST,
         criterion: Literal["bic", "loo"] = "bic",
         estimator: MultiTaskGPRegressor | None = None,
         prior: Literal["evidence", "nominal"] | None = "evidence",
@@ -213,11 +232,45 @@ class SemiparametricRegressor(RigidBodyRegressor):
         kinds = check_rest(self.rest)
         super()._fit(x, codes, tasks, y)
         self._rows_in_training = x, codes, y.reshape(len(y), -1)
-        for _ in range(N_ROUNDS):
-            told = self._learn_rests(kinds)
-            self._settle()
+        learned = [self._learned_from(start, kinds) for start in self._starts()]
+        _, attributes, told = min(learned, key=itemgetter(0))
+        vars(self).update(attributes)
         for category, message in told:
             warn(message, category)
+
+    def _starts(self):
+        """Coefficients to begin with: the likeliest, and those with the model's links.
+
+        Where all is left to links and noise, links take for theirs what a process
+        would explain. The description's own leave it to the process.
+        """
+        if self.prior != "nominal":
+            return [self._coef]
+        x, codes, Y = self._rows_in_training
+        design, n = self._whole(x, codes), self._columns.n_links
+        matrix, known = self._matrix[:, n:], Y - design @ self._centre
+        groups = [group - n for group in self._groups[1:]]
+        if not matrix.shape[1]:
+            return [self._coef, self._centre]
+        method = partial(evidence, groups=groups)
+        found = solve(design @ matrix, known, method)[0]
+        return [self._coef, self._centre + matrix @ found.coef]
+
+    def _learned_from(self, start, kinds):
+        """Deviance, attributes and warnings of what is learned from such links."""
+        model = copy(self)
+        model._coef = start
+        for _ in range(N_ROUNDS):
+            told = model._learn_rests(kinds)
+            model._settle()
+        return model._deviance(), vars(model), told
+
+    def _deviance(self):
+        """-2 log evidence of all torques and, as in BIC, a price of the processes."""
+        n = len(self._rows_in_training[0])
+        chosen = [row["n_hyperparameters"] for row in self._table if row["chosen"]]
+        sizes = [log_det(factor, n) for factor in self._factors]
+        return np.log(n) * sum(chosen) + sum(sizes) - 2.0 * self._evidence
 
     def _learn_rests(self, kinds):
         """Learn the process of each joint; give the warnings of those chosen."""
@@ -286,7 +339,12 @@ class SemiparametricRegressor(RigidBodyRegressor):
         targets = [whiten(L, Y[:, i]) for i, L in joints]
         A, b = np.concatenate(self._whitened), np.concatenate(targets)
         self._noise_variances = np.array([np.mean(rest.noise) for rest in self._rests])
-        self._keep(METHODS[self.prior](A @ self._matrix, b - A @ self._centre))
+        start = self._precision
+        if len(start) != self._matrix.shape[1]:
+            start = None
+        found = self._method()(A @ self._matrix, b - A @ self._centre, start)
+        self._evidence = found.log_evidence
+        self._keep(found)
         self._left = [
             target - W @ self._coef
             for target, W in zip(targets, self._whitened, strict=True)
@@ -386,10 +444,13 @@ class SemiparametricRegressor(RigidBodyRegressor):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision).coef
+        new = join(load, left, self._noise_variances, self._precision[-1]).coef
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
         self._centre = np.append(self._centre, np.zeros(len(new)))
+        links, friction, loads = self._groups
+        own = self._matrix.shape[1] + np.arange(len(new))
+        self._groups = [links, friction, np.append(loads, own)]
         self._matrix = block_diag(self._matrix, np.eye(len(new)))
 
     def _join_rests(self, x, code, Y):
@@ -463,7 +524,7 @@ def make_semiparametric_regressor(
     *,
     joint: int | str | None = None,
     friction: str | Sequence[str] | None = ("viscous", "asymmetric", "rotor"),
-    rest: str | Sequence[str] | None = "friction",
+    rest: str | Sequence[str] | None = REST,
     estimator: MultiTaskGPRegressor | None = None,
     prior: Literal["evidence", "nominal"] | None = "evidence",
     empty_task: int | str | None = None,
@@ -480,9 +541,10 @@ def make_semiparametric_regressor(
         a column for each joint. All joints together tell much more about the links.
     friction : str, sequence of str or None, default=("viscous", "asymmetric", "rotor")
         Friction law, see :class:`RigidBodyFeatures`.
-    rest : str, sequence of str or None, default="friction"
-        What the process depends on: "friction" or "states". None means rigid bodies
-        alone.
+    rest : str, sequence of str or None
+        What the process depends on: "friction", "neighbours", their sum
+        "friction+neighbours", or "states". The best of them is chosen for each joint.
+        None means rigid bodies alone.
     estimator : MultiTaskGPRegressor, default=None
         Settings of the process: how tasks are related in it, and how it is learned.
     prior : {"evidence", "nominal"} or None, default="evidence"

@@ -8,6 +8,8 @@ from skmtgp._numerics.linalg import RESOLVED
 
 N_ROUNDS = 50  # of weights and coefficients, most often fewer than ten
 CHANGE = 1e-3  # relative, of a noise variance that need not be learned again
+SHRINK = 1e-4  # the same of the precision of a prior
+N_STEPS = 100  # of that precision; one that grows without end changes nothing
 NOTHING = 1e-10  # size of a column relative to the largest: rounding
 SMALLEST = 1e-24  # noise variance relative to the power of the torque: rounding
 
@@ -25,14 +27,18 @@ class Solution(NamedTuple):
     blind : ndarray of shape (n_columns, n_blind)
         Directions that the data do not show, in which the coefficients are 0; none
         with a prior.
-    precision : float
+    precision : ndarray of shape (n_columns,)
         Of the prior of each coefficient; 0 for least squares.
+    log_evidence : float
+        Log density of the targets under that prior, up to their number times a
+        constant; 0 for least squares.
     """
 
     coef: np.ndarray
     factor: np.ndarray
     blind: np.ndarray
-    precision: float
+    precision: np.ndarray
+    log_evidence: float = 0.0
 
     @property
     def covariance(self):
@@ -41,34 +47,67 @@ class Solution(NamedTuple):
 
 
 def least_squares(A, b, precision=0.0):
-    """Posterior under a normal prior of a given precision; the noise has variance 1.
+    """Posterior under a normal prior of given precisions; the noise has variance 1.
 
     Without a prior it is the shortest solution of those that fit best.
     """
-    U, s, V, blind = _decompose(A)
-    factor = V / np.sqrt(s**2 + precision)
-    if precision:
-        factor = np.hstack([factor, blind / np.sqrt(precision)])
-        blind = blind[:, :0]
-    coef = V @ (s * (U.T @ b) / (s**2 + precision))
-    return Solution(coef, factor, blind, precision)
+    precision = np.broadcast_to(np.asarray(precision, np.float64), A.shape[1])
+    if not precision.any():
+        U, s, V, blind = _decompose(A)
+        return Solution(V @ ((U.T @ b) / s), V / s, blind, precision)
+    root = np.sqrt(precision)  # the coefficients' prior variance is then 1
+    U, s, V, unseen = _decompose(A / root)
+    coef = V @ (s * (U.T @ b) / (s**2 + 1.0))
+    factor = np.hstack([V / np.sqrt(s**2 + 1.0), unseen])
+    fit = np.sum(np.square(b - A @ (coef / root))) + coef @ coef
+    value = -0.5 * (fit + np.log1p(s**2).sum())
+    coef, factor = coef / root, factor / root[:, None]
+    return Solution(coef, factor, unseen[:, :0], precision, value)
 
 
-def evidence(A, b):
+def plain(A, b, start):
+    """Least squares, which start nowhere."""
+    return least_squares(A, b)
+
+
+def evidence(A, b, start=None, groups=None):
     """The posterior under the normal prior that makes the data likeliest.
 
-    MacKay's fixed point: the number of coefficients that the data determine is the
-    precision of the prior times the sum of their squares.
+    MacKay's fixed point: the number of coefficients of a group that the data determine
+    is the precision of their prior times the sum of their squares.
+
+    Parameters
+    ----------
+    A : ndarray of shape (n_rows, n_columns)
+        What the targets are linear in; the noise has variance 1.
+    b : ndarray of shape (n_rows,)
+        Targets.
+    start : ndarray of shape (n_columns,), default=None
+        Precisions to begin with.
+    groups : list of ndarray of int, default=None
+        Columns whose coefficients have one prior variance; None: all of them.
     """
-    U, s, _, _ = _decompose(A)
-    shown, precision = s * (U.T @ b), 1.0
-    for _ in range(N_ROUNDS * 20):
-        before = precision
-        size = np.sum(np.square(shown / (s**2 + precision)))
-        precision = np.sum(s**2 / (s**2 + precision)) / max(size, SMALLEST)
-        if abs(precision - before) <= 1e-8 * before:
+    groups = [np.arange(A.shape[1])] if groups is None else groups
+    if len(A) > A.shape[1]:
+        whole = np.linalg.qr(np.column_stack([A, b]), mode="r")
+        A, b = whole[:, :-1], whole[:, -1]
+    precision = np.ones(A.shape[1]) if start is None else start.copy()
+    for _ in range(N_STEPS):
+        before = precision.copy()
+        shown, size = _shown(A, b, before)
+        for group in groups:
+            precision[group] = shown[group].sum() / max(size[group].sum(), SMALLEST)
+        if (np.abs(precision - before) <= SHRINK * before).all():
             break
     return least_squares(A, b, precision)
+
+
+def _shown(A, b, precision):
+    """How far the data determine each coefficient, from 0 to 1, and its square."""
+    root = np.sqrt(precision)
+    U, s, V, _ = _decompose(A / root)
+    coef = V @ (s * (U.T @ b) / (s**2 + 1.0)) / root
+    return np.square(V) @ (s**2 / (s**2 + 1.0)), np.square(coef)
 
 
 def _decompose(A):
@@ -76,9 +115,6 @@ def _decompose(A):
     U, s, Vt = np.linalg.svd(A, full_matrices=A.shape[0] < A.shape[1])
     n = int((s > RESOLVED * max(A.shape) * s.max(initial=0.0)).sum())
     return U[:, :n], s[:n], Vt[:n].T, Vt[n:].T
-
-
-METHODS = {None: least_squares, "evidence": evidence, "nominal": evidence}
 
 
 def solve(A, Y, method):
@@ -91,7 +127,7 @@ def solve(A, Y, method):
     Y : ndarray of shape (n_samples, n_joints)
         Torques.
     method : callable
-        `least_squares` or `evidence`.
+        `plain` or `evidence`.
 
     Returns
     -------
@@ -104,10 +140,11 @@ def solve(A, Y, method):
     """
     n, power = len(Y), power_of(Y)
     A, Y = compress(A, Y)
-    noise = power
+    noise, precision = power, None
     for _ in range(N_ROUNDS):
         before = noise
-        solution = method(*weigh(A, Y, noise))
+        solution = method(*weigh(A, Y, noise), precision)
+        precision = solution.precision
         spread = np.square(A @ solution.factor).sum(axis=(0, 2))
         freedom = n - spread / noise
         left = np.sum(np.square(Y - A @ solution.coef), axis=0)

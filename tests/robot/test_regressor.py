@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import pandas as pd
 import pytest
-from rigid import rnea, states
+from rigid import rnea, states, two_joints
 from scipy.stats import multivariate_normal
 from sklearn.base import clone
 from sklearn.linear_model import BayesianRidge
@@ -282,7 +282,7 @@ def test_the_posterior_is_the_textbooks():
 
 def test_the_prior_is_the_likeliest():
     A, _, b = random_problem()
-    found = evidence(A, b).precision
+    found = evidence(A, b).precision[0]
 
     def log_evidence(precision):
         covariance = A @ A.T / precision + np.eye(len(A))
@@ -290,6 +290,54 @@ def test_the_prior_is_the_likeliest():
 
     values = [log_evidence(found * factor) for factor in (0.95, 1.0, 1.05)]
     assert values[1] > max(values[0], values[2])
+
+
+def test_each_group_has_its_likeliest_prior():
+    rng = np.random.default_rng(1)
+    A, beta = rng.normal(size=(60, 4)), np.array([0.5, -1.0, 20.0, 10.0])
+    b = A @ beta + rng.normal(size=60)
+    found = evidence(A, b, groups=[np.arange(2), np.arange(2, 4)])
+    np.testing.assert_array_equal(found.precision[[0, 2]], found.precision[[1, 3]])
+    assert found.precision[2] != pytest.approx(found.precision[0], rel=0.1)
+
+    def log_evidence(factors):
+        covariance = A / (found.precision * np.repeat(factors, 2)) @ A.T + np.eye(
+            len(A)
+        )
+        return multivariate_normal(np.zeros(len(A)), covariance).logpdf(b)
+
+    best = log_evidence([1.0, 1.0])
+    assert found.log_evidence == pytest.approx(best + 0.5 * len(b) * np.log(2 * np.pi))
+    for factors in ([0.9, 1.0], [1.1, 1.0], [1.0, 0.9], [1.0, 1.1]):
+        assert log_evidence(factors) < best
+
+
+def test_a_nominal_prior_is_in_units_of_each_links_mass_and_extent(puma, moved):
+    X, Y, _ = moved
+    model = RigidBodyRegressor(puma, prior="nominal").fit(X[::9], Y[::9])
+    columns, dynamics = model._columns, model._columns.dynamics
+    m, *_, xx, _, yy, _, _, zz = dynamics.nominal.reshape(-1, 10)[2]
+    extent = np.sqrt((xx + yy + zz) / (2 * m))
+    expected = m * np.array([1.0, *[extent] * 3, *[extent**2] * 6])
+    np.testing.assert_allclose(dynamics.sizes[20:30], expected)
+    # the same torques as of links that vary on their own
+    x = X[:3, :-1]
+    whole = dynamics.regressor(x, range(6), range(60)).reshape(-1, 60) * dynamics.sizes
+    base = columns.of(x)[0][:, :, : columns.n_links].reshape(18, -1) @ columns.spread
+    np.testing.assert_allclose(base @ base.T, whole @ whole.T, rtol=1e-6, atol=1e-8)
+
+
+def test_a_nominal_prior_needs_masses(moved):
+    weightless = two_joints("revolute", "revolute").replace(
+        'mass value="2"', 'mass value="0"'
+    )
+    assert weightless != two_joints("revolute", "revolute")
+    with pytest.raises(
+        ValueError, match="prior='nominal' needs the masses of the links"
+    ):
+        RigidBodyRegressor(weightless, prior="nominal").fit(
+            states(20, 2), np.ones((20, 2))
+        )
 
 
 def test_one_joint_is_scikit_learns_bayesian_ridge():

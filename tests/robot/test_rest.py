@@ -1,8 +1,11 @@
 """What may be left of a torque: its features, and which one is chosen."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from rigid import states, two_joints
+from sklearn.gaussian_process.kernels import RBF, Matern
 
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.robot._rest import NONE, Features, check_rest, choose
@@ -44,6 +47,38 @@ def test_features_stay_where_rows_have_been(dynamics):
     )
 
 
+def test_neighbours_have_one_length_scale_and_parts_of_one_unit(dynamics):
+    x = states(50, 2)[:, :-1]
+    features = Features("neighbours", dynamics, 1, x, np.zeros(50))
+    turned = np.column_stack([np.cos(x[:, 0]), np.sin(x[:, 0])])
+    parts = [x[:, [1]], turned, *(x[:, [i]] for i in (3, 2, 5, 4))]
+    expected = [part / np.sqrt(np.square(part).mean()) for part in parts]
+    np.testing.assert_allclose(features(x, np.zeros(50)), np.hstack(expected))
+    assert features.kernel() == Matern(0.5, (0.02, 1.0), nu=0.5)
+
+
+def test_what_neighbours_have_in_common_ends_where_rows_end(dynamics):
+    x, link = states(50, 2)[:, :-1], np.zeros(50)
+    features = Features("friction+neighbours", dynamics, 0, x, link)
+    far, farther = 9.0 * x[:1], 90.0 * x[:1]
+    near, rough = np.split(
+        features(farther, link[:1]) - features(far, link[:1]), [3], 1
+    )
+    assert (near == 0.0).all()
+    assert (rough[0, -4:] != 0.0).all()
+
+
+def test_a_sum_has_the_kernels_of_its_words(dynamics):
+    x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
+    words = "friction", "neighbours"
+    single = [Features(word, dynamics, 0, x, link) for word in words]
+    both = Features("+".join(words), dynamics, 0, x, link)
+    parts = [features(x, link) for features in single]
+    np.testing.assert_array_equal(both(x, link), np.hstack(parts))
+    smooth, rough = (of.kernel()(z) for of, z in zip(single, parts, strict=True))
+    np.testing.assert_allclose(both.kernel()(both(x, link)), smooth + 0.1 * rough)
+
+
 def test_a_joint_at_rest_has_finite_features(dynamics):
     x = states(5, 2)[:, :-1]
     x[:, 2] = 0.0
@@ -57,7 +92,7 @@ def best_of(left, criterion):
     tasks, process = np.repeat([0, 1], 30), MultiTaskGPRegressor(rank=1, shared=True)
 
     def make(kind):
-        return None, z
+        return SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0))), z
 
     return choose(["states"], make, left(z[:, 0]), tasks, process, criterion)
 

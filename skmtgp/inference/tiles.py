@@ -73,7 +73,9 @@ class TiledLikelihood(Likelihood):
     @cached_property
     def _below(self):
         """Which pairs are below the diagonal, of the highest tile."""
-        return np.tri(max(of.stop - of.start for of, _ in self.blocks), k=-1, dtype=bool)
+        return np.tri(
+            max(of.stop - of.start for of, _ in self.blocks), k=-1, dtype=bool
+        )
 
     @abstractmethod
     def _differentiate(self, theta):

@@ -58,7 +58,8 @@ def main():
             best = getattr(model, "best_estimator_", model)
             print(
                 f"{case:6} {n:5d} {seed:5d} {seconds:12.1f} {goal:5d} "
-                f"{best.n_evaluations_:12d} {best.log_marginal_likelihood_value_:15.2f} "
+                f"{best.n_evaluations_:12d} "
+                f"{best.log_marginal_likelihood_value_:15.2f} "
                 f"{np.shape(best.task_factor_)[-1]:5d}",
                 flush=True,
             )

@@ -293,7 +293,7 @@ def _spherical(e, out=None):
 
 
 def _no_pole(r):
-    """r with infinity for zero, at which a slope counts as zero, in the place of r."""
+    """Infinity for zero, in the place of r: a slope counts as zero there."""
     np.putmask(r, r == 0.0, np.inf)
     return r
 

@@ -12,8 +12,8 @@ from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.model._nodes import allocate
 
-# Side of a square of as many pairs as a tile has, at most. Products of more of them with
-# some 25 features take half as much time again, for OpenBLAS takes another way
+# Side of a square of as many pairs as a tile has, at most. Products of more pairs and
+# some 25 features take half as much time again: OpenBLAS has another way for small ones
 TILE = 200
 WIDE = 4  # such sides: the columns of a tile, at most
 

@@ -61,7 +61,7 @@ class TileMemory:
         """
         edges = np.array(edges_of(n_rows))
         heights, lengths = np.diff(edges), n_rows - edges[:-1]
-        kept = self.n_arrays * float(heights @ lengths)
+        kept = self.n_arrays * float((heights * lengths).sum())
         side = int(heights.max(initial=0))
         work = WORK * min(TILE, n_rows) ** 2
         work += count_elements(self.kernel, side, self.node)

@@ -16,6 +16,7 @@ from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TasksOfSide, TiledLikelihood, diagonal_of
 from skmtgp.model.several import BoundSeveral
 
+CALL = 4000  # pairs of samples whose product takes as long as one call more
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
 
 
@@ -185,11 +186,13 @@ class DenseLikelihood(TiledLikelihood):
 
     def _sum_by_task(self, G, K_x, rows, cols):
         """Sums of G * K^x over the pairs of samples of each two tasks."""
-        if np.ndim(K_x) == 0:
-            K_x = np.broadcast_to(K_x, G.shape)
-        of_rows = self._tasks_of(rows).ranges.values()
-        H = [np.einsum("ij,ij->j", G[of], K_x[of]) for of in of_rows]
-        return np.add.reduceat(H, self._tasks_of(cols).starts, axis=1)
+        of_rows, of_cols = self._tasks_of(rows), self._tasks_of(cols)
+        if np.ndim(K_x) == 0 or G.size < CALL * len(of_rows.tasks):
+            H = np.add.reduceat(G * K_x, of_cols.starts, axis=1)
+            return np.add.reduceat(H, of_rows.starts, axis=0)
+        parts = of_rows.ranges.values()  # in one pass over both, without their product
+        H = [np.einsum("ij,ij->j", G[of], K_x[of]) for of in parts]
+        return np.add.reduceat(H, of_cols.starts, axis=1)
 
 
 class DensePosterior(Posterior):

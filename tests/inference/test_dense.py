@@ -22,7 +22,7 @@ from dense_models import (
 )
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp.inference import tiles
+from skmtgp.inference import dense, tiles
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.model.task_covariance import low_rank, ones
 
@@ -75,7 +75,9 @@ def test_tiles_are_those_of_the_triangle(n, size, monkeypatch):
     assert met.sum() <= 0.5 * n * (n + max(heights))
 
 
-def test_rows_of_a_task_in_several_tiles(monkeypatch):
+@pytest.mark.parametrize("call", [0, 10**9])
+def test_rows_of_a_task_in_several_tiles(call, monkeypatch):
+    monkeypatch.setattr(dense, "CALL", call)
     # tile edges within tasks, a tile with several tasks, and tasks without rows
     monkeypatch.setattr(tiles, "TILE", 16)
     kernel, form = inverse_dynamics_kernel(1), low_rank(9, 3)

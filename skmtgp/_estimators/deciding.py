@@ -248,7 +248,8 @@ def _with_noise(model, training, problems, modes):
     of_best = problems[best], modes[best]
     if not (all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best))):
         return training, problems, modes
-    others, learned = _of_forms(with_own_noise, problems, modes, model.n_jobs)
+    change = partial(with_own_noise, to_the_end=False)
+    others, learned = _of_forms(change, problems, modes, model.n_jobs)
     after = _criteria(others, learned)
     k = int(np.argmax(after))
     if after[k] > before[best] and all(map(tells_noise, others[k], learned[k])):

@@ -1,5 +1,8 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+from functools import cached_property
+from itertools import chain
+
 import numpy as np
 from scipy.linalg.blas import dsyr, dsyrk
 
@@ -10,9 +13,10 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.flat import Flat
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
-from skmtgp.inference.tiles import TiledLikelihood
+from skmtgp.inference.tiles import TasksOfSide, TiledLikelihood, diagonal_of
 from skmtgp.model.several import BoundSeveral
 
+CALL = 4000  # pairs of samples whose product takes as long as one call more
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
 
 
@@ -30,10 +34,12 @@ class DenseLikelihood(TiledLikelihood):
         self.basis = prior.trend and prior.trend.basis(X, tasks)
         if self.basis is not None and not self.basis.rank:  # zero at some of the rows
             self.basis = None
-        self.present = {
-            tile.start: np.unique(tasks[tile], return_index=True) for tile in self.tiles
-        }
-        self.ranges = {tile.start: self._ranges(tile) for tile in self.tiles}
+
+    @cached_property
+    def _parts(self):
+        """Which tasks the rows and columns of each tile have."""
+        sides = chain.from_iterable(self.blocks)
+        return {(of.start, of.stop): TasksOfSide(self.tasks[of]) for of in sides}
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -75,7 +81,9 @@ class DenseLikelihood(TiledLikelihood):
         G = dsyr(-1.0, alpha, a=cholesky.invert(), lower=1, overwrite_a=1)
         if flat is not None:  # P = K^{-1} - V V^T in place of K^{-1}
             G = dsyrk(-1.0, flat.V, beta=1.0, c=G, lower=1, overwrite_c=1)
-        d_row = -0.5 * np.diagonal(G)
+        diagonal = diagonal_of(G)
+        diagonal *= 0.5
+        d_row = -diagonal
         if self.known is not None:
             slope = self.known.slope(noise[self.noise_of_row])
             d_row = d_row / self.known.counts + slope
@@ -115,30 +123,31 @@ class DenseLikelihood(TiledLikelihood):
                 between = self._between(of_tasks, rows, cols)
                 tile += np.multiply(between, of_term, out=between)
             if level:
-                for block in self._blocks_of_tasks(K[rows, cols], rows, cols):
+                for block in self._blocks_of_tasks(tile, rows, cols):
                     block += level
+            if memory:  # nothing is written there until the gradient takes the tile
+                self._clear_below(tile, rows, cols)
 
         kept = self._fill_tiles(bound, put, memory)
-        K.flat[:: len(K) + 1] += self.noise_of_rows(noise)
+        diagonal = diagonal_of(K)
+        diagonal += self.noise_of_rows(noise)
         return K.T, kept
 
     def _blocks_of_tasks(self, tile, rows, cols):
         """The parts of a tile that are between samples of the same task."""
-        of_rows, of_cols = self.ranges[rows.start], self.ranges[cols.start]
+        of_rows, of_cols = self._tasks_of(rows).ranges, self._tasks_of(cols).ranges
         for task in of_rows.keys() & of_cols.keys():
             yield tile[of_rows[task], of_cols[task]]
 
-    def _ranges(self, part):
-        """Where the samples of each task are in a part of the rows."""
-        tasks, starts = map(np.ndarray.tolist, self.present[part.start])
-        stops = [*starts[1:], part.stop - part.start]
-        return dict(zip(tasks, map(slice, starts, stops), strict=True))
+    def _tasks_of(self, side):
+        """Which tasks the rows or the columns of a tile have."""
+        return self._parts[side.start, side.stop]
 
     def _between(self, K_rho, rows, cols):
         """K^rho for each pair of samples of a tile."""
-        rows, cols = self.tasks[rows], self.tasks[cols]
-        met = K_rho[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]  # of many tasks few
-        return met.take(cols - cols[0], axis=1).take(rows - rows[0], axis=0)
+        rows, cols = self._tasks_of(rows), self._tasks_of(cols)
+        met = K_rho[rows.span, cols.span]  # of many tasks few
+        return met.take(cols.places, axis=1).take(rows.places, axis=0)
 
     def _contract(self, bound, K_rho, tapes, G):
         """Gradients by the kernel's theta, K^rho and the levels' variance.
@@ -148,10 +157,9 @@ class DenseLikelihood(TiledLikelihood):
         """
 
         def contract(rows, cols, K_x, tape):
-            of_tile = G[rows, cols].copy()  # row after row: faster, more than once
-            self._halve(of_tile, rows, cols)  # the lower half is anything
+            of_tile = G[rows, cols]
             d_level = self._sum_within_tasks(of_tile, rows, cols)
-            H = [self._sum_by_task(of_tile * of_term, rows, cols) for of_term in K_x]
+            H = [self._sum_by_task(of_tile, of_term, rows, cols) for of_term in K_x]
             W = [self._between(of_tasks, rows, cols) for of_tasks in K_rho]
             for weights in W:
                 weights *= of_tile
@@ -164,7 +172,7 @@ class DenseLikelihood(TiledLikelihood):
         ):
             d_kernel -= d_tile
             d_level -= d_level_of_tile
-            present = self.present[rows.start][0], self.present[cols.start][0]
+            present = self._tasks_of(rows).tasks, self._tasks_of(cols).tasks
             D[:, present[0][:, None], present[1]] -= H
         D = D + D.swapaxes(1, 2)
         D *= 0.5
@@ -176,10 +184,15 @@ class DenseLikelihood(TiledLikelihood):
             return 0.0
         return sum(block.sum() for block in self._blocks_of_tasks(G, rows, cols))
 
-    def _sum_by_task(self, H, rows, cols):
-        """Block sums of the tile H, whose rows and columns are sorted by task."""
-        H = np.add.reduceat(H, self.present[cols.start][1], axis=1)
-        return np.add.reduceat(H, self.present[rows.start][1], axis=0)
+    def _sum_by_task(self, G, K_x, rows, cols):
+        """Sums of G * K^x over the pairs of samples of each two tasks."""
+        of_rows, of_cols = self._tasks_of(rows), self._tasks_of(cols)
+        if np.ndim(K_x) == 0 or G.size < CALL * len(of_rows.tasks):
+            H = np.add.reduceat(G * K_x, of_cols.starts, axis=1)
+            return np.add.reduceat(H, of_rows.starts, axis=0)
+        parts = of_rows.ranges.values()  # in one pass over both, without their product
+        H = [np.einsum("ij,ij->j", G[of], K_x[of]) for of in parts]
+        return np.add.reduceat(H, of_cols.starts, axis=1)
 
 
 class DensePosterior(Posterior):

@@ -15,7 +15,7 @@ from skmtgp.inference.eigen import Along, KroneckerEigen
 from skmtgp.inference.gaps import GappyEigen
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
-from skmtgp.inference.tiles import TiledLikelihood
+from skmtgp.inference.tiles import TiledLikelihood, diagonal_of
 
 
 class EigenLikelihood(TiledLikelihood):
@@ -101,7 +101,10 @@ class EigenLikelihood(TiledLikelihood):
             G[old] -= scaled[rows] @ eigen.U[cols].T
             if d.size:
                 G[old] += of_levels[rows] @ Q[cols].T
-            self._halve(G, rows, cols)
+            self._clear_below(G, rows, cols)
+            if rows.start == cols.start:
+                diagonal = diagonal_of(G)
+                diagonal *= 0.5
             return bound.contract(G, tape, rows, cols)
 
         parts = self._map_tiles(contract, tapes)

@@ -1,11 +1,13 @@
 """How much memory the engines take, and whether there is as much."""
 
+import numpy as np
+
 from skmtgp._numerics.bfgs import MEMORY, MOST_DENSE
 from skmtgp._numerics.memory import check_available
 from skmtgp._numerics.parallel import SMALL, count_threads
 from skmtgp.inference.likelihood import FISHER_ROWS, rows_of_information
 from skmtgp.inference.sparse import BLOCK
-from skmtgp.inference.tiles import TILE
+from skmtgp.inference.tiles import TILE, edges_of
 from skmtgp.model._nodes import compile_kernel, count_arrays, count_elements
 from skmtgp.model.several import terms_of
 
@@ -57,11 +59,13 @@ class TileMemory:
         n_bytes : float
             Of all of them.
         """
-        n_tiles = max(1, -(-n_rows // TILE))
-        side = -(-n_rows // n_tiles)
-        kept = 0.5 * n_tiles * (n_tiles + 1) * self.n_arrays * side**2
-        work = WORK * side**2 + count_elements(self.kernel, side, self.node)
-        n_threads = 1 if n_rows < SMALL else min(count_threads(), n_tiles)
+        edges = np.array(edges_of(n_rows))
+        heights, lengths = np.diff(edges), n_rows - edges[:-1]
+        kept = self.n_arrays * float((heights * lengths).sum())
+        side = int(heights.max(initial=0))
+        work = WORK * min(TILE, n_rows) ** 2
+        work += count_elements(self.kernel, side, self.node)
+        n_threads = 1 if n_rows < SMALL else min(count_threads(), len(heights))
         return 8.0 * (n_climbs * kept + max(n_climbs, n_threads) * work)
 
     @property
@@ -88,7 +92,8 @@ class TileMemory:
         """
         size = min(n_rows, BLOCK)
         arrays = (self.n_arrays + WORK * self.n_terms) * n_inducing * size
-        return 8.0 * n_climbs * (arrays + count_elements(self.kernel, size, self.node))
+        side = min(size, n_inducing)
+        return 8.0 * n_climbs * (arrays + count_elements(self.kernel, side, self.node))
 
 
 def check_memory(demand, tiles, n_rows, *, rows, n_matrices, n_of_tasks=0, why=""):

@@ -2,7 +2,9 @@
 
 import contextlib
 from abc import abstractmethod
+from functools import cached_property
 from itertools import pairwise
+from math import ceil, sqrt
 
 import numpy as np
 
@@ -10,7 +12,37 @@ from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.model._nodes import allocate
 
-TILE = 240
+# Side of a square of as many pairs as a tile has, at most. Products of more pairs and
+# some 25 features take half as much time again: OpenBLAS has another way for small ones
+TILE = 200
+WIDE = 4  # such sides: the columns of a tile, at most
+
+
+def edges_of(n):
+    """Where strips of the triangle's rows begin, and n.
+
+    Down the triangle rows become shorter, and strips of as many pairs higher. Strips
+    that end at the last column waste less beyond the diagonal than squares do.
+    """
+    lengths = [0.0, float(TILE)]  # of rows of the strips, from the last one up
+    while (below := lengths[-1]) < n:
+        pairs = TILE**2 * ceil(below / (WIDE * TILE))
+        lengths.append(0.5 * (below + sqrt(below**2 + 4.0 * pairs)))
+    lengths = np.array(lengths[::-1])
+    return np.unique(np.rint(n - lengths * (n / lengths[0])).astype(int)).tolist()
+
+
+def blocks_of(n):
+    """Rows and columns of each tile of the triangle: strips in as many parts as needed.
+
+    The first part of a strip begins at the diagonal.
+    """
+    blocks = []
+    for a, b in pairwise(edges_of(n)):
+        edges = np.linspace(a, n, ceil((n - a) / (WIDE * TILE)) + 1).astype(int)
+        parts = pairwise(edges.tolist())
+        blocks += [(slice(a, b), slice(*part)) for part in parts]
+    return blocks
 
 
 class TiledLikelihood(Likelihood):
@@ -31,17 +63,19 @@ class TiledLikelihood(Likelihood):
 
     def __init__(self, prior, X, tasks, y, inputs, known=None):
         super().__init__(prior, X, tasks, y, known)
-        self.inputs, n = inputs, len(inputs)
-        edges = np.linspace(0, n, -(-n // TILE) + 1)
-        self.tiles = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        self.blocks = [(a, b) for i, a in enumerate(self.tiles) for b in self.tiles[i:]]
-        side = max(tile.stop - tile.start for tile in self.tiles)
-        self.upper = np.triu(np.ones((side, side)), 1)
-        np.fill_diagonal(self.upper, 0.5)
-        self._spare = []
+        self.inputs, self.blocks, self._spare = inputs, blocks_of(len(inputs)), []
 
     def __getstate__(self):
-        return vars(self) | {"_spare": []}
+        made_again = {"_below", "_parts"}
+        kept = {name: of for name, of in vars(self).items() if name not in made_again}
+        return kept | {"_spare": []}
+
+    @cached_property
+    def _below(self):
+        """Which pairs are below the diagonal, of the highest tile."""
+        return np.tri(
+            max(of.stop - of.start for of, _ in self.blocks), k=-1, dtype=bool
+        )
 
     @abstractmethod
     def _differentiate(self, theta):
@@ -104,10 +138,43 @@ class TiledLikelihood(Likelihood):
         jobs = [(*block, *of) for block, of in zip(self.blocks, kept, strict=True)]
         return map_threads(function, jobs)
 
-    def _halve(self, G, rows, cols):
-        """Leave of a tile what one triangle takes, and half of the diagonal."""
-        if rows == cols:
-            G *= self.upper[: len(G), : len(G)]
+    def _clear_below(self, tile, rows, cols):
+        """Leave of a tile what is in the upper triangle."""
+        if rows.start == cols.start:
+            tile[:, : len(tile)][self._below[: len(tile), : len(tile)]] = 0.0
+
+
+def diagonal_of(tile):
+    """The diagonal of a tile that begins there, or of a matrix; can be written to."""
+    return np.einsum("ii->i", tile[:, : len(tile)])
+
+
+class TasksOfSide:
+    """Which tasks the rows, or the columns, of a tile have.
+
+    Parameters
+    ----------
+    tasks : ndarray of shape (n_rows,)
+        Of each of them, ascending.
+
+    Attributes
+    ----------
+    tasks, starts : ndarray of shape (n_present,)
+        Those that are there, and the first row of each.
+    ranges : dict
+        Where the rows of each of them are.
+    span : slice
+        All tasks from the first to the last of them.
+    places : ndarray of shape (n_rows,)
+        The task of each row, counted from the first.
+    """
+
+    def __init__(self, tasks):
+        self.tasks, self.starts = np.unique(tasks, return_index=True)
+        stops = [*self.starts[1:].tolist(), len(tasks)]
+        of_each = map(slice, self.starts.tolist(), stops)
+        self.ranges = dict(zip(self.tasks.tolist(), of_each, strict=True))
+        self.span, self.places = slice(tasks[0], tasks[-1] + 1), tasks - tasks[0]
 
 
 class Workspace:

@@ -11,7 +11,7 @@ from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.telling import Teller
 
 
-def climb(problem, theta, *, relaxed=False, held=None, known=()):
+def climb(problem, theta, *, relaxed=False, held=None, known=(), futile=None):
     """Maximise the log marginal likelihood from theta.
 
     Parameters
@@ -31,6 +31,8 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
     known : sequence of Mode
         Where others of its kind ended. It ends where it is about to end there, too, or
         cannot hope to come as far.
+    futile : callable, default=None
+        Called with theta after some of the iterations; where it is true the climb ends.
 
     Returns
     -------
@@ -52,7 +54,7 @@ def climb(problem, theta, *, relaxed=False, held=None, known=()):
         max_iter=_most_iterations(problem, held),
         tol=tol,
         patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
-        report=_watch(problem, known, penalise, teller),
+        report=_watch(problem, known, futile, penalise, teller),
     )
     value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
     data = problem.data
@@ -257,12 +259,14 @@ def lower(problem, mode):
     return modes[1:]
 
 
-def _watch(problem, known, penalise, teller):
+def _watch(problem, known, futile, penalise, teller):
     """What is called after each iteration: it may print, and may end the climb."""
-    rivals = Rivals(problem, known)
+    rivals, every = Rivals(problem, known), problem.tuning.look_every
 
     def watch(n_iter, x, value):
         teller.iterated(n_iter, x, -value)
-        return rivals.settle(n_iter, x, penalise(x)[0] - value)
+        if rivals.settle(n_iter, x, penalise(x)[0] - value):
+            return True
+        return futile is not None and n_iter % every == 0 and futile(x)
 
     return watch

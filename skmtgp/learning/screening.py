@@ -121,7 +121,7 @@ def _left_to_noise(problem, mode):
     return _of_tasks(problem.data, freedom), _of_tasks(problem.data, squares)
 
 
-def with_own_noise(problem, mode):
+def with_own_noise(problem, mode, *, to_the_end=True):
     """The problem with a noise variance for each task, learned on from a mode.
 
     Parameters
@@ -130,6 +130,9 @@ def with_own_noise(problem, mode):
         With shared noise.
     mode : Mode
         Its mode.
+    to_the_end : bool, default=True
+        Whether to climb on where a variance has all but vanished by following the rows
+        of its task, which `tells_noise` would refuse.
 
     Returns
     -------
@@ -140,7 +143,14 @@ def with_own_noise(problem, mode):
     """
     prior, theta = problem.prior.with_own_noise(mode.theta)
     problem = replace(problem, prior=prior)
-    return problem, mode.then(climb(problem, theta))
+    least = prior.log_noise_at(theta).min() + np.log(problem.tuning.vanished)
+
+    def follows_rows(theta):
+        has_fallen = prior.log_noise_at(theta).min() < least
+        return has_fallen and not tells_noise(problem, mode._replace(theta=theta))
+
+    futile = None if to_the_end else follows_rows
+    return problem, mode.then(climb(problem, theta, futile=futile))
 
 
 def with_kernel(problem, mode, kernel, *, to_the_end=True):

@@ -47,6 +47,9 @@ class Tuning:
     poorer : float
         Nats by which a climb with the noise held up may end below another one: beyond,
         it is not gone on with.
+    vanished : float
+        Of the noise that all tasks had: where that of a task is less, it may follow its
+        rows.
     held_down : int
         Most iterations while the noise is held down: k^x needs no more to take shape.
     lowered : tuple of float
@@ -182,6 +185,7 @@ class Tuning:
     hopeless: float = 10.0
     creeping: float = 50.0
     poorer: float = 30.0
+    vanished: float = 1e-2
     held_down: int = 20
     lowered: tuple = (1e-3, 1e-1)
     least_rows: int = 3

@@ -22,7 +22,7 @@ from dense_models import (
 )
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp.inference import tiles
+from skmtgp.inference import dense, tiles
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.model.task_covariance import low_rank, ones
 
@@ -59,7 +59,25 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
     np.testing.assert_allclose(results, expected, rtol=1e-10, atol=1e-10)
 
 
-def test_rows_of_a_task_in_several_tiles(monkeypatch):
+@pytest.mark.parametrize("n", [1, 2, 5, 12, 31, 200])
+@pytest.mark.parametrize("size", [1, 4, 10, 240])
+def test_tiles_are_those_of_the_triangle(n, size, monkeypatch):
+    monkeypatch.setattr(tiles, "TILE", size)
+    met, heights = np.zeros((n, n)), []
+    for rows, cols in tiles.blocks_of(n):
+        met[rows, cols] += 1
+        height, width = rows.stop - rows.start, cols.stop - cols.start
+        assert width <= max(tiles.WIDE * size, height)
+        assert rows.start == cols.start or rows.stop <= cols.start
+        heights.append(height)
+    assert (met[np.triu_indices(n)] == 1.0).all()
+    assert met.max() == 1.0
+    assert met.sum() <= 0.5 * n * (n + max(heights))
+
+
+@pytest.mark.parametrize("call", [0, 10**9])
+def test_rows_of_a_task_in_several_tiles(call, monkeypatch):
+    monkeypatch.setattr(dense, "CALL", call)
     # tile edges within tasks, a tile with several tasks, and tasks without rows
     monkeypatch.setattr(tiles, "TILE", 16)
     kernel, form = inverse_dynamics_kernel(1), low_rank(9, 3)

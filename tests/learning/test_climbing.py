@@ -243,3 +243,15 @@ class TestShake:
         fixed = pose(data, low_rank(M, 2), **given)
         noisy = mode._replace(theta=np.append(mode.theta[:-1], noise))
         assert lower(fixed, noisy) == []
+
+
+def test_a_futile_climb_ends(data):
+    problem, asked = pose(data, max_iter=40), []
+
+    def futile(theta):
+        asked.append(theta)
+        return len(asked) == 2
+
+    mode = climb(problem, start_of(problem), futile=futile)
+    assert mode.n_iter == 2 * problem.tuning.look_every
+    np.testing.assert_array_equal(mode.theta, asked[-1])

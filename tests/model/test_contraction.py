@@ -41,6 +41,10 @@ class TwiceRBF(RBF):
         return 2.0 * super().__call__(X, Y)
 
 
+class OwnWhite(WhiteKernel):
+    """A user's kernel to which a sample and itself are special."""
+
+
 KNOWN = {
     "constant": ConstantKernel(1.3),
     "white": WhiteKernel(0.3),
@@ -225,6 +229,20 @@ def test_contraction(kernel, X, twins):
     gradient = kernel.clone_with_theta(theta)(X, eval_gradient=True)[1]
     expected = np.einsum("ij,ijp->p", W, gradient)
     np.testing.assert_allclose(total, expected, rtol=1e-11, atol=1e-12)
+
+
+@pytest.mark.parametrize("kernel", [*KERNELS.values(), OwnWhite(0.3)], ids=str)
+def test_columns_that_begin_with_the_rows(kernel, X):
+    theta, rows, cols = moved(kernel), slice(2, 5), slice(2, 9)
+    bound = compile_kernel(kernel).bind(theta, X)
+    W = np.random.default_rng(2).standard_normal((3, 7))
+    K, tape = bound.block(rows, cols)
+    found = bound.contract(W, tape, rows, cols)
+    K_x, gradient = kernel.clone_with_theta(theta)(X, eval_gradient=True)
+    K = np.broadcast_to(K, (3, 7))
+    np.testing.assert_allclose(K, K_x[rows, cols], rtol=1e-13, atol=1e-14)
+    expected = np.einsum("ij,ijp->p", W, gradient[rows, cols])
+    np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-12)
 
 
 def test_contraction_leaves_the_weights_alone(X):

@@ -1,6 +1,7 @@
 """Differences of inputs, in length-scales and in tiles, without cancellation."""
 
 from copy import copy
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -38,6 +39,8 @@ class Differences:
         Wide features that share a length-scale.
     left, right : ndarray of shape (n_samples, n_narrow + 2)
         -1/2 |z - z'|^2 = z . z' - |z|^2 / 2 - |z'|^2 / 2 as one product of rows.
+    across : ndarray of shape (n_narrow + 2, n_samples)
+        The second, column after column: the product of a tile takes a fifth less.
     near : float
         Distance below which pairs are computed one by one.
     """
@@ -52,6 +55,7 @@ class Differences:
         self.near = NEAR * np.sqrt(self._largest_square()) if steep else 0.0
         self.right = self.left.copy()
         self.right[:, -2:] = self.left[:, :-3:-1]
+        self.across = np.ascontiguousarray(self.right.T)
 
     def _set_wide(self):
         """Leave no more features to products than are narrow together."""
@@ -82,22 +86,28 @@ class Differences:
         other.sets, other.left = (Z, self.sets[1]), self._factor(Z)
         return other
 
-    def exponents(self, rows, cols, out=None):
+    @cached_property
+    def squares(self):
+        """z'^2 of the columns' narrow features."""
+        return np.square(self.right[:, :-2])
+
+    def exponents(self, rows, cols):
         """-1/2 |z - z'|^2 of a tile.
 
         Returns
         -------
         e : ndarray of shape (n_rows, n_columns)
-            In `out`, if that is given.
+            The tile.
         near : ndarray of shape (n_near,)
             Positions in the tile of the pairs that are near.
         """
-        e = np.matmul(self.left[rows], self.right[cols].T, out=out)
-        np.minimum(e, self.zeros[cols], out=e)  # takes twice as long with a scalar
+        e = np.matmul(self.left[rows], self.across[:, cols])
+        if not e.max() <= 0.0:  # which takes a third of the time of the minimum
+            np.minimum(e, self.zeros[cols], out=e)  # twice as long with a scalar
         if len(self.wide):
             e -= self._half_squares(rows, cols, self.wide)
-        if self.sets[0] is self.sets[1] and rows == cols:
-            e.flat[:: len(e) + 1] = 0.0
+        if self.sets[0] is self.sets[1] and rows.start == cols.start:
+            e.flat[:: e.shape[1] + 1] = 0.0
         if not self.near:
             return e, NONE
         near = np.flatnonzero(e > -0.5 * self.near**2)
@@ -148,10 +158,9 @@ class Differences:
             of_near = of_near + V.flat[pairs] @ np.square(apart[:, self.narrow])
             V.flat[pairs] = 0.0
         # sum_ij V_ij (z_i - z_j)^2 = z^2' V 1 + 1' V z^2 - 2 z' V z for each feature
-        zi, zj = self.left[rows, :-2], self.right[cols, :-2]
-        VZ = V @ self.right[cols, :-1]  # and, last, its row sums
+        zi, VZ = self.left[rows, :-2], V @ self.right[cols, :-1]  # last, its row sums
         of_columns = self.left[rows, -1] @ V  # of ones; faster than V.sum
-        of_narrow = np.square(zi).T @ VZ[:, -1] + np.square(zj).T @ of_columns
+        of_narrow = VZ[:, -1] @ np.square(zi) + of_columns @ self.squares[cols]
         of_narrow -= 2.0 * np.einsum("id,id->d", zi, VZ[:, :-1])
         sums[self.narrow] = of_narrow + of_near
         return sums

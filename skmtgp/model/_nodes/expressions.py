@@ -199,17 +199,29 @@ class BoundUnknown(Bound):
         """Whether rows and columns are the same samples, which may be special."""
         return self.Z is self.X and rows == cols
 
+    def _apart(self, rows, cols):
+        """Columns that are the rows, and those after them."""
+        if self.Z is self.X and rows.start == cols.start and rows.stop < cols.stop:
+            return [rows, slice(rows.stop, cols.stop)]
+        return [cols]
+
     def block(self, rows, cols, new=allocate):
+        parts = [self._values(rows, of) for of in self._apart(rows, cols)]
+        return (np.hstack(parts) if len(parts) > 1 else parts[0]), None
+
+    def _values(self, rows, cols):
         if self._is_same(rows, cols):
-            return self.kernel(self.X[rows]), None
-        return self.kernel(self.Z[rows], self.X[cols]), None
+            return self.kernel(self.X[rows])
+        return self.kernel(self.Z[rows], self.X[cols])
 
     def contract(self, W, tape, rows, cols):
         total = np.zeros(self.kernel.n_dims)
-        if len(total):
-            side = side_of_tensor(len(total))
-            for i, j in product(*(_cut(n, side) for n in W.shape)):
-                total += self._contract(W[i, j], _within(rows, i), _within(cols, j))
+        for of in self._apart(rows, cols) if len(total) else ():
+            of_part = W[:, of.start - cols.start : of.stop - cols.start]
+            # a tensor is that of a square: of rows and columns, all of their pairs
+            side = min(side_of_tensor(len(total)), len(W))
+            for i, j in product(*(_cut(n, side) for n in of_part.shape)):
+                total += self._contract(of_part[i, j], _within(rows, i), _within(of, j))
         return total
 
     def _contract(self, W, rows, cols):

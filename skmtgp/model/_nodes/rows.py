@@ -182,7 +182,7 @@ class StationaryRow:
         e += self.halves
         e -= np.minimum(0.5 * np.einsum("kd,kd->k", z, z), FAR)[:, None]
         np.minimum(e, 0.0, out=e)
-        return self.profile(e, **self.shape)[0]
+        return self.profile(e, e, **self.shape)[0]
 
 
 class OfColumns:

@@ -110,7 +110,7 @@ class Node:
             The gradient.
         """
         of_free = [gradients[name] for name in self.free]
-        return np.concatenate([np.empty(0), *of_free], axis=None)
+        return np.concatenate(of_free, axis=None) if of_free else np.empty(0)
 
 
 class Bound:
@@ -127,6 +127,9 @@ class Bound:
       lasts as long, or None.
     - ``contract(W, tape, rows, cols)``: the sum over the tile of W times the derivative
       by each element of theta. It leaves W as it is.
+
+    The rows of a tile are none of its columns, or its first columns: the diagonal is
+    where ``rows.start == cols.start``, unless it was bound against others.
 
     Examples
     --------
@@ -199,10 +202,13 @@ class BoundWhite(Bound):
         return BoundZero()
 
     def block(self, rows, cols, new=allocate):
-        return (self.s * np.eye(rows.stop - rows.start) if rows == cols else 0.0), None
+        if rows.start != cols.start:
+            return 0.0, None
+        return self.s * np.eye(rows.stop - rows.start, cols.stop - cols.start), None
 
     def contract(self, W, tape, rows, cols):
-        return np.full(self.n_dims, self.s * np.trace(W) if rows == cols else 0.0)
+        same = rows.start == cols.start
+        return np.full(self.n_dims, self.s * np.trace(W) if same else 0.0)
 
 
 class BoundZero(Bound):
@@ -223,7 +229,7 @@ class BoundLinear(Bound):
         # the bias is the weight of a further feature, which is one
         self.w = append(np.full(X.shape[1], weights), bias)
         self.right = append(X, 1.0)
-        self.left = self.right * self.w
+        self.left, self.across = self.right * self.w, np.ascontiguousarray(self.right.T)
 
     def against(self, Z):
         other = object.__new__(type(self))  # copy() asks how to make one, each time
@@ -231,7 +237,7 @@ class BoundLinear(Bound):
         return other
 
     def block(self, rows, cols, new=allocate):
-        return self.left[rows] @ self.right[cols].T, None
+        return self.left[rows] @ self.across[:, cols], None
 
     def times(self, rows, cols, B):
         return self.left[rows] @ (self.right[cols].T @ B)
@@ -254,36 +260,42 @@ class DotProductNode(Node):
         return np.full(self.n_dims, 2.0 * gradients["bias"])  # b = sigma_0^2
 
 
-def _rbf(e):
-    K = np.exp(e, out=e)
+def _rbf(e, out=None):
+    K = np.exp(e, out=out)
     return K, K
 
 
-def _matern12(e):
+def _matern12(e, out=None):
     r = _root(e, 2.0)
     K = np.exp(-r)
-    return K, np.divide(K, r, out=r, where=r > 0.0)
+    return K, np.divide(K, _no_pole(r), out=out)
 
 
-def _matern32(e):
+def _matern32(e, out=None):
     r = _root(e, 6.0)
     decay = np.exp(-r)
-    return (1.0 + r) * decay, np.multiply(decay, 3.0, out=e)
+    return (1.0 + r) * decay, np.multiply(decay, 3.0, out=out)
 
 
-def _matern52(e):
+def _matern52(e, out=None):
     r = _root(e, 10.0)
     decay, linear = np.exp(-r), 1.0 + r
     K = (linear + r * r / 3.0) * decay
     decay *= 5.0 / 3.0
-    return K, np.multiply(linear, decay, out=e)
+    return K, np.multiply(linear, decay, out=out)
 
 
-def _spherical(e):
+def _spherical(e, out=None):
     h = _root(e, 2.0)
     K = np.where(h < 1.0, 1.0 - h * (1.5 - 0.5 * h * h), 0.0)
     slope = np.maximum(1.5 * (1.0 - h * h), 0.0)
-    return K, np.divide(slope, h, out=h, where=h > 0.0)
+    return K, np.divide(slope, _no_pole(h), out=out)
+
+
+def _no_pole(r):
+    """Infinity for zero, in the place of r: a slope counts as zero there."""
+    np.putmask(r, r == 0.0, np.inf)
+    return r
 
 
 def _root(e, factor):
@@ -291,18 +303,18 @@ def _root(e, factor):
     return np.sqrt(np.multiply(e, -factor, out=e), out=e)
 
 
-def _rational_quadratic(e, alpha):
+def _rational_quadratic(e, out=None, *, alpha):
     more = e / -alpha  # a large power of 1 + more has its digits in the logarithm alone
     K = np.exp(-alpha * np.log1p(more))
-    return K, np.divide(K, 1.0 + more, out=e)
+    return K, np.divide(K, 1.0 + more, out=out)
 
 
 class StationaryNode(Node):
     """k = g(e), e = -1/2 sum_d (x_d - x'_d)^2 / l_d^2.
 
-    ``profile(e)`` returns g(e) and g'(e), the factor of (x_d - x'_d)^2 / l_d^2 in the
-    derivative with respect to log l_d; it may overwrite e. `steep` says whether g' has
-    a pole at 0.
+    ``profile(e, out)`` returns g(e) and g'(e), the factor of (x_d - x'_d)^2 / l_d^2 in
+    the derivative with respect to log l_d. It may overwrite e. The second is in `out`,
+    which may be e, if that is not None. `steep` says whether g' has a pole at 0.
     """
 
     def __init__(self, kernel, profile, *, steep=False):
@@ -324,8 +336,8 @@ class BoundStationary(Bound):
         return other
 
     def block(self, rows, cols, new=allocate):
-        e, near = self.differences.exponents(rows, cols, out=new())
-        K, slope = self.node.profile(e, **self.shape)
+        e, near = self.differences.exponents(rows, cols)
+        K, slope = self.node.profile(e, new(), **self.shape)
         return K, (K if "alpha" in self.shape else None, slope, near)
 
     def contract(self, W, tape, rows, cols):

@@ -351,7 +351,7 @@ def make_inverse_dynamics_regressor(
     ...     kernel="rigid-body", robot=puma560_urdf()
     ... )
     >>> model[-1].rest
-    'friction'
+    ('friction', 'neighbours', 'friction+neighbours')
 
     A load that was never seen, from its mass:
 

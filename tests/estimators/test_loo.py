@@ -274,9 +274,24 @@ def test_rows_of_an_added_task_come_last(noise, n_outputs):
     X, y = draw(n_tasks=4, n_outputs=n_outputs)
     new = X[:, -1] == 1  # between the others
     model = MultiTaskGPRegressor(rank=2, noise=noise, **QUICK).fit(X[~new], y[~new])
-    extended = model.add_task(X[new], y[new])
+    extended = model.add_task(X[new], y[new], prior=None)
     order = np.argsort(new, kind="stable")
     assert_left_out(extended, X[order], y[order])
+
+
+@several
+def test_an_added_task_is_less_certain(n_outputs):
+    X, y = draw(n_tasks=4, n_outputs=n_outputs)
+    new = X[:, -1] == 3
+    model = MultiTaskGPRegressor(rank=2, **QUICK).fit(X[~new], y[~new])
+    extended = model.add_task(X[new][:4], y[new][:4])
+    _, std = extended.loo_predict()
+    found = [posterior.leave_one_out()[1] for posterior in extended._posteriors]
+    least = np.sqrt(np.transpose(found)).reshape(std.shape) * extended.y_scale_
+    order = extended._training().order(extended._engine)
+    std, of_new = std[order], extended.tasks_train_[order] == 3
+    np.testing.assert_allclose(std[~of_new], least[~of_new])
+    assert (std[of_new] > least[of_new]).all()
 
 
 @several

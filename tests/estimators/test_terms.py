@@ -316,7 +316,7 @@ class TestRefusals:
             ),
             (
                 {"kernel": [SLOW] * 2, "hyperparameters": "sampled"},
-                "hyperparameters='sampled' draws those of one term.*'map' or 'mode'",
+                "hyperparameters='sampled' takes one term.*'map' or 'mode'",
             ),
         ],
     )

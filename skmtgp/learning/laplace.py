@@ -37,6 +37,8 @@ def with_leeway(problem, mode):
     likelihood = problem.engine.likelihood(problem.prior, data)
     hyperprior = Hyperprior(problem.prior)
     chart = Chart(hyperprior, mode.theta)
+    if not chart.size:  # all is fixed
+        return mode
     x = chart.coordinates(mode.theta)
     with limit_threads(likelihood.side):
         density = LogPosterior(likelihood, hyperprior, chart)

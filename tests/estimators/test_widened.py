@@ -228,6 +228,17 @@ def test_without_learning_there_is_only_theta():
     np.testing.assert_allclose(model.predict(Z, return_std=True)[1], narrower(model))
 
 
+@pytest.mark.parametrize("model", [PooledGP, IndependentGP])
+def test_with_nothing_to_learn_nothing_is_open(model):
+    options = {"kernel": RBF(1.0, "fixed"), "noise_variance_bounds": "fixed"}
+    options |= {"task_levels": False} if model is IndependentGP else {}
+    found = [
+        model(hyperparameters=name, **options).fit(X, y).predict(Z, return_std=True)
+        for name in ("mode", "laplace")
+    ]
+    np.testing.assert_array_equal(*found)
+
+
 def test_several_kernels_are_refused():
     model = MultiTaskGPRegressor([RBF(1.0), RBF(3.0)], **LAPLACE)
     with pytest.raises(ValueError, match="hyperparameters='laplace' takes one term"):

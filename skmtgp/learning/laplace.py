@@ -17,6 +17,9 @@ from skmtgp.learning.evidence import LogPosterior, Peak
 from skmtgp.model.chart import Chart
 from skmtgp.model.hyperprior import Hyperprior
 
+FALL = 0.6  # nats from the middle to an end: half a nat if the density is normal
+MOST_CUTS, SHORTEST = 5, 0.1  # of an axis that is longer, and how much at a time
+
 
 def with_leeway(problem, mode):
     """The mode with what is open around it.
@@ -43,9 +46,28 @@ def with_leeway(problem, mode):
     with limit_threads(likelihood.side):
         density = LogPosterior(likelihood, hyperprior, chart)
         values, vectors = Peak(density, x, np.nan, 0).curvature()
+        found = [_ends(density, x, axis) for axis in (vectors / np.sqrt(values)).T]
     likelihood.release()
-    steps = (vectors / np.sqrt(values)).T
-    ends = [[chart.theta(x + c), chart.theta(x - c)] for c in steps]
-    leeway = OfTheta(np.reshape(ends, (len(steps), 2, len(mode.theta))))
-    n_evaluations = mode.n_evaluations + 2 * len(steps)
-    return mode._replace(leeway=(leeway,), n_evaluations=n_evaluations)
+    ends = [list(map(chart.theta, pair)) for pair, _ in found]
+    n_evaluations = 2 * len(x) + sum(n for _, n in found)
+    return mode._replace(
+        leeway=(OfTheta(np.array(ends)),),
+        n_evaluations=mode.n_evaluations + n_evaluations,
+    )
+
+
+def _ends(density, x, axis):
+    """Coordinates of both ends of an axis, and evaluations that they took.
+
+    Where the density falls faster than its curvature says, an end is nearer.
+    """
+    top, ends, n_evaluations = density.polar(x)[0], [], 1
+    for step in (axis, -axis):
+        for _ in range(MOST_CUTS):
+            fall = top - density.polar(x + step)[0]
+            n_evaluations += 1
+            if fall <= FALL:
+                break
+            step = max(SHORTEST, np.sqrt(0.5 / fall)) * step
+        ends.append(x + step)
+    return ends, n_evaluations

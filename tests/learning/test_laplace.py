@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
 
+from skmtgp.learning import laplace
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.evidence import LogPosterior
 from skmtgp.learning.laplace import with_leeway
@@ -59,9 +60,12 @@ def test_the_mode_stays(found):
     assert not np.allclose(mode.leeway[0].ends[:, 0], middle, atol=1e-3)
 
 
-def test_covariance_is_the_inverse_of_the_curvature(found):
+@pytest.mark.parametrize("rank", [0, 1, 2])
+def test_covariance_is_the_inverse_of_the_curvature(rank, monkeypatch):
     """By second differences of values, along directions of the logarithms."""
-    model, mode = found
+    monkeypatch.setattr(laplace, "FALL", np.inf)  # no end is nearer
+    model = problem(rank)
+    mode = with_leeway(model, learned(model))
     chart, density = density_around(model, mode.theta)
     x, step = chart.coordinates(mode.theta), 1e-3
     away = spread(chart, mode)
@@ -85,6 +89,18 @@ def test_covariance_is_the_inverse_of_the_curvature(found):
     )
 
 
+def test_ends_are_no_farther_than_the_density_says():
+    """Without noise the curvature says little of what is farther."""
+    model = problem(2)
+    theta = model.theta(K_rho=np.eye(N_TASKS) + 0.5)
+    theta[model.prior.of_noise] = np.log(1e-9)
+    mode = with_leeway(model, learned(model)._replace(theta=theta))
+    chart, density = density_around(model, theta)
+    top = density(chart.coordinates(theta))[0]
+    for end in mode.leeway[0].ends.reshape(-1, len(theta)):
+        assert density(chart.coordinates(end))[0] > top - 2.0
+
+
 def test_more_rows_leave_less_open():
     spreads = []
     for rows in (6, 60):
@@ -100,7 +116,7 @@ def test_evaluations_count():
     mode = learned(model)
     found = with_leeway(model, mode)
     n_axes = len(found.leeway[0].ends)
-    assert found.n_evaluations == mode.n_evaluations + 2 * n_axes
+    assert found.n_evaluations >= mode.n_evaluations + 5 * n_axes
 
 
 def test_by_inducing_inputs():

@@ -171,7 +171,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "laplace" otherwise; with sparse inference "mode".
+          hyperparameter, and "laplace" otherwise; "mode" with sparse inference or
+          several kernels.
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
@@ -470,7 +471,8 @@ class PooledGP(_FixedTaskCovarianceGP):
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes about ten times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "laplace" otherwise; with sparse inference "mode".
+          hyperparameter, and "laplace" otherwise; "mode" with sparse inference or
+          several kernels.
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.

@@ -247,7 +247,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         scaled by its root mean square, or with `task_levels` by the standard deviation
         around the means of the tasks.
     hyperparameters_ : {"mode", "map", "laplace", "sampled"}
-        Which hyperparameters predictions use. "auto" has chosen one of these.
+        Which hyperparameters predictions use. "auto" has chosen "mode", "laplace" or
+        "sampled".
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
         sampled.
@@ -542,7 +543,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         Without `normalize_y` and with the default kernel it is scaled by its root mean
         square.
     hyperparameters_ : {"mode", "map", "laplace", "sampled"}
-        Which hyperparameters predictions use. "auto" has chosen one of these.
+        Which hyperparameters predictions use. "auto" has chosen "mode", "laplace" or
+        "sampled".
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
         sampled.

@@ -338,7 +338,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     diagonal_ : bool or "equal", or list of them
         Which diagonal the task covariance has. With several terms that of each.
     hyperparameters_ : {"mode", "map", "laplace", "sampled"}
-        Which hyperparameters predictions use. "auto" has chosen one of these.
+        Which hyperparameters predictions use. "auto" has chosen "mode", "laplace" or
+        "sampled".
     theta_samples_ : ndarray of shape (n_draws, n_theta)
         Draws of `theta_`. This and the next three exist only if hyperparameters are
         sampled.

@@ -29,8 +29,8 @@ class Alone:
     Parameters
     ----------
     estimator : SingleTaskGP
-        Is fitted. Draws of its hyperparameters, or Laplace's
-        method, wait until it is chosen.
+        Is fitted. Draws of its hyperparameters, or Laplace's method, wait until it is
+        chosen.
     X, y : array-like
         Training data.
     levels : bool, default=False

@@ -25,7 +25,7 @@ MOST_ROWS = 100_000  # of which copies are looked for
 NOTHING = None, None, None  # is known of the noise of the rows
 # Arguments that need the rows in memory, and what to do without each.
 NEEDS_ROWS = {
-    "hyperparameters='sampled' or 'laplace'": "set hyperparameters='mode'",
+    "hyperparameters={!r}": "set hyperparameters='mode'",
     "task_descriptors": "leave the descriptors out",
     "trend": "leave the trend out",
     "alpha or sample_weight": "leave it out",
@@ -75,8 +75,9 @@ def _refuse_what_needs_rows(model, given):
     for (name, instead), is_asked in zip(NEEDS_ROWS.items(), asked, strict=True):
         if is_asked:
             raise ValueError(
-                f"{name} needs the rows in memory, and X is a Dask collection. Give "
-                f"arrays, which may be memory-mapped, or {instead}."
+                f"{name.format(model.hyperparameters)} needs the rows in memory, and X "
+                "is a Dask collection. Give arrays, which may be memory-mapped, or "
+                f"{instead}."
             )
 
 

@@ -34,7 +34,8 @@ CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"
 def n_posteriors(estimator, n):
     """How many posteriors there are of n rows, at most: of the mode, and of others.
 
-    The others are those of draws, or one at a time around the mode.
+    The others are those of draws, or one at a time around the mode, of which only what
+    means need is kept.
     """
     asked = estimator.hyperparameters
     if asked == "sampled" or (asked == "auto" and n <= MOST_ROWS):

@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import norm
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
+from waves import draw
 
 from skmtgp import (
     IndependentGP,
@@ -22,16 +23,7 @@ from skmtgp.exceptions import SmallTaskWarning
 LAPLACE = {"hyperparameters": "laplace"}
 
 
-def draw(n_tasks=3, rows=10, *, n_outputs=None, seed=0):
-    rng = np.random.default_rng(seed)
-    x, task = rng.uniform(0.0, 6.0, n_tasks * rows), np.repeat(np.arange(n_tasks), rows)
-    y = np.array([1.0, -2.0, 0.5, 1.5])[task] * np.sin(x) + task
-    y = y + 0.2 * rng.standard_normal(len(y))
-    X = np.column_stack([x, task])
-    return X, y if n_outputs is None else np.column_stack([y, np.cos(x) - y])
-
-
-X, y = draw()
+X, y = draw(rows=10)
 Z = np.column_stack([np.linspace(0.0, 7.0, 6), [0, 1, 2, 0, 1, 2]])
 NEW = np.array([[1.0, 7.0], [4.0, 7.0]])
 OF_NEW = 7.0 - np.sin(NEW[:, 0])
@@ -128,7 +120,7 @@ def test_engines_agree(inference):
 
 
 def test_several_outputs_are_each_by_itself():
-    rows, Y = draw(n_outputs=2)
+    rows, Y = draw(rows=10, n_outputs=2)
     options = {"normalize_y": "shared", "noise": "shared", "kernel": "rbf"}
     both = MultiTaskGPRegressor(rank=1, learning="staged", **options, **LAPLACE)
     mean, std = clone(both).fit(rows, Y).predict(Z, return_std=True)

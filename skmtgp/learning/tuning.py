@@ -182,7 +182,7 @@ class Tuning:
     alike_noise: float = 0.2
     compared: int = 100
     look_every: int = 5
-    hopeless: float = 10.0
+    hopeless: float = 5.0
     creeping: float = 50.0
     poorer: float = 30.0
     vanished: float = 1e-2

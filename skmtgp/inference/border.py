@@ -147,7 +147,7 @@ class BorderLikelihood:
         self.fixed[q] = fixed @ fixed + equal
         return means[n:], halves[n:]
 
-    def carry(self, shares, factor):
+    def carry(self, shares, factor, spread=()):
         """Take account of errors of the tasks that the row was learned from.
 
         They are independent, and as large as those of new tasks with these rows. This
@@ -159,17 +159,21 @@ class BorderLikelihood:
             What the novel task has of the error of each.
         factor : ndarray of shape (n_tasks, rank)
             Their rows.
+        spread : array-like of shape (n_rows, rank), default=()
+            S, if the novel task's own row is not known, but has the covariance S^T S:
+            then its function has more variance on average.
         """
         rows = shares[:, None] * np.insert(factor, 0, 1.0, axis=1)
+        if len(spread):
+            rows = np.vstack([rows, np.insert(spread, 0, 0.0, axis=1)])
         R = np.linalg.qr(rows, mode="r")  # as much, in few rows
         of_fixed = np.broadcast_to(self.half_of_fixed, self.halves.shape[1:])
         halves = np.concatenate([of_fixed[None], self.halves])
         squares = np.square(R) @ np.append(self.fixed, np.ones(self.rank))
         own = np.square(R[:, 0]).sum()
         self.carried = squares.sum() * self.K_x[0] + own * self.level
-        for r in R:
-            half = np.tensordot(r, halves, axes=1)
-            self.carried -= half.T @ half
+        half = np.tensordot(R, halves, axes=1).reshape(-1, halves.shape[2])
+        self.carried -= half.T @ half
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
@@ -232,16 +236,17 @@ class BorderLikelihood:
         return information
 
     def weighted(self, row):
-        """S^{-1} times the means of the latent functions and the targets, at a border.
+        """Information and gradient of a row, if the covariance did not depend on it.
 
         Returns
         -------
-        by_means, by_targets : ndarray of shape (rank, rank) and (rank,)
-            Normal equations of a border with this covariance of the targets.
+        information, gradient : ndarrays of shape (rank, rank) and (rank,)
+            M S^{-1} M^T and M S^{-1} (y - M^T l) of the means M, the row l and its S.
         """
         S, _ = self._covariance(row)
         solved = np.linalg.pinv(S, hermitian=True) @ self.means.T
-        return self.means @ solved, self.y @ solved
+        rest = self.y - row[: self.rank] @ self.means
+        return self.means @ solved, rest @ solved
 
     def _covariance(self, row):
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""

@@ -239,9 +239,9 @@ class Unknown:
         return value, gradient
 
     def value(self, u):
-        """The same density with what is carried at u."""
-        self.carry(u)
-        return self.value_and_grad(u)[0]
+        """The same density alone."""
+        pairs = zip(self.borders, self.maps, strict=True)
+        return sum((border.value(c + A @ u) for border, (c, A) in pairs), -0.5 * u @ u)
 
     def information(self, u):
         """Fisher information of u, with that of its prior."""
@@ -330,9 +330,10 @@ def identify(unknown, starts):
     NotPositiveDefiniteError
         If the covariance of the samples is singular in floating point.
     """
-    values = [unknown.value(u) for u in starts]
-    modes = []
-    for u in (np.zeros_like(starts[0]), starts[np.argmax(values)]):
+    modes, middle = [], np.zeros_like(starts[0])
+    unknown.carry(middle)
+    likeliest = max(starts, key=unknown.value)
+    for u in (middle, likeliest):
         u, root = _near_mode(unknown, u)
         if modes and np.square(np.linalg.solve(root, u - modes[0].u)).sum() < ALIKE:
             break

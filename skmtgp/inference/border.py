@@ -333,21 +333,32 @@ class PairedBorder:
             By the coordinates.
         hessians : ndarray of shape (n_borders, n_row, n_row)
         """
+        n = self.means.shape[1]
+        W, log_det, rest, dm, T = self._relative_to_covariance(U)
+        values = log_density(np.square(rest).sum(axis=1), log_det, n)
+        values[np.isnan(values)] = -np.inf
+        pull = np.einsum("kaij,kj->kai", T, rest)
+        gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
+        gradients -= 0.5 * np.einsum("kaii->ka", T)
+        return values, gradients, self._hessians(W, rest, T, dm + pull)
+
+    def fisher_information(self, u):
+        """Fisher information of the coordinates, of shape (n_row, n_row)."""
+        *_, dm, T = self._relative_to_covariance(u[None])
+        T = T[0].reshape(len(u), -1)
+        return dm[0] @ dm[0].T + 0.5 * T @ T.T
+
+    def _relative_to_covariance(self, U):
+        """W with W S W^T = I, log|S|; W times residuals, and slopes of mean and S."""
         n_all, n = self.means.shape
         U = np.hstack([U, np.ones((len(U), 1))])
         half_dS = (U @ self.C.reshape(n_all, -1)).reshape(len(U), n_all, -1)
         W, log_det = _whitening((U[:, None] @ half_dS).reshape(-1, n, n))
         rest = -np.einsum("kij,kj->ki", W, U @ self.means)
-        values = log_density(np.square(rest).sum(axis=1), log_det, n)
-        values[np.isnan(values)] = -np.inf
         half_dS = half_dS[:, :-1].reshape(len(U), -1, n, n)
         dS = half_dS + half_dS.swapaxes(2, 3)
-        T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]  # relative to S
-        dm = self.means[:-1] @ W.swapaxes(1, 2)
-        pull = np.einsum("kaij,kj->kai", T, rest)
-        gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
-        gradients -= 0.5 * np.einsum("kaii->ka", T)
-        return values, gradients, self._hessians(W, rest, T, dm + pull)
+        T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]
+        return W, log_det, rest, self.means[:-1] @ W.swapaxes(1, 2), T
 
     def _hessians(self, W, rest, T, along):
         """Second derivatives: those of the first ones, and those of S."""

@@ -6,7 +6,6 @@ import reprlib
 from collections.abc import Mapping
 from numbers import Real
 from typing import Self
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import pandas as pd
@@ -17,18 +16,22 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_magnitude
 from skmtgp._data.numbers import as_frame, check_numbers, column_names
+from skmtgp._estimators.carried import (
+    errors_of,
+    inflation_of,
+    learned_from,
+    noise_of,
+)
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.unlabelled import inputs_of_any_task
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
-from skmtgp.inference.left_out import inflation
-from skmtgp.learning.identifying import Learned, Output, Unknown, follow, identify
+from skmtgp.learning.identifying import Output, Unknown, follow, identify
 from skmtgp.learning.novel import Population
 from skmtgp.multitask import MultiTaskGPRegressor
 
 __all__ = ["TaskIdentifier"]
 
-INFLATIONS = WeakKeyDictionary()  # of posteriors
 FLOOR = 1e-4  # of the targets' deviation, where nothing tells how wrong a model is
 RIDGE = 1e-6  # of the variance of descriptors, in directions in which no tasks differ
 
@@ -107,15 +110,20 @@ class TaskIdentifier(Estimator):
     shares :math:`w = Q (Q^T Q)^{-1} q`, where Q has the rows [1, descriptors] of the
     tasks, and q is that of the unknown one. So its error is the sum of theirs with
     these shares, beside its own. If all were equally large, its variance would be
-    1 + h times as large, where :math:`h = w^T w` is the leverage of a regression. The
-    covariance of these errors is held while a mode is looked for, and that is done
-    twice.
+    1 + h times as large, where :math:`h = w^T w` is the leverage of a regression. Few
+    samples do not tell q, so errors are their mean over what is open of d: at the mode
+    alone, which is near the known tasks, the leverage would be too small. Their
+    covariance is held while a mode is looked for, and that is done twice.
 
     How large errors are, each task of the fit tells: it is predicted from the rows of
     the others, with the hyperparameters of all. It has its leverage in these, so the
     variance of its error should be 1 - h of what the model says. What the squares of
     errors are, over what they should be, is the inflation of all these variances, but
     at least 1. Errors of known tasks are not inflated.
+
+    A noise variance that ended at its lower bound says nothing of noise. With
+    ``inflation="auto"`` an unknown task has the noise that residuals of the fit show:
+    the sum of their squares, over their degrees of freedom.
 
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.
@@ -344,8 +352,7 @@ class TaskIdentifier(Estimator):
         rows = _rows(models, population, self.widening)
         noises, Y = self._noises(len(rows)), _targets(y, self.model, len(rows))
         inflations, floors = self._inflations(models), self._floors(models[0])
-        shares = self._shares(models[0]._descriptors, population)
-        outputs = []
+        outputs, told = [], self._is_told(models[0]._descriptors)
         for estimator, model in zip(_each(self.model), models, strict=True):
             inputs = inputs_of_any_task(_best(estimator), model, X)
             if len(inputs) != len(Y):
@@ -353,8 +360,9 @@ class TaskIdentifier(Estimator):
             k = len(outputs)
             columns = slice(k, k + len(model._posteriors))
             of_model = rows[columns], noises[columns], inflations[columns]
+            learned = learned_from(model, *population) if told else None
             outputs += _at_samples(
-                model, inputs, Y[:, columns], *of_model, floors, shares
+                model, inputs, Y[:, columns], *of_model, floors, learned
             )
         return outputs, _starts(models[0], population, rows)
 
@@ -373,7 +381,7 @@ class TaskIdentifier(Estimator):
         """How much larger the variance of another task is, for each output."""
         pairs = [(model, j) for model in models for j in range(len(model._posteriors))]
         if isinstance(self.inflation, str):
-            return [_inflation(*pair) for pair in pairs]
+            return [inflation_of(*pair) for pair in pairs]
         found = check_numbers(np.atleast_1d(self.inflation), "inflation").ravel()
         if found.size not in (1, len(pairs)) or (found <= 0.0).any():
             raise ValueError(
@@ -394,19 +402,6 @@ class TaskIdentifier(Estimator):
         elif self._is_told(model._descriptors):
             floors[-1] = 0.0
         return floors
-
-    def _shares(self, descriptors, population):
-        """What another task has of each that the model was learned from.
-
-        That is centre + slopes u: its row of Q is a sum of theirs with these shares.
-        """
-        if not self._is_told(descriptors):
-            return None
-        centre, scale = population
-        Q = descriptors.rows(descriptors.learned)
-        tables = descriptors.rows(np.vstack([centre, centre + scale.T]))
-        c, *others = tables @ Q.T / len(Q)  # Q^T Q is n_tasks I
-        return c, (np.array(others) - c).T
 
 
 def _listed(labels):
@@ -493,7 +488,7 @@ def _check_alike(models):
             )
 
 
-def _at_samples(model, inputs, Y, rows, noises, inflations, floors, shares):
+def _at_samples(model, inputs, Y, rows, noises, inflations, floors, learned):
     """The outputs of a model at samples, in its own units."""
     units = model._units
     scaled = (model._target.forward(Y) - units.centre.T) / units.scale.T
@@ -502,12 +497,12 @@ def _at_samples(model, inputs, Y, rows, noises, inflations, floors, shares):
             model._posteriors[j],
             inputs,
             y,
-            _noise_of(model, j, noises[j]),
-            _errors(model, j, floors),
+            noise_of(model, j, noises[j], learned is not None),
+            errors_of(model, j, floors),
             _factor(model, j),
             rows[j],
             inflations[j],
-            None if shares is None else Learned(*shares, _learned_factor(model, j)),
+            None if learned is None else learned[j],
         )
         for j, y in enumerate(scaled.T)
     ]
@@ -552,14 +547,6 @@ def _factor(model, j):
     return prior.task_covariance.columns(prior.values(theta).rho)
 
 
-def _learned_factor(model, j):
-    """The same of the tasks that the model was learned from."""
-    descriptors, posterior = model._descriptors, model._posteriors[j]
-    Q, prior = descriptors.rows(descriptors.learned), posterior.prior
-    loadings, _ = prior.unseen(posterior.theta, Q)
-    return loadings[:, int(prior.task_covariance.shared) :]
-
-
 def _rows(models, population, widening):
     """Of each output c and A, by which the row of another task is c + A u."""
     pairs = [(model, j) for model in models for j in range(len(model._posteriors))]
@@ -589,49 +576,3 @@ def _starts(model, population, rows):
         return np.zeros((1, rows[0][1].shape[1]))
     centre, scale = population
     return np.linalg.solve(scale, (model._descriptors.table - centre).T).T
-
-
-def _noise_of(model, j, more):
-    """Noise variance of samples of each task, and of another, in the model's units."""
-    posterior = model._posteriors[j]
-    noise = posterior.prior.values(posterior.theta).noise
-    noise = np.broadcast_to(noise, len(model.tasks_))
-    usual = np.exp(np.log(noise).mean())
-    return np.append(noise, usual) + np.square(more / model._units.scale[j, 0])
-
-
-def _inflation(model, j):
-    """What the tasks of the fit tell of an output, once for each posterior."""
-    descriptors, posterior = model._descriptors, model._posteriors[j]
-    if descriptors is None:
-        return 1.0
-    if posterior not in INFLATIONS:
-        INFLATIONS[posterior] = inflation(
-            model._likelihoods[j], posterior.theta, _usual(descriptors)
-        )
-    return INFLATIONS[posterior]
-
-
-def _usual(descriptors):
-    """Variances of errors of tasks that are left out, in units of the posterior's.
-
-    1 - h if the coefficients were learned from the task, too, and 1 + h if not.
-    """
-    table, learned = descriptors.table, descriptors.learned
-    h = np.square(descriptors.Q).sum(axis=1) / len(learned)
-    counted = (table[:, None] == learned).all(axis=2).any(axis=1)
-    return np.where(counted, np.maximum(1.0 - h, 0.0), 1.0 + h)
-
-
-def _errors(model, j, floors):
-    """Variances of the model's own error, relative to a task's prior variance.
-
-    Floors are relative to the targets: the prior's variance may be hundreds of times
-    theirs.
-    """
-    posterior = model._posteriors[j]
-    targets = model.y_train_.reshape(-1, len(model._posteriors))[:, j]
-    spread = targets.var() / np.square(model._units.scale[j, 0])
-    of_tasks = np.diagonal(posterior.K_rho).mean()
-    of_prior = of_tasks * posterior.kernel.diag(model.X_train_).mean()
-    return np.square(floors) * spread / of_prior

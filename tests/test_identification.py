@@ -225,7 +225,7 @@ def test_inflation_is_told_once_for_each_posterior(model, monkeypatch):
     outputs, _ = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
     found = [of.inflation for of in outputs]
     assert min(found) >= 1.0
-    monkeypatch.setattr("skmtgp.identification.inflation", None)
+    monkeypatch.setattr("skmtgp._estimators.carried.inflation", None)
     outputs, _ = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
     assert [of.inflation for of in outputs] == found
 
@@ -490,9 +490,9 @@ def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):
         S, design = border._covariance(c + A @ u)[0], border.means.T @ A
         H += design.T @ np.linalg.solve(S, design)
         b += design.T @ np.linalg.solve(S, border.y - border.means.T @ c)
-    np.testing.assert_allclose(unknown.reweight(u), np.linalg.solve(H, b), rtol=1e-8)
+    np.testing.assert_allclose(unknown.reweight(u)[0], np.linalg.solve(H, b), rtol=1e-8)
     found = identify(unknown, starts)
-    unknown.carry(found.u)
+    unknown.carry(found.u, found.root)
     by_scoring = unknown.climb(u)
     np.testing.assert_allclose(found.u, by_scoring.u, atol=1e-3)
     assert found.log_evidence == pytest.approx(by_scoring.log_evidence, abs=1e-6)

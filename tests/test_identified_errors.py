@@ -5,7 +5,8 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, TaskIdentifier
-from skmtgp.identification import _population, _usual
+from skmtgp._estimators.carried import LEAST_SHARE, usual_variances
+from skmtgp.identification import _population
 from skmtgp.learning.identifying import Unknown
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -81,7 +82,7 @@ def test_each_sample_has_the_mean_of_what_is_carried(model):
     for output in outputs:
         shares = output.learned.centre + U @ output.learned.slopes.T
         squares = np.square(shares).mean(axis=0)
-        found = output.learned.mean_squares
+        found = output.learned.mean_squares(np.zeros(2), np.eye(2))
         np.testing.assert_allclose(found, squares, rtol=0.05)
         mean, variance = output._another(output.X)
         without = output._replace(learned=None)._another(output.X)
@@ -127,10 +128,63 @@ def test_leverages_of_tasks(model):
     """Those of a regression on the descriptors; a task that joined had no part."""
     D = np.column_stack([np.ones(M), AGE, SIZE])
     h = np.diagonal(D @ np.linalg.pinv(D))
-    np.testing.assert_allclose(_usual(model._descriptors), 1.0 - h, rtol=1e-8)
+    np.testing.assert_allclose(usual_variances(model._descriptors), 1.0 - h, rtol=1e-8)
     joined = model.add_task(with_task(NEW, *ANOTHER, -1), Y_NEW)  # comes first
     new = np.array([1.0, *ANOTHER])
     of_new = new @ np.linalg.solve(D.T @ D, new)
     expected = np.append(1.0 + of_new, 1.0 - h)
-    np.testing.assert_allclose(_usual(joined._descriptors), expected, rtol=1e-8)
+    np.testing.assert_allclose(
+        usual_variances(joined._descriptors), expected, rtol=1e-8
+    )
     assert TaskIdentifier(joined).estimate(NEW[:, None], Y_NEW)[0].shape == (2,)
+
+
+def test_what_is_carried_is_the_mean_over_descriptors_that_are_not_known(model):
+    """Variances are quadratic in u: the mean is that over pairs of points around it."""
+    unknown = Unknown(TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)[0])
+    u, root = np.array([0.7, -1.1]), np.array([[0.5, 0.0], [-0.3, 0.2]])
+    points = [u + s * np.sqrt(2.0) * r for r in root.T for s in (-1.0, 1.0)]
+
+    def covariances(at, *what):
+        unknown.carry(*what)
+        pairs = zip(unknown.borders, unknown.maps, strict=True)
+        return np.array([border._covariance(c + A @ at)[0] for border, (c, A) in pairs])
+
+    expected = np.mean([covariances(point, point) for point in points], axis=0)
+    found = covariances(u, u, root)
+    np.testing.assert_allclose(found, expected, rtol=1e-7, atol=1e-10)
+    assert (np.abs(found - covariances(u, u)).max(axis=(1, 2)) > 1e-4).all()
+
+
+def exact(**options):
+    """A model of targets without noise, whose variance ends at its lower bound."""
+    options = {"noise_variance_bounds": (1e-3, 1.0)} | OPTIONS | options
+    options |= {"task_descriptors": [1, 2], "task_levels": False}
+    return MultiTaskGPRegressor(**options).fit(X, f(STATES, AGE[TASK], SIZE[TASK]))
+
+
+def noises(model, inflation="auto"):
+    """Of each output: the variance of known tasks, and of another, in its units."""
+    identifier = TaskIdentifier(model, inflation=inflation)
+    outputs, _ = identifier._outputs(NEW[:, None], f(NEW, *ANOTHER))
+    return np.array([of.noise[[0, -1]] for of in outputs]).T
+
+
+def test_another_task_has_the_noise_that_residuals_show():
+    """Those of the fit, where the variance could not be as small as they are."""
+    model = exact()
+    known, of_another = noises(model)
+    np.testing.assert_allclose(*noises(model, inflation=1.0))
+    for j, share in enumerate(of_another / known):
+        posterior, likelihood = model._posteriors[j], model._likelihoods[j]
+        K = likelihood.prior.covariance(posterior.theta, likelihood.X, likelihood.tasks)
+        inverse = np.linalg.inv(K + known[j] * np.eye(N))
+        alpha = inverse @ likelihood.y
+        shown = alpha @ alpha / np.trace(inverse)  # residuals are noise times alpha
+        assert share == pytest.approx(np.clip(shown, LEAST_SHARE, 1.0), rel=1e-4)
+        assert share < 0.9
+
+
+def test_noise_that_is_known_or_told_stays(model):
+    for of in (exact(noise_variance=1e-6, noise_variance_bounds="fixed"), model):
+        np.testing.assert_allclose(*noises(of))

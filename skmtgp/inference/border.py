@@ -147,7 +147,7 @@ class BorderLikelihood:
         self.fixed[q] = fixed @ fixed + equal
         return means[n:], halves[n:]
 
-    def carry(self, shares, factor):
+    def carry(self, shares, factor, spread=()):
         """Take account of errors of the tasks that the row was learned from.
 
         They are independent, and as large as those of new tasks with these rows. This
@@ -159,17 +159,21 @@ class BorderLikelihood:
             What the novel task has of the error of each.
         factor : ndarray of shape (n_tasks, rank)
             Their rows.
+        spread : array-like of shape (n_rows, rank), default=()
+            S, if the novel task's own row is not known, but has the covariance S^T S:
+            then its function has more variance on average.
         """
         rows = shares[:, None] * np.insert(factor, 0, 1.0, axis=1)
+        if len(spread):
+            rows = np.vstack([rows, np.insert(spread, 0, 0.0, axis=1)])
         R = np.linalg.qr(rows, mode="r")  # as much, in few rows
         of_fixed = np.broadcast_to(self.half_of_fixed, self.halves.shape[1:])
         halves = np.concatenate([of_fixed[None], self.halves])
         squares = np.square(R) @ np.append(self.fixed, np.ones(self.rank))
         own = np.square(R[:, 0]).sum()
         self.carried = squares.sum() * self.K_x[0] + own * self.level
-        for r in R:
-            half = np.tensordot(r, halves, axes=1)
-            self.carried -= half.T @ half
+        half = np.tensordot(R, halves, axes=1).reshape(-1, halves.shape[2])
+        self.carried -= half.T @ half
 
     def value(self, row):
         """The log density; -inf where it cannot be computed."""
@@ -232,16 +236,17 @@ class BorderLikelihood:
         return information
 
     def weighted(self, row):
-        """S^{-1} times the means of the latent functions and the targets, at a border.
+        """Information and gradient of a row, if the covariance did not depend on it.
 
         Returns
         -------
-        by_means, by_targets : ndarray of shape (rank, rank) and (rank,)
-            Normal equations of a border with this covariance of the targets.
+        information, gradient : ndarrays of shape (rank, rank) and (rank,)
+            M S^{-1} M^T and M S^{-1} (y - M^T l) of the means M, the row l and its S.
         """
         S, _ = self._covariance(row)
         solved = np.linalg.pinv(S, hermitian=True) @ self.means.T
-        return self.means @ solved, self.y @ solved
+        rest = self.y - row[: self.rank] @ self.means
+        return self.means @ solved, rest @ solved
 
     def _covariance(self, row):
         """Covariance of y_new given y_old, and C^{-1} cov(y_old, f(X))."""
@@ -328,21 +333,32 @@ class PairedBorder:
             By the coordinates.
         hessians : ndarray of shape (n_borders, n_row, n_row)
         """
+        n = self.means.shape[1]
+        W, log_det, rest, dm, T = self._relative_to_covariance(U)
+        values = log_density(np.square(rest).sum(axis=1), log_det, n)
+        values[np.isnan(values)] = -np.inf
+        pull = np.einsum("kaij,kj->kai", T, rest)
+        gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
+        gradients -= 0.5 * np.einsum("kaii->ka", T)
+        return values, gradients, self._hessians(W, rest, T, dm + pull)
+
+    def fisher_information(self, u):
+        """Fisher information of the coordinates, of shape (n_row, n_row)."""
+        *_, dm, T = self._relative_to_covariance(u[None])
+        T = T[0].reshape(len(u), -1)
+        return dm[0] @ dm[0].T + 0.5 * T @ T.T
+
+    def _relative_to_covariance(self, U):
+        """W with W S W^T = I, log|S|; W times residuals, and slopes of mean and S."""
         n_all, n = self.means.shape
         U = np.hstack([U, np.ones((len(U), 1))])
         half_dS = (U @ self.C.reshape(n_all, -1)).reshape(len(U), n_all, -1)
         W, log_det = _whitening((U[:, None] @ half_dS).reshape(-1, n, n))
         rest = -np.einsum("kij,kj->ki", W, U @ self.means)
-        values = log_density(np.square(rest).sum(axis=1), log_det, n)
-        values[np.isnan(values)] = -np.inf
         half_dS = half_dS[:, :-1].reshape(len(U), -1, n, n)
         dS = half_dS + half_dS.swapaxes(2, 3)
-        T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]  # relative to S
-        dm = self.means[:-1] @ W.swapaxes(1, 2)
-        pull = np.einsum("kaij,kj->kai", T, rest)
-        gradients = np.einsum("kai,ki->ka", dm + 0.5 * pull, rest)
-        gradients -= 0.5 * np.einsum("kaii->ka", T)
-        return values, gradients, self._hessians(W, rest, T, dm + pull)
+        T = W[:, None] @ dS @ W.swapaxes(1, 2)[:, None]
+        return W, log_det, rest, self.means[:-1] @ W.swapaxes(1, 2), T
 
     def _hessians(self, W, rest, T, along):
         """Second derivatives: those of the first ones, and those of S."""

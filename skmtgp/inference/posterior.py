@@ -461,6 +461,26 @@ def freedom_of_noise(likelihood, posterior):
     return _sum_by_noise(likelihood, noise * posterior.precision())
 
 
+def residuals_of_noise(likelihood, posterior):
+    r"""Sums of the squared residuals, in units of the noise variance of each.
+
+    At the mode of the likelihood they are the degrees of freedom. Where a variance has
+    ended at its lower bound they are less.
+
+    Parameters
+    ----------
+    likelihood, posterior
+        See :func:`freedom_of_noise`.
+
+    Returns
+    -------
+    residuals : ndarray of shape (n_noise,)
+        :math:`\sigma_m^2 \sum_{i \in m} \alpha_i^2`.
+    """
+    noise = posterior.noise + posterior.jitter
+    return _sum_by_noise(likelihood, noise * np.square(posterior.alpha))
+
+
 def _sum_by_noise(likelihood, of_row):
     return np.bincount(likelihood.noise_of_row, of_row, likelihood.prior.n_noise)
 
@@ -485,8 +505,7 @@ def noise_is_told(likelihood, posterior):
     told : ndarray of bool of shape (n_noise,)
     """
     # at the mode, or the lower bound, residuals never need more freedom than there is
-    residuals = (posterior.noise + posterior.jitter) * np.square(posterior.alpha)
-    told = _sum_by_noise(likelihood, residuals) >= LEAST_FREEDOM
+    told = residuals_of_noise(likelihood, posterior) >= LEAST_FREEDOM
     if told.all():
         return told
     return freedom_of_noise(likelihood, posterior) >= LEAST_FREEDOM

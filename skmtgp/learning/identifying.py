@@ -19,11 +19,12 @@ from skmtgp.inference.variances import in_blocks
 
 MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to gain
 # Linear steps before it. At the start samples without noise are millions of nats below
-# the mode: after three of them scoring took one step or two, not forty.
-N_REWEIGHTED = 3
+# the mode: after these scoring took one step or two, not forty.
+N_REWEIGHTED = 5
 N_CLIMBS = 2  # where the errors that a task carries depend on u, each time held
 ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
 HALVINGS = 30
+ALIKE = 1e-2  # deviations, squared, between two starts of which one is followed
 
 
 class Learned(NamedTuple):
@@ -47,10 +48,9 @@ class Learned(NamedTuple):
         """What it has of each task."""
         return self.centre + self.slopes @ u
 
-    @property
-    def mean_squares(self):
-        """Means of the squares of shares, u integrated out."""
-        return np.square(self.centre) + np.square(self.slopes).sum(axis=1)
+    def mean_squares(self, u, root):
+        """Means of the squares of shares, u being normal with covariance R R^T."""
+        return np.square(self.shares(u)) + np.square(self.slopes @ root).sum(axis=1)
 
 
 class Output(NamedTuple):
@@ -167,7 +167,8 @@ class Output(NamedTuple):
         """Squares of rows whose errors it has, and their number with its own."""
         if self.learned is None:
             return 0.0, 1.0
-        squares, F = self.learned.mean_squares, self.learned.factor
+        n_u, F = self.learned.slopes.shape[1], self.learned.factor
+        squares = self.learned.mean_squares(np.zeros(n_u), np.eye(n_u))
         F = np.hstack([np.tile(given, (len(F), 1)), F])
         return F.T @ (squares[:, None] * F), 1.0 + squares.sum()
 
@@ -179,15 +180,20 @@ class Found(NamedTuple):
     ----------
     u : ndarray of shape (n_u,)
         Where the density of u given the samples is highest.
-    covariance : ndarray of shape (n_u, n_u)
-        Of u, by the Fisher information there.
+    root : ndarray of shape (n_u, n_u)
+        R, of which R R^T is the covariance of u, by the Fisher information there.
     log_evidence : float
         Log density of the samples, u integrated out by Laplace's method.
     """
 
     u: np.ndarray
-    covariance: np.ndarray
+    root: np.ndarray
     log_evidence: float
+
+    @property
+    def covariance(self):
+        """Of u, of shape (n_u, n_u)."""
+        return self.root @ self.root.T
 
 
 class Unknown:
@@ -205,11 +211,24 @@ class Unknown:
         self.learned = [output.learned for output in outputs]
         self.n_climbs = N_CLIMBS if any(self.learned) else 1
 
-    def carry(self, u):
-        """Let the task carry errors of others as it does at u; they are held there."""
-        for border, learned in zip(self.borders, self.learned, strict=True):
+    def carry(self, u, root=None):
+        """Let the task carry errors of others as it does at u; they are held there.
+
+        Parameters
+        ----------
+        u : ndarray of shape (n_u,)
+            Mean of u.
+        root : ndarray of shape (n_u, n_roots), default=None
+            R, of which R R^T is its covariance: what is carried is the mean over u, and
+            so is the variance of the task's own function. None means that u is known.
+        """
+        root = np.zeros((len(u), 0)) if root is None else root
+        for border, learned, (_, A) in zip(
+            self.borders, self.learned, self.maps, strict=True
+        ):
             if learned is not None:
-                border.carry(learned.shares(u), learned.factor)
+                shares = np.sqrt(learned.mean_squares(u, root))
+                border.carry(shares, learned.factor, (A @ root).T)
 
     def value_and_grad(self, u):
         """Log density of the samples and u but for a constant, and its gradient."""
@@ -220,9 +239,9 @@ class Unknown:
         return value, gradient
 
     def value(self, u):
-        """The same density with what is carried at u."""
-        self.carry(u)
-        return self.value_and_grad(u)[0]
+        """The same density alone."""
+        pairs = zip(self.borders, self.maps, strict=True)
+        return sum((border.value(c + A @ u) for border, (c, A) in pairs), -0.5 * u @ u)
 
     def information(self, u):
         """Fisher information of u, with that of its prior."""
@@ -231,20 +250,30 @@ class Unknown:
             found += A.T @ border.fisher_information(c + A @ u) @ A
         return found
 
-    def reweight(self, u):
+    def reweight(self, u, root=None):
         """The mode if the covariance of the samples were always that at u.
 
-        A linear problem. Errors of others are carried as at u. Where the samples are
-        far more exact than what is known of u, scoring takes tens of steps to get near
-        the mode, and this takes a few.
+        A linear problem. Where the samples are far more exact than what is known of u,
+        scoring takes tens of steps to get near the mode, and this takes a few. What is
+        solved for is the step: u itself has too few digits.
+
+        Parameters
+        ----------
+        u, root
+            At which errors are carried, see `carry`.
+
+        Returns
+        -------
+        u, root : ndarrays of shape (n_u,) and (n_u, n_u)
+            The mode, and the root of its covariance.
         """
-        self.carry(u)
-        H, b = np.eye(len(u)), np.zeros(len(u))
+        self.carry(u, root)
+        H, gradient = np.eye(len(u)), -u
         for border, (c, A) in zip(self.borders, self.maps, strict=True):
-            by_means, by_targets = border.weighted(c + A @ u)
-            H += A.T @ by_means @ A
-            b += A.T @ (by_targets - by_means @ c)
-        return np.linalg.solve(H, b)
+            of_row, slope = border.weighted(c + A @ u)
+            H, gradient = H + A.T @ of_row @ A, gradient + A.T @ slope
+        root = inverse_root(H)
+        return u + root @ (root.T @ gradient), root
 
     def climb(self, u):
         """The mode that Fisher scoring with a line search leads to from u.
@@ -262,19 +291,24 @@ class Unknown:
         for _ in range(MOST_STEPS):
             step = np.linalg.solve(self.information(u), gradient)
             gain = gradient @ step
-            if not gain > TOL + ROUNDING * abs(value):
-                break
-            for k in range(HALVINGS):
-                further = u + 0.5**k * step
+            least = TOL + ROUNDING * abs(value)
+            while gain > least:
+                further = u + step
                 found = self.value_and_grad(further)
-                if found[0] >= value + 1e-4 * 0.5**k * gain:
+                if found[0] >= value + 1e-4 * gain:
                     break
-            else:  # no step gains: rounding
+                step, gain = 0.5 * step, 0.5 * gain
+            else:  # no step gains: it is there, but for rounding
                 break
             u, (value, gradient) = further, found
-        information = self.information(u)
-        log_det = np.linalg.slogdet(information)[1]
-        return Found(u, np.linalg.inv(information), value - 0.5 * log_det)
+        root = inverse_root(self.information(u))
+        return Found(u, root, value + np.linalg.slogdet(root)[1])
+
+
+def inverse_root(H):
+    """R with R R^T = H^{-1}, of an information that has that of the prior in it, I."""
+    values, vectors = np.linalg.eigh(H)
+    return vectors / np.sqrt(np.maximum(values, 1.0))
 
 
 def identify(unknown, starts):
@@ -296,16 +330,14 @@ def identify(unknown, starts):
     NotPositiveDefiniteError
         If the covariance of the samples is singular in floating point.
     """
-    values = [unknown.value(u) for u in starts]
-    modes = []
-    for u in (np.zeros_like(starts[0]), starts[np.argmax(values)]):
-        for _ in range(N_REWEIGHTED):
-            u = unknown.reweight(u)
-        for _ in range(unknown.n_climbs):
-            unknown.carry(u)
-            found = unknown.climb(u)
-            u = found.u
-        modes.append(found)
+    modes, middle = [], np.zeros_like(starts[0])
+    unknown.carry(middle)
+    likeliest = max(starts, key=unknown.value)
+    for u in (middle, likeliest):
+        u, root = _near_mode(unknown, u)
+        if modes and np.square(np.linalg.solve(root, u - modes[0].u)).sum() < ALIKE:
+            break
+        modes.append(_mode(unknown, u, root))
     best = max(modes, key=lambda mode: mode.log_evidence)
     if not np.isfinite(best.log_evidence):
         raise NotPositiveDefiniteError(
@@ -314,6 +346,23 @@ def identify(unknown, starts):
             "or fewer samples."
         )
     return best
+
+
+def _near_mode(unknown, u):
+    """Where some linear steps lead, and the root of its covariance."""
+    root = None
+    for _ in range(N_REWEIGHTED):
+        u, root = unknown.reweight(u, root)
+    return u, root
+
+
+def _mode(unknown, u, root):
+    """The mode that climbs from near it lead to."""
+    for _ in range(unknown.n_climbs):
+        unknown.carry(u, root)
+        found = unknown.climb(u)
+        u, root, _ = found
+    return found
 
 
 def log_normal(y, mean, covariance):

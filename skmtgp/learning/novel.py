@@ -6,7 +6,7 @@ it also what the task shares with no other. One or two samples do not determine 
 unless told otherwise we add what the rows of the tasks so far tell of it.
 """
 
-from functools import partial
+from functools import cached_property, partial
 from time import perf_counter
 
 import numpy as np
@@ -96,13 +96,12 @@ def learn_novel(
         border = BorderLikelihood(
             posterior, factors, X, y, np.exp(log_noise), level=level, **of_terms
         )
-        best = learn_border(
-            border, np.hstack(factors), budget, informed=informed, rng=rng
-        )
+        posed = Posed(border, np.hstack(factors))
+        best = learn_border(posed, budget, informed=informed, rng=rng)
         value = border.value(best.x)
         of_row = ()
         if informed and rng is None:
-            of_row = leeway_of(border, np.hstack(factors), best.x, position)
+            of_row = leeway_of(posed, best.x, position)
     rows, of_own = by_terms(border, best.x, len(factors))
     log_noise = log_noise if own_noise else None
     known = rows, of_own, position, log_noise
@@ -242,7 +241,7 @@ class Population:
     """
 
     def __init__(self, factor, own):
-        n_tasks, self.rank = factor.shape
+        self.factor, (n_tasks, self.rank) = factor, factor.shape
         self.degrees_of_freedom = max(n_tasks - self.rank, 1)
         moment = np.square(factor).sum(axis=1).mean() or 1.0
         covariance = np.atleast_2d(np.cov(factor.T, bias=True))
@@ -284,24 +283,8 @@ class Population:
         return values, -weight * slopes, weight * hessians
 
 
-def _negative_density(border, rows, informed, u):
-    """What is minimised over a row's coordinates u, and its gradient."""
-    value, gradient = border.value_and_grad(rows.row(u))
-    gradient = rows.scale.T @ gradient
-    if informed:
-        log_prior, slope = rows.log_prior(u)
-        value, gradient = value + log_prior, gradient + slope
-    return -value, -gradient
-
-
-def _information(border, rows, u):
-    """Fisher's information of u, with that of the prior."""
-    information = border.fisher_information(rows.row(u))
-    return rows.scale.T @ information @ rows.scale + np.eye(len(u))
-
-
-def learn_border(border, factor, budget, *, informed, rng=None):
-    """The border that the novel task's samples, and perhaps the prior, tell.
+class Posed:
+    """A border in the coordinates of the population that its row is taken from.
 
     Parameters
     ----------
@@ -309,6 +292,58 @@ def learn_border(border, factor, budget, *, informed, rng=None):
         The likelihood.
     factor : ndarray of shape (n_tasks, rank)
         F of the tasks so far.
+
+    Attributes
+    ----------
+    border : BorderLikelihood
+        The likelihood.
+    rows : Population
+        Of rows.
+    is_small : bool
+        Whether pairs of latent functions take less than the call of a function.
+    """
+
+    def __init__(self, border, factor):
+        self.border, self.rows = border, Population(factor, border.own)
+        size = len(border.y) * (border.rank + border.own)
+        self.is_small = 0 < size <= TUNING.together
+
+    @cached_property
+    def pairs(self):
+        """The likelihood by the coordinates, of many borders at once."""
+        return self.border.pairs(self.rows.mean, self.rows.scale)
+
+    def negative_density(self, informed, u):
+        """What is minimised over a row's coordinates u, and its gradient."""
+        value, gradient = self.border.value_and_grad(self.rows.row(u))
+        gradient = self.rows.scale.T @ gradient
+        if informed:
+            log_prior, slope = self.rows.log_prior(u)
+            value, gradient = value + log_prior, gradient + slope
+        return -value, -gradient
+
+    def negative_densities(self, informed, U):
+        """The same of many u, with Hessians."""
+        found = self.pairs.evaluate(U)
+        if informed:
+            found = map(np.add, found, self.rows.log_priors(U))
+        return map(np.negative, found)
+
+    def information(self, u):
+        """Fisher's information of u, with that of the prior."""
+        if self.is_small:
+            return self.pairs.fisher_information(u) + np.eye(len(u))
+        information = self.border.fisher_information(self.rows.row(u))
+        return self.rows.scale.T @ information @ self.rows.scale + np.eye(len(u))
+
+
+def learn_border(posed, budget, *, informed, rng=None):
+    """The border that the novel task's samples, and perhaps the prior, tell.
+
+    Parameters
+    ----------
+    posed : Posed
+        The likelihood and the population.
     budget : Budget
         As for the estimators.
     informed : bool
@@ -322,29 +357,29 @@ def learn_border(border, factor, budget, *, informed, rng=None):
         The best of those that the best starts lead to; x is the row, with w last if
         there is one; evaluations of all.
     """
-    rows = Population(factor, border.own)
+    rows, border = posed.rows, posed.border
     upper = np.full_like(rows.lower, TUNING.farthest)
     own = TUNING.first * rows.scale[-1, -1] if border.own else 0.0
-    starts = rows.coordinates(_starts(border, factor, own).T).T
+    starts = rows.coordinates(_starts(border, rows.factor, own).T).T
     starts = np.clip(starts, rows.lower, upper)
-    follow = _follow_together if _is_small(border) else _follow_each
-    optima, n_evaluations = follow(border, rows, informed, starts, upper, budget)
+    follow = _follow_together if posed.is_small else _follow_each
+    optima, n_evaluations = follow(posed, informed, starts, upper, budget)
     best = min(optima, key=lambda optimum: optimum.value)
     if informed and rng is not None:
-        objective = partial(_negative_density, border, rows, informed)
-        precision = _information(border, rows, best.x)
+        objective = partial(posed.negative_density, informed)
+        precision = posed.information(best.x)
         chain = _drawn(objective, precision, best.x, rows.lower, rng)
         n_evaluations += chain.n_evaluations
         best = best._replace(x=chain.draws[-1])
     return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
 
 
-def leeway_of(border, factor, x, task):
+def leeway_of(posed, x, task):
     """What the samples and the prior leave open of a row of F, by Laplace's method.
 
     Parameters
     ----------
-    border, factor
+    posed : Posed
         See :func:`learn_border`.
     x : ndarray of shape (rank,), or (rank + 1,) with w last
         The row that was learned.
@@ -356,10 +391,10 @@ def leeway_of(border, factor, x, task):
     leeway : tuple of OfRow
         One, or none where there is no l.
     """
+    border, rows = posed.border, posed.rows
     if not border.rank:
         return ()
-    rows = Population(factor, border.own)
-    covariance = np.linalg.inv(_information(border, rows, rows.coordinates(x)))
+    covariance = np.linalg.inv(posed.information(rows.coordinates(x)))
     covariance = (rows.scale @ covariance @ rows.scale.T)[: border.rank, : border.rank]
     values, vectors = np.linalg.eigh(covariance)
     axes = (np.sqrt(np.maximum(values, 0.0)) * vectors).T
@@ -367,35 +402,23 @@ def leeway_of(border, factor, x, task):
     return (OfRow(task, [axes[:, of_l == q] for q in range(len(border.K_x))]),)
 
 
-def _is_small(border):
-    """Whether pairs of latent functions take less than the call of a function."""
-    return 0 < len(border.y) * (border.rank + border.own) <= TUNING.together
-
-
-def _follow_together(border, rows, informed, starts, upper, budget):
+def _follow_together(posed, informed, starts, upper, budget):
     """Optima of the best starts by Newton's method, and the number of evaluations."""
-    pairs = border.pairs(rows.mean, rows.scale)
-
-    def objective(U):
-        found = pairs.evaluate(U)
-        if informed:
-            found = map(np.add, found, rows.log_priors(U))
-        return map(np.negative, found)
-
+    objective = partial(posed.negative_densities, informed)
     options = {"max_iter": budget.max_iter, "tol": budget.tol}
     options["followed"] = TUNING.followed
-    optima = minimize_all(objective, starts, rows.lower, upper, **options)
+    optima = minimize_all(objective, starts, posed.rows.lower, upper, **options)
     n_steps = sum(optimum.n_evaluations - 1 for optimum in optima)
     return optima, len(starts) + n_steps
 
 
-def _follow_each(border, rows, informed, starts, upper, budget):
+def _follow_each(posed, informed, starts, upper, budget):
     """The same by quasi-Newton steps, one start after another."""
-    objective = partial(_negative_density, border, rows, informed)
-    metric = partial(_information, border, rows)
-    options = {"metric": metric, "max_iter": budget.max_iter, "tol": budget.tol}
+    objective = partial(posed.negative_density, informed)
+    options = {"metric": posed.information}
+    options |= {"max_iter": budget.max_iter, "tol": budget.tol}
     optima = [
-        minimize(objective, u, rows.lower, upper, **options)
+        minimize(objective, u, posed.rows.lower, upper, **options)
         for u in sorted(starts, key=lambda u: objective(u)[0])[: TUNING.followed]
     ]
     return optima, len(starts) + sum(optimum.n_evaluations for optimum in optima)

@@ -16,6 +16,7 @@ from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.learning.novel import (
+    Posed,
     by_terms,
     lacking,
     learn_border,
@@ -58,9 +59,10 @@ def settled(problem, mode):
             border = _border(problem, posterior, theta, task)
             if not len(border.y):  # all that its rows tell is a trend of its own
                 continue
-            best = learn_border(border, population, problem.budget, informed=True)
+            posed = Posed(border, population)
+            best = learn_border(posed, problem.budget, informed=True)
             row = by_terms(border, best.x, prior.n_terms)
-            leeway += leeway_of(border, population, best.x, task)
+            leeway += leeway_of(posed, best.x, task)
             theta = prior.with_row(theta, *row, task)
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):

@@ -224,6 +224,19 @@ class TestPairs:
             np.testing.assert_allclose(found, slope, rtol=0.0, atol=atol)
             np.testing.assert_allclose(found, found.T, atol=1e-9 * np.abs(found).max())
 
+    @pytest.mark.parametrize("error", [0.0, 0.3])
+    def test_fisher_information(self, problem, error):
+        border, rows = self.border(problem, error), self.rows(problem)
+        scale = np.tril(np.random.default_rng(1).normal(size=(rows.shape[1],) * 2))
+        pairs = border.pairs(rows[0], scale)
+        for u in np.vstack([np.zeros_like(rows[:1]), 0.1 * rows]):
+            of_row = border.fisher_information(rows[0] + scale @ u)
+            expected = scale.T @ of_row @ scale
+            atol = 1e-9 * np.abs(expected).max()
+            np.testing.assert_allclose(
+                pairs.fisher_information(u), expected, rtol=1e-7, atol=atol
+            )
+
     def test_coordinates(self, problem):
         """Of a row, mean + scale @ u: derivatives are those of the chain rule."""
         border, rows = self.border(problem, 0.3), self.rows(problem)

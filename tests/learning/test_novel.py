@@ -10,7 +10,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from skmtgp.inference.border import BorderLikelihood, PairedBorder
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import novel
-from skmtgp.learning.novel import Population, learn_border, learn_novel
+from skmtgp.learning.novel import Population, Posed, learn_border, learn_novel
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.tuning import Tuning
 from skmtgp.model.task_covariance import low_rank
@@ -50,7 +50,7 @@ class Problem:
 
 def learn(problem, own=False, informed=False, **changes):
     border, budget = problem.border(own), replace(BUDGET, **changes)
-    return border, learn_border(border, problem.F, budget, informed=informed)
+    return border, learn_border(Posed(border, problem.F), budget, informed=informed)
 
 
 def objective(border, F, informed):
@@ -174,7 +174,7 @@ class TestLearnBorder:
 
         monkeypatch.setattr(PairedBorder, "evaluate", counted)
         border = problem.border(own, kind=Counting)
-        best = learn_border(border, problem.F, BUDGET, informed=informed)
+        best = learn_border(Posed(border, problem.F), BUDGET, informed=informed)
         assert best.n_evaluations == len(count) > 0
         assert len(best.x) == RANK + own
 
@@ -212,7 +212,7 @@ class TestLearnBorder:
 def test_samples_without_information_leave_the_mean_of_the_rows():
     problem = Problem()
     border = problem.border(noise=1e12)
-    best = learn_border(border, problem.F, BUDGET, informed=True)
+    best = learn_border(Posed(border, problem.F), BUDGET, informed=True)
     np.testing.assert_allclose(best.x, problem.F.mean(axis=0), atol=1e-5)
 
 

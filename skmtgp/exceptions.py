@@ -14,6 +14,7 @@ __all__ = [
     "LongFitWarning",
     "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
+    "OutlierWarning",
     "PrecisionWarning",
     "RepeatedRowsWarning",
     "SamplingWarning",
@@ -190,6 +191,25 @@ class NegativeVarianceWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import NegativeVarianceWarning
     >>> warnings.simplefilter("error", NegativeVarianceWarning)
+    """
+
+
+class OutlierWarning(UserWarning):
+    """A few targets are far from all others of their task.
+
+    At most one row of ten of a task is 20 times as far from the median as the next one.
+    It may be a code for a missing value, such as -999, another unit or a failed sensor.
+    The noise is assumed to be Gaussian: one such row raises the noise so much that
+    hardly anything else is learned of the task.
+
+    Leave out rows that are wrong. Where the values are right,
+    ``target_transform=(np.log, np.exp)`` may suit them.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import OutlierWarning
+    >>> warnings.simplefilter("error", OutlierWarning)
     """
 
 

@@ -128,7 +128,18 @@ NO_NUMBERS = {
     "categories": ({"u": pd.Categorical(["A", "B"])}, "'u' holds strings such as 'A'"),
     "dates": ({"day": [DAY, DAY]}, "'day' holds dates or times such as 2026-01-02"),
     "objects": ({"day": np.array([DAY, 1.0], object)}, "'day' holds dates or times"),
-    "durations": ({"age": [DAY - DAY, pd.NaT]}, "'age' holds dates or times"),
+    "durations": (
+        {"age": [DAY - DAY, pd.NaT]},
+        "'age' holds dates or times such as 0 days 00:00:00. .*: durations / pd.Timed",
+    ),
+    "dates as text": (
+        {"day": ["2026-01-02", "2026-01-03"]},
+        r"'day' holds dates or times such as '2026-01-02'.* \(pd.to_datetime\(dates\)",
+    ),
+    "other dates": ({"day": ["2.1.2026", "3.1.2026"]}, "'day' holds dates .*to_datet"),
+    "times": ({"day": ["1/2/2026 12:30"] * 2}, "'day' holds dates .*to_datetime"),
+    "versions": ({"of": ["1.2.3", "1.2.4"]}, "'of' holds strings .*OneHotEncoder"),
+    "commas": ({"u": ["1.5", "-1,5"]}, r"'-1,5'. Is that a decimal comma\?.*decimal="),
 }
 
 

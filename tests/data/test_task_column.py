@@ -267,6 +267,32 @@ def test_names_that_say_nothing_of_tasks(name):
     PooledGP(max_iter=0).fit(table.to_numpy(), np.sin(table.iloc[:, 0]))
 
 
+@pytest.mark.parametrize("name", ["site", "Patient-ID", "no_of_machine"])
+def test_another_column_that_has_the_name_of_tasks(name):
+    x = np.linspace(0.0, 1.0, 12)
+    table = pd.DataFrame({name: np.arange(12) % 3, "x": x, "wind": np.arange(12) % 5})
+    model = PooledGP(max_iter=0)
+    match = f"takes the last column, 'wind', .* column that has them, '{name}' for exa"
+    with pytest.warns(TaskColumnWarning, match=match):
+        model.fit(table, x)
+    model.set_params(task_feature="wind").fit(table, x)
+    model.set_params(task_feature=name).fit(table, x)
+    model.set_params(task_feature=-1).fit(table.to_numpy(), x)
+
+
+@pytest.mark.parametrize(
+    ("values", "last"),
+    [
+        (np.linspace(0.0, 1.0, 12), "kind"),  # fractions
+        (np.arange(12), "kind"),  # of one row each
+        (np.arange(12) % 3, "machine"),
+    ],
+)
+def test_columns_that_have_names_of_tasks_and_are_none(values, last):
+    table = pd.DataFrame({"site": values, last: np.arange(12) % 3})
+    PooledGP(max_iter=0).fit(table, np.sin(np.arange(12.0)))
+
+
 def test_unknown_tasks_of_the_last_column():
     """An error in predict may be the first sign of a column taken by default."""
     table = pd.DataFrame({"x": np.linspace(0.0, 1.0, 12), "kind": np.arange(12) % 3})

@@ -35,9 +35,9 @@ FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 # Last words of names of columns that are integers, and seldom name tasks
 TIMES = {"year", "month", "week", "day", "weekday", "hour", "minute", "time"}
 QUANTITIES = {*TIMES, "age", "count", "depth", "distance", "height", "temperature"}
-# Words of names of columns that tell tasks
-TASKS = {"task", "site", "station", "patient", "subject", "person", "machine", "sensor"}
-TASKS |= {"shop", "store", "school"}
+# Words in names of columns that tell tasks
+PLACES = {"site", "station", "shop", "store", "school"}
+TASKS = {*PLACES, "task", "patient", "subject", "person", "machine", "sensor"}
 AT_ONCE = 100_000  # of which the standard deviation is taken at once
 BY_PARTITIONS = (
     "Predict where they are: X.map_partitions(model.predict, meta=('output', float)), "

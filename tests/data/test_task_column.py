@@ -54,6 +54,32 @@ def test_column_name_among_several_levels():
     assert task_labels(table, "at_site").tasks.tolist() == [1, 2]
 
 
+def test_column_name_in_the_index():
+    table = pd.DataFrame({"x": [0.5, 1.5, 2.5], "z": 1.0, "site": ["a", "b", "b"]})
+    match = r"'site' is in the index of X, .*by X\.reset_index\('site'\)"
+    for index in ("site", ["site", "z"]):
+        indexed = table.set_index(index)
+        with pytest.raises(ValueError, match=match):
+            PooledGP(task_feature="site").fit(indexed, [1.0, 2.0, 3.0])
+        with pytest.raises(ValueError, match=match):
+            task_labels(indexed, "site")
+        found = task_labels(indexed.reset_index("site"), "site")
+        assert found.tasks.tolist() == ["a", "b"]
+    both = table.set_index("site", drop=False)
+    assert task_labels(both, "site").tasks.tolist() == ["a", "b"]
+    numbered = table.set_index(pd.Index([5, 6, 7], name="load"))
+    assert task_labels(numbered, -1).tasks.tolist() == ["a", "b"]
+
+
+@pytest.mark.parametrize("model", [PooledGP, BayesianLinearRegression])
+def test_several_columns_that_tell_the_task(model):
+    match = (
+        r"Got \['site', 'machine'\] instead.* join them in one, such as X\['site'\] \+"
+    )
+    with pytest.raises(ValueError, match=match):
+        model(task_feature=["site", "machine"]).fit([[0.5, 1, 1]], [1.0])
+
+
 def test_column_name_that_is_not_there():
     with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
         locate_task_column("load", 2, ["a", "b"])

@@ -14,6 +14,7 @@ __all__ = [
     "LongFitWarning",
     "NegativeVarianceWarning",
     "NotPositiveDefiniteError",
+    "OutlierWarning",
     "PrecisionWarning",
     "RepeatedRowsWarning",
     "SamplingWarning",
@@ -193,6 +194,25 @@ class NegativeVarianceWarning(RuntimeWarning):
     """
 
 
+class OutlierWarning(UserWarning):
+    """A few targets are far from all others of their task.
+
+    At most one row of ten of a task is 20 times as far from the median as the next one.
+    It may be a code for a missing value, such as -999, another unit or a failed sensor.
+    The noise is assumed to be Gaussian: one such row raises the noise so much that
+    hardly anything else is learned of the task.
+
+    Leave out rows that are wrong. Where the values are right,
+    ``target_transform=(np.log, np.exp)`` may suit them.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import OutlierWarning
+    >>> warnings.simplefilter("error", OutlierWarning)
+    """
+
+
 class PrecisionWarning(RuntimeWarning):
     """Learning ended because the likelihood has too few correct digits to go on.
 
@@ -244,8 +264,9 @@ class TaskColumnWarning(UserWarning):
     It has more tasks than half of the rows, or labels that differ in spaces or case
     alone, or, in cross-validation, a task of one row. Or it is the last column by
     default, and has integers and the name of a quantity, such as "hour" or "count"; or
-    the one before it looks more like labels, as if something had been appended to X.
-    The message says what to do.
+    another column has integers and a name such as "site" or "patient_id"; or the one
+    before it looks more like labels, as if something had been appended to X. The
+    message says what to do.
 
     Examples
     --------

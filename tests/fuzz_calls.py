@@ -22,6 +22,7 @@ WARNINGS = (
     exceptions.CorrelatedResidualsWarning,
     exceptions.DescriptorWarning,
     exceptions.JitterWarning,
+    exceptions.OutlierWarning,
     exceptions.PrecisionWarning,
     exceptions.RepeatedRowsWarning,
     exceptions.SmallTaskWarning,

@@ -35,6 +35,9 @@ FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 # Last words of names of columns that are integers, and seldom name tasks
 TIMES = {"year", "month", "week", "day", "weekday", "hour", "minute", "time"}
 QUANTITIES = {*TIMES, "age", "count", "depth", "distance", "height", "temperature"}
+# Words in names of columns that tell tasks
+PLACES = {"site", "station", "shop", "store", "school"}
+TASKS = {*PLACES, "task", "patient", "subject", "person", "machine", "sensor"}
 AT_ONCE = 100_000  # of which the standard deviation is taken at once
 BY_PARTITIONS = (
     "Predict where they are: X.map_partitions(model.predict, meta=('output', float)), "
@@ -319,7 +322,7 @@ def warn_of_training(estimator, features, tasks, y):
     )
     _warn_of_alike(tasks)
     column = _task_column(estimator)
-    _warn_of_quantity(estimator.task_feature, column, tasks)
+    _warn_of_default(estimator, column, tasks, features)
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
         warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
@@ -329,26 +332,47 @@ def warn_of_training(estimator, features, tasks, y):
         )
 
 
-def _warn_of_quantity(task_feature, column, tasks):
-    """Say where the last column, taken by default, has the name of a quantity.
+def _warn_of_default(estimator, column, tasks, features):
+    """Say where the last column, taken by default, may be another one than that.
 
     Integers of a column "hour" or "age" look like labels. Only its name tells that they
-    may be none.
+    may be none, or that of another column of integers that it has the tasks.
     """
-    by_default = task_feature == -1 and isinstance(column, str)
+    by_default = estimator.task_feature == -1 and isinstance(column, str)
     if not by_default or tasks.dtype.kind not in "iu":
         return
-    words = re.findall("[a-z]+", column.lower())
-    if not QUANTITIES.intersection(words[-1:]):
+    better, words = _named_like_tasks(estimator, features), _words(column)
+    told = not better or TASKS.intersection(words)
+    if told and not QUANTITIES.intersection(words[-1:]):
         return
+    such = f", {better[0]!r} for example" if better else ""
     warn(
         f"task_feature=-1 takes the last column, {column!r}, for the tasks: "
         f"{len(tasks)} of them, such as {_few(tasks)}. If these are no tasks, set "
-        "task_feature to the name of the column that has them, or add a column with "
-        "one label where all rows are of one task. If they are, set "
+        f"task_feature to the name of the column that has them{such}, or add a column "
+        "with one label where all rows are of one task. If they are, set "
         f"task_feature={column!r}.",
         TaskColumnWarning,
     )
+
+
+def _words(name):
+    return re.findall("[a-z]+", name.lower())
+
+
+def _named_like_tasks(estimator, features):
+    """Names of columns that tell tasks, by integers that repeat."""
+    if is_dask(features):
+        return []
+    names = locate(estimator)[1].tolist()
+    found = [j for j, name in enumerate(names) if TASKS.intersection(_words(name))]
+    return [names[j] for j in found if _repeat(features[:, j])]
+
+
+def _repeat(values):
+    """Whether these are integers, each of two rows on average or more."""
+    integers = (np.mod(values, 1.0) == 0.0).all()
+    return integers and 2 * len(np.unique(values)) <= len(values)
 
 
 def _few(tasks):

@@ -1,5 +1,6 @@
 """Numbers of features and targets: checked, and named where they cannot be used."""
 
+import re
 from datetime import date, timedelta
 from functools import partial
 from typing import NamedTuple
@@ -11,6 +12,13 @@ from sklearn.utils import check_array
 
 MOST = 5  # columns that an error names
 DATES = date, timedelta, np.datetime64, np.timedelta64
+# Text that is no number: a date, with the year first or last, and 1,5
+DATE = re.compile(r"\s*(\d{4}([-/.])\d\d?\2\d\d?|\d\d?([-/.])\d\d?\3\d{4})\b")
+DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+\s*")
+SINCE = (  # a day that is the same in fit and predict
+    "to days since a fixed one for example: "
+    "(pd.to_datetime(dates) - pd.Timestamp('2000-01-01'))"
+)
 
 
 def as_frame(values):
@@ -183,15 +191,26 @@ def _check_value(value, name, column, advise):
     subject = "Features" if name == "X" else name
     where = "" if column is None else f" column {column!r}"
     what = f"{subject} must be numbers, but{where} holds"
+    if isinstance(value, (timedelta, np.timedelta64)):
+        _refuse_dates(what, pd.Timedelta(value), "to days for example: durations")
     if isinstance(value, DATES):
-        raise ValueError(
-            f"{what} dates or times such as {value}. Convert it, to days since the "
-            "first for example."
-        )
+        _refuse_dates(what, value)
     try:
         float(0 if value is None or value is pd.NA else value)
     except TypeError as error:
         raise TypeError(f"{what} {value!r}: {error}.") from error
     except ValueError as error:
+        if DATE.match(str(value)):
+            _refuse_dates(what, repr(value))
         advice = advise() if advise else ""
+        if DECIMAL_COMMA.fullmatch(str(value)):
+            advice = " Is that a decimal comma? Then read the table with decimal=','."
         raise ValueError(f"{what} strings such as {value!r}.{advice}") from error
+
+
+def _refuse_dates(what, value, how=SINCE):
+    """Raise a ValueError that says how to make numbers of dates or durations."""
+    raise ValueError(
+        f"{what} dates or times such as {value}. Convert it, {how} / "
+        "pd.Timedelta(days=1)."
+    )

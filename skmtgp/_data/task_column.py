@@ -167,6 +167,7 @@ def read_table(estimator, X, *, reset):
     options = {"dtype": None, "ensure_all_finite": False}
     if isinstance(X, pd.DataFrame):
         _refuse_levels(X, estimator.task_feature)
+        _refuse_index(X, estimator.task_feature)
         options = {"skip_check_array": True}
     try:
         table = validate_data(estimator, _keep_types(X), reset=reset, **options)
@@ -193,6 +194,16 @@ def _refuse_levels(frame, task_feature):
             f"{frame.columns.nlevels} levels, such as {frame.columns[0]!r}. Make them "
             "one, by X.columns = ['_'.join(map(str, c)) for c in X.columns] for "
             "example, or give the position of the column."
+        )
+
+
+def _refuse_index(frame, task_feature):
+    """Raise a ValueError where the tasks are in the index, which is no column."""
+    named = isinstance(task_feature, str) and task_feature in frame.index.names
+    if named and task_feature not in frame.columns:
+        raise ValueError(
+            f"task_feature={task_feature!r} is in the index of X, which is no column. "
+            f"Make it one, by X.reset_index({task_feature!r}) for example."
         )
 
 
@@ -346,6 +357,7 @@ def task_labels(X, task_feature=-1, owner=None):
     X = as_frame(X)
     if isinstance(X, pd.DataFrame):
         _refuse_levels(X, task_feature)
+        _refuse_index(X, task_feature)
     elif not hasattr(X, "dtype"):
         X = np.asarray(X, dtype=object)
     if X.ndim != 2:

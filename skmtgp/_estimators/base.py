@@ -18,7 +18,7 @@ from skmtgp._estimators.doubts import (
     warn_of_duration,
     warn_of_small_tasks,
 )
-from skmtgp._estimators.estimator import public
+from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import KERNEL, named_kernel
 from skmtgp._estimators.posing import pose
@@ -73,6 +73,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
     }
 
     _parameter_hints = {
+        **Estimator._parameter_hints,
         "trend": "Columns of X are a list, such as ['east', 'north']; a quadratic "
         "trend is PolynomialFeatures(2) of scikit-learn.",
         "target_transform": "For logarithms give a function and its inverse, "

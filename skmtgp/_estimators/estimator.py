@@ -17,7 +17,10 @@ Method = TypeVar("Method", bound=Callable)
 class Estimator(CallbackSupportMixin, BaseEstimator):
     """Estimator that takes callbacks and whose HTML links to its documentation."""
 
-    _parameter_hints: ClassVar[dict[str, str]] = {}  # what to give, for errors
+    _parameter_hints: ClassVar[dict[str, str]] = {  # what to give, for errors
+        "task_feature": "It is one column. Where several tell the task, join them in "
+        "one, such as X['site'] + ' ' + X['machine'] of strings."
+    }
 
     _doc_link_module = "skmtgp"
     _doc_link_template = DOCUMENTATION + "/api/{estimator_name}.html"

@@ -14,6 +14,7 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.descriptors import locate_descriptors, read_descriptors
 from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import Labels
+from skmtgp._data.outliers import far_off, warn_of_outliers
 from skmtgp._data.partitions import check_partitions
 from skmtgp._data.trend import read_trend
 from skmtgp._estimators.slopes import Slopes
@@ -62,6 +63,7 @@ def read(model, X, y, given=NOTHING):
     training = gathered(model, *check(model, X, y), given)
     if plain and not stay:
         _tell_copies(model, training)
+        _tell_outliers(training)
     return training
 
 
@@ -120,6 +122,14 @@ def _tell_copies(model, training):
     if model.max_iter and not fixed and len(training.Y) <= MOST_ROWS:
         rows = training.features, training.codes, training.Y
         warn_of_copies(count_copies(*rows))
+
+
+def _tell_outliers(training):
+    """Warn of targets that are far from all others, whatever the trend."""
+    far = far_off(training.unexplained(False), training.codes)
+    if far.any():
+        targets = training.target.back(training.Y)
+        warn_of_outliers(far, targets, training.codes, training.tasks)
 
 
 def _tell_constants(model, Y):

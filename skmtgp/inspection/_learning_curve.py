@@ -13,7 +13,9 @@ from numpy.typing import ArrayLike
 from sklearn.base import BaseEstimator
 from sklearn.model_selection import BaseCrossValidator, check_cv, cross_validate
 
+from skmtgp._data.numbers import check_numbers
 from skmtgp._data.splitting import TaskStratifiedKFold
+from skmtgp._data.task_column import task_labels
 from skmtgp.inspection._drawing import Display, pyplot, style
 from skmtgp.inspection._models import task_column
 from skmtgp.metrics import make_normalized_mse_scorer
@@ -152,7 +154,9 @@ class TaskLearningCurveDisplay(Display):
             Numbers of training samples, or shares of the largest training set.
         cv : int or cross-validator, default=5
             Number of folds of a :class:`~skmtgp.model_selection.TaskStratifiedKFold`,
-            which shuffles always in the same way, or another splitter.
+            which shuffles always in the same way, or another splitter. Where a fold
+            tests one row of a task, errors are divided by the variances of all targets
+            of each task, not of those in the fold.
         task_feature : int or str, default=None
             Position or name of the task column of X. None takes that of the estimator,
             of a pipeline's first step, or of its model if X has a column of that name.
@@ -229,10 +233,20 @@ def _errors(model, X, y, cv, column, train_sizes, n_jobs):
     folds = list(check_cv(cv).split(X, y))
     sizes = _sizes(train_sizes, min(len(train) for train, _ in folds))
     cut = [(train[:n], test) for n in sizes for train, test in folds]
-    scorer = make_normalized_mse_scorer(column)
+    scorer = _scorer(X, y, column, [test for _, test in folds])
     scores = cross_validate(model, X, y, cv=cut, scoring=scorer, n_jobs=n_jobs)
     n, draw = np.repeat(sizes, len(folds)), np.tile(np.arange(len(folds)), len(sizes))
     return pd.DataFrame({"n": n, "draw": draw, "error": -scores["test_score"]})
+
+
+def _scorer(X, y, column, tests):
+    """Of the nMSE; by variances of all targets where a fold has one row of a task."""
+    tasks = task_labels(X, column).of_rows()
+    targets = pd.DataFrame(check_numbers(y, "y").reshape(len(tasks), -1))
+    distinct = [targets.iloc[test].groupby(tasks[test]).nunique() for test in tests]
+    too_few = any((of < 2).any(axis=None) for of in distinct)
+    y_var = targets.groupby(tasks).var(ddof=0) if too_few else None
+    return make_normalized_mse_scorer(column, y_var=y_var)
 
 
 def _sizes(train_sizes, largest):

@@ -54,6 +54,32 @@ def test_column_name_among_several_levels():
     assert task_labels(table, "at_site").tasks.tolist() == [1, 2]
 
 
+def test_column_name_in_the_index():
+    table = pd.DataFrame({"x": [0.5, 1.5, 2.5], "z": 1.0, "site": ["a", "b", "b"]})
+    match = r"'site' is in the index of X, .*by X\.reset_index\('site'\)"
+    for index in ("site", ["site", "z"]):
+        indexed = table.set_index(index)
+        with pytest.raises(ValueError, match=match):
+            PooledGP(task_feature="site").fit(indexed, [1.0, 2.0, 3.0])
+        with pytest.raises(ValueError, match=match):
+            task_labels(indexed, "site")
+        found = task_labels(indexed.reset_index("site"), "site")
+        assert found.tasks.tolist() == ["a", "b"]
+    both = table.set_index("site", drop=False)
+    assert task_labels(both, "site").tasks.tolist() == ["a", "b"]
+    numbered = table.set_index(pd.Index([5, 6, 7], name="load"))
+    assert task_labels(numbered, -1).tasks.tolist() == ["a", "b"]
+
+
+@pytest.mark.parametrize("model", [PooledGP, BayesianLinearRegression])
+def test_several_columns_that_tell_the_task(model):
+    match = (
+        r"Got \['site', 'machine'\] instead.* join them in one, such as X\['site'\] \+"
+    )
+    with pytest.raises(ValueError, match=match):
+        model(task_feature=["site", "machine"]).fit([[0.5, 1, 1]], [1.0])
+
+
 def test_column_name_that_is_not_there():
     with pytest.raises(ValueError, match=r"'load' is not a column: \['a', 'b'\]"):
         locate_task_column("load", 2, ["a", "b"])
@@ -128,7 +154,18 @@ NO_NUMBERS = {
     "categories": ({"u": pd.Categorical(["A", "B"])}, "'u' holds strings such as 'A'"),
     "dates": ({"day": [DAY, DAY]}, "'day' holds dates or times such as 2026-01-02"),
     "objects": ({"day": np.array([DAY, 1.0], object)}, "'day' holds dates or times"),
-    "durations": ({"age": [DAY - DAY, pd.NaT]}, "'age' holds dates or times"),
+    "durations": (
+        {"age": [DAY - DAY, pd.NaT]},
+        "'age' holds dates or times such as 0 days 00:00:00. .*: durations / pd.Timed",
+    ),
+    "dates as text": (
+        {"day": ["2026-01-02", "2026-01-03"]},
+        r"'day' holds dates or times such as '2026-01-02'.* \(pd.to_datetime\(dates\)",
+    ),
+    "other dates": ({"day": ["2.1.2026", "3.1.2026"]}, "'day' holds dates .*to_datet"),
+    "times": ({"day": ["1/2/2026 12:30"] * 2}, "'day' holds dates .*to_datetime"),
+    "versions": ({"of": ["1.2.3", "1.2.4"]}, "'of' holds strings .*OneHotEncoder"),
+    "commas": ({"u": ["1.5", "-1,5"]}, r"'-1,5'. Is that a decimal comma\?.*decimal="),
 }
 
 
@@ -254,6 +291,32 @@ def test_names_that_say_nothing_of_tasks(name):
     table.columns = table.columns if name == 5 else ["x", name]
     PooledGP(max_iter=0).fit(table, np.sin(table.iloc[:, 0]))
     PooledGP(max_iter=0).fit(table.to_numpy(), np.sin(table.iloc[:, 0]))
+
+
+@pytest.mark.parametrize("name", ["site", "Patient-ID", "no_of_machine"])
+def test_another_column_that_has_the_name_of_tasks(name):
+    x = np.linspace(0.0, 1.0, 12)
+    table = pd.DataFrame({name: np.arange(12) % 3, "x": x, "wind": np.arange(12) % 5})
+    model = PooledGP(max_iter=0)
+    match = f"takes the last column, 'wind', .* column that has them, '{name}' for exa"
+    with pytest.warns(TaskColumnWarning, match=match):
+        model.fit(table, x)
+    model.set_params(task_feature="wind").fit(table, x)
+    model.set_params(task_feature=name).fit(table, x)
+    model.set_params(task_feature=-1).fit(table.to_numpy(), x)
+
+
+@pytest.mark.parametrize(
+    ("values", "last"),
+    [
+        (np.linspace(0.0, 1.0, 12), "kind"),  # fractions
+        (np.arange(12), "kind"),  # of one row each
+        (np.arange(12) % 3, "machine"),
+    ],
+)
+def test_columns_that_have_names_of_tasks_and_are_none(values, last):
+    table = pd.DataFrame({"site": values, last: np.arange(12) % 3})
+    PooledGP(max_iter=0).fit(table, np.sin(np.arange(12.0)))
 
 
 def test_unknown_tasks_of_the_last_column():

@@ -95,6 +95,26 @@ class TestTaskLearningCurve:
         assert_array_equal(display.results["n"], [3, 3, 9, 9])
         assert np.isfinite(display.results["error"]).all()
 
+    @pytest.mark.parametrize("two_outputs", [False, True])
+    def test_folds_with_one_row_of_a_task(self, two_outputs):
+        """It has no variance there, but among all rows."""
+        rows = np.r_[np.flatnonzero(X[:, -1] != 2), np.flatnonzero(X[:, -1] == 2)[:3]]
+        few, z = X[rows], y[rows]
+        z = np.column_stack([z, z**2]) if two_outputs else z
+        cv = TaskStratifiedKFold(3, shuffle=True, random_state=0)
+        model = MODELS["PooledGP"]
+        display = TaskLearningCurveDisplay.from_estimator(
+            model, few, z, cv=3, train_sizes=[1.0]
+        )
+        y_var = pd.DataFrame(z).groupby(few[:, -1]).var(ddof=0)
+        train, test = next(iter(cv.split(few)))
+        train = train[: display.results["n"][0]]
+        expected = -make_normalized_mse_scorer(y_var=y_var)(
+            clone(model).fit(few[train], z[train]), few[test], z[test]
+        )
+        assert display.results["error"][0] == expected
+        assert np.isfinite(display.results["error"]).all()
+
     def test_shares_of_the_training_set(self):
         found = [
             TaskLearningCurveDisplay.from_estimator(

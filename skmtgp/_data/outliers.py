@@ -1,0 +1,78 @@
+"""Targets that are far from all others of their task: codes for gaps, other units."""
+
+import numpy as np
+
+from skmtgp._data.labels import rows_by_code
+from skmtgp._support.guide import NOISE
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import OutlierWarning
+
+FEWEST = 10  # rows of a task: of fewer, one may well be far from the others
+FAR = 20.0  # times as far from the median as the next one
+SHARE = 10  # at most one row of so many is an outlier
+NAMED = 3  # in a warning
+
+
+def far_off(Y, codes):
+    """Whether each target is far from all others of its task, but a few like it.
+
+    Distances from the median say so: they have a gap, beyond which they are many times
+    as large. Where most targets of a task are equal, there is no scale to measure by.
+
+    Parameters
+    ----------
+    Y : ndarray of shape (n_samples, n_outputs)
+        Targets.
+    codes : ndarray of shape (n_samples,)
+        Task of each row, from 0.
+
+    Returns
+    -------
+    far : ndarray of bool of shape (n_samples, n_outputs)
+    """
+    far = np.zeros(Y.shape, dtype=bool)
+    for rows in rows_by_code(codes)[1]:
+        if len(rows) >= FEWEST:
+            distances = np.abs(Y[rows] - np.median(Y[rows], axis=0))
+            far[rows] = distances > _reach(np.sort(distances, axis=0))
+    return far
+
+
+def _reach(distances):
+    """The last of ascending distances before the gap, of each output; or infinity."""
+    n, most = len(distances), len(distances) // SHARE
+    inner, outer = distances[n - most - 1 : -1], distances[n - most :]
+    gap = (distances[n // 2] > 0.0) & (outer > FAR * inner)
+    return np.where(gap, inner, np.inf).min(axis=0)
+
+
+def warn_of_outliers(far, targets, codes, tasks):
+    """Say which targets are far from all others, and what that does.
+
+    Parameters
+    ----------
+    far : ndarray of bool of shape (n_samples, n_outputs)
+        See `far_off`; there are some.
+    targets : ndarray of the same shape
+        As the user gave them.
+    codes : ndarray of shape (n_samples,)
+        Task of each row.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    """
+    n, rows = int(far.sum()), np.nonzero(far)[0]
+    names = [f" of task {label!r}" for label in tasks[codes[rows]].tolist()]
+    found = zip(targets[far], names, strict=True)
+    values = [f"{value:g}{name * (len(tasks) > 1)}" for value, name in found]
+    values = list(dict.fromkeys(values))
+    more = f" and {len(values) - NAMED} more" * (len(values) > NAMED)
+    subject = "targets are" if n > 1 else "target is"
+    warn(
+        f"{n} {subject} more than {FAR:g} times as far from the median of the task as "
+        f"the others: {', '.join(values[:NAMED])}{more}. The noise is assumed to be "
+        "Gaussian, so the model may learn hardly anything else of the task. Is it a "
+        "code for a missing value, another unit, or a sensor that failed? Leave such "
+        "rows out. Where right values span several orders of magnitude, learn their "
+        f"logarithms: target_transform=(np.log, np.exp). {NOISE}",
+        OutlierWarning,
+    )

@@ -243,7 +243,7 @@ class Told(SemiparametricRegressor):
 
     def _learned_from(self, start, kinds):
         found = super()._learned_from(start, kinds)
-        self.told_ = [*getattr(self, "told_", []), (start, found[0])]
+        vars(self).setdefault("told_", []).append((start, found[0]))
         return found
 
 

@@ -245,8 +245,10 @@ class Rest(NamedTuple):
         return noise[tasks] if noise.ndim else np.full(len(tasks), noise)
 
 
-def choose(kinds, make, left, tasks, estimator, criterion):
+def choose(kinds, make, left, tasks, estimators, criterion):
     """The best rest of a joint, a table of all, and the warnings of the best.
+
+    Each kind is learned by the first estimator, and the best of them by the others.
 
     Parameters
     ----------
@@ -258,8 +260,8 @@ def choose(kinds, make, left, tasks, estimator, criterion):
         What rigid bodies leave.
     tasks : ndarray of shape (n_samples,)
         Positions of the tasks.
-    estimator : MultiTaskGPRegressor
-        Unfitted.
+    estimators : list of MultiTaskGPRegressor
+        Unfitted: how tasks may be related.
     criterion : {"bic", "loo"}
         By which one is chosen.
 
@@ -268,23 +270,36 @@ def choose(kinds, make, left, tasks, estimator, criterion):
     rest : Rest
         The chosen one.
     table : list of dict
-        A row for each.
+        A row for each kind.
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    candidates = [
-        (Rest(NONE, None, None, np.mean(np.square(left))), _alone(left, criterion), [])
-    ]
+    first, *others = estimators
+    none = Rest(NONE, None, None, np.mean(np.square(left)))
+    found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
-        features, z = make(kind)
-        with collect_warnings() as warnings:
-            model = _learn(estimator, features, np.column_stack([z, tasks]), left)
-            told = _tell(kind, model, left, criterion)
-        rest = Rest(kind, features, model, model.noise_variance_)
-        candidates.append((rest, told, warnings))
-    best = min(candidates, key=lambda candidate: candidate[1][criterion])
-    table = [{**row, "chosen": row is best[1]} for _, row, _ in candidates]
+        found[kind] = _candidate(first, kind, *make(kind), tasks, left, criterion)
+    if kinds:
+        kind = min(kinds, key=lambda kind: found[kind][1][criterion])
+        again = [
+            _candidate(e, kind, *make(kind), tasks, left, criterion) for e in others
+        ]
+        found[kind] = _best([found[kind], *again], criterion)
+    best = _best(found.values(), criterion)
+    table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]
     return best[0], table, best[2]
+
+
+def _best(candidates, criterion):
+    return min(candidates, key=lambda candidate: candidate[1][criterion])
+
+
+def _candidate(estimator, kind, features, z, tasks, left, criterion):
+    """What is learned of a kind, its row of the table, and warnings."""
+    with collect_warnings() as warnings:
+        model = _learn(estimator, features, np.column_stack([z, tasks]), left)
+        row = _tell(kind, model, left, criterion)
+    return Rest(kind, features, model, model.noise_variance_), row, warnings
 
 
 def _learn(estimator, features, Z, left):

@@ -90,8 +90,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         Settings of the process: its K^rho, its kernel if it has one, and how it is
         learned. A kernel must suit all words of `rest`. Its levels, units and
         `target_transform` are ignored, and its hyperparameters are those of the mode.
-        None is ``MultiTaskGPRegressor(rank=1, shared=True, noise="shared")``: a
-        function that all tasks share, and one that each has in its own amount.
+        None is ``MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")`` with
+        the better rank of 0 and 1: a function that all tasks share and, with rank 1,
+        one that each has in its own amount.
     prior : {"evidence", "nominal"} or None, default="evidence"
         Prior of links, friction and loads, see :class:`RigidBodyRegressor`.
     joint : int, str or None, default=None
@@ -293,7 +294,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         something = np.square(left).mean(axis=0) > ROUNDING * power
         for i, name in enumerate(self._joint_names()):
             make = partial(self._features, i, x, link[:, i])
-            options = left[:, i], codes, self._process(), self.criterion
+            options = left[:, i], codes, self._relations(), self.criterion
             found = choose(kinds if something[i] else [], make, *options)
             rest, table, warnings = found
             if rest.name == NONE:
@@ -314,12 +315,14 @@ class SemiparametricRegressor(RigidBodyRegressor):
         features = Features(kind, dynamics, joint, x, link, asymmetric=asymmetric)
         return features, features(x, link)
 
-    def _process(self):
-        """The model of what is left."""
+    def _relations(self):
+        """Models of what is left, which relate the tasks in different ways."""
         if self.estimator is not None:
-            return self.estimator
-        rank = int(len(self.tasks_) > 1)
-        return MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")
+            return [self.estimator]
+        return [
+            MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")
+            for rank in ((0, 1) if len(self.tasks_) > 1 else (0,))
+        ]
 
     def _link(self, features, codes):
         """Torques of links and loads without friction, as they were when learned."""

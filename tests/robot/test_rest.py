@@ -136,7 +136,7 @@ def test_a_joint_at_rest_has_finite_features(dynamics):
 
 def best_of(left, criterion):
     z = np.random.default_rng(1).uniform(-2, 2, (60, 1))
-    tasks, process = np.repeat([0, 1], 30), MultiTaskGPRegressor(rank=1, shared=True)
+    tasks, process = np.repeat([0, 1], 30), [MultiTaskGPRegressor(rank=1, shared=True)]
 
     def make(kind):
         return SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0))), z
@@ -166,7 +166,7 @@ def test_a_function_is_one(criterion):
 
 def test_none_is_the_normal_distribution_of_the_noise():
     left = np.array([1.0, -2.0, 0.5])
-    _, (row,), _ = choose([], None, left, np.zeros(3, int), None, "bic")
+    _, (row,), _ = choose([], None, left, np.zeros(3, int), [None], "bic")
     variance = np.mean(left**2)
     expected = -1.5 * np.log(2 * np.pi * variance) - 1.5
     assert row["log_marginal_likelihood"] == pytest.approx(expected)

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Matern
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._support.warnings import collect_warnings
@@ -14,35 +14,54 @@ from skmtgp.robot._columns import FRICTION, check_words
 
 # Length-scales in units of a feature's size: shorter ones than a tenth fit noise.
 LENGTH_SCALE, BOUNDS = 3.0, (0.1, 10.0)
-# Those of errors that neighbours have in common: a longer one relates all states
-NEAR, NEAR_BOUNDS = 0.5, (0.02, 1.0)
+# Those of errors that neighbours have in common. Rows tell only how fast these begin to
+# differ, so that the longest one has no meaning of its own.
+NEAR, NEAR_BOUNDS = 0.5, (0.02, 100.0)
 SHARE, SHARE_BOUNDS = 0.1, (1e-5, 1e5)  # of the second part of a sum
 NONE = "none"
 
 
-def _friction(dynamics, x, link, joint):
-    """Velocity, its sign, and the torque that the gear passes on."""
-    _, qd, qdd = dynamics.states(x)
-    sign = FRICTION["coulomb"]["coulomb"](qd[:, joint], qdd[:, joint])
-    return [qd[:, [joint]], sign[:, None], link[:, None]]
+class Inputs(NamedTuple):
+    """What a part of the rest depends on.
+
+    Attributes
+    ----------
+    parts : list of ndarray of shape (n_samples, n_columns)
+        Each has one unit.
+    factor : ndarray of shape (n_samples, n_factors)
+        Products of its rows multiply the kernel; without columns nothing does.
+    """
+
+    parts: list
+    factor: np.ndarray
 
 
-def _states(dynamics, x, link, joint):
+def _friction(dynamics, state, link, joint, asymmetric):
+    """Speed and the torque along it, times the direction: friction turns with it."""
+    _, qd, qdd = state
+    sign = FRICTION["coulomb"]["coulomb"](qd[:, [joint]], qdd[:, [joint]])
+    parts = [np.abs(qd[:, [joint]]), sign * link[:, None]]
+    return Inputs(parts + [sign] * asymmetric, sign)
+
+
+def _states(dynamics, state, link, joint, asymmetric):
     """All positions, those of joints that turn as cosine and sine, and rates."""
-    q, qd, qdd = dynamics.states(x)
+    q, qd, qdd = state
     turns = ~np.array(dynamics.slides)
     parts = q[:, ~turns], np.cos(q[:, turns]), np.sin(q[:, turns]), qd, qdd
     columns = np.hstack(parts)
-    return np.hsplit(columns, columns.shape[1])
+    return Inputs(np.hsplit(columns, columns.shape[1]), columns[:, :0])
 
 
-def _neighbours(dynamics, x, link, joint):
-    """The same, in parts that have one unit."""
-    q, qd, qdd = dynamics.states(x)
+def _neighbours(dynamics, state, link, joint, asymmetric):
+    """The same, in parts that have one unit, of rows in which the joint moves alike."""
+    q, qd, qdd = state
     slides = np.array(dynamics.slides)
     turned = np.hstack([np.cos(q[:, ~slides]), np.sin(q[:, ~slides])])
     rates = [rate[:, of] for rate in (qd, qdd) for of in (slides, ~slides)]
-    return [part for part in (q[:, slides], turned, *rates) if part.shape[1]]
+    parts = [part for part in (q[:, slides], turned, *rates) if part.shape[1]]
+    sign = FRICTION["coulomb"]["coulomb"](qd[:, [joint]], qdd[:, [joint]])
+    return Inputs(parts, np.equal(sign, [-1.0, 0.0, 1.0]).astype(np.float64))
 
 
 def _smooth(width):
@@ -84,11 +103,60 @@ def check_rest(rest):
     return check_words("rest", rest, WORDS)
 
 
-class Features:
-    """Features of the rest, held within the range of the training rows.
+class OfWord:
+    """Features of one word, held within the range of the training rows.
 
     A squared exponential falls back to 0 where it has no rows; at the edge of what it
     has seen it knows more than nothing, and there its features stay.
+
+    Parameters
+    ----------
+    word : str
+        Of `KINDS`.
+    dynamics, joint, x, link, asymmetric
+        See Features.
+    """
+
+    def __init__(self, word, dynamics, joint, x, link, asymmetric):
+        self.word, self.given = word, (dynamics, joint, asymmetric)
+        parts, factor = self._inputs(x, link)
+        values, self.n_factors = np.hstack(parts), factor.shape[1]
+        near = word == "neighbours"  # which end where the rows do
+        self.lower = np.where(near, -np.inf, values.min(axis=0))
+        self.upper = np.where(near, np.inf, values.max(axis=0))
+        size = [np.full(of.shape[1], np.sqrt(np.square(of).mean())) for of in parts]
+        size = np.concatenate(size)
+        self.scale = np.where(size > 0.0, size, 1.0)
+
+    def _inputs(self, x, link):
+        dynamics, joint, asymmetric = self.given
+        columns, _ = KINDS[self.word]
+        return columns(dynamics, dynamics.states(x), link, joint, asymmetric)
+
+    def __call__(self, x, link):
+        """The features of some rows, then what multiplies the kernel."""
+        parts, factor = self._inputs(x, link)
+        inside = np.clip(np.hstack(parts), self.lower, self.upper)
+        return np.hstack([inside / self.scale, factor])
+
+    @property
+    def width(self):
+        """How many columns these are."""
+        return len(self.scale) + self.n_factors
+
+    def kernel(self, begin):
+        """That of columns that begin there."""
+        _, make = KINDS[self.word]
+        end, n = begin + self.width, len(self.scale)
+        kernel = Columns(make(n), list(range(begin, begin + n)))
+        if not self.n_factors:
+            return kernel
+        factor = DotProduct(0.0, "fixed")
+        return kernel * Columns(factor, list(range(begin + n, end)))
+
+
+class Features:
+    """Features of the rest.
 
     Parameters
     ----------
@@ -102,47 +170,24 @@ class Features:
         States in training.
     link : ndarray of shape (n_samples,)
         Torques of rigid bodies there.
+    asymmetric : bool, default=False
+        Whether friction may differ by direction by more than its sign.
     """
 
-    def __init__(self, kind, dynamics, joint, x, link):
-        self.kind, self.dynamics, self.joint = kind, dynamics, joint
-        self.sizes = [[part.shape[1] for part in of] for of in self._parts(x, link)]
-        values = self._of(x, link)
-        sizes = np.concatenate(self.sizes)
-        near = np.repeat([w == "neighbours" for w in kind.split("+")], self._widths())
-        self.lower = np.where(near, -np.inf, values.min(axis=0))
-        self.upper = np.where(near, np.inf, values.max(axis=0))
-        power = np.square(values).mean(axis=0)
-        ends = np.append(0, np.cumsum(sizes)[:-1])
-        size = np.repeat(np.sqrt(np.add.reduceat(power, ends) / sizes), sizes)
-        self.scale = np.where(size > 0.0, size, 1.0)
-
-    def _widths(self):
-        """How many features each word has."""
-        return [sum(sizes) for sizes in self.sizes]
-
-    def _parts(self, x, link):
-        """Of each word, columns that have one unit."""
-        words = self.kind.split("+")
-        return [KINDS[word][0](self.dynamics, x, link, self.joint) for word in words]
-
-    def _of(self, x, link):
-        return np.hstack([part for of in self._parts(x, link) for part in of])
+    def __init__(self, kind, dynamics, joint, x, link, *, asymmetric=False):
+        given = dynamics, joint, x, link, asymmetric
+        self.of_words = [OfWord(word, *given) for word in kind.split("+")]
 
     def __call__(self, x, link):
         """The features of some rows, of shape (n_samples, n_features)."""
-        return np.clip(self._of(x, link), self.lower, self.upper) / self.scale
+        return np.hstack([of_word(x, link) for of_word in self.of_words])
 
     def kernel(self):
         """That of the word, or the sum of those of several."""
-        words, widths = self.kind.split("+"), self._widths()
-        kernels = [
-            KINDS[word][1](width) for word, width in zip(words, widths, strict=True)
-        ]
-        if len(kernels) == 1:
-            return kernels[0]
-        parts = np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1])
-        first, *others = map(Columns, kernels, [part.tolist() for part in parts])
+        ends = np.cumsum([of_word.width for of_word in self.of_words])
+        begins = [0, *ends[:-1].tolist()]
+        pairs = zip(self.of_words, begins, strict=True)
+        first, *others = (of_word.kernel(begin) for of_word, begin in pairs)
         return sum((ConstantKernel(SHARE, SHARE_BOUNDS) * k for k in others), first)
 
 
@@ -200,8 +245,10 @@ class Rest(NamedTuple):
         return noise[tasks] if noise.ndim else np.full(len(tasks), noise)
 
 
-def choose(kinds, make, left, tasks, estimator, criterion):
+def choose(kinds, make, left, tasks, estimators, criterion):
     """The best rest of a joint, a table of all, and the warnings of the best.
+
+    Each kind is learned by the first estimator, and the best of them by the others.
 
     Parameters
     ----------
@@ -213,8 +260,8 @@ def choose(kinds, make, left, tasks, estimator, criterion):
         What rigid bodies leave.
     tasks : ndarray of shape (n_samples,)
         Positions of the tasks.
-    estimator : MultiTaskGPRegressor
-        Unfitted.
+    estimators : list of MultiTaskGPRegressor
+        Unfitted: how tasks may be related.
     criterion : {"bic", "loo"}
         By which one is chosen.
 
@@ -223,23 +270,36 @@ def choose(kinds, make, left, tasks, estimator, criterion):
     rest : Rest
         The chosen one.
     table : list of dict
-        A row for each.
+        A row for each kind.
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    candidates = [
-        (Rest(NONE, None, None, np.mean(np.square(left))), _alone(left, criterion), [])
-    ]
+    first, *others = estimators
+    none = Rest(NONE, None, None, np.mean(np.square(left)))
+    found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
-        features, z = make(kind)
-        with collect_warnings() as warnings:
-            model = _learn(estimator, features, np.column_stack([z, tasks]), left)
-            told = _tell(kind, model, left, criterion)
-        rest = Rest(kind, features, model, model.noise_variance_)
-        candidates.append((rest, told, warnings))
-    best = min(candidates, key=lambda candidate: candidate[1][criterion])
-    table = [{**row, "chosen": row is best[1]} for _, row, _ in candidates]
+        found[kind] = _candidate(first, kind, *make(kind), tasks, left, criterion)
+    if kinds:
+        kind = min(kinds, key=lambda kind: found[kind][1][criterion])
+        again = [
+            _candidate(e, kind, *make(kind), tasks, left, criterion) for e in others
+        ]
+        found[kind] = _best([found[kind], *again], criterion)
+    best = _best(found.values(), criterion)
+    table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]
     return best[0], table, best[2]
+
+
+def _best(candidates, criterion):
+    return min(candidates, key=lambda candidate: candidate[1][criterion])
+
+
+def _candidate(estimator, kind, features, z, tasks, left, criterion):
+    """What is learned of a kind, its row of the table, and warnings."""
+    with collect_warnings() as warnings:
+        model = _learn(estimator, features, np.column_stack([z, tasks]), left)
+        row = _tell(kind, model, left, criterion)
+    return Rest(kind, features, model, model.noise_variance_), row, warnings
 
 
 def _learn(estimator, features, Z, left):

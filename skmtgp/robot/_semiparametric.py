@@ -55,8 +55,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         \mathrm{cov}(g_j^m(z), g_j^{m'}(z')) = K^{\rho j}_{mm'} k_j(z, z')
 
     with its own task covariance. k_j is a squared exponential, an exponential or the
-    sum of both. A criterion decides for
-    each joint whether it has such a process. All three terms have a joint normal
+    sum of both, times a factor of the joint's direction. A criterion decides for each
+    joint whether it has such a process. All three terms have a joint normal
     distribution: what the process explains, the links do not.
 
     Parameters
@@ -72,10 +72,12 @@ class SemiparametricRegressor(RigidBodyRegressor):
         What the process of a joint depends on. By default it is one of the first,
         the second and their sum, whichever is best for the joint, or none of them.
 
-        - "friction": the joint's velocity, its sign and the torque of the rigid
-          bodies, for effects of bearings and gears.
+        - "friction": the joint's speed and the torque of the rigid bodies along it, for
+          effects of bearings and gears. It changes its sign with the direction. With
+          asymmetric friction it may also differ by direction.
         - "neighbours": errors that rows have in common if their states are near each
-          other. They are rough, and end where the training rows end.
+          other and the joint moves in the same direction. They are rough, and end
+          where the training rows end.
         - "friction+neighbours": the sum of both.
         - "states": positions, velocities and accelerations of all joints.
 
@@ -88,8 +90,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         Settings of the process: its K^rho, its kernel if it has one, and how it is
         learned. A kernel must suit all words of `rest`. Its levels, units and
         `target_transform` are ignored, and its hyperparameters are those of the mode.
-        None is ``MultiTaskGPRegressor(rank=1, shared=True, noise="shared")``: a
-        function that all tasks share, and one that each has in its own amount.
+        None is ``MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")`` with
+        the better rank of 0 and 1: a function that all tasks share and, with rank 1,
+        one that each has in its own amount.
     prior : {"evidence", "nominal"} or None, default="evidence"
         Prior of links, friction and loads, see :class:`RigidBodyRegressor`.
     joint : int, str or None, default=None
@@ -154,7 +157,17 @@ class SemiparametricRegressor(RigidBodyRegressor):
     Rows of a recording are neighbours in time, and so are their states. What a model
     does not know of a robot, such as vibrations of its gears, they have in common. If
     errors were independent, links and friction would be fitted to these. "neighbours"
-    is therefore an exponential kernel of all states, of one length-scale.
+    is therefore an exponential kernel of all states, of one length-scale. Where the
+    joint turns back, friction jumps, and so may what is not known of it: states on both
+    sides are no neighbours. A long length-scale leaves more to these errors, and
+    intervals that grow with the distance from the rows.
+
+    The process of "friction" at the velocity v and the torque t of the rigid bodies is
+
+    .. math:: g(v, t) = s \, h(|v|, s t), \qquad s = \mathrm{sgn}(v)
+
+    with a function h that depends on s, too, if `friction` has "asymmetric". A
+    direction that no training row has is thus the other one turned.
 
     With ``prior="nominal"`` learning begins twice: with what least squares leaves, and
     with what the model's own links leave. The likelier result is kept. Links that begin
@@ -281,7 +294,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         something = np.square(left).mean(axis=0) > ROUNDING * power
         for i, name in enumerate(self._joint_names()):
             make = partial(self._features, i, x, link[:, i])
-            options = left[:, i], codes, self._process(), self.criterion
+            options = left[:, i], codes, self._relations(), self.criterion
             found = choose(kinds if something[i] else [], make, *options)
             rest, table, warnings = found
             if rest.name == NONE:
@@ -298,15 +311,18 @@ class SemiparametricRegressor(RigidBodyRegressor):
     def _features(self, i, x, link, kind):
         """What the rest of a joint may depend on, and its values in training."""
         dynamics, joint = self._columns.dynamics, self._columns.joints[i]
-        features = Features(kind, dynamics, joint, x, link)
+        asymmetric = "asymmetric" in self._columns.words
+        features = Features(kind, dynamics, joint, x, link, asymmetric=asymmetric)
         return features, features(x, link)
 
-    def _process(self):
-        """The model of what is left."""
+    def _relations(self):
+        """Models of what is left, which relate the tasks in different ways."""
         if self.estimator is not None:
-            return self.estimator
-        rank = int(len(self.tasks_) > 1)
-        return MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")
+            return [self.estimator]
+        return [
+            MultiTaskGPRegressor(rank=rank, shared=True, noise="shared")
+            for rank in ((0, 1) if len(self.tasks_) > 1 else (0,))
+        ]
 
     def _link(self, features, codes):
         """Torques of links and loads without friction, as they were when learned."""

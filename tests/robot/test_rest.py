@@ -20,28 +20,64 @@ def dynamics():
     return Dynamics(two_joints())  # the second slides
 
 
-def test_friction_depends_on_velocity_sign_and_torque(dynamics):
+def scaled(*parts):
+    """Parts of one unit, each divided by its root mean square."""
+    return np.hstack([part / np.sqrt(np.square(part).mean()) for part in parts])
+
+
+def turned_back(x, link):
+    """The same states, in which the robot moves the other way and torques point so."""
+    x = x.copy()
+    x[:, 2:4] *= -1.0
+    return x, -link
+
+
+@pytest.mark.parametrize("asymmetric", [False, True])
+def test_friction_depends_on_speed_and_the_torque_along_it(dynamics, asymmetric):
     x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
-    features = Features("friction", dynamics, 1, x, link)
-    expected = np.column_stack([x[:, 3], np.sign(x[:, 3]), link])
-    expected /= np.sqrt(np.square(expected).mean(axis=0))
+    features = Features("friction", dynamics, 1, x, link, asymmetric=asymmetric)
+    sign = np.sign(x[:, [3]])
+    parts = [np.abs(x[:, [3]]), sign * link[:, None]]
+    parts += [sign] * asymmetric
+    expected = np.hstack([scaled(*parts), sign])
     np.testing.assert_allclose(features(x, link), expected)
+    scales = [3.0] * len(parts)
+    smooth = RBF(scales)(expected[:, :-1])
+    np.testing.assert_allclose(features.kernel()(expected), sign * sign.T * smooth)
+
+
+def test_symmetric_friction_is_odd(dynamics):
+    x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
+    features = Features("friction", dynamics, 0, x, link)
+    kernel, here = features.kernel(), features(x, link)
+    back = features(*turned_back(x, link))
+    np.testing.assert_allclose(kernel(back, here), -kernel(here))
+    np.testing.assert_allclose(kernel(back), kernel(here))
+
+
+@pytest.mark.parametrize("asymmetric", [False, True])
+def test_a_direction_that_no_row_has_is_the_other_one_turned(dynamics, asymmetric):
+    x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
+    x[:, 2:4] = np.abs(x[:, 2:4])
+    features = Features("friction", dynamics, 0, x, link, asymmetric=asymmetric)
+    here, back = features(x, link), features(*turned_back(x, link))
+    np.testing.assert_array_equal(back[:, :-1], here[:, :-1])
+    np.testing.assert_array_equal(back[:, -1], -here[:, -1])
 
 
 def test_states_have_cosines_of_joints_that_turn(dynamics):
     x = states(50, 2)[:, :-1]
     features = Features("states", dynamics, 1, x, np.zeros(50))
     parts = [x[:, 1], np.cos(x[:, 0]), np.sin(x[:, 0]), *x[:, 2:].T]
-    expected = np.column_stack(parts)
-    found = features(x, np.zeros(50)) * features.scale
-    np.testing.assert_allclose(found, expected)
+    expected = scaled(*(part[:, None] for part in parts))
+    np.testing.assert_allclose(features(x, np.zeros(50)), expected)
 
 
 def test_features_stay_where_rows_have_been(dynamics):
     x, link = states(50, 2)[:, :-1], np.linspace(-3, 5, 50)
     features = Features("friction", dynamics, 0, x, link)
     far, edge = 9.0 * x[:1], x[:1].copy()
-    far[0, 2], edge[0, 2] = 50.0, x[:, 2].max()
+    far[0, 2], edge[0, 2] = 50.0, np.abs(x[:, 2]).max()
     np.testing.assert_array_equal(
         features(far, np.array([80.0])), features(edge, np.array([5.0]))
     )
@@ -51,10 +87,21 @@ def test_neighbours_have_one_length_scale_and_parts_of_one_unit(dynamics):
     x = states(50, 2)[:, :-1]
     features = Features("neighbours", dynamics, 1, x, np.zeros(50))
     turned = np.column_stack([np.cos(x[:, 0]), np.sin(x[:, 0])])
-    parts = [x[:, [1]], turned, *(x[:, [i]] for i in (3, 2, 5, 4))]
-    expected = [part / np.sqrt(np.square(part).mean()) for part in parts]
-    np.testing.assert_allclose(features(x, np.zeros(50)), np.hstack(expected))
-    assert features.kernel() == Matern(0.5, (0.02, 1.0), nu=0.5)
+    expected = scaled(x[:, [1]], turned, *(x[:, [i]] for i in (3, 2, 5, 4)))
+    found = features(x, np.zeros(50))
+    np.testing.assert_allclose(found[:, :-3], expected)
+    np.testing.assert_array_equal(found[:, -3:].sum(axis=1), 1.0)
+    assert features.kernel().k1.kernel == Matern(0.5, (0.02, 100.0), nu=0.5)
+
+
+def test_neighbours_move_in_the_same_direction(dynamics):
+    x = states(50, 2)[:, :-1]
+    x[:5, 3] = 0.0
+    features = Features("neighbours", dynamics, 1, x, np.zeros(50))
+    z, sign = features(x, np.zeros(50)), np.sign(x[:, 3])
+    distance = np.linalg.norm(z[:, None, :-3] - z[:, :-3], axis=2)
+    expected = np.exp(-distance / 0.5) * (sign[:, None] == sign)
+    np.testing.assert_allclose(features.kernel()(z), expected)
 
 
 def test_what_neighbours_have_in_common_ends_where_rows_end(dynamics):
@@ -65,7 +112,7 @@ def test_what_neighbours_have_in_common_ends_where_rows_end(dynamics):
         features(farther, link[:1]) - features(far, link[:1]), [3], 1
     )
     assert (near == 0.0).all()
-    assert (rough[0, -4:] != 0.0).all()
+    assert (rough[0, -7:-3] != 0.0).all()
 
 
 def test_a_sum_has_the_kernels_of_its_words(dynamics):
@@ -89,7 +136,7 @@ def test_a_joint_at_rest_has_finite_features(dynamics):
 
 def best_of(left, criterion):
     z = np.random.default_rng(1).uniform(-2, 2, (60, 1))
-    tasks, process = np.repeat([0, 1], 30), MultiTaskGPRegressor(rank=1, shared=True)
+    tasks, process = np.repeat([0, 1], 30), [MultiTaskGPRegressor(rank=1, shared=True)]
 
     def make(kind):
         return SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0))), z
@@ -119,7 +166,7 @@ def test_a_function_is_one(criterion):
 
 def test_none_is_the_normal_distribution_of_the_noise():
     left = np.array([1.0, -2.0, 0.5])
-    _, (row,), _ = choose([], None, left, np.zeros(3, int), None, "bic")
+    _, (row,), _ = choose([], None, left, np.zeros(3, int), [None], "bic")
     variance = np.mean(left**2)
     expected = -1.5 * np.log(2 * np.pi * variance) - 1.5
     assert row["log_marginal_likelihood"] == pytest.approx(expected)

@@ -173,6 +173,21 @@ def test_far_outside_the_process_keeps_its_value():
     np.testing.assert_allclose(values[0], values[1])
 
 
+def test_friction_in_a_direction_that_no_row_has():
+    urdf, X, Y = arm(240, noise=0.01)
+    rates = X[:, 2:4]
+    forward, back = ((sign * rates > 0.0).all(axis=1) for sign in (1, -1))
+    options = {"rest": "friction", "friction": ["viscous", "coulomb"]}
+    model = SemiparametricRegressor(urdf, estimator=QUICK, **options)
+    model = model.fit(X[forward], Y[forward])
+    rigid = RigidBodyRegressor(urdf, friction=options["friction"])
+    rigid = rigid.fit(X[forward], Y[forward])
+    own, alone = (
+        np.square(of.predict(X[back]) - Y[back]).mean(axis=0) for of in (model, rigid)
+    )
+    assert (own < 0.2 * alone).all()
+
+
 @PRIOR
 def test_priors(puma, sticky, prior):
     X, Y = sticky
@@ -243,7 +258,7 @@ class Told(SemiparametricRegressor):
 
     def _learned_from(self, start, kinds):
         found = super()._learned_from(start, kinds)
-        self.told_ = [*getattr(self, "told_", []), (start, found[0])]
+        vars(self).setdefault("told_", []).append((start, found[0]))
         return found
 
 

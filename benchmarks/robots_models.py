@@ -76,11 +76,6 @@ def with_states(case):
     return semiparametric(case, rest=("friction", "states"))
 
 
-def with_one_function(case):
-    process = MultiTaskGPRegressor(rank=0, shared=True, noise="shared")
-    return semiparametric(case, estimator=process)
-
-
 def semiparametric_of_one(case, j):
     return make_semiparametric_regressor(
         case.urdf, friction=case.friction, prior=case.prior, joint=j
@@ -202,7 +197,6 @@ MODELS = {
     "mGP geometric": process("geometric", multi_task),
     "mGP one product": by_joint(OneProduct),
     "semiparametric": semiparametric,
-    "semiparametric, one function": with_one_function,
     "semiparametric, states": with_states,
     "semiparametric, each joint": by_joint(semiparametric_of_one),
 }

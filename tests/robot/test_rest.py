@@ -164,6 +164,22 @@ def test_a_function_is_one(criterion):
     assert [row["chosen"] for row in table] == [False, True]
 
 
+@pytest.mark.parametrize("own", [False, True])
+def test_the_relation_of_tasks_is_chosen(own):
+    rng = np.random.default_rng(0)
+    z, tasks = rng.uniform(-2, 2, (90, 1)), np.repeat([0, 1, 2], 30)
+    amount = np.array([1.0, -1.5, 0.3])[tasks] if own else 1.0
+    left = amount * np.sin(2 * z[:, 0]) + 0.1 * rng.standard_normal(90)
+    relations = [MultiTaskGPRegressor(rank=rank, shared=True) for rank in (0, 1)]
+    features = SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0)))
+    given = ["states"], lambda kind: (features, z), left, tasks
+    rest, table, _ = choose(*given, relations, "bic")
+    assert rest.model.rank == own
+    assert [row["rest"] for row in table] == [NONE, "states"]
+    alone = choose(*given, relations[:1], "bic")[1]
+    assert (table[1]["bic"] < alone[1]["bic"]) == own
+
+
 def test_none_is_the_normal_distribution_of_the_noise():
     left = np.array([1.0, -2.0, 0.5])
     _, (row,), _ = choose([], None, left, np.zeros(3, int), [None], "bic")

@@ -20,11 +20,11 @@ from skmtgp.inference.variances import in_blocks
 MOST_STEPS, TOL = 50, 1e-6  # of Fisher scoring; nats that a step is expected to gain
 # Linear steps before it. At the start samples without noise are millions of nats below
 # the mode: after these scoring took one step or two, not forty.
-N_REWEIGHTED = 5
+N_REWEIGHTED = 5  # at most
 N_CLIMBS = 2  # where the errors that a task carries depend on u, each time held
 ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
 HALVINGS = 30
-ALIKE = 1e-2  # deviations, squared, between two starts of which one is followed
+ALIKE = 1e-2  # deviations, squared, between what need not be followed further
 
 
 class Learned(NamedTuple):
@@ -330,14 +330,13 @@ def identify(unknown, starts):
     NotPositiveDefiniteError
         If the covariance of the samples is singular in floating point.
     """
-    modes, middle = [], np.zeros_like(starts[0])
+    middle = np.zeros_like(starts[0])
     unknown.carry(middle)
     likeliest = max(starts, key=unknown.value)
-    for u in (middle, likeliest):
-        u, root = _near_mode(unknown, u)
-        if modes and np.square(np.linalg.solve(root, u - modes[0].u)).sum() < ALIKE:
-            break
-        modes.append(_mode(unknown, u, root))
+    first, second = (_near_mode(unknown, u) for u in (middle, likeliest))
+    modes = [_mode(unknown, *first)]
+    if _distance(*first, second[0]) > ALIKE:
+        modes.append(_mode(unknown, *second))
     best = max(modes, key=lambda mode: mode.log_evidence)
     if not np.isfinite(best.log_evidence):
         raise NotPositiveDefiniteError(
@@ -352,8 +351,15 @@ def _near_mode(unknown, u):
     """Where some linear steps lead, and the root of its covariance."""
     root = None
     for _ in range(N_REWEIGHTED):
-        u, root = unknown.reweight(u, root)
+        before, (u, root) = u, unknown.reweight(u, root)
+        if _distance(u, root, before) < ALIKE:
+            break
     return u, root
+
+
+def _distance(u, root, other):
+    """Of another u, squared, in deviations."""
+    return np.square(np.linalg.solve(root, u - other)).sum()
 
 
 def _mode(unknown, u, root):

@@ -4,7 +4,8 @@
 of each of the loads 1 to 14, with the ten inertial parameters of the loads as
 descriptors, and predicts load 15 on all its trajectories, of which there was no sample:
 nMSE, and the share of errors within two deviations. ``--save FILE`` keeps the models,
-which `identification.py` reads.
+which `identification.py` reads. ``--draw 1`` learns from the next 20 samples of each
+load.
 """
 
 import argparse
@@ -12,6 +13,7 @@ import pickle
 import time
 
 import numpy as np
+import pandas as pd
 from settings import PAPER
 
 from skmtgp import MultiTaskGPRegressor, make_inverse_dynamics_regressor
@@ -23,11 +25,17 @@ GOAL = {2: 1e-5, 3: 4e-6, 4: 4e-5, 6: 3e-7}  # nMSE
 N_INERTIAL = 10
 
 
-def learn(joint, *, kernel, rank, n_per_load):
+def training_rows(n_per_load, draw=0):
+    """Some samples of each load: a draw has none of those of another."""
+    X, torque = load_puma560(loads=KNOWN, descriptors="inertial", return_X_y=True)
+    place = pd.Series(X[:, -1]).groupby(X[:, -1]).cumcount().to_numpy()
+    chosen = place // n_per_load == draw
+    return X[chosen], torque[chosen]
+
+
+def learn(joint, *, kernel, rank, rows):
     """The fitted pipeline of a joint."""
-    X, torque = load_puma560(
-        loads=KNOWN, n_per_load=n_per_load, descriptors="inertial", return_X_y=True
-    )
+    X, torque = rows
     places = range(-1 - N_INERTIAL, -1)
     model = make_inverse_dynamics_regressor(
         MultiTaskGPRegressor(rank=rank, **PAPER),
@@ -59,14 +67,16 @@ def main():
     parser.add_argument("--kernel", default="geometric")
     parser.add_argument("--rank", type=int, default=5)
     parser.add_argument("--n-per-load", type=int, default=20)
+    parser.add_argument("--draw", type=int, default=0)
     parser.add_argument("--save")
     arguments = parser.parse_args()
     options = {"kernel": arguments.kernel, "rank": arguments.rank}
+    options["rows"] = training_rows(arguments.n_per_load, arguments.draw)
     models = {}
     print("joint   nMSE     goal   |z|<2  log likelihood  seconds")
     for joint in arguments.joints:
         begin = time.perf_counter()
-        model = learn(joint, n_per_load=arguments.n_per_load, **options)
+        model = learn(joint, **options)
         seconds = time.perf_counter() - begin
         nmse, share = measure(model, joint)
         value = model[-1].log_marginal_likelihood_value_

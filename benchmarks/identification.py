@@ -11,11 +11,17 @@ same of 200 loads that are drawn as those of the models were, one estimate of ea
 error by least squares is that on the true equations of motion. It needs Pinocchio, and
 so do the loads that are drawn. Last a stream of known loads at 20 Hz, switched every
 0.5 s. First, how exact the models are. ``--seed 1`` draws other loads.
+
+Without noise the error of an estimate is that of the models, and one load has much the
+same whatever is drawn. So give several files, of models from other samples
+(``descriptors.py --draw 1``): they take turns.
 """
 
 import argparse
 import pickle
 import time
+from itertools import cycle
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -72,16 +78,18 @@ def relative_errors(models, loads, data):
     return np.sqrt(squares.mean(axis=0)) / deviations
 
 
-def estimates(models, noise, n, loads, data):
+def estimates(draws, noise, n, loads, data):
     """Errors of the parameters and their covariances, one of n samples for each load.
 
-    Torques are linear in a load's parameters.
+    Torques are linear in a load's parameters. The models of all draws take turns.
     """
     (X, torque, slopes), (load_15, _) = data, known_loads()
     deviation, rng = noise * torque.std(axis=0), np.random.default_rng(0)
-    identifier = TaskIdentifier(list(models.values()), noise=deviation)
+    identifiers = [
+        TaskIdentifier(list(models.values()), noise=deviation) for models in draws
+    ]
     errors, covariances = [], []
-    for load in loads:
+    for load, identifier in zip(loads, cycle(identifiers)):
         rows = rng.choice(len(X), n, replace=False)
         y = torque[rows] + slopes[rows] @ (load - load_15)
         y = y + deviation * rng.standard_normal(y.shape)
@@ -132,12 +140,12 @@ def bound(noise, n, repetitions, data):
     return np.median(errors)
 
 
-def measure(models, noise, n, repetitions, drawn, data):
+def measure(draws, noise, n, repetitions, drawn, data):
     """A line of the table."""
     begin = time.perf_counter()
-    of_15 = estimates(models, noise, n, [known_loads()[0]] * repetitions, data)
+    of_15 = estimates(draws, noise, n, [known_loads()[0]] * repetitions, data)
     seconds = (time.perf_counter() - begin) / repetitions
-    of_drawn = estimates(models, noise, n, drawn, data)
+    of_drawn = estimates(draws, noise, n, drawn, data)
     goal = f"({GOAL[n]:.0f} g)" if n in GOAL and noise else ""
     exact = f"{bound(noise, n, 400, data):6.2f} g" if n > 1 and noise else " " * 8
     found = " ".join(f"{of:5.2f}" for of in (*shares(*of_15), *shares(*of_drawn)))
@@ -165,7 +173,7 @@ def stream(models, noise, n_switches):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
-    parser.add_argument("models")
+    parser.add_argument("models", nargs="+", help="files, of one draw each")
     parser.add_argument("--repetitions", type=int, default=20)
     parser.add_argument("--loads", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="of the loads drawn")
@@ -173,16 +181,15 @@ def main():
     parser.add_argument("--samples", type=int, nargs="+", default=N_SAMPLES)
     parser.add_argument("--noises", type=float, nargs="+", default=NOISES)
     arguments = parser.parse_args()
-    with open(arguments.models, "rb") as file:
-        models = pickle.load(file)
+    draws = [pickle.loads(Path(of).read_bytes()) for of in arguments.models]
     data = states_and_slopes()
     drawn = drawn_loads(arguments.loads, arguments.seed)
-    found = relative_errors(models, drawn, data)
-    found = np.append(found, np.sqrt(np.square(found).mean()))
     print("errors of the models, of drawn loads, relative to the targets of the fits:")
-    print(
-        *(f"{name} {of:.1e}" for name, of in zip([*models, "all"], found, strict=True))
-    )
+    for models in draws:
+        found = relative_errors(models, drawn, data)
+        found = np.append(found, np.sqrt(np.square(found).mean()))
+        names = [*models, "all"]
+        print(*(f"{name} {of:.1e}" for name, of in zip(names, found, strict=True)))
     print(
         "load 15, 3 kg: median error of the mass (goal), by true equations of motion, "
         "|z|<2:\nmass, told, measured; |z|<2 of drawn loads: mass, told, measured; "
@@ -190,11 +197,11 @@ def main():
     )
     for noise in arguments.noises:
         for n in arguments.samples:
-            line = measure(models, noise, n, arguments.repetitions, drawn, data)
+            line = measure(draws, noise, n, arguments.repetitions, drawn, data)
             print(line, flush=True)
     print("noise  right from the third sample on  within three")
     for noise in arguments.noises:
-        after, within = stream(models, noise, arguments.switches)
+        after, within = stream(draws[0], noise, arguments.switches)
         print(f"{noise:5.0%} {after:20.3f} {within:20.3f}")
 
 

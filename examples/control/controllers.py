@@ -124,8 +124,8 @@ class Weighted(Switching):
 class Tracking(Controller):
     """A model that is linear in the load's ten parameters, which it finds by itself.
 
-    Each period what was measured is an equation for each joint, but where friction has
-    no one value.
+    Each period what was measured is an equation for each joint, except those whose
+    friction has no one value.
 
     Parameters
     ----------
@@ -150,8 +150,8 @@ class Tracking(Controller):
 
     def observe(self, state, torque):
         """Solve for the load."""
-        if not _reverses(state):
-            self.tracker.update(state, torque)
+        torque = np.where(_without_a_value(state), np.nan, torque)
+        self.tracker.update(state, torque)
 
 
 class Regression:
@@ -243,7 +243,7 @@ class Joining(Nearest):
         """Wait for a sample that tells, and let it join."""
         self.waits -= 1
         full = len(self.samples) >= self.MOST
-        if self.waits > 0 or self.busy or full or _reverses(state):
+        if self.waits > 0 or self.busy or full or _without_a_value(state).any():
             return None
         off = np.abs(self.predictor(state, self.task) - torque)
         if not self.samples and not (off > self.doubt * self.deviations).any():
@@ -275,9 +275,9 @@ class Joining(Nearest):
         self.task, self.busy = self.NEW, False
 
 
-def _reverses(state):
-    """Whether a joint turned back, or stood still, where friction has no one value."""
+def _without_a_value(state):
+    """Which joints turned back, or stood still, where friction has no one value."""
     _, qd, qdd = np.split(state, 3)
     half = 0.5 * qdd / CONTROL
     slowest = np.minimum(np.abs(qd - half), np.abs(qd + half))
-    return ((qd - half) * (qd + half) <= 0.0).any() or (slowest < SLOW).any()
+    return ((qd - half) * (qd + half) <= 0.0) | (slowest < SLOW)

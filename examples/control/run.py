@@ -250,6 +250,7 @@ def main():
     parser.add_argument(
         "--shaken", type=int, default=N_SHAKEN, help="states of shaken motions, of 160"
     )
+    parser.add_argument("--seed", type=int, default=0, help="of when it picks up")
     parser.add_argument("--output", type=Path, help="file of the rows, JSON lines")
     parser.add_argument("--figure", type=Path, default=OUTPUT / "control.png")
     args = parser.parse_args()
@@ -258,13 +259,13 @@ def main():
     models = learned(loads[:SECOND], args.models, args.shaken, needed(args.only))
     compared = controllers(models, loads, puma.target.std(axis=0))
     compared = {name: compared[name] for name in args.only or compared}
-    gc.collect()
-    gc.freeze()  # to look at all that is there by now would take a tenth of a second
-    rng, rows, curves = np.random.default_rng(0), [], {}
+    rng, rows, curves = np.random.default_rng(args.seed), [], {}
     for path, speed in product(args.paths, args.speeds):
         reference = Reference(path, speed)
         picked_up = int(rng.uniform(0.2, 0.6) * len(reference.q))
         for name, make in compared.items():
+            gc.collect()
+            gc.freeze()  # to look at all that is there by now would take 0.1 s
             told = follow(reference, make(), loads, picked_up, stribeck=args.stribeck)
             where = {"path": f"p{path}s{speed}", "controller": name}
             rows.append(where | summary(*told, picked_up))

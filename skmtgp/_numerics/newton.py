@@ -11,6 +11,7 @@ from skmtgp._numerics.bfgs import ARMIJO, LONGEST_STEP, NOTHING, Optimum
 
 POOR, GOOD = 0.25, 0.75  # parts of the expected gain: steps then get shorter, or longer
 SHORTEST = 1e-12  # of steps, below which nothing is gained any more
+NEAR, CLOSE = 1.0, 0.1  # nats to where another is, and how near that is told and there
 FLATTEST = 1e-14  # eigenvalues, relative to the largest
 TINY = np.finfo(float).tiny  # or absolutely
 
@@ -40,7 +41,7 @@ def minimize_all(fun, X, lower, upper, *, max_iter, tol, followed=None):
     Returns
     -------
     optima : list of n_followed Optimum
-        Where each ended.
+        Where each ended. Starts that lead to where the best one is end on the way.
     """
     search = _Newton(fun, np.clip(X, lower, upper), lower, upper, followed)
     search.run(max_iter, tol)
@@ -67,6 +68,7 @@ class _Newton:
                 return
             steps = self._steps(active)
             going = self.gain[active] >= NOTHING * tol
+            going &= ~self._follow_another(active)
             going &= self.longest[active] > SHORTEST
             active, steps = active[going], steps[going]
             if len(active):
@@ -89,6 +91,17 @@ class _Newton:
         longest = self.longest[active, None]
         steps = np.maximum(np.minimum(steps, longest), -longest)
         return np.einsum("kpq,kq->kp", V, steps)
+
+    def _follow_another(self, active):
+        """Which are on the way to where the best one is: they end where they are."""
+        best = np.argmin(np.where(np.isfinite(self.f), self.f, np.inf))
+        if self.gain[best] > CLOSE:
+            return np.zeros(len(active), dtype=bool)
+        away = self.X[active] - self.X[best]
+        expected = 0.5 * np.einsum("kp,pq,kq->k", away, self.H[best], away)
+        off = np.abs(self.f[active] - self.f[best] - expected)
+        alike = (expected < NEAR) & (off <= CLOSE * expected)
+        return alike & (active != best)
 
     def _try(self, active, steps):
         """Go where the function is lower; where it is not, shorten the next step."""

@@ -22,7 +22,9 @@ from skmtgp.inference.variances import (
 from skmtgp.model.several import terms_of, unseen_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
-WHEN_ASKED = "bound", "largest_of_k"  # attributes that are made then, and not pickled
+FEW = 64  # rows, as join a model: what is made of them is kept, and asked for again
+# Attributes that are made when they are asked for, and not pickled
+WHEN_ASKED = "bound", "largest_of_k", "_last_cross"
 
 LEAST_FREEDOM = 1.0  # degrees of freedom that tell a noise variance
 
@@ -334,10 +336,18 @@ class Posterior(WithCoefficients, ABC):
 
         Of several terms that of the one with this bound kernel.
         """
+        if bound is not None or len(X) > FEW:
+            return self._cross(X, bound or self.bound)
+        key = X.shape, X.tobytes()
+        last = vars(self).get("_last_cross", (None, None))
+        if last[0] != key:
+            last = vars(self)["_last_cross"] = key, self._cross(X, self.bound)
+        return last[1]
+
+    def _cross(self, X, bound):
         shape = len(X), len(self.inputs)
-        bound = (bound or self.bound).against(X)
-        K_x, _ = bound.block(*(slice(0, size) for size in shape))
-        return np.broadcast_to(K_x, shape)
+        K_x, _ = bound.against(X).block(*(slice(0, size) for size in shape))
+        return np.broadcast_to(K_x, shape)  # which nobody can write to
 
     @abstractmethod
     def _weigh_tasks(self):

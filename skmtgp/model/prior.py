@@ -681,4 +681,6 @@ def _copied_value(value):
         return _copied(value)
     if type(value) in (list, tuple):
         return type(value)(map(_copied_value, value))
+    if type(value) is np.ndarray and value.dtype != object:
+        return value.copy()
     return deepcopy(value)

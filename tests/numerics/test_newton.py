@@ -34,20 +34,38 @@ def saddle(X):
 
 def test_each_start_finds_a_minimum():
     starts = np.array([[-1.2, 1.0], [3.0, -2.0], [1.0, 1.0], [-5.0, 20.0]])
-    for optimum in minimize_all(rosenbrock, starts, -FAR, FAR, **BUDGET):
+    for start in starts:
+        [optimum] = minimize_all(rosenbrock, start[None], -FAR, FAR, **BUDGET)
         np.testing.assert_allclose(optimum.x, [1.0, 1.0], atol=1e-6)
         assert optimum.converged
         assert not optimum.stalled
         assert optimum.value < 1e-9
 
 
-def test_starts_do_not_depend_on_each_other():
-    starts = np.array([[-1.2, 1.0], [3.0, -2.0]])
-    together = minimize_all(rosenbrock, starts, -FAR, FAR, **BUDGET)
-    for found, start in zip(together, starts, strict=True):
-        [alone] = minimize_all(rosenbrock, start[None], -FAR, FAR, **BUDGET)
+def test_starts_that_end_apart_do_not_depend_on_each_other():
+    starts = np.array([[2.0, 0.4], [3.0, -2.0]])
+    together = minimize_all(saddle, starts, -FAR, FAR, **BUDGET)
+    for found, start, end in zip(together, starts, (1.0, -1.0), strict=True):
+        [alone] = minimize_all(saddle, start[None], -FAR, FAR, **BUDGET)
         np.testing.assert_allclose(found.x, alone.x, rtol=1e-9)
+        np.testing.assert_allclose(found.x, [0.0, end], atol=1e-6)
         assert found[2:] == alone[2:]
+
+
+def test_what_leads_to_the_same_place_is_not_followed_to_its_end():
+    starts = np.array([[2.0, 0.4], [-1.0, 0.9], [0.5, 1.2], [3.0, -2.0]])
+    optima = minimize_all(saddle, starts, -FAR, FAR, **BUDGET)
+    alone = [
+        minimize_all(saddle, start[None], -FAR, FAR, **BUDGET)[0] for start in starts
+    ]
+    counts = [sum(of.n_evaluations for of in found) for found in (optima, alone)]
+    assert counts[0] < counts[1]
+    best = min(optima[:3], key=lambda optimum: optimum.value)
+    np.testing.assert_allclose(best.x, [0.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(optima[3].x, [0.0, -1.0], atol=1e-6)
+    for optimum in optima[:3]:
+        assert abs(optimum.x[1] - 1.0) < 1.0
+        assert optimum.converged
 
 
 def test_evaluations_are_counted():

@@ -94,11 +94,22 @@ def test_a_load_changes_what_a_torque_does():
     assert np.abs(robot.qd).max() > 1e-2
 
 
-def test_samples_in_which_a_joint_turns_back_are_left_out():
+def test_a_joint_that_turns_back_or_stands_still_tells_nothing():
     state = np.concatenate([np.zeros(6), np.full(6, 0.5), np.zeros(6)])
-    assert not controllers._reverses(state)
+    assert not controllers._without_a_value(state).any()
     state[6], state[12] = 1e-3, -10.0  # before the period it moved the other way
-    assert controllers._reverses(state)
+    state[8] = 0.0
+    assert np.flatnonzero(controllers._without_a_value(state)).tolist() == [0, 2]
+
+
+def test_a_load_is_tracked_though_a_joint_stands_still():
+    light = Equations.descriptors.iloc[0].to_numpy(float)
+    controller = controllers.Tracking(Equations(), light, np.full(6, 10.0))
+    for state in REFERENCE.ahead[[300, 600, 900]].copy():
+        state[[10, 16]] = 0.0  # the fifth joint, whose torque could be any
+        torque = torque_of(state)[0] + 7.0 * np.eye(6)[4]
+        controller.observe(state, torque)
+    assert controller.tracker.descriptors[0] == pytest.approx(LOAD[0], abs=0.03)
 
 
 def test_a_task_that_joins_is_that_of_each_joints_pipeline():

@@ -2,7 +2,8 @@
 
 ``python benchmarks/choosing.py`` draws problems of eight tasks of 5, 10 and 20 rows
 (true rank 1 and 2) and of three tasks of 10 and 20 rows (true rank 3), by
-ordinary_data.py; ``--classes`` takes classes of it instead. All candidates are fitted
+ordinary_data.py; ``--classes`` takes classes of it instead. "plain" draws are those of
+intervals.py, without levels: ``--plain``. All candidates are fitted
 once. Each criterion then chooses: how often the true rank, and how well what it has
 chosen predicts. "density" is the log density of new observations a row, less that of
 the best candidate in hindsight; the rows of a table are medians over the draws.
@@ -19,7 +20,8 @@ from zlib import crc32
 
 import numpy as np
 import pandas as pd
-from ordinary_data import BASE, CLASSES, draw, problem, split
+from intervals import NOISE, draw_with_factor
+from ordinary_data import BASE, CLASSES, Problem, Truth, draw, problem, split
 from ordinary_models import is_right
 from scipy.stats import norm
 from threadpoolctl import threadpool_limits
@@ -32,6 +34,11 @@ SETTINGS = {
     for rank in ranks
     for rows in sizes
 }
+PLAIN = {
+    f"plain, 8 tasks of {rows}, rank {rank}": (8, rows, rank)
+    for rows in (10, 20, 50)
+    for rank in (1, 2, 3)
+}
 SAME, MOST = 0.01, 5.0  # nats a row: no difference, and the largest that counts
 CRITERIA = "bic", "aic", "hqc", "loo", "laplace"
 
@@ -40,9 +47,19 @@ def problem_of(name, seed):
     """A draw of a setting, or of a class of the suite."""
     if name in CLASSES:
         return problem(name, seed)
+    if name in PLAIN:
+        return plain(*PLAIN[name], seed)
     rng = np.random.default_rng([crc32(name.encode()), seed])
     settings = {**BASE, **SETTINGS[name], "n_inputs": int(rng.integers(1, 3))}
     return draw(rng, **settings)
+
+
+def plain(n_tasks, n_rows, rank, seed):
+    """A draw of intervals.py."""
+    X, y, X_test, _, f, F = draw_with_factor(n_tasks, n_rows, rank, seed)
+    nothing = np.zeros(n_tasks)
+    truth = Truth(F, np.ones((rank, 1)), nothing, nothing, nothing + NOISE)
+    return Problem(X, y, X_test, f, truth, rank)
 
 
 def leave_out(model, y):
@@ -134,11 +151,16 @@ def compare(table):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--classes", nargs="+", choices=CLASSES, default=None)
+    parser.add_argument(
+        "--plain", nargs="+", type=int, choices=(10, 20, 50), default=()
+    )
     parser.add_argument("--seeds", type=int, default=40, help="draws of each")
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="a table of all candidates, csv")
     arguments = parser.parse_args()
-    names = arguments.classes or list(SETTINGS)
+    of_rows = {name for name, of in PLAIN.items() if of[1] in arguments.plain}
+    names = [name for name in PLAIN if name in of_rows]
+    names = names or arguments.classes or list(SETTINGS)
     jobs = [(name, seed) for name in names for seed in range(arguments.seeds)]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         table = pd.concat(list(pool.map(measured, jobs)), ignore_index=True)

@@ -36,6 +36,11 @@ EDGES = 0, 2, 4, 8, 12, 16, 24, 32, 100  # of rows a hyperparameter
 
 def draw(n_tasks, n_rows, rank, seed):
     """Training and test rows: X, y and, of the latter, f."""
+    return draw_with_factor(n_tasks, n_rows, rank, seed)[:-1]
+
+
+def draw_with_factor(n_tasks, n_rows, rank, seed):
+    """The same, and F."""
     rng = np.random.default_rng([n_tasks, n_rows, rank, seed])
     F = rng.standard_normal((n_tasks, rank)) / np.sqrt(rank)
     n = n_rows + N_TEST
@@ -45,7 +50,7 @@ def draw(n_tasks, n_rows, rank, seed):
     f = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(x)))
     y, X = f + NOISE * rng.standard_normal(len(x)), np.column_stack([x, task])
     trained = np.tile(np.arange(n) < n_rows, n_tasks)
-    return X[trained], y[trained], X[~trained], y[~trained], f[~trained]
+    return X[trained], y[trained], X[~trained], y[~trained], f[~trained], F
 
 
 def measured(model, X, y, f):

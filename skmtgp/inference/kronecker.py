@@ -268,6 +268,7 @@ class KroneckerPosterior(Posterior):
         -------
         posterior : KroneckerPosterior
         """
+        _ = self.largest_of_k  # is made once, before the copy, for all that join
         posterior, prior = copy(self), likelihood.prior
         posterior.prior, posterior.theta = prior, theta
         posterior.K_rho = prior.K_rho_at(theta)

@@ -26,7 +26,7 @@ from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.unlabelled import inputs_of_any_task
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.sklearn_compat import Interval, StrOptions
-from skmtgp.learning.identifying import Output, Unknown, follow, identify
+from skmtgp.learning.identifying import Output, follow, identify
 from skmtgp.learning.novel import Population
 from skmtgp.multitask import MultiTaskGPRegressor
 
@@ -213,7 +213,7 @@ class TaskIdentifier(Estimator):
                 sum(of.known(task) for of in outputs)
                 for task in range(len(self.classes_) - 1)
             ]
-            another = identify(Unknown(outputs), starts).log_evidence
+            another = identify(outputs, starts).log_evidence
         log_density = np.append(known, another)
         weights = np.exp(log_density - log_density.max())
         return weights / weights.sum()
@@ -272,7 +272,7 @@ class TaskIdentifier(Estimator):
             )
         outputs, starts = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
-            found = identify(Unknown(outputs), starts)
+            found = identify(outputs, starts)
         centre, scale = _population(descriptors, self.widening)
         names = pd.Index(descriptors.names.tolist())
         mean = pd.Series(centre + scale @ found.u, index=names)

@@ -12,8 +12,9 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, TaskIdentifier
-from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.identification import _population
+from skmtgp.learning import identifying
 from skmtgp.learning.identifying import Unknown, follow, identify
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -467,18 +468,37 @@ class TestStream:
 
 
 class Singular(Unknown):
-    """Samples whose covariance cannot be factorised."""
+    """Samples whose covariance cannot be factorised with so little noise."""
 
-    def __init__(self):
-        super().__init__([])
+    least = np.inf
+
+    def __init__(self, outputs):
+        super().__init__(outputs)
+        self.is_singular = all(of.noise[-1] < self.least for of in outputs)
 
     def value_and_grad(self, u):
-        return -np.inf, np.full(len(u), np.nan)
+        if self.is_singular:
+            return -np.inf, np.full(len(u), np.nan)
+        return super().value_and_grad(u)
 
 
-def test_samples_whose_covariance_is_singular():
+def test_samples_whose_covariance_is_singular(model, monkeypatch):
+    monkeypatch.setattr(identifying, "Unknown", Singular)
     with pytest.raises(NotPositiveDefiniteError, match="Give their noise, a larger"):
-        identify(Singular(), np.zeros((3, 2)))
+        TaskIdentifier(model).estimate(NEW[:, None], Y_NEW)
+
+
+def test_more_noise_where_the_covariance_is_singular_without(model, monkeypatch):
+    outputs, starts = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
+    expected = identify([of.noisier(10.0) for of in outputs], starts)
+    least = 5.0 * max(of.noise[-1] for of in outputs)
+    monkeypatch.setattr(Singular, "least", least)
+    monkeypatch.setattr(identifying, "Unknown", Singular)
+    with pytest.warns(JitterWarning, match="10 times the noise variance"):
+        found = identify(outputs, starts)
+    np.testing.assert_array_equal(found.u, expected.u)
+    known = outputs[0].noise[:-1]
+    np.testing.assert_array_equal(outputs[0].noisier(10.0).noise[:-1], known)
 
 
 def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):
@@ -491,7 +511,7 @@ def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):
         H += design.T @ np.linalg.solve(S, design)
         b += design.T @ np.linalg.solve(S, border.y - border.means.T @ c)
     np.testing.assert_allclose(unknown.reweight(u)[0], np.linalg.solve(H, b), rtol=1e-8)
-    found = identify(unknown, starts)
+    found = identify(outputs, starts)
     unknown.carry(found.u, found.root)
     by_scoring = unknown.climb(u)
     np.testing.assert_allclose(found.u, by_scoring.u, atol=1e-3)

@@ -11,7 +11,8 @@ import numpy as np
 from scipy.special import logsumexp
 
 from skmtgp._numerics.linalg import Cholesky
-from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference.border import BorderLikelihood
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import BLOCK_SIZE, Posterior
@@ -24,6 +25,7 @@ N_REWEIGHTED = 5  # at most
 N_CLIMBS = 2  # where the errors that a task carries depend on u, each time held
 ROUNDING = 1e-11  # of a log density of millions of nats, as an exact model has them
 HALVINGS = 30
+NOISIER = 10.0, 100.0  # times the noise variance, if the covariance is singular
 ALIKE = 1e-2  # deviations, squared, between what need not be followed further
 
 
@@ -110,6 +112,10 @@ class Output(NamedTuple):
             error=self.error[-1],
             inflation=self.inflation,
         )
+
+    def noisier(self, factor):
+        """The same with more noise of another task."""
+        return self._replace(noise=np.append(self.noise[:-1], factor * self.noise[-1]))
 
     def unshared(self):
         """Variance of what tasks have of their own, in units of k^x, on average."""
@@ -311,13 +317,13 @@ def inverse_root(H):
     return vectors / np.sqrt(np.maximum(values, 1.0))
 
 
-def identify(unknown, starts):
+def identify(outputs, starts):
     """The better mode of two starts.
 
     Parameters
     ----------
-    unknown : Unknown
-        The samples.
+    outputs : list of Output
+        At the samples of a task of which u is unknown.
     starts : ndarray of shape (n_starts, n_u)
         Of which the likeliest is followed, and 0.
 
@@ -328,8 +334,39 @@ def identify(unknown, starts):
     Raises
     ------
     NotPositiveDefiniteError
-        If the covariance of the samples is singular in floating point.
+        If the covariance of the samples is singular in floating point, even with 100
+        times the noise.
+
+    Warns
+    -----
+    JitterWarning
+        If it is with the noise as given.
     """
+    for factor in (1.0, *NOISIER):
+        noisier = [of.noisier(factor) for of in outputs]
+        found = _better(Unknown(noisier), starts)
+        if np.isfinite(found.log_evidence):
+            if factor > 1.0:
+                _warn_of_noise(factor)
+            return found
+    raise NotPositiveDefiniteError(
+        "The covariance of the samples is singular: some are too close to each other "
+        "for a model with so little noise. Give their noise, a larger floor, or fewer "
+        "samples."
+    )
+
+
+def _warn_of_noise(factor):
+    warn(
+        "Some samples are so close to each other that their covariance is singular in "
+        f"floating point. The task was taken to have {factor:.0f} times the noise "
+        "variance. Give the noise of the samples, or fewer of them.",
+        JitterWarning,
+    )
+
+
+def _better(unknown, starts):
+    """The better mode; its evidence is -inf where the covariance is singular."""
     middle = np.zeros_like(starts[0])
     unknown.carry(middle)
     likeliest = max(starts, key=unknown.value)
@@ -337,14 +374,7 @@ def identify(unknown, starts):
     modes = [_mode(unknown, *first)]
     if _distance(*first, second[0]) > ALIKE:
         modes.append(_mode(unknown, *second))
-    best = max(modes, key=lambda mode: mode.log_evidence)
-    if not np.isfinite(best.log_evidence):
-        raise NotPositiveDefiniteError(
-            "The covariance of the samples is singular: some are too close to each "
-            "other for a model with so little noise. Give their noise, a larger floor, "
-            "or fewer samples."
-        )
-    return best
+    return max(modes, key=lambda mode: mode.log_evidence)
 
 
 def _near_mode(unknown, u):

@@ -123,7 +123,9 @@ class TaskIdentifier(Estimator):
 
     A noise variance that ended at its lower bound says nothing of noise. With
     ``inflation="auto"`` an unknown task has the noise that residuals of the fit show:
-    the sum of their squares, over their degrees of freedom.
+    the sum of their squares, over their degrees of freedom. If the covariance of the
+    samples is then singular in floating point, the task is taken to have 10 or 100
+    times this noise variance, and a JitterWarning says so.
 
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.

@@ -12,9 +12,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
 from skmtgp import MultiTaskGPRegressor, PooledGP, RankSearchIC, TaskIdentifier
-from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.identification import _population
-from skmtgp.learning import identifying
 from skmtgp.learning.identifying import Unknown, follow, identify
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -465,40 +463,6 @@ class TestStream:
             identifier.partial_fit(NEW[:, None], Y_NEW)
         identifier.reset().partial_fit(NEW[:, None], Y_NEW)
         assert identifier.responsibilities_.shape == (M + 2,)
-
-
-class Singular(Unknown):
-    """Samples whose covariance cannot be factorised with so little noise."""
-
-    least = np.inf
-
-    def __init__(self, outputs):
-        super().__init__(outputs)
-        self.is_singular = all(of.noise[-1] < self.least for of in outputs)
-
-    def value_and_grad(self, u):
-        if self.is_singular:
-            return -np.inf, np.full(len(u), np.nan)
-        return super().value_and_grad(u)
-
-
-def test_samples_whose_covariance_is_singular(model, monkeypatch):
-    monkeypatch.setattr(identifying, "Unknown", Singular)
-    with pytest.raises(NotPositiveDefiniteError, match="Give their noise, a larger"):
-        TaskIdentifier(model).estimate(NEW[:, None], Y_NEW)
-
-
-def test_more_noise_where_the_covariance_is_singular_without(model, monkeypatch):
-    outputs, starts = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
-    expected = identify([of.noisier(10.0) for of in outputs], starts)
-    least = 5.0 * max(of.noise[-1] for of in outputs)
-    monkeypatch.setattr(Singular, "least", least)
-    monkeypatch.setattr(identifying, "Unknown", Singular)
-    with pytest.warns(JitterWarning, match="10 times the noise variance"):
-        found = identify(outputs, starts)
-    np.testing.assert_array_equal(found.u, expected.u)
-    known = outputs[0].noise[:-1]
-    np.testing.assert_array_equal(outputs[0].noisier(10.0).noise[:-1], known)
 
 
 def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):

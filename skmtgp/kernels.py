@@ -485,22 +485,23 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     r"""Kernel of the polynomials that describe torques of rigid bodies.
 
     .. math::
-        k^x(x, x') = \sum_{d=1}^{2J} f_d z_d z'_d
-        + c \prod_{i=1}^J \Bigl(1 + \sum_{d \in i} g_d p_d p'_d\Bigr)
+        k^x(x, x') = f_0 + \sum_{d=1}^{2J} f_d z_d z'_d
+        + c \prod_{i=1}^J (1 + g_i \, p_i \cdot p'_i)
         + \Bigl(\sum_{i=1}^J a_i \ddot q_i \ddot q'_i
         + \bigl(\sum_{i=1}^J v_i \dot q_i \dot q'_i\bigr)^2\Bigr)
-        \prod_{i=1}^J \Bigl(1 + \sum_{d \in i} w_d p_d p'_d\Bigr)^2
+        \prod_{i=2}^J (1 + w_i \, p_i \cdot p'_i)^2
 
-    Here :math:`p_d, d \in i` is the position of joint i: (cos q_i, sin q_i) if it turns
-    and q_i if it slides. z = (qd, sgn(qd)). The first term is viscous and Coulomb
-    friction, the second gravity, the third inertia with centrifugal and Coriolis
+    Here :math:`p_i` is the position of joint i: (cos q_i, sin q_i) if it turns and q_i
+    if it slides. z = (qd, sgn(qd)). The first two terms are an offset with viscous and
+    Coulomb friction, the third gravity, the last inertia with centrifugal and Coriolis
     forces.
 
     Parameters
     ----------
     joint_types : sequence of str
         "revolute" (or "R") for each joint that turns, "prismatic" (or "P") for each
-        that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``.
+        that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``. The joint at the base
+        comes first.
 
     Returns
     -------
@@ -533,6 +534,16 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     Here gravity has its own product. The potential energy of a rigid robot has degree 1
     in the position of each joint, and its kinetic energy degree 2 (Giacomuzzo, Carli,
     Romeres and Dalla Libera, 2024). So gravity needs fewer polynomials than inertia.
+    The first joint moves the whole arm. That changes gravity, if its axis is not
+    vertical, but no kinetic energy.
+
+    The cosine and the sine of a joint share a weight: :math:`p_i \cdot p'_i` is
+    :math:`\cos(q_i - q'_i)`. So it does not matter where the angle of a joint is zero,
+    which is a convention.
+
+    The offset is what Coulomb friction differs by from one direction to the other,
+    taken by half. The mean torque, which a model subtracts, is in it, too. Both may be
+    larger than gravity, which therefore has a variance of its own.
 
     References
     ----------
@@ -547,24 +558,28 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     --------
     >>> from skmtgp.kernels import geometric_inverse_dynamics_kernel
     >>> geometric_inverse_dynamics_kernel("RRRRRR").n_dims
-    49
+    37
     >>> geometric_inverse_dynamics_kernel(["revolute", "prismatic"]).n_dims
-    15
+    13
     """
     positions = columns_of_positions(are_revolute(joint_types))
     J, n = len(positions), positions[-1][-1] + 1
     speeds, accelerations, signs = (
         list(range(n + k * J, n + k * J + J)) for k in range(3)
     )
-    friction = _linear([*speeds, *signs], 1.0)
-    gravity = [_linear(of_joint, POSITION, bias=1.0) for of_joint in positions]
-    mass = [_linear(of_joint, POSITION, bias=1.0) ** 2 for of_joint in positions]
-    motion = _linear(accelerations, 1.0) + _linear(speeds, 1.0) ** 2
+    friction = _linear([*speeds, *signs]) + ConstantKernel(1.0, WIDER)
+    gravity = [_of_position(of_joint) for of_joint in positions]
+    mass = [_of_position(of_joint) ** 2 for of_joint in positions[1:]]
+    motion = _linear(accelerations) + _linear(speeds) ** 2
     of_gravity = reduce(mul, [ConstantKernel(1.0, WIDER), *gravity])
     return friction + of_gravity + reduce(mul, [motion, *mass])
 
 
-def _linear(columns, weight, bias=0.0):
-    """A linear kernel of some columns, with a weight for each and a fixed bias."""
-    weights = np.full(len(columns), weight)
-    return Columns(ARDLinear(weights, bias, WIDER, "fixed"), columns)
+def _linear(columns):
+    """A linear kernel of some columns, with a weight for each."""
+    return Columns(ARDLinear(np.ones(len(columns)), 0.0, WIDER, "fixed"), columns)
+
+
+def _of_position(columns):
+    """1 + w p . p' of the position p of a joint."""
+    return Columns(ARDLinear(POSITION, 1.0, WIDER, "fixed"), columns)

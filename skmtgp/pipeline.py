@@ -342,7 +342,7 @@ def make_inverse_dynamics_regressor(
 
     >>> model = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
     >>> model[0].angles, model[-1].kernel.n_dims
-    ('trigonometric', 49)
+    ('trigonometric', 37)
 
     With a description of the robot, its URDF:
 

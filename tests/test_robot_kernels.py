@@ -24,17 +24,19 @@ def moved(kernel, seed=0):
 
 
 def by_the_book(theta, u, v):
-    """The formula of the docstring, theta in its order: f, c, g, a, v, w."""
+    """The formula of the docstring, theta in its order: f, f_0, c, g, a, v, w."""
     values = iter(np.exp(theta))
 
     def dot(columns):
         return sum(next(values) * u[d] * v[d] for d in columns)
 
-    friction = dot([*SPEEDS, *SIGNS])
-    gravity = next(values) * np.prod([1.0 + dot(of_joint) for of_joint in POSITIONS])
+    def product(positions):
+        return np.prod([1.0 + next(values) * (u[p] @ v[p]) for p in positions])
+
+    friction = dot([*SPEEDS, *SIGNS]) + next(values)
+    gravity = next(values) * product(POSITIONS)
     motion = dot(ACCELERATIONS) + dot(SPEEDS) ** 2
-    mass = np.prod([1.0 + dot(of_joint) for of_joint in POSITIONS])
-    return friction + gravity + motion * mass**2
+    return friction + gravity + motion * product(POSITIONS[1:]) ** 2
 
 
 def test_geometric_kernel_by_the_book():
@@ -54,6 +56,15 @@ def test_gradient_of_the_geometric_kernel():
         found = (ahead - behind) / 2e-5
         scale = np.abs(ahead).max()
         np.testing.assert_allclose(gradient[..., p], found, atol=1e-9 * scale)
+
+
+def test_where_a_joint_is_zero_does_not_matter():
+    types, zeros = "RPR", np.array([0.4, -1.3, 2.0, 0, 0, 0, 0, 0, 0, 0])
+    transformer = InverseDynamicsFeatures(angles="trigonometric", joint_types=types)
+    X = np.column_stack([np.random.default_rng(0).normal(size=(6, 9)), np.ones(6)])
+    kernel = moved(geometric_inverse_dynamics_kernel(types))
+    u, shifted = (transformer.fit_transform(x)[:, :-1] for x in (X, X + zeros))
+    np.testing.assert_allclose(kernel(shifted), kernel(u), rtol=1e-12)
 
 
 def test_trigonometric_kernel_is_the_papers_of_more_columns():

@@ -7,8 +7,7 @@ three kernels of its own and builds the kernel of the paper.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
-from operator import mul
+from numbers import Integral
 from typing import Any, Literal
 
 import numpy as np
@@ -481,27 +480,32 @@ def inverse_dynamics_kernel(
     return linear + ConstantKernel(1.0, WIDE) * Columns(rbf, range(n_x))
 
 
-def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
+def geometric_inverse_dynamics_kernel(
+    joint_types: Sequence[str], *, joint: int | None = None
+) -> Kernel:
     r"""Kernel of the polynomials that describe torques of rigid bodies.
 
     .. math::
-        k^x(x, x') = f_0 + \sum_{d=1}^{2J} f_d z_d z'_d
-        + c \prod_{i=1}^J (1 + g_i \, p_i \cdot p'_i)
+        k^x(x, x') = \sum_{d=1}^{2J} f_d z_d z'_d
+        + c \prod_{i=1}^J \Bigl(1 + \sum_{d \in i} g_d p_d p'_d\Bigr)
         + \Bigl(\sum_{i=1}^J a_i \ddot q_i \ddot q'_i
         + \bigl(\sum_{i=1}^J v_i \dot q_i \dot q'_i\bigr)^2\Bigr)
-        \prod_{i=2}^J (1 + w_i \, p_i \cdot p'_i)^2
+        \prod_{i=1}^J \Bigl(1 + \sum_{d \in i} w_d p_d p'_d\Bigr)^2
 
-    Here :math:`p_i` is the position of joint i: (cos q_i, sin q_i) if it turns and q_i
-    if it slides. z = (qd, sgn(qd)). The first two terms are an offset with viscous and
-    Coulomb friction, the third gravity, the last inertia with centrifugal and Coriolis
+    Here :math:`p_d, d \in i` is the position of joint i: (cos q_i, sin q_i) if it turns
+    and q_i if it slides. z = (qd, sgn(qd)). The first term is viscous and Coulomb
+    friction, the second gravity, the third inertia with centrifugal and Coriolis
     forces.
 
     Parameters
     ----------
     joint_types : sequence of str
         "revolute" (or "R") for each joint that turns, "prismatic" (or "P") for each
-        that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``. The joint at the base
-        comes first.
+        that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``. Each joint carries
+        those after it.
+    joint : int, default=None
+        Position, from 0, of the joint whose torque is learned. The kernel then has the
+        polynomials of this torque only, see Notes. None is a kernel for any joint.
 
     Returns
     -------
@@ -514,9 +518,10 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     Raises
     ------
     TypeError
-        If `joint_types` is not a sequence.
+        If `joint_types` is not a sequence, or `joint` is not an integer.
     ValueError
-        If it is empty, or if a joint is neither revolute nor prismatic.
+        If it is empty, or if a joint is neither revolute nor prismatic. If there is no
+        such `joint`.
 
     See Also
     --------
@@ -534,16 +539,24 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     Here gravity has its own product. The potential energy of a rigid robot has degree 1
     in the position of each joint, and its kinetic energy degree 2 (Giacomuzzo, Carli,
     Romeres and Dalla Libera, 2024). So gravity needs fewer polynomials than inertia.
-    The first joint moves the whole arm. That changes gravity, if its axis is not
-    vertical, but no kinetic energy.
 
-    The cosine and the sine of a joint share a weight: :math:`p_i \cdot p'_i` is
-    :math:`\cos(q_i - q'_i)`. So it does not matter where the angle of a joint is zero,
-    which is a convention.
+    With a known `joint` j, friction is that of this joint, with an offset that has a
+    variance of its own. A cosine and its sine share a weight. So it does not matter
+    where an angle is zero: :math:`p_i \cdot p'_i`, the sum over d in i, is
+    :math:`\cos(q_i - q'_i)`. Inertia becomes
 
-    The offset is what Coulomb friction differs by from one direction to the other,
-    taken by half. The mean torque, which a model subtracts, is in it, too. Both may be
-    larger than gravity, which therefore has a variance of its own.
+    .. math::
+        \Bigl[\sum_{i \ge j} a_i \ddot q_i \ddot q'_i + (\dot q, \dot q')_{\ge j}^2
+        + P_j \Bigl(\sum_{i < j} a_i \ddot q_i \ddot q'_i
+        + Q_j \, (\dot q, \dot q')_{< j} (\dot q, \dot q')_{\ne j}\Bigr)\Bigr]
+        \prod_{i > j} (1 + w_i \, p_i \cdot p'_i)^2
+
+    where :math:`(\dot q, \dot q')` is a weighted sum of :math:`\dot q_i \dot q'_i` over
+    the named joints. P_j and Q_j are products of polynomials of degree 1 over the
+    joints from the second one to j. The element j, k of the mass matrix depends on the
+    joints after the first of both: in degree 1 up to the second, in degree 2 beyond.
+    Its derivatives are the coefficients of products of velocities, and that of
+    :math:`\dot q_i \dot q_j` vanishes for i < j.
 
     References
     ----------
@@ -558,28 +571,65 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     --------
     >>> from skmtgp.kernels import geometric_inverse_dynamics_kernel
     >>> geometric_inverse_dynamics_kernel("RRRRRR").n_dims
-    37
+    49
+    >>> geometric_inverse_dynamics_kernel("RRRRRR", joint=4).n_dims
+    36
     >>> geometric_inverse_dynamics_kernel(["revolute", "prismatic"]).n_dims
-    13
+    15
     """
     positions = columns_of_positions(are_revolute(joint_types))
     J, n = len(positions), positions[-1][-1] + 1
     speeds, accelerations, signs = (
         list(range(n + k * J, n + k * J + J)) for k in range(3)
     )
-    friction = _linear([*speeds, *signs]) + ConstantKernel(1.0, WIDER)
-    gravity = [_of_position(of_joint) for of_joint in positions]
-    mass = [_of_position(of_joint) ** 2 for of_joint in positions[1:]]
-    motion = _linear(accelerations) + _linear(speeds) ** 2
-    of_gravity = reduce(mul, [ConstantKernel(1.0, WIDER), *gravity])
-    return friction + of_gravity + reduce(mul, [motion, *mass])
+    if joint is None:
+        friction, shared = _linear([*speeds, *signs]), False
+        motion = _linear(accelerations) + _linear(speeds) ** 2
+        inertia = _times(motion, positions, degree=2, shared=False)
+    else:
+        j, shared = _check_joint(joint, J), True
+        friction = _linear([speeds[j], signs[j]]) + ConstantKernel(1.0, WIDER)
+        inertia = _inertia_at(j, positions, speeds, accelerations)
+    gravity = _times(ConstantKernel(1.0, WIDER), positions, shared=shared)
+    return friction + gravity + inertia
+
+
+def _check_joint(joint, n_joints):
+    """The position of a joint, if there is one."""
+    if not isinstance(joint, Integral) or isinstance(joint, bool):
+        raise TypeError(f"joint={joint!r} must be None or an integer.")
+    if not 0 <= joint < n_joints:
+        raise ValueError(
+            f"joint={joint!r} must be from 0 to {n_joints - 1}: there are {n_joints} "
+            "joints."
+        )
+    return int(joint)
+
+
+def _inertia_at(j, positions, speeds, accelerations):
+    """Inertial torques of joint j: what moves with it, and what carries it."""
+    motion, between = _linear(accelerations[j:]), positions[1 : j + 1]
+    if j + 1 < len(speeds):  # alone it has no centrifugal torque
+        motion = motion + _linear(speeds[j:]) ** 2
+    if j > 0:
+        others = _linear([*speeds[:j], *speeds[j + 1 :]])
+        pairs = _times(_linear(speeds[:j]) * others, between)
+        motion = motion + _times(_linear(accelerations[:j]) + pairs, between)
+    return _times(motion, positions[j + 1 :], degree=2)
+
+
+def _times(kernel, positions, *, degree=1, shared=True):
+    """A kernel times a polynomial in the position of each of some joints.
+
+    A cosine and its sine have one weight if it is shared.
+    """
+    for of_joint in positions:
+        weights = POSITION if shared else np.full(len(of_joint), POSITION)
+        line = Columns(ARDLinear(weights, 1.0, WIDER, "fixed"), of_joint)
+        kernel = kernel * (line if degree == 1 else line**degree)
+    return kernel
 
 
 def _linear(columns):
     """A linear kernel of some columns, with a weight for each."""
     return Columns(ARDLinear(np.ones(len(columns)), 0.0, WIDER, "fixed"), columns)
-
-
-def _of_position(columns):
-    """1 + w p . p' of the position p of a joint."""
-    return Columns(ARDLinear(POSITION, 1.0, WIDER, "fixed"), columns)

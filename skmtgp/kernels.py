@@ -7,8 +7,7 @@ three kernels of its own and builds the kernel of the paper.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import reduce
-from operator import mul
+from numbers import Integral
 from typing import Any, Literal
 
 import numpy as np
@@ -481,7 +480,9 @@ def inverse_dynamics_kernel(
     return linear + ConstantKernel(1.0, WIDE) * Columns(rbf, range(n_x))
 
 
-def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
+def geometric_inverse_dynamics_kernel(
+    joint_types: Sequence[str], *, joint: int | None = None
+) -> Kernel:
     r"""Kernel of the polynomials that describe torques of rigid bodies.
 
     .. math::
@@ -500,7 +501,11 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     ----------
     joint_types : sequence of str
         "revolute" (or "R") for each joint that turns, "prismatic" (or "P") for each
-        that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``.
+        that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``. Each joint carries
+        those after it.
+    joint : int, default=None
+        Position, from 0, of the joint whose torque is learned. The kernel then has the
+        polynomials of this torque only, see Notes. None is a kernel for any joint.
 
     Returns
     -------
@@ -513,9 +518,10 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     Raises
     ------
     TypeError
-        If `joint_types` is not a sequence.
+        If `joint_types` is not a sequence, or `joint` is not an integer.
     ValueError
-        If it is empty, or if a joint is neither revolute nor prismatic.
+        If it is empty, or if a joint is neither revolute nor prismatic. If there is no
+        such `joint`.
 
     See Also
     --------
@@ -534,6 +540,24 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     in the position of each joint, and its kinetic energy degree 2 (Giacomuzzo, Carli,
     Romeres and Dalla Libera, 2024). So gravity needs fewer polynomials than inertia.
 
+    With a known `joint` j, friction is that of this joint, with an offset that has a
+    variance of its own. A cosine and its sine share a weight. So it does not matter
+    where an angle is zero: :math:`p_i \cdot p'_i`, the sum over d in i, is
+    :math:`\cos(q_i - q'_i)`. Inertia becomes
+
+    .. math::
+        \Bigl[\sum_{i \ge j} a_i \ddot q_i \ddot q'_i + (\dot q, \dot q')_{\ge j}^2
+        + P_j \Bigl(\sum_{i < j} a_i \ddot q_i \ddot q'_i
+        + Q_j \, (\dot q, \dot q')_{< j} (\dot q, \dot q')_{\ne j}\Bigr)\Bigr]
+        \prod_{i > j} (1 + w_i \, p_i \cdot p'_i)^2
+
+    where :math:`(\dot q, \dot q')` is a weighted sum of :math:`\dot q_i \dot q'_i` over
+    the named joints. P_j and Q_j are products of polynomials of degree 1 over the
+    joints from the second one to j. The element j, k of the mass matrix depends on the
+    joints after the first of both: in degree 1 up to the second, in degree 2 beyond.
+    Its derivatives are the coefficients of products of velocities, and that of
+    :math:`\dot q_i \dot q_j` vanishes for i < j.
+
     References
     ----------
     .. [1] A. Dalla Libera, R. Carli, "A data-efficient geometrically inspired
@@ -548,6 +572,8 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     >>> from skmtgp.kernels import geometric_inverse_dynamics_kernel
     >>> geometric_inverse_dynamics_kernel("RRRRRR").n_dims
     49
+    >>> geometric_inverse_dynamics_kernel("RRRRRR", joint=4).n_dims
+    36
     >>> geometric_inverse_dynamics_kernel(["revolute", "prismatic"]).n_dims
     15
     """
@@ -556,15 +582,54 @@ def geometric_inverse_dynamics_kernel(joint_types: Sequence[str]) -> Kernel:
     speeds, accelerations, signs = (
         list(range(n + k * J, n + k * J + J)) for k in range(3)
     )
-    friction = _linear([*speeds, *signs], 1.0)
-    gravity = [_linear(of_joint, POSITION, bias=1.0) for of_joint in positions]
-    mass = [_linear(of_joint, POSITION, bias=1.0) ** 2 for of_joint in positions]
-    motion = _linear(accelerations, 1.0) + _linear(speeds, 1.0) ** 2
-    of_gravity = reduce(mul, [ConstantKernel(1.0, WIDER), *gravity])
-    return friction + of_gravity + reduce(mul, [motion, *mass])
+    if joint is None:
+        friction, shared = _linear([*speeds, *signs]), False
+        motion = _linear(accelerations) + _linear(speeds) ** 2
+        inertia = _times(motion, positions, degree=2, shared=False)
+    else:
+        j, shared = _check_joint(joint, J), True
+        friction = _linear([speeds[j], signs[j]]) + ConstantKernel(1.0, WIDER)
+        inertia = _inertia_at(j, positions, speeds, accelerations)
+    gravity = _times(ConstantKernel(1.0, WIDER), positions, shared=shared)
+    return friction + gravity + inertia
 
 
-def _linear(columns, weight, bias=0.0):
-    """A linear kernel of some columns, with a weight for each and a fixed bias."""
-    weights = np.full(len(columns), weight)
-    return Columns(ARDLinear(weights, bias, WIDER, "fixed"), columns)
+def _check_joint(joint, n_joints):
+    """The position of a joint, if there is one."""
+    if not isinstance(joint, Integral) or isinstance(joint, bool):
+        raise TypeError(f"joint={joint!r} must be None or an integer.")
+    if not 0 <= joint < n_joints:
+        raise ValueError(
+            f"joint={joint!r} must be from 0 to {n_joints - 1}: there are {n_joints} "
+            "joints."
+        )
+    return int(joint)
+
+
+def _inertia_at(j, positions, speeds, accelerations):
+    """Inertial torques of joint j: what moves with it, and what carries it."""
+    motion, between = _linear(accelerations[j:]), positions[1 : j + 1]
+    if j + 1 < len(speeds):  # alone it has no centrifugal torque
+        motion = motion + _linear(speeds[j:]) ** 2
+    if j > 0:
+        others = _linear([*speeds[:j], *speeds[j + 1 :]])
+        pairs = _times(_linear(speeds[:j]) * others, between)
+        motion = motion + _times(_linear(accelerations[:j]) + pairs, between)
+    return _times(motion, positions[j + 1 :], degree=2)
+
+
+def _times(kernel, positions, *, degree=1, shared=True):
+    """A kernel times a polynomial in the position of each of some joints.
+
+    A cosine and its sine have one weight if it is shared.
+    """
+    for of_joint in positions:
+        weights = POSITION if shared else np.full(len(of_joint), POSITION)
+        line = Columns(ARDLinear(weights, 1.0, WIDER, "fixed"), of_joint)
+        kernel = kernel * (line if degree == 1 else line**degree)
+    return kernel
+
+
+def _linear(columns):
+    """A linear kernel of some columns, with a weight for each."""
+    return Columns(ARDLinear(np.ones(len(columns)), 0.0, WIDER, "fixed"), columns)

@@ -297,8 +297,10 @@ def make_inverse_dynamics_regressor(
         Only for "rigid-body": file of a URDF, its text, or a Pinocchio model. It
         defines the joints.
     joint : int, str or None, default=None
-        Only for "rigid-body": position from 0, or name, of the joint whose torque is y.
-        None means that y has all joints.
+        Position from 0 of the joint whose torque is y. With "geometric" the kernel has
+        the polynomials of this torque only, with fewer weights. None is a kernel for
+        any joint, and y may have all of them. For "rigid-body" None means that y has
+        all joints, and a joint may be a name. Other kernels have no `joint`.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
     task_descriptors : sequence of int or str, default=None
@@ -319,11 +321,12 @@ def make_inverse_dynamics_regressor(
     ------
     TypeError
         If `estimator` is none of these, if it does not take the given
-        `task_descriptors`, or if `joint_types` is not a sequence.
+        `task_descriptors`, if `joint_types` is not a sequence, or if `joint` is not an
+        integer for "geometric".
     ValueError
         If `kernel` is none of these, if `n_joints` is not a positive integer, or if
         `joint_types` do not fit it. If `robot` is missing for "rigid-body", or `robot`
-        or `joint` is given for another kernel.
+        or `joint` is given for a kernel that has none, or there is no such joint.
 
     Notes
     -----
@@ -343,6 +346,14 @@ def make_inverse_dynamics_regressor(
     >>> model = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
     >>> model[0].angles, model[-1].kernel.n_dims
     ('trigonometric', 49)
+
+    The same for the torque of the fifth joint:
+
+    >>> model = make_inverse_dynamics_regressor(
+    ...     PooledGP(), kernel="geometric", joint=4
+    ... )
+    >>> model[-1].kernel.n_dims
+    36
 
     With a description of the robot, its URDF:
 
@@ -373,14 +384,11 @@ def make_inverse_dynamics_regressor(
                 f"kernel={RIGID!r}, which learns a load's parameters itself."
             )
         return _rigid_bodies(estimator, robot, joint, task_feature)
-    for name, value in {"robot": robot, "joint": joint}.items():
-        if value is not None:
-            raise ValueError(
-                f"{name}={value!r} needs kernel={RIGID!r}, not {kernel!r}."
-            )
+    if robot is not None:
+        raise ValueError(f"robot={robot!r} needs kernel={RIGID!r}, not {kernel!r}.")
     regressor = _paper_model() if estimator is None else clone(estimator)
     model = _model_of(regressor)
-    _set_kernel(model, _make_kernel(kernel, n_joints, joint_types))
+    _set_kernel(model, _make_kernel(kernel, n_joints, joint_types, joint))
     if task_descriptors is None:
         task_descriptors = getattr(model, "task_descriptors", None)
     if task_descriptors is not None:
@@ -409,7 +417,7 @@ def _rigid_bodies(estimator, robot, joint, task_feature):
     return Pipeline([("regressor", regressor)])
 
 
-def _make_kernel(name, n_joints, joint_types):
+def _make_kernel(name, n_joints, joint_types, joint):
     """The kernel of a name, of so many joints."""
     if not isinstance(name, str) or name not in ANGLES:
         words = ", ".join(map(repr, [*ANGLES, RIGID]))
@@ -418,7 +426,11 @@ def _make_kernel(name, n_joints, joint_types):
     kernel = inverse_dynamics_kernel(n_joints, **options)  # it checks them
     if name == "geometric":
         types = "R" * n_joints if joint_types is None else joint_types
-        kernel = geometric_inverse_dynamics_kernel(types)
+        return geometric_inverse_dynamics_kernel(types, joint=joint)
+    if joint is not None:
+        raise ValueError(
+            f"joint={joint!r} needs kernel='geometric' or {RIGID!r}, not {name!r}."
+        )
     return kernel
 
 

@@ -101,6 +101,17 @@ def test_kernels_by_name():
     assert paper[0].angles == "radians"
 
 
+def test_kernel_of_a_joint():
+    options = {"n_joints": 3, "joint_types": "RPR", "joint": 1}
+    model = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric", **options)
+    expected = geometric_inverse_dynamics_kernel("RPR", joint=1)
+    assert model[-1].kernel == expected
+    for kernel in ("paper", "trigonometric"):
+        message = f"joint=1 needs kernel='geometric' or 'rigid-body', not '{kernel}'"
+        with pytest.raises(ValueError, match=message):
+            make_inverse_dynamics_regressor(kernel=kernel, joint=1)
+
+
 @pytest.mark.parametrize("kernel", ["geometric", "trigonometric"])
 def test_other_kernels_learn_and_predict(kernel):
     model = MultiTaskGPRegressor(rank=2, learning="staged", max_iter=20)
@@ -134,9 +145,8 @@ def test_only_one_kernel_has_a_robot():
         make_inverse_dynamics_regressor(
             kernel="rigid-body", robot="arm.urdf", task_descriptors=[18]
         )
-    for options in ({"robot": "arm.urdf"}, {"joint": 1}):
-        with pytest.raises(ValueError, match="needs kernel='rigid-body', not 'paper'"):
-            make_inverse_dynamics_regressor(**options)
+    with pytest.raises(ValueError, match="needs kernel='rigid-body', not 'paper'"):
+        make_inverse_dynamics_regressor(robot="arm.urdf")
     with pytest.raises(TypeError, match="must be a MultiTaskGPRegressor or None for"):
         make_inverse_dynamics_regressor(PooledGP(), kernel="rigid-body", robot="a")
 

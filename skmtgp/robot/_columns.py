@@ -127,6 +127,20 @@ def independent(columns):
     return kept
 
 
+def _directions(names):
+    """Directions in which both signs of the velocity differ, and all others."""
+    left = dict(zip(names, np.eye(len(names)), strict=True))
+    differ, alike = [], []
+    for name in names:
+        forward, other = name, name.replace("coulomb+", "coulomb-", 1)
+        if other != forward and {forward, other} <= set(left):
+            plus, minus = left.pop(forward), left.pop(other)
+            differ.append(plus - minus)
+            alike.append(plus + minus)
+    n = len(names)
+    return np.reshape(differ, (-1, n)).T, np.reshape([*alike, *left.values()], (-1, n)).T
+
+
 class Columns:
     """What some joints' torques are linear in, without what depends on the rest.
 
@@ -153,6 +167,9 @@ class Columns:
         by as much as they are large.
     load : list of int
         Which of the ten parameters of a load in the last link can be told apart.
+    differ, alike : ndarray of shape (n_friction, n_pairs) and (n_friction, n_others)
+        Columns are directions of friction's parameters: those in which both signs of
+        the velocity differ, and the others.
     """
 
     def __init__(self, dynamics, words, joints):
@@ -171,6 +188,7 @@ class Columns:
         nominal = regrouped @ dynamics.nominal
         self.nominal = np.concatenate([nominal, np.zeros(len(self._friction))])
         self.spread = np.linalg.qr((regrouped * dynamics.sizes).T, mode="r").T
+        self.differ, self.alike = _directions(self._friction)
 
     def _names_of_friction(self, x, base):
         """Parameters of friction that those of links do not stand for."""

@@ -221,7 +221,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._check_outputs(Y)
         columns, load = self._columns.of(x)
         self._scale = typical(columns, Y), typical(load, Y)
-        self._set_prior(tasks)
+        self._set_prior(tasks, columns, Y)
         design = self._whole(x, codes)
         solution, noise, self._freedom = solve(
             design @ self._matrix, Y - design @ self._centre, self._method()
@@ -230,10 +230,13 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._noise_variances = noise
         self._keep(solution)
 
-    def _set_prior(self, tasks):
+    def _set_prior(self, tasks, columns, Y):
         """Set the coordinates in which coefficients have a prior around 0."""
         (scale, of_load), n_links = self._scale, self._columns.n_links
-        links, friction = np.eye(n_links), np.eye(len(scale) - n_links)
+        differ, alike = self._columns.differ, self._columns.alike
+        links, axes = np.eye(n_links), np.hstack([differ, alike])
+        size = typical(columns @ block_diag(links, axes), Y)[n_links:]
+        friction = scale[n_links:, None] * axes / size
         to_loads = np.kron(self._code(tasks), np.eye(len(of_load)))
         centre = np.zeros(len(scale) + len(to_loads))
         if self.prior == "nominal":
@@ -242,7 +245,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
             centre[: len(scale)] = self._columns.nominal * scale
         self._matrix, self._centre = block_diag(links, friction, to_loads), centre
         every = np.arange(self._matrix.shape[1])
-        self._groups = np.split(every, [n_links, len(scale)])
+        ends = n_links, n_links + differ.shape[1], len(scale)
+        self._groups = np.split(every, ends)
 
     def _check_masses(self):
         if not self._columns.spread.any():

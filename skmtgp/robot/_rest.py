@@ -1,5 +1,6 @@
 """What rigid bodies leave of a joint's torque: a Gaussian process of a few features."""
 
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -248,14 +249,15 @@ class Rest(NamedTuple):
 def choose(kinds, make, left, tasks, estimators, criterion):
     """The best rest of a joint, a table of all, and the warnings of the best.
 
-    Each kind is learned by the first estimator, and the best of them by the others.
+    Each kind is learned from its first features by the first estimator. The best of
+    them is learned from all of its features by all estimators.
 
     Parameters
     ----------
     kinds : list of str
         What may be left, beside nothing.
     make : callable
-        Features of a kind, and their values in training.
+        Features that a kind may have, a list of these and their values in training.
     left : ndarray of shape (n_samples,)
         What rigid bodies leave.
     tasks : ndarray of shape (n_samples,)
@@ -274,16 +276,17 @@ def choose(kinds, make, left, tasks, estimators, criterion):
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    first, *others = estimators
+    def learn(kind, features, estimator):
+        return _candidate(estimator, kind, *features, tasks, left, criterion)
+
     none = Rest(NONE, None, None, np.mean(np.square(left)))
     found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
-        found[kind] = _candidate(first, kind, *make(kind), tasks, left, criterion)
+        found[kind] = learn(kind, make(kind)[0], estimators[0])
     if kinds:
         kind = min(kinds, key=lambda kind: found[kind][1][criterion])
-        again = [
-            _candidate(e, kind, *make(kind), tasks, left, criterion) for e in others
-        ]
+        _, *others = product(make(kind), estimators)
+        again = [learn(kind, *setting) for setting in others]
         found[kind] = _best([found[kind], *again], criterion)
     best = _best(found.values(), criterion)
     table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]

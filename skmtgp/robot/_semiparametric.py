@@ -309,11 +309,19 @@ class SemiparametricRegressor(RigidBodyRegressor):
         return [self._columns.dynamics.names[j] for j in self._columns.joints]
 
     def _features(self, i, x, link, kind):
-        """What the rest of a joint may depend on, and its values in training."""
+        """What the rest of a joint may depend on, and the values of each in training.
+
+        Friction that may differ by direction, and friction that does not.
+        """
         dynamics, joint = self._columns.dynamics, self._columns.joints[i]
-        asymmetric = "asymmetric" in self._columns.words
-        features = Features(kind, dynamics, joint, x, link, asymmetric=asymmetric)
-        return features, features(x, link)
+        laws = ["asymmetric" in self._columns.words]
+        if laws[0] and "friction" in kind and self._chooses_kernels():
+            laws.append(False)
+        found = [Features(kind, dynamics, joint, x, link, asymmetric=a) for a in laws]
+        return [(features, features(x, link)) for features in found]
+
+    def _chooses_kernels(self):
+        return self.estimator is None or self.estimator.kernel is None
 
     def _relations(self):
         """Models of what is left, which relate the tasks in different ways."""
@@ -464,9 +472,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
         self._centre = np.append(self._centre, np.zeros(len(new)))
-        links, friction, loads = self._groups
+        *others, loads = self._groups
         own = self._matrix.shape[1] + np.arange(len(new))
-        self._groups = [links, friction, np.append(loads, own)]
+        self._groups = [*others, np.append(loads, own)]
         self._matrix = block_diag(self._matrix, np.eye(len(new)))
 
     def _join_rests(self, x, code, Y):

@@ -128,17 +128,14 @@ def independent(columns):
 
 
 def _directions(names):
-    """Directions in which both signs of the velocity differ, and all others."""
-    left = dict(zip(names, np.eye(len(names)), strict=True))
-    differ, alike = [], []
-    for name in names:
-        forward, other = name, name.replace("coulomb+", "coulomb-", 1)
-        if other != forward and {forward, other} <= set(left):
-            plus, minus = left.pop(forward), left.pop(other)
-            differ.append(plus - minus)
-            alike.append(plus + minus)
-    n = len(names)
-    return np.reshape(differ, (-1, n)).T, np.reshape([*alike, *left.values()], (-1, n)).T
+    """Friction of one direction, and all of friction if directions are alike."""
+    at, unit = {name: j for j, name in enumerate(names)}, np.eye(len(names))
+    found = [(name.replace("coulomb+", "coulomb-", 1), j) for name, j in at.items()]
+    pairs = [(j, at[other]) for other, j in found if at.get(other, j) != j]
+    plus, minus = np.array(pairs, dtype=int).reshape(-1, 2).T
+    both_ways = unit.copy()
+    both_ways[minus, plus] = 1.0
+    return unit[:, [*plus, *minus]], np.delete(both_ways, minus, axis=1)
 
 
 class Columns:
@@ -167,9 +164,10 @@ class Columns:
         by as much as they are large.
     load : list of int
         Which of the ten parameters of a load in the last link can be told apart.
-    differ, alike : ndarray of shape (n_friction, n_pairs) and (n_friction, n_others)
-        Columns are directions of friction's parameters: those in which both signs of
-        the velocity differ, and the others.
+    one_way : ndarray of shape (n_friction, n_one_way)
+        Parameters of friction that another one has a part in, of the other direction.
+    both_ways : ndarray of shape (n_friction, n_both_ways)
+        All parameters of friction if it is the same in both directions.
     """
 
     def __init__(self, dynamics, words, joints):
@@ -188,7 +186,7 @@ class Columns:
         nominal = regrouped @ dynamics.nominal
         self.nominal = np.concatenate([nominal, np.zeros(len(self._friction))])
         self.spread = np.linalg.qr((regrouped * dynamics.sizes).T, mode="r").T
-        self.differ, self.alike = _directions(self._friction)
+        self.one_way, self.both_ways = _directions(self._friction)
 
     def _names_of_friction(self, x, base):
         """Parameters of friction that those of links do not stand for."""

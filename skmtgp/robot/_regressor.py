@@ -58,11 +58,13 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     prior : {"evidence", "nominal"} or None, default=None
         None is least squares. "evidence" is a normal prior around 0. Links, friction
         and loads have one variance each, in units of what a parameter typically
-        contributes to the torques. The variances are those that make the data
-        likeliest. "nominal" is such a prior around the masses and inertias of the
-        model, for links in units of each link's own mass and extent. It suits motion
-        that does not show all of them. y must then be torques, and the model must have
-        the masses and inertias of such a robot.
+        contributes to the torques. What asymmetric friction differs by in the two
+        directions has another one. The variances are those that make the data
+        likeliest: where joints are alike in both directions, they become so. "nominal"
+        is such a prior around the masses and inertias of the model, for links in units
+        of each link's own mass and extent. It suits motion that does not show all of
+        them. y must then be torques, and the model must have the masses and inertias
+        of such a robot.
     joint : int, str or None, default=None
         Position from 0, or name, of the joint whose torque is y. None means that y has
         a column for each joint.
@@ -233,20 +235,27 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     def _set_prior(self, tasks, columns, Y):
         """Set the coordinates in which coefficients have a prior around 0."""
         (scale, of_load), n_links = self._scale, self._columns.n_links
-        differ, alike = self._columns.differ, self._columns.alike
-        links, axes = np.eye(n_links), np.hstack([differ, alike])
-        size = typical(columns @ block_diag(links, axes), Y)[n_links:]
-        friction = scale[n_links:, None] * axes / size
+        links, friction = np.eye(n_links), [np.eye(len(scale) - n_links)]
         to_loads = np.kron(self._code(tasks), np.eye(len(of_load)))
         centre = np.zeros(len(scale) + len(to_loads))
+        if self.prior is not None:
+            friction = self._directions(columns, Y)
         if self.prior == "nominal":
             self._check_masses()
             links = self._columns.spread * scale[:n_links, None]
             centre[: len(scale)] = self._columns.nominal * scale
-        self._matrix, self._centre = block_diag(links, friction, to_loads), centre
+        blocks = links, np.hstack(friction), to_loads
+        self._matrix, self._centre = block_diag(*blocks), centre
+        sizes = [part.shape[1] for part in (links, *friction, to_loads)]
         every = np.arange(self._matrix.shape[1])
-        ends = n_links, n_links + differ.shape[1], len(scale)
-        self._groups = np.split(every, ends)
+        self._groups = np.split(every, np.cumsum(sizes)[:-1])
+
+    def _directions(self, columns, Y):
+        """Friction of one direction, and of both, each in its typical units."""
+        known, n = self._columns, self._columns.n_links
+        both = columns @ block_diag(np.eye(n), known.both_ways)
+        size = typical(both, Y)[n:]
+        return known.one_way, self._scale[0][n:, None] * known.both_ways / size
 
     def _check_masses(self):
         if not self._columns.spread.any():

@@ -74,7 +74,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
         - "friction": the joint's speed and the torque of the rigid bodies along it, for
           effects of bearings and gears. It changes its sign with the direction. With
-          asymmetric friction it may also differ by direction.
+          asymmetric friction it may also differ by direction, where that is better.
         - "neighbours": errors that rows have in common if their states are near each
           other and the joint moves in the same direction. They are rough, and end
           where the training rows end.
@@ -166,8 +166,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     .. math:: g(v, t) = s \, h(|v|, s t), \qquad s = \mathrm{sgn}(v)
 
-    with a function h that depends on s, too, if `friction` has "asymmetric". A
-    direction that no training row has is thus the other one turned.
+    with a function h that depends on s, too, if `friction` has "asymmetric" and the
+    criterion is better with it. A direction that no training row has is thus the other
+    one turned.
 
     With ``prior="nominal"`` learning begins twice: with what least squares leaves, and
     with what the model's own links leave. The likelier result is kept. Links that begin

@@ -1,6 +1,5 @@
 """What rigid bodies leave of a joint's torque: a Gaussian process of a few features."""
 
-from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -249,8 +248,8 @@ class Rest(NamedTuple):
 def choose(kinds, make, left, tasks, estimators, criterion):
     """The best rest of a joint, a table of all, and the warnings of the best.
 
-    Each kind is learned from its first features by the first estimator. The best of
-    them is learned from all of its features by all estimators.
+    Each kind is learned from all features it may have by the first estimator. The best
+    is learned by the others, too.
 
     Parameters
     ----------
@@ -276,18 +275,16 @@ def choose(kinds, make, left, tasks, estimators, criterion):
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    def learn(kind, features, estimator):
-        return _candidate(estimator, kind, *features, tasks, left, criterion)
-
+    (first, *others), scores = estimators, (tasks, left, criterion)
+    options = [(kind, *given) for kind in kinds for given in make(kind)]
+    tried = [_candidate(first, *option, *scores) for option in options]
+    if tried:
+        best = np.argmin([row[criterion] for _, row, _ in tried])
+        tried += [_candidate(e, *options[best], *scores) for e in others]
     none = Rest(NONE, None, None, np.mean(np.square(left)))
     found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
-        found[kind] = learn(kind, make(kind)[0], estimators[0])
-    if kinds:
-        kind = min(kinds, key=lambda kind: found[kind][1][criterion])
-        _, *others = product(make(kind), estimators)
-        again = [learn(kind, *setting) for setting in others]
-        found[kind] = _best([found[kind], *again], criterion)
+        found[kind] = _best([of for of in tried if of[0].name == kind], criterion)
     best = _best(found.values(), criterion)
     table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]
     return best[0], table, best[2]

@@ -312,7 +312,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
     def _features(self, i, x, link, kind):
         """What the rest of a joint may depend on, and the values of each in training.
 
-        Friction that may differ by direction, and friction that does not.
+        With asymmetric friction its process may differ by direction, or not.
         """
         dynamics, joint = self._columns.dynamics, self._columns.joints[i]
         laws = ["asymmetric" in self._columns.words]

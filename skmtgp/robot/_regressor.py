@@ -352,7 +352,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision[-1])
+        new = join(load, left, self._noise_variances, self._load_precision())
         model = copy(self)
         model.tasks_ = np.append(self.tasks_, label)
         model._coef = np.append(self._coef, new.coef)
@@ -360,6 +360,11 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         model._blind = block_diag(self._blind, new.blind)
         model._store()
         return model
+
+    def _load_precision(self):
+        """That of a load's prior; where no load was known, that of the widest prior."""
+        loads = self._groups[-1]
+        return self._precision[loads if len(loads) else slice(None)].min()
 
     def _compile(self, code):
         """Torques of one state of a task, as a function, see `compile_predictor`."""

@@ -469,7 +469,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision[-1]).coef
+        known = self._noise_variances, self._load_precision()
+        new = join(load, left, *known).coef
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
         self._centre = np.append(self._centre, np.zeros(len(new)))

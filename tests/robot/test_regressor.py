@@ -183,6 +183,16 @@ def test_a_new_load(puma, moved, prior):
         joined.add_task(X[few], Y[few])
 
 
+@PRIOR
+def test_the_first_load(puma, moved, prior):
+    X, Y, loads = moved
+    first, new = X[:, -1] == 1, np.flatnonzero(X[:, -1] == 4)
+    model = RigidBodyRegressor(puma, prior=prior).fit(X[first], noisy(Y[first], 0.1))
+    joined = model.add_task(X[new], Y[new])
+    true = loads["m"].to_numpy()[3] - loads["m"].to_numpy()[0]
+    assert joined.load_parameters_.loc[4, "m"] == pytest.approx(true, rel=0.02)
+
+
 def test_a_new_load_by_the_book(puma, moved):
     X, Y, _ = moved
     Y = noisy(Y, 0.1)

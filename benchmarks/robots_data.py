@@ -25,7 +25,7 @@ class Case(NamedTuple):
     X: np.ndarray
     Y: np.ndarray
     tests: dict  # name: (X, Y)
-    friction: tuple = ("viscous", "asymmetric", "rotor")  # the law that suits best
+    friction: tuple = ("viscous", "asymmetric", "rotor")  # what models are given
     prior: str = (
         "evidence"  # "nominal" where the URDF has masses, and not the true ones
     )

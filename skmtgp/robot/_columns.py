@@ -127,6 +127,17 @@ def independent(columns):
     return kept
 
 
+def _directions(names):
+    """Friction of one direction, and all of friction if directions are alike."""
+    at, unit = {name: j for j, name in enumerate(names)}, np.eye(len(names))
+    found = [(name.replace("coulomb+", "coulomb-", 1), j) for name, j in at.items()]
+    pairs = [(j, at[other]) for other, j in found if at.get(other, j) != j]
+    plus, minus = np.array(pairs, dtype=int).reshape(-1, 2).T
+    both_ways = unit.copy()
+    both_ways[minus, plus] = 1.0
+    return unit[:, [*plus, *minus]], np.delete(both_ways, minus, axis=1)
+
+
 class Columns:
     """What some joints' torques are linear in, without what depends on the rest.
 
@@ -153,6 +164,10 @@ class Columns:
         by as much as they are large.
     load : list of int
         Which of the ten parameters of a load in the last link can be told apart.
+    one_way : ndarray of shape (n_friction, n_one_way)
+        Parameters of friction that another one has a part in, of the other direction.
+    both_ways : ndarray of shape (n_friction, n_both_ways)
+        All parameters of friction if it is the same in both directions.
     """
 
     def __init__(self, dynamics, words, joints):
@@ -171,6 +186,7 @@ class Columns:
         nominal = regrouped @ dynamics.nominal
         self.nominal = np.concatenate([nominal, np.zeros(len(self._friction))])
         self.spread = np.linalg.qr((regrouped * dynamics.sizes).T, mode="r").T
+        self.one_way, self.both_ways = _directions(self._friction)
 
     def _names_of_friction(self, x, base):
         """Parameters of friction that those of links do not stand for."""

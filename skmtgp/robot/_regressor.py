@@ -58,11 +58,13 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     prior : {"evidence", "nominal"} or None, default=None
         None is least squares. "evidence" is a normal prior around 0. Links, friction
         and loads have one variance each, in units of what a parameter typically
-        contributes to the torques. The variances are those that make the data
-        likeliest. "nominal" is such a prior around the masses and inertias of the
-        model, for links in units of each link's own mass and extent. It suits motion
-        that does not show all of them. y must then be torques, and the model must have
-        the masses and inertias of such a robot.
+        contributes to the torques. What asymmetric friction differs by in the two
+        directions has another one. The variances are those that make the data
+        likeliest: where joints are alike in both directions, they become so. "nominal"
+        is such a prior around the masses and inertias of the model, for links in units
+        of each link's own mass and extent. It suits motion that does not show all of
+        them. y must then be torques, and the model must have the masses and inertias
+        of such a robot.
     joint : int, str or None, default=None
         Position from 0, or name, of the joint whose torque is y. None means that y has
         a column for each joint.
@@ -221,7 +223,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._check_outputs(Y)
         columns, load = self._columns.of(x)
         self._scale = typical(columns, Y), typical(load, Y)
-        self._set_prior(tasks)
+        self._set_prior(tasks, columns, Y)
         design = self._whole(x, codes)
         solution, noise, self._freedom = solve(
             design @ self._matrix, Y - design @ self._centre, self._method()
@@ -230,19 +232,30 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self._noise_variances = noise
         self._keep(solution)
 
-    def _set_prior(self, tasks):
+    def _set_prior(self, tasks, columns, Y):
         """Set the coordinates in which coefficients have a prior around 0."""
         (scale, of_load), n_links = self._scale, self._columns.n_links
-        links, friction = np.eye(n_links), np.eye(len(scale) - n_links)
+        links, friction = np.eye(n_links), [np.eye(len(scale) - n_links)]
         to_loads = np.kron(self._code(tasks), np.eye(len(of_load)))
         centre = np.zeros(len(scale) + len(to_loads))
+        if self.prior is not None:
+            friction = self._directions(columns, Y)
         if self.prior == "nominal":
             self._check_masses()
             links = self._columns.spread * scale[:n_links, None]
             centre[: len(scale)] = self._columns.nominal * scale
-        self._matrix, self._centre = block_diag(links, friction, to_loads), centre
+        blocks = links, np.hstack(friction), to_loads
+        self._matrix, self._centre = block_diag(*blocks), centre
+        sizes = [part.shape[1] for part in (links, *friction, to_loads)]
         every = np.arange(self._matrix.shape[1])
-        self._groups = np.split(every, [n_links, len(scale)])
+        self._groups = np.split(every, np.cumsum(sizes)[:-1])
+
+    def _directions(self, columns, Y):
+        """Friction of one direction, and of both, each in its typical units."""
+        known, n = self._columns, self._columns.n_links
+        both = columns @ block_diag(np.eye(n), known.both_ways)
+        size = typical(both, Y)[n:]
+        return known.one_way, self._scale[0][n:, None] * known.both_ways / size
 
     def _check_masses(self):
         if not self._columns.spread.any():
@@ -339,7 +352,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision[-1])
+        new = join(load, left, self._noise_variances, self._load_precision())
         model = copy(self)
         model.tasks_ = np.append(self.tasks_, label)
         model._coef = np.append(self._coef, new.coef)
@@ -347,6 +360,11 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         model._blind = block_diag(self._blind, new.blind)
         model._store()
         return model
+
+    def _load_precision(self):
+        """That of a load's prior; where no load was known, that of the widest prior."""
+        loads = self._groups[-1]
+        return self._precision[loads if len(loads) else slice(None)].min()
 
     def _compile(self, code):
         """Torques of one state of a task, as a function, see `compile_predictor`."""

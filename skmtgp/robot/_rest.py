@@ -248,14 +248,15 @@ class Rest(NamedTuple):
 def choose(kinds, make, left, tasks, estimators, criterion):
     """The best rest of a joint, a table of all, and the warnings of the best.
 
-    Each kind is learned by the first estimator, and the best of them by the others.
+    Each kind is learned from all features it may have by the first estimator. The best
+    is learned by the others, too.
 
     Parameters
     ----------
     kinds : list of str
         What may be left, beside nothing.
     make : callable
-        Features of a kind, and their values in training.
+        Features that a kind may have, a list of these and their values in training.
     left : ndarray of shape (n_samples,)
         What rigid bodies leave.
     tasks : ndarray of shape (n_samples,)
@@ -274,17 +275,16 @@ def choose(kinds, make, left, tasks, estimators, criterion):
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    first, *others = estimators
+    (first, *others), scores = estimators, (tasks, left, criterion)
+    options = [(kind, *given) for kind in kinds for given in make(kind)]
+    tried = [_candidate(first, *option, *scores) for option in options]
+    if tried:
+        best = np.argmin([row[criterion] for _, row, _ in tried])
+        tried += [_candidate(e, *options[best], *scores) for e in others]
     none = Rest(NONE, None, None, np.mean(np.square(left)))
     found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
-        found[kind] = _candidate(first, kind, *make(kind), tasks, left, criterion)
-    if kinds:
-        kind = min(kinds, key=lambda kind: found[kind][1][criterion])
-        again = [
-            _candidate(e, kind, *make(kind), tasks, left, criterion) for e in others
-        ]
-        found[kind] = _best([found[kind], *again], criterion)
+        found[kind] = _best([of for of in tried if of[0].name == kind], criterion)
     best = _best(found.values(), criterion)
     table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]
     return best[0], table, best[2]

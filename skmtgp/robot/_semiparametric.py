@@ -74,7 +74,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
         - "friction": the joint's speed and the torque of the rigid bodies along it, for
           effects of bearings and gears. It changes its sign with the direction. With
-          asymmetric friction it may also differ by direction.
+          asymmetric friction it may also differ by direction, where that is better.
         - "neighbours": errors that rows have in common if their states are near each
           other and the joint moves in the same direction. They are rough, and end
           where the training rows end.
@@ -166,8 +166,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     .. math:: g(v, t) = s \, h(|v|, s t), \qquad s = \mathrm{sgn}(v)
 
-    with a function h that depends on s, too, if `friction` has "asymmetric". A
-    direction that no training row has is thus the other one turned.
+    with a function h that depends on s, too, if `friction` has "asymmetric" and the
+    criterion is better with it. A direction that no training row has is thus the other
+    one turned.
 
     With ``prior="nominal"`` learning begins twice: with what least squares leaves, and
     with what the model's own links leave. The likelier result is kept. Links that begin
@@ -309,11 +310,19 @@ class SemiparametricRegressor(RigidBodyRegressor):
         return [self._columns.dynamics.names[j] for j in self._columns.joints]
 
     def _features(self, i, x, link, kind):
-        """What the rest of a joint may depend on, and its values in training."""
+        """What the rest of a joint may depend on, and the values of each in training.
+
+        With asymmetric friction its process may differ by direction, or not.
+        """
         dynamics, joint = self._columns.dynamics, self._columns.joints[i]
-        asymmetric = "asymmetric" in self._columns.words
-        features = Features(kind, dynamics, joint, x, link, asymmetric=asymmetric)
-        return features, features(x, link)
+        laws = ["asymmetric" in self._columns.words]
+        if laws[0] and "friction" in kind and self._chooses_kernels():
+            laws.append(False)
+        found = [Features(kind, dynamics, joint, x, link, asymmetric=a) for a in laws]
+        return [(features, features(x, link)) for features in found]
+
+    def _chooses_kernels(self):
+        return self.estimator is None or self.estimator.kernel is None
 
     def _relations(self):
         """Models of what is left, which relate the tasks in different ways."""
@@ -460,13 +469,14 @@ class SemiparametricRegressor(RigidBodyRegressor):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._precision[-1]).coef
+        known = self._noise_variances, self._load_precision()
+        new = join(load, left, *known).coef
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
         self._centre = np.append(self._centre, np.zeros(len(new)))
-        links, friction, loads = self._groups
+        *others, loads = self._groups
         own = self._matrix.shape[1] + np.arange(len(new))
-        self._groups = [links, friction, np.append(loads, own)]
+        self._groups = [*others, np.append(loads, own)]
         self._matrix = block_diag(self._matrix, np.eye(len(new)))
 
     def _join_rests(self, x, code, Y):

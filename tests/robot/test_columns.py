@@ -38,6 +38,23 @@ def test_rotors_of_four_joints_are_told_from_links(puma):
     assert names == [f"rotor(joint{j})" for j in (3, 4, 5, 6)]
 
 
+def test_directions_of_friction(puma):
+    columns = Columns(Dynamics(puma), ["viscous", "asymmetric"], [2])
+    assert columns.names[columns.n_links :] == [
+        f"{name}(joint3)" for name in ("viscous", "coulomb+", "coulomb-")
+    ]
+    np.testing.assert_array_equal(columns.one_way, [[0, 0], [1, 0], [0, 1]])
+    np.testing.assert_array_equal(columns.both_ways, [[1, 0], [0, 1], [0, 1]])
+    none = Columns(Dynamics(puma), [], [2])
+    assert none.one_way.shape == none.both_ways.shape == (0, 0)
+
+
+def test_friction_that_another_word_has_is_of_no_direction(puma):
+    columns = Columns(Dynamics(puma), ["coulomb", "asymmetric"], [2])
+    assert columns.one_way.shape == (2, 0)
+    np.testing.assert_array_equal(columns.both_ways, np.eye(2))
+
+
 def test_a_planar_arm_has_the_textbooks_parameters():
     # Joints along y, one after another: each link shows its inertia about y and two
     # first moments, and gravity adds nothing.

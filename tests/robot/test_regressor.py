@@ -17,6 +17,7 @@ from skmtgp.robot._dynamics import INERTIAL
 from skmtgp.robot._solving import evidence, least_squares, solve
 
 pin = pytest.importorskip("pinocchio")
+PAIR = "shoulder", "slide"
 PRIOR = pytest.mark.parametrize("prior", [None, "evidence"])
 
 
@@ -182,6 +183,16 @@ def test_a_new_load(puma, moved, prior):
         joined.add_task(X[few], Y[few])
 
 
+@PRIOR
+def test_the_first_load(puma, moved, prior):
+    X, Y, loads = moved
+    first, new = X[:, -1] == 1, np.flatnonzero(X[:, -1] == 4)
+    model = RigidBodyRegressor(puma, prior=prior).fit(X[first], noisy(Y[first], 0.1))
+    joined = model.add_task(X[new], Y[new])
+    true = loads["m"].to_numpy()[3] - loads["m"].to_numpy()[0]
+    assert joined.load_parameters_.loc[4, "m"] == pytest.approx(true, rel=0.02)
+
+
 def test_a_new_load_by_the_book(puma, moved):
     X, Y, _ = moved
     Y = noisy(Y, 0.1)
@@ -310,6 +321,29 @@ def test_each_group_has_its_likeliest_prior():
     assert found.log_evidence == pytest.approx(best + 0.5 * len(b) * np.log(2 * np.pi))
     for factors in ([0.9, 1.0], [1.1, 1.0], [1.0, 0.9], [1.0, 1.1]):
         assert log_evidence(factors) < best
+
+
+def sliding(backward, n=40):
+    """An arm with friction that differs by direction, and its two levels by a prior."""
+    urdf, X = two_joints("revolute", "revolute"), states(n, 2)
+    X[:, -1], rates = 0.0, X[:, 2:4]
+    Y = rnea(pin.buildModelFromXML(urdf), X)
+    Y += rates + np.where(rates > 0.0, 2.0, -backward)
+    return urdf, X, noisy(Y, 0.5)
+
+
+@pytest.mark.parametrize("prior", ["evidence", "nominal"])
+def test_directions_differ_by_as_much_as_rows_say(prior):
+    levels = [f"coulomb{sign}({joint})" for joint in PAIR for sign in "+-"]
+    gaps = []
+    for backward in (2.0, 0.5):
+        urdf, X, Y = sliding(backward)
+        for own in (prior, None):
+            value = RigidBodyRegressor(urdf, prior=own).fit(X, Y).parameters_["value"]
+            gaps.append(-np.diff(value[levels].to_numpy().reshape(2, 2)).ravel())
+    alike, free, differ, measured = np.abs(gaps)
+    assert (alike < 0.1 * free).all()
+    np.testing.assert_allclose(differ, measured, atol=0.2)
 
 
 def test_a_nominal_prior_is_in_units_of_each_links_mass_and_extent(puma, moved):

@@ -139,7 +139,7 @@ def best_of(left, criterion):
     tasks, process = np.repeat([0, 1], 30), [MultiTaskGPRegressor(rank=1, shared=True)]
 
     def make(kind):
-        return SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0))), z
+        return [(SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0))), z)]
 
     return choose(["states"], make, left(z[:, 0]), tasks, process, criterion)
 
@@ -172,12 +172,28 @@ def test_the_relation_of_tasks_is_chosen(own):
     left = amount * np.sin(2 * z[:, 0]) + 0.1 * rng.standard_normal(90)
     relations = [MultiTaskGPRegressor(rank=rank, shared=True) for rank in (0, 1)]
     features = SimpleNamespace(kernel=lambda: RBF([3.0], (0.1, 10.0)))
-    given = ["states"], lambda kind: (features, z), left, tasks
+    given = ["states"], lambda kind: [(features, z)], left, tasks
     rest, table, _ = choose(*given, relations, "bic")
     assert rest.model.rank == own
     assert [row["rest"] for row in table] == [NONE, "states"]
     alone = choose(*given, relations[:1], "bic")[1]
     assert (table[1]["bic"] < alone[1]["bic"]) == own
+
+
+@pytest.mark.parametrize("two", [False, True])
+def test_simpler_features_are_chosen_where_they_suffice(two):
+    rng = np.random.default_rng(0)
+    z = rng.uniform(-2, 2, (90, 2))
+    left = np.sin(2 * z[:, 0]) * (np.cos(z[:, 1]) if two else 1.0)
+    left += 0.1 * rng.standard_normal(90)
+    of = [
+        SimpleNamespace(kernel=lambda n=n: RBF([1.0] * n, (0.1, 10.0))) for n in (2, 1)
+    ]
+    options = [(of[0], z), (of[1], z[:, :1])]
+    given = ["friction"], lambda kind: options, left, np.zeros(90, int)
+    rest, table, _ = choose(*given, [MultiTaskGPRegressor(rank=1)], "bic")
+    assert rest.features is of[not two]
+    assert [row["rest"] for row in table] == [NONE, "friction"]
 
 
 def test_none_is_the_normal_distribution_of_the_noise():

@@ -188,6 +188,17 @@ def test_friction_in_a_direction_that_no_row_has():
     assert (own < 0.2 * alone).all()
 
 
+@pytest.mark.parametrize("backward", [1.0, 3.0])
+def test_a_process_is_the_same_in_both_directions_unless_rows_say_more(backward):
+    urdf, X, Y = arm(120, noise=0.02)
+    rates = X[:, 2:4]
+    Y += np.where(rates < 0.0, (backward - 1.0) * 0.8 * np.sin(3.0 * rates), 0.0)
+    options = {"rest": "friction", "joint": 1, "estimator": QUICK}
+    (rest,) = SemiparametricRegressor(urdf, **options).fit(X, Y[:, 1])._rests
+    speed_and_torque, factor, differs = 2, 1, backward != 1.0
+    assert rest.features.of_words[0].width == speed_and_torque + factor + differs
+
+
 @PRIOR
 def test_priors(puma, sticky, prior):
     X, Y = sticky

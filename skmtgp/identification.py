@@ -124,8 +124,8 @@ class TaskIdentifier(Estimator):
     A noise variance that ended at its lower bound says nothing of noise. With
     ``inflation="auto"`` an unknown task has the noise that residuals of the fit show:
     the sum of their squares, over their degrees of freedom. If the covariance of the
-    samples is then singular in floating point, the task is taken to have 10 or 100
-    times this noise variance, and a JitterWarning says so.
+    samples is then singular in floating point, they are taken to have 10 or 100 times
+    the noise variance, and a JitterWarning says so.
 
     Responsibilities of a stream are those of a hidden Markov model whose samples are
     independent given the tasks.
@@ -211,12 +211,12 @@ class TaskIdentifier(Estimator):
         """
         outputs, starts = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
+            found, outputs = identify(outputs, starts)
             known = [
                 sum(of.known(task) for of in outputs)
                 for task in range(len(self.classes_) - 1)
             ]
-            another = identify(outputs, starts).log_evidence
-        log_density = np.append(known, another)
+        log_density = np.append(known, found.log_evidence)
         weights = np.exp(log_density - log_density.max())
         return weights / weights.sum()
 
@@ -274,7 +274,7 @@ class TaskIdentifier(Estimator):
             )
         outputs, starts = self._outputs(X, y)
         with limit_threads(len(outputs[0].X)):
-            found = identify(outputs, starts)
+            found, _ = identify(outputs, starts)
         centre, scale = _population(descriptors, self.widening)
         names = pd.Index(descriptors.names.tolist())
         mean = pd.Series(centre + scale @ found.u, index=names)

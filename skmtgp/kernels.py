@@ -504,8 +504,9 @@ def geometric_inverse_dynamics_kernel(
         that slides, such as ``"RRPRRR"`` or ``["revolute"] * 6``. Each joint carries
         those after it.
     joint : int, default=None
-        Position, from 0, of the joint whose torque is learned. The kernel then has the
-        polynomials of this torque only, see Notes. None is a kernel for any joint.
+        Position, from 0, of the joint whose torque is learned. The kernel then has all
+        polynomials of this torque, and few that it cannot have, see Notes. None is a
+        kernel for any joint.
 
     Returns
     -------
@@ -556,7 +557,8 @@ def geometric_inverse_dynamics_kernel(
     joints from the second one to j. The element j, k of the mass matrix depends on the
     joints after the first of both: in degree 1 up to the second, in degree 2 beyond.
     Its derivatives are the coefficients of products of velocities, and that of
-    :math:`\dot q_i \dot q_j` vanishes for i < j.
+    :math:`\dot q_i \dot q_j` vanishes for i < j. The last joint has no
+    :math:`(\dot q, \dot q')_{\ge j}^2`: alone it has no centrifugal torque.
 
     References
     ----------

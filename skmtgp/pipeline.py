@@ -297,10 +297,11 @@ def make_inverse_dynamics_regressor(
         Only for "rigid-body": file of a URDF, its text, or a Pinocchio model. It
         defines the joints.
     joint : int, str or None, default=None
-        Position from 0 of the joint whose torque is y. With "geometric" the kernel has
-        the polynomials of this torque only, with fewer weights. None is a kernel for
-        any joint, and y may have all of them. For "rigid-body" None means that y has
-        all joints, and a joint may be a name. Other kernels have no `joint`.
+        Position from 0 of the joint whose torque is y, of one column. With "geometric"
+        the kernel then leaves out most polynomials that this torque cannot have. None
+        is a kernel for any joint, and y may have all of them. For "rigid-body" None
+        means that y has all joints, and a joint may be a name. Other kernels have no
+        `joint`.
     task_feature : int or str, default=-1
         Position or name of the column with the load.
     task_descriptors : sequence of int or str, default=None

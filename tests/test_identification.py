@@ -475,7 +475,7 @@ def test_linear_steps_lead_to_the_mode_that_scoring_finds(model):
         H += design.T @ np.linalg.solve(S, design)
         b += design.T @ np.linalg.solve(S, border.y - border.means.T @ c)
     np.testing.assert_allclose(unknown.reweight(u)[0], np.linalg.solve(H, b), rtol=1e-8)
-    found = identify(outputs, starts)
+    found, _ = identify(outputs, starts)
     unknown.carry(found.u, found.root)
     by_scoring = unknown.climb(u)
     np.testing.assert_allclose(found.u, by_scoring.u, atol=1e-3)

@@ -213,14 +213,17 @@ def test_samples_whose_covariance_is_singular(model, monkeypatch):
         TaskIdentifier(model).estimate(NEW[:, None], Y_NEW)
 
 
-def test_more_noise_where_the_covariance_is_singular_without(model, monkeypatch):
+@pytest.mark.parametrize("factor", [10, 100])
+def test_more_noise_where_the_covariance_is_singular_without(
+    model, monkeypatch, factor
+):
     outputs, starts = TaskIdentifier(model)._outputs(NEW[:, None], Y_NEW)
-    expected = identify([of.noisier(10.0) for of in outputs], starts)
-    least = 5.0 * max(of.noise[-1] for of in outputs)
+    expected, _ = identify([of.noisier(factor) for of in outputs], starts)
+    least = 0.5 * factor * max(of.noise[-1] for of in outputs)
     monkeypatch.setattr(Singular, "least", least)
     monkeypatch.setattr(identifying, "Unknown", Singular)
-    with pytest.warns(JitterWarning, match="10 times the noise variance"):
-        found = identify(outputs, starts)
+    with pytest.warns(JitterWarning, match=f" {factor} times the noise"):
+        found, noisier = identify(outputs, starts)
     np.testing.assert_array_equal(found.u, expected.u)
-    known = outputs[0].noise[:-1]
-    np.testing.assert_array_equal(outputs[0].noisier(10.0).noise[:-1], known)
+    for of, given in zip(noisier, outputs, strict=True):
+        np.testing.assert_allclose(of.noise, factor * given.noise)

@@ -264,6 +264,7 @@ def main():
         reference = Reference(path, speed)
         picked_up = int(rng.uniform(0.2, 0.6) * len(reference.q))
         for name, make in compared.items():
+            gc.unfreeze()
             gc.collect()
             gc.freeze()  # to look at all that is there by now would take 0.1 s
             told = follow(reference, make(), loads, picked_up, stribeck=args.stribeck)

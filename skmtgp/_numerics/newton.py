@@ -41,7 +41,8 @@ def minimize_all(fun, X, lower, upper, *, max_iter, tol, followed=None):
     Returns
     -------
     optima : list of n_followed Optimum
-        Where each ended. Starts that lead to where the best one is end on the way.
+        Where each ended. Starts that lead to where the best one is end on the way, and
+        need not have converged.
     """
     search = _Newton(fun, np.clip(X, lower, upper), lower, upper, followed)
     search.run(max_iter, tol)
@@ -95,7 +96,8 @@ class _Newton:
     def _follow_another(self, active):
         """Which are on the way to where the best one is: they end where they are."""
         best = np.argmin(np.where(np.isfinite(self.f), self.f, np.inf))
-        if self.gain[best] > CLOSE:
+        # what has little to gain may lie on a saddle, too
+        if self.gain[best] > CLOSE or np.linalg.eigvalsh(self.H[best])[0] <= 0.0:
             return np.zeros(len(active), dtype=bool)
         away = self.X[active] - self.X[best]
         expected = 0.5 * np.einsum("kp,pq,kq->k", away, self.H[best], away)

@@ -22,7 +22,7 @@ from skmtgp.inference.variances import (
 from skmtgp.model.several import terms_of, unseen_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
-FEW = 64  # rows, as join a model: what is made of them is kept, and asked for again
+FEW = 2**15  # covariances of rows that join: they are kept, and asked for again
 # Attributes that are made when they are asked for, and not pickled
 WHEN_ASKED = "bound", "largest_of_k", "_last_cross"
 
@@ -336,7 +336,7 @@ class Posterior(WithCoefficients, ABC):
 
         Of several terms that of the one with this bound kernel.
         """
-        if bound is not None or len(X) > FEW:
+        if bound is not None or len(X) * len(self.inputs) > FEW:
             return self._cross(X, bound or self.bound)
         key = X.shape, X.tobytes()
         last = vars(self).get("_last_cross", (None, None))

@@ -114,8 +114,8 @@ class Output(NamedTuple):
         )
 
     def noisier(self, factor):
-        """The same with more noise of another task."""
-        return self._replace(noise=np.append(self.noise[:-1], factor * self.noise[-1]))
+        """The same with more noise."""
+        return self._replace(noise=factor * self.noise)
 
     def unshared(self):
         """Variance of what tasks have of their own, in units of k^x, on average."""
@@ -330,6 +330,8 @@ def identify(outputs, starts):
     Returns
     -------
     found : Found
+    outputs : list of Output
+        As given, or with more noise if their covariance is singular without.
 
     Raises
     ------
@@ -348,7 +350,7 @@ def identify(outputs, starts):
         if np.isfinite(found.log_evidence):
             if factor > 1.0:
                 _warn_of_noise(factor)
-            return found
+            return found, noisier
     raise NotPositiveDefiniteError(
         "The covariance of the samples is singular: some are too close to each other "
         "for a model with so little noise. Give their noise, a larger floor, or fewer "
@@ -359,7 +361,7 @@ def identify(outputs, starts):
 def _warn_of_noise(factor):
     warn(
         "Some samples are so close to each other that their covariance is singular in "
-        f"floating point. The task was taken to have {factor:.0f} times the noise "
+        f"floating point. They were taken to have {factor:.0f} times the noise "
         "variance. Give the noise of the samples, or fewer of them.",
         JitterWarning,
     )

@@ -59,12 +59,12 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         None is least squares. "evidence" is a normal prior around 0. Links, friction
         and loads have one variance each, in units of what a parameter typically
         contributes to the torques. What asymmetric friction differs by in the two
-        directions has another one. The variances are those that make the data
-        likeliest: where joints are alike in both directions, they become so. "nominal"
-        is such a prior around the masses and inertias of the model, for links in units
-        of each link's own mass and extent. It suits motion that does not show all of
-        them. y must then be torques, and the model must have the masses and inertias
-        of such a robot.
+        directions has another one, unless "coulomb" or "offset" stands beside it. The
+        variances are those that make the data likeliest: where joints are alike in both
+        directions, they become so. "nominal" is such a prior around the masses and
+        inertias of the model, for links in units of each link's own mass and extent. It
+        suits motion that does not show all of them. y must then be torques, and the
+        model must have the masses and inertias of such a robot.
     joint : int, str or None, default=None
         Position from 0, or name, of the joint whose torque is y. None means that y has
         a column for each joint.
@@ -362,9 +362,11 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         return model
 
     def _load_precision(self):
-        """That of a load's prior; where no load was known, that of the widest prior."""
+        """Of a load's prior. The first one has torques as large as the robot's."""
         loads = self._groups[-1]
-        return self._precision[loads if len(loads) else slice(None)].min()
+        if len(loads):
+            return self._precision[loads].min()
+        return 0.0 if self.prior is None else 1.0
 
     def _compile(self, code):
         """Torques of one state of a task, as a function, see `compile_predictor`."""

@@ -74,7 +74,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
         - "friction": the joint's speed and the torque of the rigid bodies along it, for
           effects of bearings and gears. It changes its sign with the direction. With
-          asymmetric friction it may also differ by direction, where that is better.
+          asymmetric friction it may also differ by direction, where that is better; if
+          `estimator` has a kernel, it always may.
         - "neighbours": errors that rows have in common if their states are near each
           other and the joint moves in the same direction. They are rough, and end
           where the training rows end.

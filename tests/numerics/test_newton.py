@@ -65,7 +65,12 @@ def test_what_leads_to_the_same_place_is_not_followed_to_its_end():
     np.testing.assert_allclose(optima[3].x, [0.0, -1.0], atol=1e-6)
     for optimum in optima[:3]:
         assert abs(optimum.x[1] - 1.0) < 1.0
-        assert optimum.converged
+
+
+def test_nothing_follows_a_start_that_stays_on_a_saddle():
+    starts = np.array([[0.0, 0.0], [0.9, 0.1]])
+    _, away = minimize_all(saddle, starts, -FAR, FAR, **BUDGET)
+    np.testing.assert_allclose(away.x, [0.0, 1.0], atol=1e-6)
 
 
 def test_evaluations_are_counted():

@@ -193,6 +193,22 @@ def test_the_first_load(puma, moved, prior):
     assert joined.load_parameters_.loc[4, "m"] == pytest.approx(true, rel=0.02)
 
 
+@pytest.mark.parametrize("friction", [None, ["viscous", "asymmetric"]])
+def test_the_first_load_of_a_robot_that_is_as_described(puma, friction):
+    """Nothing differs from the description, so all priors around it are narrow."""
+    robot, load = pin.buildModelFromXML(puma), pin.Inertia(1.0, np.zeros(3), np.eye(3))
+    holding = robot.copy()
+    holding.appendBodyToJoint(robot.njoints - 1, load, pin.SE3.Identity())
+    moved = np.random.default_rng(0).uniform(-1.0, 1.0, (220, 3, robot.nv))
+    X = np.column_stack([moved.reshape(220, -1), np.arange(220) >= 200])
+    Y = [pin.rnea(robot, robot.createData(), *state) for state in moved[:200]]
+    Y += [pin.rnea(holding, holding.createData(), *state) for state in moved[200:]]
+    Y = noisy(np.array(Y), 0.05)
+    model = RigidBodyRegressor(puma, prior="nominal", friction=friction)
+    model = model.fit(X[:200], Y[:200]).add_task(X[200:], Y[200:])
+    assert model.load_parameters_.loc[1, "m"] == pytest.approx(1.0, rel=0.05)
+
+
 def test_a_new_load_by_the_book(puma, moved):
     X, Y, _ = moved
     Y = noisy(Y, 0.1)

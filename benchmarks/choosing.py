@@ -2,10 +2,10 @@
 
 ``python benchmarks/choosing.py`` draws problems of eight tasks of 5, 10 and 20 rows
 (true rank 1 and 2) and of three tasks of 10 and 20 rows (true rank 3), by
-ordinary_data.py; ``--classes`` takes classes of it instead. "plain" draws are those of
-intervals.py, without levels: ``--plain``. All candidates are fitted
-once. Each criterion then chooses: how often the true rank, and how well what it has
-chosen predicts. "density" is the log density of new observations a row, less that of
+ordinary_data.py; ``--classes`` takes classes of it instead, and ``--plain 10 20`` draws
+of intervals.py, without levels, of so many rows a task. All candidates are fitted once.
+Each criterion then chooses: how often the true rank, and how well what it has chosen
+predicts. "density" is the log density of new observations a row, less that of
 the best candidate in hindsight; the rows of a table are medians over the draws.
 
 "laplace" is the evidence by Laplace's method, see skmtgp/learning/evidence.py. At the
@@ -158,9 +158,8 @@ def main():
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="a table of all candidates, csv")
     arguments = parser.parse_args()
-    of_rows = {name for name, of in PLAIN.items() if of[1] in arguments.plain}
-    names = [name for name in PLAIN if name in of_rows]
-    names = names or arguments.classes or list(SETTINGS)
+    names = [name for name, of in PLAIN.items() if of[1] in arguments.plain]
+    names = names + (arguments.classes or []) or list(SETTINGS)
     jobs = [(name, seed) for name in names for seed in range(arguments.seeds)]
     with ProcessPoolExecutor(arguments.jobs) as pool:
         table = pd.concat(list(pool.map(measured, jobs)), ignore_index=True)

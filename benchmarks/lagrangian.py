@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from kernels import LOADS, N_PER_LOAD, TEST_SETS, rows
+from kernels import read as known
 from lagrangian_kernel import Energy, J, read, torques_by_differences
 from scipy.linalg import cho_solve, cholesky, lapack
 from scipy.optimize import minimize
@@ -249,11 +250,6 @@ def errors_of(problem, theta, mean, draw, n_test):
             error = normalized_mean_squared_error(y, mu, tasks=X[:, -1])
             errors[f"nmse_{subset}"] = float(error)
     return found
-
-
-def known(path):
-    """The rows of a file."""
-    return pd.read_json(path, lines=True) if path.exists() else pd.DataFrame()
 
 
 def run(arguments):

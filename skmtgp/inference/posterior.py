@@ -22,7 +22,7 @@ from skmtgp.inference.variances import (
 from skmtgp.model.several import terms_of, unseen_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
-FEW = 2**15  # covariances of rows that join: they are kept, and asked for again
+FEW = 2**15  # elements of the last cross-covariance: rows that join need it twice
 # Attributes that are made when they are asked for, and not pickled
 WHEN_ASKED = "bound", "largest_of_k", "_last_cross"
 

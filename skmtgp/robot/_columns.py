@@ -128,7 +128,7 @@ def independent(columns):
 
 
 def _directions(names):
-    """Friction of one direction, and all of friction if directions are alike."""
+    """Of Columns: `one_way` and `both_ways`."""
     at, unit = {name: j for j, name in enumerate(names)}, np.eye(len(names))
     found = [(name.replace("coulomb+", "coulomb-", 1), j) for name, j in at.items()]
     pairs = [(j, at[other]) for other, j in found if at.get(other, j) != j]
@@ -165,9 +165,10 @@ class Columns:
     load : list of int
         Which of the ten parameters of a load in the last link can be told apart.
     one_way : ndarray of shape (n_friction, n_one_way)
-        Parameters of friction that another one has a part in, of the other direction.
+        Coulomb friction of each direction alone, of joints that have both: what it has
+        of each parameter.
     both_ways : ndarray of shape (n_friction, n_both_ways)
-        All parameters of friction if it is the same in both directions.
+        The same of all friction, if it is alike in both directions.
     """
 
     def __init__(self, dynamics, words, joints):

@@ -60,8 +60,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         and loads have one variance each, in units of what a parameter typically
         contributes to the torques. What asymmetric friction differs by in the two
         directions has another one, unless "coulomb" or "offset" stands beside it. The
-        variances are those that make the data likeliest: where joints are alike in both
-        directions, they become so. "nominal" is such a prior around the masses and
+        variances are those that make the data likeliest. If they show no difference of
+        directions, there is none. "nominal" is such a prior around the masses and
         inertias of the model, for links in units of each link's own mass and extent. It
         suits motion that does not show all of them. y must then be torques, and the
         model must have the masses and inertias of such a robot.

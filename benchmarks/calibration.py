@@ -51,8 +51,8 @@ def share_below(n_rows, n_draws, seed):
     likelihood = DenseLikelihood(prior, X, tasks, y)
     with threadpool_limits(1), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        start = Hyperprior(prior).draw(rng, 0.1)
-        drawn = sample_hyperparameters(likelihood, start, n_draws=n_draws, seed=[seed])
+        start = [(likelihood, Hyperprior(prior).draw(rng, 0.1))]
+        drawn = sample_hyperparameters(start, n_draws=n_draws, seed=[seed])
     true = quantities(prior, theta)
     found = np.array([quantities(prior, draw) for draw in drawn.theta])
     # a tie, as of correlations of rank 1, falls on either side

@@ -46,6 +46,9 @@ from skmtgp.single_task import SingleTaskGP, alone_like
 __all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
+EVIDENCES = "laplace", "bic"  # half of which are log evidences, or nearly
+OPEN = 5.0  # nats of BIC, within which ranks are drawn where hyperparameters are
+ROWS_IF_DRAWN = 2  # for each number of the task covariance; of modes alone, see ROWS
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 
 
@@ -273,7 +276,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             self._fit_terms(model, training, progress)
             return
         self._check_criterion(training)
-        ranks = self._check_ranks(training.n_told, len(training.Y))
+        ranks = self._check_ranks(model, training.n_told, len(training.Y))
         simpler = len(training.tasks) > 1 and self._asks_simpler()
         n_forms = len(ranks) + (len(SIMPLER) + 1) * simpler  # and a diagonal
         n_kept = n_forms if self.keep_estimators else 1
@@ -342,10 +345,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         options = criterion, among, model.n_jobs
         table = tabulate(training, of_forms, modes, alone, *options)
         names = [str(of[0].prior.task_covariance) for of in of_forms]
-        makes = [
-            partial(_fitted, model, training, *of)
-            for of in zip(settings, of_forms, modes, strict=True)
-        ]
+        learned = list(zip(settings, of_forms, modes, strict=True))
+        makes = [partial(_fitted, model, training, *of) for of in learned]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
         best = self._best(table, criterion)
@@ -355,6 +356,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         self.criterion_ = criterion
         if model.verbose:
             say(f"chosen by {criterion.upper()}: {names[best]}")
+        *lower, highest = _likely_ranks(model, table, criterion, settings, best)
+        if lower and model._way(training, of_forms[highest][0]) == "sampled":
+            lower = [learned[k][1:] for k in lower]
+            makes[best] = partial(makes[highest], lower=lower)
         self.best_estimator_, kept = _made(makes, best, every=self.keep_estimators)
         if best < len(modes):
             rank = settings[best]["rank"]
@@ -380,12 +385,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             verbose=max(self.verbose, model.verbose),
         )
 
-    def _check_ranks(self, n_rows, n):
+    def _check_ranks(self, model, n_rows, n):
         """The ranks, by the number of rows that a factor has."""
         if self.ranks is None:
             ranks = range(min(n_rows, MOST_RANK) + 1)
             free = [low_rank(n_rows, rank).n_free for rank in ranks]
-            return [r for r in ranks if r < 2 or ROWS * free[r] <= n]
+            drawn = model.hyperparameters in ("sampled", "auto")
+            rows = ROWS_IF_DRAWN if drawn else ROWS
+            return [r for r in ranks if r < 2 or rows * free[r] <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
@@ -698,10 +705,29 @@ def _made(makes, best, *, every):
     return chosen, kept
 
 
-def _fitted(model, training, settings, problems, modes):
+def _likely_ranks(model, table, criterion, settings, best):
+    """Positions of the ranks that BIC leaves open beside the best, ascending.
+
+    Only the best itself where it is no rank, or the criterion no evidence.
+    """
+    (term, *others), bic = model._terms(), table["bic"]
+    near = bic <= bic[best] + 2.0 * OPEN
+    ranks = [k for k, of in enumerate(settings) if _is_rank(of, term)]
+    if others or criterion not in EVIDENCES or best not in ranks:
+        return [best]
+    return sorted((k for k in ranks if near[k]), key=lambda k: settings[k]["rank"])
+
+
+def _is_rank(settings, term):
+    """Whether it is a candidate for its rank alone."""
+    shared = settings["shared"] == bool(term.shared) or settings["rank"] == 0
+    return shared and settings["diagonal"] == term.diagonal
+
+
+def _fitted(model, training, settings, problems, modes, lower=()):
     """A copy of the model that has learned these modes."""
     model = copy(model).set_params(**settings)
-    model._store(training, problems, modes)
+    model._store(training, problems, modes, lower)
     return model
 
 

@@ -308,8 +308,12 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     # what is kept of a fit
 
-    def _store(self, training, problems, modes):
-        """Set the fitted attributes, in the target's own units."""
+    def _store(self, training, problems, modes, lower=()):
+        """Set the fitted attributes, in the target's own units.
+
+        Draws of the hyperparameters are of this rank and of lower ones, whose problems
+        and modes `lower` has.
+        """
         if self.verbose and is_large(problems[0]):
             say(f"computing the posterior of {len(problems[0].data)} rows")
         modes, way = self._settled(problems, modes), self._way(training, problems[0])
@@ -321,7 +325,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._store_learned(training, problems[0].engine, likelihoods, modes)
         self.hyperparameters_ = way
         if way == "sampled":
-            self._draw_hyperparameters()
+            self._draw_hyperparameters([starts_of(*of_rank) for of_rank in lower])
 
     def _settled(self, problems, modes):
         """Modes as they are kept: with what the rows of small tasks leave open."""
@@ -479,6 +483,12 @@ def evidence_of(model):
 def likelihood_at(problem, mode):
     """The likelihood by the inducing inputs of a mode, if it has any."""
     return problem.engine.likelihood(problem.prior, replace(problem.data, Z=mode.Z))
+
+
+def starts_of(problems, modes):
+    """The likelihood of each output, and where it was learned."""
+    pairs = zip(problems, modes, strict=True)
+    return [(likelihood_at(*pair), pair[1].theta) for pair in pairs]
 
 
 def _of_all_tasks(array):

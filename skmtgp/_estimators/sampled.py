@@ -170,19 +170,20 @@ class SampledMixin:
             asked = asked if prior.n_terms == 1 else "mode"
         return asked if self.max_iter or asked == "map" else "mode"
 
-    def _draw_hyperparameters(self):
-        """Draw them at the learned mode, and predict by the draws from now on."""
+    def _draw_hyperparameters(self, lower=()):
+        """Draw them at the learned mode, and predict by the draws from now on.
+
+        For each lower rank that is likely, too, `lower` has the likelihood and the mode
+        of each output.
+        """
         rng = check_random_state(getattr(self, "random_state", None) or 0)
         seed, n = rng.randint(2**31 - 1), len(self._likelihoods)
+        own = list(zip(self._likelihoods, np.split(self.theta_, n), strict=True))
         samples = []
-        parts = np.split(self.theta_, n)
-        for j, (likelihood, theta) in enumerate(
-            zip(self._likelihoods, parts, strict=True), start=1
-        ):
+        for j, ranks in enumerate(zip(*lower, own, strict=True), start=1):
             name = f"output {j} of {n}" if n > 1 else "the output"
             sample = sample_hyperparameters(
-                likelihood,
-                theta,
+                ranks,
                 n_draws=self.n_draws,
                 seed=[seed, j],
                 n_jobs=self.n_jobs,

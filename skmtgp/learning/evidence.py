@@ -37,6 +37,7 @@ class LogPosterior:
 
     def __init__(self, likelihood, hyperprior, chart):
         self.likelihood, self.hyperprior, self.chart = likelihood, hyperprior, chart
+        self.prior, self.theta = likelihood.prior, chart.theta
 
     def __call__(self, x):
         """The value and its gradient; -inf where the likelihood cannot be computed."""

@@ -46,7 +46,7 @@ def begun_in_sight(problem):
         spherical.
     """
     kernel, tuning = problem.prior.kernel, problem.tuning
-    scales = _length_scales(problem.prior)
+    scales = problem.prior.of_length_scales[problem.prior.of_kernel]
     if not scales.any() or not problem.budget.max_iter:
         return problem
     kernels, X = problem.prior.kernels, problem.data.X
@@ -104,9 +104,7 @@ def along_ranges(problem, mode):
 
 def _directions(problem):
     """Steps of theta by one: of all ranges together, and of each of several."""
-    scales = np.zeros(problem.prior.n_theta)
-    of_kernel = np.arange(len(scales))[problem.prior.of_kernel]
-    scales[of_kernel] = _length_scales(problem.prior)
+    scales = problem.prior.of_length_scales.astype(np.float64)
     each = np.diag(scales)[scales > 0.0]
     return [scales, *each] if len(each) > 1 else each
 
@@ -133,17 +131,6 @@ def _likeliest(problem, likelihood, theta):
     ]
     values = list(map(likelihood.value, moved))
     return max(values), moved[int(np.argmax(values))]
-
-
-def _length_scales(prior):
-    """Which elements of theta are free length-scales."""
-    found = [
-        np.full(part.n_elements, part.name.endswith("length_scale"))
-        for kernel in prior.kernels
-        for part in kernel.hyperparameters
-        if not part.fixed
-    ]
-    return np.concatenate(found) if found else np.zeros(0, dtype=bool)
 
 
 def _has_spherical(kernels):

@@ -7,6 +7,9 @@ one, chains jump (`Chart.turned`). Between others they seldom move: these are lo
 from the learned one and from draws of the prior, and each chain starts at one of them,
 in proportion to the evidence that Laplace's method gives it. A start at the likeliest
 mode alone would stay where few rows are explained without noise.
+
+Where the rank of K^rho is open, chains start at modes of several ranks, by the same
+evidence. A factor of a lower rank is one of the highest with columns of zeros.
 """
 
 from time import perf_counter
@@ -58,15 +61,14 @@ class Sample(NamedTuple):
     n_modes: int
 
 
-def sample_hyperparameters(likelihood, theta, *, n_draws, seed, n_jobs=None, tell=None):
+def sample_hyperparameters(ranks, *, n_draws, seed, n_jobs=None, tell=None):
     """Draw theta from its posterior.
 
     Parameters
     ----------
-    likelihood : Likelihood
-        Of one output.
-    theta : ndarray of shape (n_theta,)
-        The learned mode.
+    ranks : sequence of (Likelihood, ndarray of shape (n_theta,))
+        Of one output, with the learned mode, for each rank that K^rho may have. All are
+        as likely beforehand. Draws are in the parameters of the last, the highest.
     n_draws : int
         How many draws are kept. Chains are five times as long, all in all.
     seed : list of int
@@ -83,25 +85,29 @@ def sample_hyperparameters(likelihood, theta, *, n_draws, seed, n_jobs=None, tel
     """
     begin = perf_counter()
     each = -(-n_draws // N_CHAINS) * THINNED
-    with limit_threads(likelihood.side):
-        peaks, n_climbing = find_peaks(likelihood, theta, np.random.default_rng(seed))
+    highest = ranks[-1][0]
+    with limit_threads(highest.side):
+        found = [find_peaks(*of, np.random.default_rng(seed)) for of in ranks]
+        peaks = [peak for of_rank, _ in found for peak in of_rank]
         scales, weights = _weigh(peaks)
         chosen = _share_out(weights)
-        spent = n_climbing + sum(2 * len(peak.x) for peak in peaks)
+        spent = sum(n for _, n in found) + sum(2 * len(peak.x) for peak in peaks)
         ahead = (perf_counter() - begin) / spent * N_CHAINS * (N_WARM + each) * LEAPS
         report = tell(len(set(chosen)), ahead) if tell else None
-        likelihood.release()
+        for likelihood, _ in ranks:
+            likelihood.release()
         jobs = [(peaks[p], scales[p], each, [*seed, k]) for k, p in enumerate(chosen)]
         chains = run(_chain, jobs, n_jobs=n_jobs, report=report)
+    densities = [peaks[p].density for p in chosen]
     thetas = [
-        np.array(list(map(peaks[p].density.chart.theta, chain.draws)))
-        for p, chain in zip(chosen, chains, strict=True)
+        [highest.prior.widened(density.theta(x), density.prior) for x in chain.draws]
+        for density, chain in zip(densities, chains, strict=True)
     ]
     thetas = np.array(thetas)
     kept = thetas[:, THINNED - 1 :: THINNED].swapaxes(0, 1)  # a turn of all chains
     return Sample(
         kept.reshape(-1, thetas.shape[2])[:n_draws],
-        *_diagnose(likelihood.prior, np.array(chosen), thetas),
+        *_diagnose(highest.prior, np.array(chosen), thetas),
         sum(chain.n_divergent for chain in chains),
         spent + sum(chain.n_evaluations for chain in chains),
         len(set(chosen)),
@@ -147,8 +153,7 @@ def _are_alike(peak, other):
     """Whether two peaks are the same, seen in the coordinates of different charts."""
     found = []
     for density, x, *_ in (peak, other):
-        prior = density.likelihood.prior
-        found.append(quantities(prior, density.chart.theta(x)))
+        found.append(quantities(density.prior, density.theta(x)))
     return bool(np.nanmax(np.abs(np.subtract(*found)), initial=0.0) < SAME)
 
 

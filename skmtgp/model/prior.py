@@ -389,6 +389,20 @@ class Prior:
         tail = theta[len(theta) - n_level - n_noise :]
         return np.concatenate([theta[:n_kernel], rho, tail])
 
+    def widened(self, theta, other):
+        """Theta of this prior from that of a lower rank: new columns of F are zero.
+
+        Where only the other one has a function that all tasks share, it is a column.
+        """
+        form, rho = other.task_covariance, theta[other._slices[1]]
+        of_factor = other.of_factor[other._slices[1]]
+        F, rest = rho[of_factor].reshape(other.factor_shape), rho[~of_factor]
+        if len(rest) > self._sizes[1] - self.of_factor.sum():
+            F, rest = form.latent(rho)[0], rest[:0]
+        wide = np.zeros(self.factor_shape)
+        wide[:, : F.shape[1]] = F
+        return self.with_rho(theta, np.append(wide, rest))
+
     def gradient(self, theta, d_kernel, d_rho, d_level, d_noise):
         """The gradient by theta, from those by what it stands for.
 
@@ -457,6 +471,19 @@ class Prior:
     def of_kernel(self):
         """Which elements of theta are those of k^x; a mask."""
         return np.arange(self.n_theta) < self.kernel.n_dims
+
+    @cached_property
+    def of_length_scales(self):
+        """Which are logarithms of length-scales of k^x; a mask."""
+        mask = np.zeros(self.n_theta, dtype=bool)
+        found = [
+            np.full(part.n_elements, part.name.endswith("length_scale"))
+            for kernel in self.kernels
+            for part in kernel.hyperparameters
+            if not part.fixed
+        ]
+        mask[self.of_kernel] = np.concatenate(found) if found else False
+        return mask
 
     @property
     def factor_shape(self):

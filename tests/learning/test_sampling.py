@@ -98,7 +98,7 @@ def test_signs_and_sizes_are_those_of_the_posterior(rank):
     of_prior = np.array([quantities(prior, theta) for theta in thetas])
     mean = weights @ of_prior
     deviation = np.sqrt(weights @ np.square(of_prior - mean))
-    sample = sample_hyperparameters(likelihood, prior.theta(), n_draws=60, seed=[0])
+    sample = sample_hyperparameters([(likelihood, prior.theta())], n_draws=60, seed=[0])
     found = np.array([quantities(prior, theta) for theta in sample.theta])
     effective = np.minimum(sample.effective, len(found))
     effective = 1.0 / (1.0 / effective + np.square(weights).sum())
@@ -114,7 +114,9 @@ def test_signs_and_sizes_are_those_of_the_posterior(rank):
 def drawn():
     likelihood = likelihood_of(low_rank(2, 1), levels=True)
     theta = likelihood.prior.theta()
-    return likelihood, sample_hyperparameters(likelihood, theta, n_draws=10, seed=[1])
+    return likelihood, sample_hyperparameters(
+        [(likelihood, theta)], n_draws=10, seed=[1]
+    )
 
 
 def test_what_is_kept(drawn):
@@ -132,7 +134,7 @@ def test_what_is_kept(drawn):
 def test_few_draws_are_of_all_chains(drawn):
     likelihood, more = drawn
     theta = likelihood.prior.theta()
-    few = sample_hyperparameters(likelihood, theta, n_draws=5, seed=[1]).theta
+    few = sample_hyperparameters([(likelihood, theta)], n_draws=5, seed=[1]).theta
     np.testing.assert_array_equal(few, more.theta[:5])  # a turn of four, and one more
 
 
@@ -168,9 +170,9 @@ def test_no_peak_is_without_a_function_of_many_tasks():
 def test_is_deterministic(drawn):
     likelihood, first = drawn
     theta = likelihood.prior.theta()
-    again = sample_hyperparameters(likelihood, theta, n_draws=10, seed=[1])
+    again = sample_hyperparameters([(likelihood, theta)], n_draws=10, seed=[1])
     np.testing.assert_array_equal(again.theta, first.theta)
-    other = sample_hyperparameters(likelihood, theta, n_draws=4, seed=[2])
+    other = sample_hyperparameters([(likelihood, theta)], n_draws=4, seed=[2])
     assert (other.theta != first.theta[:4]).any()
 
 
@@ -180,7 +182,7 @@ def test_processes_draw_the_same(drawn):
     likelihood, first = drawn
     theta = likelihood.prior.theta()
     options = {"n_draws": 10, "seed": [1], "n_jobs": 2}
-    again = sample_hyperparameters(likelihood, theta, **options)
+    again = sample_hyperparameters([(likelihood, theta)], **options)
     np.testing.assert_array_equal(again.theta, first.theta)
 
 
@@ -192,9 +194,8 @@ def test_what_is_told_before_and_while_it_goes_on():
         before.append((n_modes, seconds))
         return lambda k, chain: done.append(k)
 
-    sample_hyperparameters(
-        likelihood, likelihood.prior.theta(), n_draws=4, seed=[0], tell=tell
-    )
+    start = likelihood.prior.theta()
+    sample_hyperparameters([(likelihood, start)], n_draws=4, seed=[0], tell=tell)
     [(n_modes, seconds)] = before
     assert n_modes >= 1
     assert 0.0 < seconds < 60.0

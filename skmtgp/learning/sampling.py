@@ -16,6 +16,7 @@ from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
+from scipy.special import logsumexp, softmax
 
 from skmtgp._numerics.hmc import Chain, diagnose, sample
 from skmtgp._numerics.parallel import limit_threads, run
@@ -32,6 +33,9 @@ LEAPS = 12  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new
 NARROWER = 0.5  # deviations of these, of the prior's: its tails lead nowhere
 SAME = 0.3  # of logarithms and correlations, between modes that are one
+# Of the log evidence of a rank: of few rows Laplace's method understates that of a higher
+# one, whose modes are less normal, by a nat or two.
+TRUSTED = 0.5
 HOPELESS = 15.0  # nats between modes: not worth a chain
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at
 
@@ -164,8 +168,12 @@ def _weigh(peaks):
         values, vectors = peak.curvature()
         scales.append(vectors / np.sqrt(values))
         evidence.append(log_evidence(peak, values))
-    weights = np.exp(np.array(evidence) - max(evidence))
-    return scales, weights / weights.sum()
+    ranks = np.array([peak.density.prior.factor_shape[1] for peak in peaks])
+    log_weights = np.array(evidence)
+    for rank in np.unique(ranks):
+        of_rank = ranks == rank
+        log_weights[of_rank] -= (1.0 - TRUSTED) * logsumexp(log_weights[of_rank])
+    return scales, softmax(log_weights)
 
 
 def _share_out(weights):

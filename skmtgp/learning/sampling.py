@@ -33,8 +33,8 @@ LEAPS = 12  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new
 NARROWER = 0.5  # deviations of these, of the prior's: its tails lead nowhere
 SAME = 0.3  # of logarithms and correlations, between modes that are one
-# Of the log evidence of a rank: of few rows Laplace's method understates that of a higher
-# one, whose modes are less normal, by a nat or two.
+# Of the log evidence of a rank: of few rows Laplace's method understates that of a
+# higher one, whose modes are less normal, by a nat or two.
 TRUSTED = 0.5
 HOPELESS = 15.0  # nats between modes: not worth a chain
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at

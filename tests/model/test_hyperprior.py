@@ -6,7 +6,7 @@ import pytest
 import textbook
 from scipy.integrate import quad
 from scipy.stats import norm
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, RationalQuadratic
 
 from skmtgp.model.described import task_covariance
 from skmtgp.model.hyperprior import OF_KERNEL, OF_VARIANCE, Hyperprior
@@ -46,6 +46,23 @@ def test_rotations_of_the_factor_cost_nothing():
     turned = hyperprior.prior.with_rho(theta, (F @ Q).ravel())
     value, _ = hyperprior.log_density(theta)
     assert hyperprior.log_density(turned)[0] == pytest.approx(value, rel=1e-12)
+
+
+def test_it_is_around_rougher_functions_and_more_noise_than_learning_starts_with():
+    hyperprior = hyperprior_of(low_rank(3, 2))
+    away = np.exp(hyperprior.centre - hyperprior.prior.theta())
+    np.testing.assert_allclose(away[:2], 0.5)  # length-scales
+    assert away[-1] == pytest.approx(3.0)
+    assert away[-2] == pytest.approx(1.0)  # levels
+
+
+def test_what_is_no_length_scale_or_is_fixed_is_where_it_starts():
+    kernel = RationalQuadratic(2.0, 0.7) * RBF(3.0, "fixed")
+    prior = building.prior(kernel, low_rank(3, 1))
+    away = Hyperprior(prior).centre - prior.theta()
+    names = [part.name for part in kernel.hyperparameters if not part.fixed]
+    shorter = np.array([name.endswith("length_scale") for name in names])
+    np.testing.assert_allclose(np.exp(away[:2]), np.where(shorter, 0.5, 1.0))
 
 
 def test_units_of_the_targets_cost_nothing():

@@ -3,12 +3,17 @@
 import pickle
 from dataclasses import replace
 
+import building
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
 
+from skmtgp.model.described import task_covariance
+from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import FixedTaskCovariance, low_rank
+
+Q = np.array([[1.0, -1.0, 0.3], [1.0, 0.2, -1.3], [1.0, 0.8, 1.0]])
 
 
 class Counting(RBF):
@@ -117,3 +122,25 @@ def test_the_users_kernel_is_another():
     found = prior.in_units(theta, np.ones(1)).kernel
     assert found == prior.kernel_at(theta)
     assert found is not prior.kernel_at(theta)
+
+
+@pytest.mark.parametrize(
+    ("low", "high"),
+    [
+        (low_rank(3, 1), low_rank(3, 3)),
+        (low_rank(3, 0, shared=True), low_rank(3, 2)),
+        (low_rank(3, 0, shared=True), low_rank(3, 2, shared=True)),
+        (low_rank(3, 1, shared=True), low_rank(3, 2, shared=True)),
+        (low_rank(3, 1, diagonal=True), low_rank(3, 2, diagonal=True)),
+        (task_covariance(3, 1, Q), task_covariance(3, 2, Q)),
+    ],
+    ids=str,
+)
+def test_theta_of_a_lower_rank(low, high):
+    low = building.prior(RBF([1.0, 2.0]), low, levels=True)
+    high = building.prior(RBF([1.0, 2.0]), high, levels=True)
+    theta = Hyperprior(low).draw(np.random.default_rng(0))
+    wide = high.widened(theta, low)
+    np.testing.assert_allclose(high.K_rho_at(wide), low.K_rho_at(theta), rtol=1e-12)
+    np.testing.assert_array_equal(wide[:2], theta[:2])
+    np.testing.assert_array_equal(wide[-2:], theta[-2:])

@@ -1,0 +1,80 @@
+"""Draws of the hyperparameters where the rank is open."""
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from waves import draw
+
+from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp.exceptions import SamplingWarning
+
+pytestmark = pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
+X, y = draw(rows=6)
+Z = np.column_stack([np.linspace(0.0, 7.0, 6), [0, 1, 2, 0, 1, 2]])
+MODEL = MultiTaskGPRegressor(
+    noise="shared", normalize_y="shared", hyperparameters="sampled", n_draws=12
+)
+
+
+@pytest.fixture(scope="module")
+def search():
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SamplingWarning)
+        return RankSearchIC(MODEL, simpler=False).fit(X, y)
+
+
+def ranks_of(model):
+    """The rank of K^rho in each draw."""
+    prior = model._likelihoods[0].prior
+    return [np.linalg.matrix_rank(prior.K_rho_at(t)) for t in model.theta_samples_]
+
+
+def test_draws_have_the_ranks_that_are_likely(search):
+    model = search.best_estimator_
+    ranks = ranks_of(model)
+    assert search.best_rank_ in ranks
+    assert search.best_rank_ < model.rank_
+    assert min(ranks) < max(ranks) <= model.rank_
+    bic = search.results_.set_index("rank")["bic"]
+    assert bic[model.rank_] <= bic[search.best_rank_] + 10.0
+
+
+def test_predictions_are_those_of_the_mixture(search):
+    model = search.best_estimator_
+    [likelihood] = model._likelihoods
+    means = [
+        likelihood.posterior(theta).mean(Z[:, :1], Z[:, 1].astype(int))
+        for theta in model.theta_samples_
+    ]
+    expected = model.y_mean_ + model.y_scale_ * np.mean(means, axis=0)
+    np.testing.assert_allclose(search.predict(Z), expected, rtol=1e-8)
+    again = pickle.loads(pickle.dumps(search))
+    np.testing.assert_array_equal(again.predict(Z), search.predict(Z))
+
+
+def test_a_task_joins(search):
+    new = np.column_stack([np.linspace(0.5, 7.5, 5), np.full(5, 3)])
+    found = search.add_task(new, 2.0 * np.sin(new[:, 0]))
+    mean, std = found.predict(new, return_std=True)
+    np.testing.assert_allclose(mean, 2.0 * np.sin(new[:, 0]), atol=1.0)
+    assert (std > 0.0).all()
+    assert found.best_estimator_.theta_samples_.shape[0] == 12
+
+
+def test_more_ranks_are_compared_than_of_modes_alone(search):
+    mode = RankSearchIC(clone(MODEL).set_params(hyperparameters="mode"), simpler=False)
+    mode.fit(X, y)
+    assert set(mode.results_["rank"]) < set(search.results_["rank"])
+    assert search.results_["rank"].max() == 3
+
+
+@pytest.mark.parametrize(
+    "options", [{"criterion": "aic"}, {"ranks": (1,)}], ids=["aic", "one rank"]
+)
+def test_otherwise_draws_have_the_chosen_rank(options):
+    search = RankSearchIC(MODEL, **{"ranks": (1, 2)} | options).fit(X, y)
+    assert search.best_estimator_.rank_ == search.best_rank_
+    assert set(ranks_of(search.best_estimator_)) == {search.best_rank_}

@@ -85,7 +85,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         tasks, ``rank=0, shared=True``.
 
         None tries 0, 1, 2, ... up to 6 or the number of tasks, as long as there are
-        four samples for each free parameter of the task covariance. Sparse inference
+        four samples for each free parameter of the task covariance, or two if the
+        estimator's `hyperparameters` are "sampled" or "auto". Sparse inference
         stops when two ranks in a row are worse than a lower one. The paper has (2, 4,
         5, 6, 8, 10).
 
@@ -140,7 +141,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Name of the chosen candidate: "rank 2", "shared" for rank 0, or the name of a
         simpler model, see `simpler`.
     best_estimator_ : MultiTaskGPRegressor or SingleTaskGP
-        The chosen model, fitted.
+        The chosen model, fitted. If its hyperparameters are drawn and the criterion is
+        "laplace" or "bic", the draws are of all ranks whose BIC is within 10 of the
+        chosen one's, in proportion to their evidence. Its `rank_` is then the highest
+        of these. Draws of a lower rank have a factor with columns of zeros.
     results_ : DataFrame of n_candidates rows
         A row for each candidate, with the columns
 
@@ -174,8 +178,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     learning that do not depend on the rank are done once. All ranks have the same units
     and noise. If the estimator's `learning` is "annealed", no rank has a lower
     likelihood than a lower rank, see :mod:`skmtgp.learning`. If rank 0 or compound
-    symmetry is chosen and the units are shared, tasks that `fit` has not seen can be
-    predicted, too.
+    symmetry is chosen, the units are shared and no higher rank is drawn, tasks that
+    `fit` has not seen can be predicted, too.
 
     For single tasks the mean of each task's samples is subtracted. With `task_levels` a
     task has a level around this mean, with the prior of unit information. Without

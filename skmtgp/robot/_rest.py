@@ -15,8 +15,8 @@ from skmtgp.robot._columns import FRICTION, check_words
 # Length-scales in units of a feature's size: shorter ones than a tenth fit noise.
 LENGTH_SCALE, BOUNDS = 3.0, (0.1, 10.0)
 # Those of errors that neighbours have in common. Rows tell only how fast these begin to
-# differ, so that the longest one has no meaning of its own.
-NEAR, NEAR_BOUNDS = 0.5, (0.02, 100.0)
+# differ. Longer ones would make them a constant of each direction, which is friction.
+NEAR, NEAR_BOUNDS = 0.5, (0.02, 10.0)
 SHARE, SHARE_BOUNDS = 0.1, (1e-5, 1e5)  # of the second part of a sum
 NONE = "none"
 

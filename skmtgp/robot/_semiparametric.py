@@ -161,7 +161,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
     is therefore an exponential kernel of all states, of one length-scale. Where the
     joint turns back, friction jumps, and so may what is not known of it: states on both
     sides are no neighbours. A long length-scale leaves more to these errors, and
-    intervals that grow with the distance from the rows.
+    intervals that grow with the distance from the rows. It is at most ten times the
+    size of the states: with a longer one, errors in common would be almost constant in
+    each direction, and take the place of Coulomb friction.
 
     The process of "friction" at the velocity v and the torque t of the rigid bodies is
 

@@ -91,7 +91,7 @@ def test_neighbours_have_one_length_scale_and_parts_of_one_unit(dynamics):
     found = features(x, np.zeros(50))
     np.testing.assert_allclose(found[:, :-3], expected)
     np.testing.assert_array_equal(found[:, -3:].sum(axis=1), 1.0)
-    assert features.kernel().k1.kernel == Matern(0.5, (0.02, 100.0), nu=0.5)
+    assert features.kernel().k1.kernel == Matern(0.5, (0.02, 10.0), nu=0.5)
 
 
 def test_neighbours_move_in_the_same_direction(dynamics):

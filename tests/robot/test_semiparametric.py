@@ -309,6 +309,22 @@ def test_links_do_not_take_errors_that_neighbours_have_in_common():
     assert own < 0.5 * alone
 
 
+def test_errors_in_common_leave_coulomb_friction_to_its_law(monkeypatch):
+    urdf, time = two_joints("revolute", "revolute"), np.linspace(0.0, 3.0, 80)
+    angle = 2.0 * time[:, None] + [0.0, 0.3]
+    q, qd, qdd = 0.6 * np.sin(angle), 1.2 * np.cos(angle), -2.4 * np.sin(angle)
+    X = np.column_stack([q, qd, qdd, np.zeros(80)])
+    steps = np.random.default_rng(0).standard_normal((80, 2)) / np.sqrt(80)
+    Y = rnea(pin.buildModelFromXML(urdf), X) + np.cumsum(steps, axis=0) + np.sign(qd)
+    options = {"friction": "coulomb", "rest": "neighbours", "prior": "nominal"}
+    model = SemiparametricRegressor(urdf, estimator=QUICK, **options)
+    law = model.fit(X, Y).parameters_["value"].tail(2)  # 1 is right
+    monkeypatch.setattr("skmtgp.robot._rest.NEAR_BOUNDS", (0.02, 1e3))
+    less = model.fit(X, Y).parameters_["value"].tail(2)
+    assert (law > [0.8, 0.4]).all()
+    assert less.iloc[1] < 0.6 * law.iloc[1]
+
+
 def test_a_single_task_without_a_load(puma, sticky):
     X, Y = sticky
     one = np.flatnonzero(X[:, -1] == 2)

@@ -46,7 +46,7 @@ from skmtgp.single_task import SingleTaskGP, alone_like
 __all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
-EVIDENCES = "laplace", "bic"  # half of which are log evidences, or nearly
+EVIDENCES = "laplace", "bic"  # minus half of which is a log evidence, or nearly
 OPEN = 5.0  # nats of BIC, within which ranks are drawn where hyperparameters are
 ROWS_IF_DRAWN = 2  # for each number of the task covariance; of modes alone, see ROWS
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
@@ -143,7 +143,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     best_estimator_ : MultiTaskGPRegressor or SingleTaskGP
         The chosen model, fitted. If its hyperparameters are drawn and the criterion is
         "laplace" or "bic", the draws are of all ranks whose BIC is within 10 of the
-        chosen one's, in proportion to their evidence. Its `rank_` is then the highest
+        chosen one's, more of those with more evidence. Its `rank_` is then the highest
         of these. Draws of a lower rank have a factor with columns of zeros.
     results_ : DataFrame of n_candidates rows
         A row for each candidate, with the columns

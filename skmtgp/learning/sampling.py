@@ -8,8 +8,9 @@ from the learned one and from draws of the prior, and each chain starts at one o
 in proportion to the evidence that Laplace's method gives it. A start at the likeliest
 mode alone would stay where few rows are explained without noise.
 
-Where the rank of K^rho is open, chains start at modes of several ranks, by the same
-evidence. A factor of a lower rank is one of the highest with columns of zeros.
+Where the rank of K^rho is open, chains start at modes of several ranks, more of them
+where there is more evidence. A factor of a lower rank is one of the highest with columns
+of zeros.
 """
 
 from time import perf_counter
@@ -162,7 +163,7 @@ def _are_alike(peak, other):
 
 
 def _weigh(peaks):
-    """Square roots of the covariances around peaks, and shares of the evidence."""
+    """Square roots of the covariances around peaks, and weights by their evidence."""
     scales, evidence = [], []
     for peak in peaks:
         values, vectors = peak.curvature()

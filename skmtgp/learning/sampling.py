@@ -9,8 +9,8 @@ in proportion to the evidence that Laplace's method gives it. A start at the lik
 mode alone would stay where few rows are explained without noise.
 
 Where the rank of K^rho is open, chains start at modes of several ranks, more of them
-where there is more evidence. A factor of a lower rank is one of the highest with columns
-of zeros.
+where there is more evidence. A factor of a lower rank is one of the highest rank with
+columns of zeros.
 """
 
 from time import perf_counter

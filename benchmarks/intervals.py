@@ -32,6 +32,7 @@ from skmtgp import MultiTaskGPRegressor, RankSearchIC
 
 N_TEST, NOISE, RANGE = 20, 0.2, 8.0
 TRUE, CHOSEN = "true rank", "chosen rank"
+EARLIER = "BIC's rank"  # as files of before 2026-11-25 have it
 EDGES = 0, 2, 4, 8, 12, 16, 24, 32, 100  # of rows a hyperparameter
 
 
@@ -143,7 +144,14 @@ def main():
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="file of the rows, one JSON object each")
     parser.add_argument("--report", help="such a file, whose table is printed alone")
+    parser.add_argument(
+        "--before", help="an earlier one, to hold the draws of --report to"
+    )
     args = parser.parse_args()
+    if args.before:
+        return compare(
+            *(pd.read_json(f, lines=True) for f in (args.before, args.report))
+        )
     if args.report:
         return report(pd.read_json(args.report, lines=True))
     seeds = range(args.first, args.first + args.seeds)
@@ -158,6 +166,24 @@ def main():
                     args.output, orient="records", lines=True, mode="a"
                 )
     report(pd.DataFrame(rows))
+
+
+def compare(before, now):
+    """Print the shares and densities of the same data sets, before and now."""
+    names, cells = ["y", "f", "density", "mse"], ["fit", "tasks", "rows"]
+    both = before.replace(EARLIER, CHOSEN).merge(
+        now, on=[*cells, "rank", "seed", "by"], suffixes=(" before", "")
+    )
+    both = both[both["by"] == "sampled"]
+    columns = [f"{name}{when}" for name in names for when in (" before", "")]
+    table = both.groupby(cells)[columns].mean()
+    table["draws"] = both.groupby(cells).size()
+    print(table.round(3).to_string())
+    change = both[names] - both[[f"{name} before" for name in names]].to_numpy()
+    change = change.groupby(both["fit"])
+    print("\nMean change of a data set, and its standard error\n")
+    found = {"change": change.mean(), "error": change.sem()}
+    print(pd.concat(found, axis=1).stack().unstack(0).round(3).to_string())
 
 
 def report(rows):

@@ -31,6 +31,7 @@ from skmtgp._estimators.ranks_of_terms import (
     usual_ranks,
 )
 from skmtgp._estimators.reading import read
+from skmtgp._estimators.sampled import MOST_ROWS
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
@@ -86,9 +87,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         None tries 0, 1, 2, ... up to 6 or the number of tasks, as long as there are
         four samples for each free parameter of the task covariance, or two if the
-        estimator's `hyperparameters` are "sampled" or "auto". Sparse inference
-        stops when two ranks in a row are worse than a lower one. The paper has (2, 4,
-        5, 6, 8, 10).
+        estimator's `hyperparameters` are "sampled", or "auto" with at most 500 samples.
+        Sparse inference stops when two ranks in a row are worse than a lower one. The
+        paper has (2, 4, 5, 6, 8, 10).
 
         If the estimator's kernel is a list, a tuple has the rank of each term, and an
         int stands for the same rank of each. A shorter tuple has the first terms alone,
@@ -141,10 +142,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         Name of the chosen candidate: "rank 2", "shared" for rank 0, or the name of a
         simpler model, see `simpler`.
     best_estimator_ : MultiTaskGPRegressor or SingleTaskGP
-        The chosen model, fitted. If its hyperparameters are drawn and the criterion is
-        "laplace" or "bic", the draws are of all ranks whose BIC is within 10 of the
-        chosen one's, more of those with more evidence. Its `rank_` is then the highest
-        of these. Draws of a lower rank have a factor with columns of zeros.
+        The chosen model, fitted. If its hyperparameters are drawn, inference is exact
+        and the criterion is "laplace" or "bic", the draws are of several ranks: those
+        whose BIC is within 10 of the chosen one's. The four chains are shared out among
+        them by their evidence, so that an unlikely rank has none. `rank_` is then the
+        highest of these ranks, of which the other attributes are. Draws of a lower rank
+        have a factor with columns of zeros.
     results_ : DataFrame of n_candidates rows
         A row for each candidate, with the columns
 
@@ -162,7 +165,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     tasks_ : ndarray of shape (n_tasks,)
         Task labels, sorted.
     estimators_ : list of n_candidates estimators
-        The model of each row of `results_`, fitted. Only if `keep_estimators`.
+        The model of each row of `results_`, fitted; of the chosen one, that is
+        `best_estimator_`. Only if `keep_estimators`.
     n_features_in_ : int
         Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -178,8 +182,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     learning that do not depend on the rank are done once. All ranks have the same units
     and noise. If the estimator's `learning` is "annealed", no rank has a lower
     likelihood than a lower rank, see :mod:`skmtgp.learning`. If rank 0 or compound
-    symmetry is chosen, the units are shared and no higher rank is drawn, tasks that
-    `fit` has not seen can be predicted, too.
+    symmetry is chosen and the units are shared, tasks that `fit` has not seen can be
+    predicted, too; but not if the hyperparameters are drawn at higher ranks as well,
+    unless the estimator has ``shared=True``.
 
     For single tasks the mean of each task's samples is subtracted. With `task_levels` a
     task has a level around this mean, with the prior of unit information. Without
@@ -360,15 +365,17 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         self.criterion_ = criterion
         if model.verbose:
             say(f"chosen by {criterion.upper()}: {names[best]}")
-        *lower, highest = _likely_ranks(model, table, criterion, settings, best)
-        if lower and model._way(training, of_forms[highest][0]) == "sampled":
+        *lower, highest = _ranks_to_draw(model, training, learned, table, best)
+        if lower and criterion in EVIDENCES:
             lower = [learned[k][1:] for k in lower]
             makes[best] = partial(makes[highest], lower=lower)
+        else:
+            highest = best
         self.best_estimator_, kept = _made(makes, best, every=self.keep_estimators)
         if best < len(modes):
             rank = settings[best]["rank"]
             self.best_rank_ = tuple(rank) if isinstance(rank, list) else rank
-            self.best_estimator_._warn_of_fit(training, of_forms[best], modes[best])
+            self.best_estimator_._warn_of_fit(training, *learned[highest][1:])
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = kept
@@ -394,7 +401,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if self.ranks is None:
             ranks = range(min(n_rows, MOST_RANK) + 1)
             free = [low_rank(n_rows, rank).n_free for rank in ranks]
-            drawn = model.hyperparameters in ("sampled", "auto")
+            asked = model.hyperparameters
+            drawn = asked == "sampled" or (asked == "auto" and n <= MOST_ROWS)
             rows = ROWS_IF_DRAWN if drawn else ROWS
             return [r for r in ranks if r < 2 or rows * free[r] <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
@@ -543,7 +551,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:
-        """Return the search with one more task in the best model, at the chosen rank.
+        """Return the search with one more task in the best model, at its rank.
 
         Parameters
         ----------
@@ -576,7 +584,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def partial_fit(
         self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
     ) -> Self:
-        """Add rows to the best model, at the chosen rank.
+        """Add rows to the best model, at its rank.
 
         The first call is `fit`.
 
@@ -709,23 +717,28 @@ def _made(makes, best, *, every):
     return chosen, kept
 
 
-def _likely_ranks(model, table, criterion, settings, best):
+def _ranks_to_draw(model, training, learned, table, best):
     """Positions of the ranks that BIC leaves open beside the best, ascending.
 
-    Only the best itself where it is no rank, or the criterion no evidence.
+    Only the best itself where it is a model of another kind, or nothing is drawn.
     """
     (term, *others), bic = model._terms(), table["bic"]
-    near = bic <= bic[best] + 2.0 * OPEN
-    ranks = [k for k, of in enumerate(settings) if _is_rank(of, term)]
-    if others or criterion not in EVIDENCES or best not in ranks:
+    least = int(training.descriptors is not None)  # one function is no column of theirs
+    ranks = [k for k, (of, *_) in enumerate(learned) if _is_rank(of, term, least)]
+    if others or best not in ranks:
         return [best]
-    return sorted((k for k in ranks if near[k]), key=lambda k: settings[k]["rank"])
+    near = [k for k in ranks if bic[k] <= bic[best] + 2.0 * OPEN]
+    likely = sorted(near, key=lambda k: learned[k][0]["rank"])
+    _, [problem, *_], _ = learned[likely[-1]]
+    drawn = problem.engine.exact and model._way(training, problem) == "sampled"
+    return likely if drawn else [best]
 
 
-def _is_rank(settings, term):
+def _is_rank(settings, term, least):
     """Whether it is a candidate for its rank alone."""
-    shared = settings["shared"] == bool(term.shared) or settings["rank"] == 0
-    return shared and settings["diagonal"] == term.diagonal
+    rank, shared = settings["rank"], bool(settings["shared"])
+    as_asked = settings["diagonal"] == term.diagonal
+    return as_asked and rank >= least and shared == bool(term.shared or rank == 0)
 
 
 def _fitted(model, training, settings, problems, modes, lower=()):

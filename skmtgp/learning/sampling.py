@@ -72,8 +72,8 @@ def sample_hyperparameters(ranks, *, n_draws, seed, n_jobs=None, tell=None):
     Parameters
     ----------
     ranks : sequence of (Likelihood, ndarray of shape (n_theta,))
-        Of one output, with the learned mode, for each rank that K^rho may have. All are
-        as likely beforehand. Draws are in the parameters of the last, the highest.
+        Of one output, with the learned mode, for each rank that K^rho may have. Draws
+        are in the parameters of the last, the highest.
     n_draws : int
         How many draws are kept. Chains are five times as long, all in all.
     seed : list of int

@@ -1,8 +1,8 @@
 r"""Weak priors of the hyperparameters, relative to the scales of the data.
 
 Logarithms of length-scales, of other parameters of k^x and of variances are normal
-around where learning starts, which is where the user, or the size of the data, puts it,
-but for shorter length-scales and more noise.
+around where learning starts, which is where the user, or the size of the data, puts it;
+those of length-scales around half, and those of noise around three times that value.
 The factor F of K^rho has a direction and an amplitude: the direction is uniform, so
 that no rotation of F is preferred, and the logarithm of the amplitude, the root mean
 square over tasks of the deviation :math:`\sqrt{K^\rho_{mm}}`, is normal around that of
@@ -14,10 +14,9 @@ from functools import cached_property
 import numpy as np
 from scipy.special import gammaln, ndtr, ndtri
 
-# Deviations of logarithms. Length-scales: from a twentieth of where they start to
-# twenty times that, in 95 of 100 cases. Variances: from a fiftieth to fifty times, so
-# that noise may be more than the rest or next to none. The amplitude: from an eighth to
-# eight times the deviation of the targets.
+# Deviations of logarithms, around the centres below. In 95 of 100 cases length-scales
+# are within a factor of twenty, variances of fifty, so that noise may be more than the
+# rest or next to none, and the amplitude within eight times the targets' deviation.
 OF_KERNEL, OF_VARIANCE, OF_AMPLITUDE = 1.5, 2.0, 1.0
 # Times where learning starts: it finds its way from smooth functions and little noise,
 # but few rows by themselves take both to be so too easily (benchmarks/intervals.py).

@@ -393,12 +393,13 @@ class Prior:
         """Theta of this prior from that of a lower rank: new columns of F are zero.
 
         Where only the other one has a function that all tasks share, it is a column.
+        The tasks have no descriptors then.
         """
         form, rho = other.task_covariance, theta[other._slices[1]]
         of_factor = other.of_factor[other._slices[1]]
         F, rest = rho[of_factor].reshape(other.factor_shape), rho[~of_factor]
-        if len(rest) > self._sizes[1] - self.of_factor.sum():
-            F, rest = form.latent(rho)[0], rest[:0]
+        if len(rest) > self._sizes[1] - self.of_factor.sum():  # before a diagonal
+            F, rest = form.latent(rho)[0], rest[1:]
         wide = np.zeros(self.factor_shape)
         wide[:, : F.shape[1]] = F
         return self.with_rho(theta, np.append(wide, rest))

@@ -13,6 +13,7 @@ from skmtgp.exceptions import SamplingWarning
 
 pytestmark = pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
 X, y = draw(rows=6)
+ALIKE = np.sin(X[:, 0]) + 0.3 * np.random.default_rng(0).standard_normal(len(X))
 Z = np.column_stack([np.linspace(0.0, 7.0, 6), [0, 1, 2, 0, 1, 2]])
 MODEL = MultiTaskGPRegressor(
     noise="shared", normalize_y="shared", hyperparameters="sampled", n_draws=12
@@ -37,7 +38,8 @@ def test_draws_have_the_ranks_that_are_likely(search):
     ranks = ranks_of(model)
     assert search.best_rank_ in ranks
     assert search.best_rank_ < model.rank_
-    assert min(ranks) < max(ranks) <= model.rank_
+    assert min(ranks) < max(ranks)
+    assert set(ranks) <= set(range(1, model.rank_ + 1))  # an unlikely one has no chain
     bic = search.results_.set_index("rank")["bic"]
     assert bic[model.rank_] <= bic[search.best_rank_] + 10.0
 
@@ -78,3 +80,26 @@ def test_otherwise_draws_have_the_chosen_rank(options):
     search = RankSearchIC(MODEL, **{"ranks": (1, 2)} | options).fit(X, y)
     assert search.best_estimator_.rank_ == search.best_rank_
     assert set(ranks_of(search.best_estimator_)) == {search.best_rank_}
+
+
+@pytest.mark.parametrize("diagonal", [False, True, "equal"])
+def test_one_function_of_all_tasks_is_a_rank_too(diagonal):
+    """That of rank 0, a column of the factor at higher ones."""
+    model = clone(MODEL).set_params(diagonal=diagonal, n_draws=4)
+    found = RankSearchIC(model, ranks=(0, 1), simpler=False, criterion="bic")
+    found.fit(X, ALIKE)
+    assert found.best_rank_ == 0
+    best = found.best_estimator_
+    assert best.rank_ == 1
+    assert np.isfinite(best.predict(Z)).all()
+
+
+def test_tasks_with_descriptors_are_drawn_at_rank_0_by_itself():
+    rows = np.insert(X, 1, X[:, 1] ** 2, axis=1)
+    model = clone(MODEL).set_params(task_descriptors=[1], n_draws=4)
+    search = RankSearchIC(model, ranks=(0, 1), simpler=False, criterion="bic")
+    best = search.fit(rows, ALIKE).best_estimator_
+    assert best.rank_ == search.best_rank_ == 0
+    for theta in best.theta_samples_:
+        K = best._likelihoods[0].prior.K_rho_at(theta)
+        np.testing.assert_allclose(K, K[0, 0])

@@ -132,6 +132,8 @@ def test_the_users_kernel_is_another():
         (low_rank(3, 0, shared=True), low_rank(3, 2, shared=True)),
         (low_rank(3, 1, shared=True), low_rank(3, 2, shared=True)),
         (low_rank(3, 1, diagonal=True), low_rank(3, 2, diagonal=True)),
+        (low_rank(3, 0, True, shared=True), low_rank(3, 2, True)),
+        (low_rank(3, 0, "equal", shared=True), low_rank(3, 2, "equal")),
         (task_covariance(3, 1, Q), task_covariance(3, 2, Q)),
     ],
     ids=str,

@@ -169,7 +169,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes about ten times as long.
+          uncertain. It takes ten to a hundred times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, and "laplace" otherwise; "mode" with sparse inference or
           several kernels.
@@ -470,7 +470,7 @@ class PooledGP(_FixedTaskCovarianceGP):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes about ten times as long.
+          uncertain. It takes ten to a hundred times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, and "laplace" otherwise; "mode" with sparse inference or
           several kernels.

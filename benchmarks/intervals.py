@@ -148,6 +148,8 @@ def main():
         "--before", help="an earlier one, to hold the draws of --report to"
     )
     args = parser.parse_args()
+    if args.before and not args.report:
+        parser.error("--before is held against the rows of --report")
     if args.before:
         return compare(
             *(pd.read_json(f, lines=True) for f in (args.before, args.report))

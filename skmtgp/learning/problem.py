@@ -38,6 +38,8 @@ class Budget:
         When the fit began, in seconds as of `time.time`.
     pace : float, default=0.0
         Seconds that one likelihood takes, over the cube of its rows. 0 is unknown.
+    only_begins : bool, default=False
+        Whether all rows are learned from afterwards, beginning at what is learned now.
     """
 
     max_iter: int
@@ -47,6 +49,7 @@ class Budget:
     verbose: int = 0
     begun: float = 0.0
     pace: float = 0.0
+    only_begins: bool = False
 
 
 @dataclass(frozen=True)

@@ -92,9 +92,19 @@ def from_starts(
         The best mode found, for each output and form.
     """
     options = {"n_jobs": n_jobs, "progress": progress}
+    problems = list(map(_as_exact_as_needed, problems, starts))
     modes = _coarse_to_fine(problems, forms, starts, firsts=firsts, **options)
     names = {str(form) for form in [*compared, *forms]}
     return _with_diagonal(problems, forms, starts, modes, names, **options)
+
+
+def _as_exact_as_needed(problem, starts):
+    """The problem, learned quickly where noisy data only begin to be learned.
+
+    Without noise that would miss modes that are far better.
+    """
+    rough = problem.budget.only_begins and likeliest(starts).is_noisy
+    return problem.quickly() if rough else problem
 
 
 def coarsest(problems):

@@ -52,7 +52,8 @@ def _exact(problem):
     if engine.n_exact is None:
         return problem
     drawn = data.drawn(min(engine.n_exact, len(data)))
-    return replace(problem, data=drawn, engine=Dense())
+    budget = replace(problem.budget, only_begins=True)
+    return replace(problem, data=drawn, engine=Dense(), budget=budget)
 
 
 def learn_rest(problems, forms, modes, **options):

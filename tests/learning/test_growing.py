@@ -11,9 +11,10 @@ from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
 from skmtgp._support.progress import silent
-from skmtgp.learning import growing
+from skmtgp.learning import climbing, growing
 from skmtgp.learning.growing import learn_forms, told
 from skmtgp.learning.ranks import learn_ranks
+from skmtgp.learning.summarised import exact_part
 from skmtgp.model.task_covariance import low_rank
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -151,3 +152,28 @@ def test_default_rank_is_one_that_the_exact_rows_tell(n_exact, rank):
     options = {"n_exact": n_exact, "max_iter": 0}
     model = MultiTaskGPRegressor(**MODEL.get_params(deep=False) | options).fit(X, y)
     assert model.rank_ == rank  # which has 12, 23, 50 numbers
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_noisy_data_only_begin_to_be_learned_from_some_rows(monkeypatch, noise):
+    tols, minimize = [], climbing.minimize
+
+    def told(*arguments, tol, **options):
+        tols.append(tol)
+        return minimize(*arguments, tol=tol, **options)
+
+    X, y = draw(1)
+    y = np.sin(2.0 * X[:, 0]) + noise * np.random.default_rng(1).standard_normal(N)
+    [problem], learn, _ = asked(X, y)
+    monkeypatch.setattr(climbing, "minimize", told)
+
+    def tols_of(problem):
+        tols.clear()
+        learn([problem], [low_rank(M, 1)], **RUNNING)
+        return set(tols)
+
+    exact, rough = problem.budget.tol, problem.tuning.relaxed_tol
+    [part] = exact_part([problem], [low_rank(M, 1)])
+    whole = replace(part, budget=replace(part.budget, only_begins=False))
+    assert tols_of(whole) == {exact, rough}
+    assert tols_of(part) == ({rough} if noise else {exact, rough})

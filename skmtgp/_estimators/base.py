@@ -38,7 +38,7 @@ from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.ranges import along_ranges
 from skmtgp.learning.telling import about, in_words
-from skmtgp.model.task_covariance import identity
+from skmtgp.model.task_covariance import low_rank
 
 TRANSFORMER = "fit", "transform", "inverse_transform"
 
@@ -180,7 +180,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
 
     def _form_for_screening(self, n_tasks):
         """K^rho of the small model that says in which units to learn."""
-        return identity(n_tasks, diagonal=True)
+        return low_rank(n_tasks, 0, diagonal=True)
 
     def _named_kernel(self, name, features):
         """The kernel of a name."""

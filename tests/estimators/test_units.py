@@ -285,6 +285,12 @@ class TestAuto:
             asked = {name: value, "max_iter": 3}
             assert decided(*CASES[case][0], **asked)[place] == value
 
+    @pytest.mark.parametrize("counts", [5, 12])
+    def test_small_tasks_with_the_same_noise(self, counts):
+        for seed in range(6):
+            data = functions([0.0, 0.1, 3.0, 0.2], noises=0.2, counts=counts, seed=seed)
+            assert decided(*data, max_iter=3)[0] == "shared"
+
     def test_fixed_noise_is_shared(self):
         data, _ = CASES["noise"]
         found = decided(*data, noise_variance_bounds="fixed")

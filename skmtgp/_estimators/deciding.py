@@ -12,6 +12,7 @@ from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.screening import (
+    as_large,
     criterion,
     differ_in_noise,
     differ_in_size,
@@ -108,9 +109,13 @@ def _screened(model, training, noises):
     small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]
     candidates = [(training, found)]
-    if len(noises) > 1 and any(differ_in_noise(*of) for of in found):
-        found = [with_own_noise(*of) for of in found]
-        candidates.append((replace(training, noise=noises[1]), found))
+    if len(noises) > 1:
+        large = [(problem, as_large(problem, mode)) for problem, mode in found]
+        starts = [of for of in (found, large) if any(differ_in_noise(*o) for o in of)]
+        own = [[with_own_noise(*of) for of in start] for start in starts]
+        own = [max(of, key=lambda o: o[1].value) for of in zip(*own, strict=True)]
+        if own:
+            candidates.append((replace(training, noise=noises[1]), own))
     # of either noise: what noise of each task explains is no roughness
     scored = []
     for candidate, found in candidates:

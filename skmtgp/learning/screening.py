@@ -11,7 +11,8 @@ Data that speak for nothing but common units are not asked at length:
 
 - :func:`differ_in_size` compares the tasks' deviations alone;
 - :func:`differ_in_noise` foresees from one fit with shared noise what noise for each
-  task would gain.
+  task would gain; and from :func:`as_large`, for a task's noise may be taken for large
+  functions.
 """
 
 from dataclasses import replace
@@ -23,6 +24,7 @@ from skmtgp._data.dask import map_parts
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.climbing import climb
+from skmtgp.model.task_covariance import WithDiagonal
 
 
 def differ_in_size(scales, counts):
@@ -67,6 +69,30 @@ def screen(problem):
     variances = squares / np.maximum(_of_tasks(data, np.ones(len(data))), 1.0)
     theta = problem.theta(K_rho=np.diag(variances))
     return problem, climb(problem, theta, relaxed=True)
+
+
+def as_large(problem, mode):
+    """The mode whose functions are as large in all tasks: the rest of each is noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of the coarsest data.
+    mode : Mode
+        Its mode.
+
+    Returns
+    -------
+    mode : Mode
+        Of the same problem. The one that is given where K^rho is not diag(kappa).
+    """
+    prior, form = problem.prior, problem.prior.task_covariance
+    if not form.n_own or form.n_kappa or form.shared:
+        return mode
+    equal, found = screen(problem.with_form(WithDiagonal(form.form, equal=True)))
+    rho = form.parameters(equal.prior.K_rho_at(found.theta))
+    same = found._replace(theta=prior.with_rho(found.theta, rho))
+    return mode.then(same)
 
 
 def _of_tasks(data, of_rows):

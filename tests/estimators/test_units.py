@@ -291,6 +291,16 @@ class TestAuto:
             data = functions([0.0, 0.1, 3.0, 0.2], noises=0.2, counts=counts, seed=seed)
             assert decided(*data, max_iter=3)[0] == "shared"
 
+    @pytest.mark.parametrize("seed", range(3))
+    def test_noise_that_may_be_taken_for_large_functions(self, seed):
+        rng = np.random.default_rng(seed)
+        tasks = np.repeat(np.arange(12), 20)
+        X = rng.uniform(-2.0, 2.0, (len(tasks), 3))  # few rows nearby
+        noise = np.where(tasks % 4 == 1, 1.0, 0.01) * rng.standard_normal(len(tasks))
+        y = np.sin(1.5 * X[:, 0] + X[:, 1]) + noise
+        found = decided(np.column_stack([X, tasks]), y, max_iter=3)
+        assert found == ("shared", "per_task")
+
     def test_fixed_noise_is_shared(self):
         data, _ = CASES["noise"]
         found = decided(*data, noise_variance_bounds="fixed")

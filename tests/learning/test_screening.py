@@ -4,8 +4,8 @@ import pytest
 from drawn import pose
 
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.screening import tells_noise, with_own_noise
-from skmtgp.model.task_covariance import low_rank
+from skmtgp.learning.screening import as_large, screen, tells_noise, with_own_noise
+from skmtgp.model.task_covariance import identity, low_rank, ones
 
 
 def drawn(n_rows, deviations):
@@ -34,3 +34,22 @@ def test_a_climb_ends_where_noise_follows_rows(data, rank, told):
     if told:  # it has fallen as far
         fall = np.ptp(own.prior.log_noise_at(ended.theta))
         assert fall > -np.log(problem.tuning.vanished)
+
+
+def test_functions_are_as_large_in_all_tasks():
+    data = drawn(12, [0.5, 0.1, 0.02])
+    problem, mode = screen(pose(data, low_rank(3, 0, True), max_iter=100))
+    sizes = np.diagonal(problem.prior.K_rho_at(mode.theta))
+    equal = as_large(problem, mode)
+    K_rho = problem.prior.K_rho_at(equal.theta)
+    assert sizes.max() > 1.01 * sizes.min()
+    np.testing.assert_allclose(K_rho, K_rho[0, 0] * np.eye(3), rtol=1e-12)
+    assert equal.value == pytest.approx(problem.likelihood().value(equal.theta))
+    assert equal.value <= mode.value
+    assert equal.n_evaluations > mode.n_evaluations
+
+
+@pytest.mark.parametrize("form", [identity(3), identity(3, True), ones(3)])
+def test_others_have_no_sizes(form):
+    problem, mode = screen(pose(drawn(12, [0.5, 0.1, 0.02]), form, max_iter=5))
+    assert as_large(problem, mode) is mode

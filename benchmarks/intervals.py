@@ -12,6 +12,9 @@ of new observations, "mse" the mean squared error of f, all averaged over the dr
 cell. "times" is how many times a fit's likelihoods sampling took, "ess" the effective
 sample size of the hyperparameter for which it is least, "rhat" the largest R-hat;
 medians.
+
+``--decisions`` fits nothing. It counts which units, noise and kernel the defaults take
+for these data, whose tasks share all of them.
 """
 
 import argparse
@@ -29,6 +32,8 @@ from sklearn.base import clone
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.reading import read
 
 N_TEST, NOISE, RANGE = 20, 0.2, 8.0
 TRUE, CHOSEN = "true rank", "chosen rank"
@@ -131,6 +136,20 @@ def compared(names, n_draws, job):
     return rows
 
 
+def decided(job):
+    """Whether units are of each task, the noise, and the kernel that are taken."""
+    X, y, *_ = draw(*job)
+    model = MultiTaskGPRegressor()
+    taken = decide(model, read(model, X, y))
+    return {
+        "tasks": job[0],
+        "rows": job[1],
+        "units": "per_task" if taken.units.per_task else "shared",
+        "noise": taken.noise,
+        "kernel": taken.kernel,
+    }
+
+
 def main():
     """Run the cells and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -144,6 +163,9 @@ def main():
     parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--output", help="file of the rows, one JSON object each")
     parser.add_argument("--report", help="such a file, whose table is printed alone")
+    parser.add_argument(
+        "--decisions", action="store_true", help="what the defaults decide, alone"
+    )
     parser.add_argument(
         "--before", help="an earlier one, to hold the draws of --report to"
     )
@@ -159,6 +181,10 @@ def main():
     seeds = range(args.first, args.first + args.seeds)
     jobs = list(product(args.tasks, args.rows, args.ranks, seeds))
     jobs.sort(key=lambda job: job[3])  # a part of a run has every cell
+    if args.decisions:
+        with threadpool_limits(1):
+            taken = pd.DataFrame([decided(job) for job in jobs])
+        return print(taken.groupby(list(taken)).size().to_string())
     rows = []
     with ProcessPoolExecutor(args.jobs) as pool:
         for found in pool.map(partial(compared, args.by, args.n_draws), jobs):

@@ -109,13 +109,8 @@ def _screened(model, training, noises):
     small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]
     candidates = [(training, found)]
-    if len(noises) > 1:
-        large = [(problem, as_large(problem, mode)) for problem, mode in found]
-        starts = [of for of in (found, large) if any(differ_in_noise(*o) for o in of)]
-        own = [[with_own_noise(*of) for of in start] for start in starts]
-        own = [max(of, key=lambda o: o[1].value) for of in zip(*own, strict=True)]
-        if own:
-            candidates.append((replace(training, noise=noises[1]), own))
+    if len(noises) > 1 and (own := _own_noise(found)):
+        candidates.append((replace(training, noise=noises[1]), own))
     # of either noise: what noise of each task explains is no roughness
     scored = []
     for candidate, found in candidates:
@@ -123,6 +118,18 @@ def _screened(model, training, noises):
         candidate = replace(candidate, kernel=kernels[-1])
         scored.append((_score(small, found), candidate))
     return max(scored, key=lambda of: of[0])
+
+
+def _own_noise(found):
+    """The same with noise of each task; nothing if that cannot gain.
+
+    It is learned from the mode, and from functions that are as large in all tasks: from
+    one of them its noise may be out of reach, taken for large functions.
+    """
+    large = [(problem, as_large(problem, mode)) for problem, mode in found]
+    starts = [of for of in (found, large) if any(differ_in_noise(*o) for o in of)]
+    own = [[with_own_noise(*of) for of in start] for start in starts]
+    return [max(of, key=lambda o: o[1].value) for of in zip(*own, strict=True)]
 
 
 def _rougher(model, training, found, n_jobs=None):

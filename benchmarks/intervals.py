@@ -184,7 +184,8 @@ def main():
     if args.decisions:
         with threadpool_limits(1):
             taken = pd.DataFrame([decided(job) for job in jobs])
-        return print(taken.groupby(list(taken)).size().to_string())
+        print(taken.groupby(list(taken)).size().to_string())
+        return
     rows = []
     with ProcessPoolExecutor(args.jobs) as pool:
         for found in pool.map(partial(compared, args.by, args.n_draws), jobs):

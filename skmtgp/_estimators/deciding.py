@@ -25,6 +25,8 @@ from skmtgp.learning.screening import (
 )
 from skmtgp.learning.summarised import exact_part
 
+SURE = 3.0  # nats that noise of each task must gain where a fit did not foresee it
+
 
 def decide(model, training, progress=None):
     """The training data with the units, noise and k^x that are to be learned with.
@@ -121,15 +123,20 @@ def _screened(model, training, noises):
 
 
 def _own_noise(found):
-    """The same with noise of each task; nothing if that cannot gain.
+    """What was found with noise of each task, if that may gain; else nothing.
 
-    It is learned from the mode, and from functions that are as large in all tasks: from
-    one of them its noise may be out of reach, taken for large functions.
+    Where it seems not to, noise may have been taken for large functions. Then it is
+    learned from functions that are as large in all tasks, and must gain more.
     """
+    if any(differ_in_noise(*of) for of in found):
+        return [with_own_noise(*of) for of in found]
     large = [(problem, as_large(problem, mode)) for problem, mode in found]
-    starts = [of for of in (found, large) if any(differ_in_noise(*o) for o in of)]
-    own = [[with_own_noise(*of) for of in start] for start in starts]
-    return [max(of, key=lambda o: o[1].value) for of in zip(*own, strict=True)]
+    known = all(mode is not None for _, mode in large)
+    if not (known and any(differ_in_noise(*of) for of in large)):
+        return []
+    own = [with_own_noise(*of) for of in large]
+    gain = sum(criterion(*of) for of in own) - sum(criterion(*of) for of in found)
+    return own if gain > SURE else []
 
 
 def _rougher(model, training, found, n_jobs=None):

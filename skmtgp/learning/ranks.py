@@ -101,7 +101,7 @@ def from_starts(
 def _as_exact_as_needed(problem, starts):
     """The problem, learned quickly where noisy data only begin to be learned.
 
-    Without noise that would miss modes that are far better.
+    Without noise, quick learning would miss modes that are far better.
     """
     rough = problem.budget.only_begins and likeliest(starts).is_noisy
     return problem.quickly() if rough else problem

@@ -11,8 +11,8 @@ Data that speak for nothing but common units are not asked at length:
 
 - :func:`differ_in_size` compares the tasks' deviations alone;
 - :func:`differ_in_noise` foresees from one fit with shared noise what noise for each
-  task would gain; and from :func:`as_large`, for a task's noise may be taken for large
-  functions.
+  task would gain. Where the fit took noise for large functions, it does so from another
+  one, :func:`as_large`.
 """
 
 from dataclasses import replace
@@ -84,15 +84,16 @@ def as_large(problem, mode):
     Returns
     -------
     mode : Mode
-        Of the same problem. The one that is given where K^rho is not diag(kappa).
+        Of the same problem; None where K^rho is not diag(kappa).
     """
     prior, form = problem.prior, problem.prior.task_covariance
-    if not form.n_own or form.n_kappa or form.shared:
-        return mode
+    if prior.n_terms > 1 or not form.n_own or form.n_kappa or form.shared:
+        return None
     equal, found = screen(problem.with_form(WithDiagonal(form.form, equal=True)))
     rho = form.parameters(equal.prior.K_rho_at(found.theta))
-    same = found._replace(theta=prior.with_rho(found.theta, rho))
-    return mode.then(same)
+    theta = prior.with_rho(found.theta, rho)
+    value = problem.likelihood().value(theta)
+    return mode.then(found._replace(theta=theta, value=value))
 
 
 def _of_tasks(data, of_rows):
@@ -165,7 +166,7 @@ def with_own_noise(problem, mode, *, to_the_end=True):
     problem : Problem
         With noise for each task.
     mode : Mode
-        Not worse.
+        Not worse than the one that is given.
     """
     prior, theta = problem.prior.with_own_noise(mode.theta)
     problem = replace(problem, prior=prior)

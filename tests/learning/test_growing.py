@@ -158,14 +158,14 @@ def test_default_rank_is_one_that_the_exact_rows_tell(n_exact, rank):
 def test_noisy_data_only_begin_to_be_learned_from_some_rows(monkeypatch, noise):
     tols, minimize = [], climbing.minimize
 
-    def told(*arguments, tol, **options):
+    def recorded(*arguments, tol, **options):
         tols.append(tol)
         return minimize(*arguments, tol=tol, **options)
 
     X, y = draw(1)
     y = np.sin(2.0 * X[:, 0]) + noise * np.random.default_rng(1).standard_normal(N)
     [problem], learn, _ = asked(X, y)
-    monkeypatch.setattr(climbing, "minimize", told)
+    monkeypatch.setattr(climbing, "minimize", recorded)
 
     def tols_of(problem):
         tols.clear()

@@ -49,7 +49,9 @@ def test_functions_are_as_large_in_all_tasks():
     assert equal.n_evaluations > mode.n_evaluations
 
 
-@pytest.mark.parametrize("form", [identity(3), identity(3, True), ones(3)])
+@pytest.mark.parametrize(
+    "form", [identity(3), identity(3, True), ones(3), low_rank(3, 1, True)]
+)
 def test_others_have_no_sizes(form):
     problem, mode = screen(pose(drawn(12, [0.5, 0.1, 0.02]), form, max_iter=5))
-    assert as_large(problem, mode) is mode
+    assert as_large(problem, mode) is None

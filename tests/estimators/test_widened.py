@@ -297,7 +297,7 @@ class TestRowsOfFactors:
         assert std[2] == pytest.approx(alone[2])
 
     def test_intervals_hold_more(self):
-        """Of 2 rows of a sixth task: 20 test points of each of twelve draws."""
+        """Of one row of a sixth task: 20 test points of each of twelve draws."""
         held = {"tasks": [], None: []}
         for seed in range(12):
             rng = np.random.default_rng(seed)
@@ -310,11 +310,11 @@ class TestRowsOfFactors:
             model = MultiTaskGPRegressor(rank=1, kernel="rbf", learning="staged")
             model.fit(rows[:100], t[:100])
             for prior, of in held.items():
-                joined = model.add_task(rows[120:], t[120:], prior=prior)
+                joined = model.add_task(rows[120:121], t[120:121], prior=prior)
                 lower, upper = joined.predict_interval(rows[100:120])
                 of.append(np.mean((lower <= t[100:120]) & (t[100:120] <= upper)))
         assert np.mean(held["tasks"]) > 0.8
-        assert np.mean(held["tasks"]) > np.mean(held[None]) + 0.05
+        assert np.mean(held["tasks"]) > np.mean(held[None]) + 0.1
 
 
 @pytest.mark.long

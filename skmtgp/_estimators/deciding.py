@@ -108,7 +108,7 @@ def _noises(model, training):
 
 
 def _screened(model, training, noises):
-    """A score of the training data, among other units, and they with what is best."""
+    """The score of these units, and the training data with the best noise and k^x."""
     # how far apart levels are says nothing of units: they have the same prior in all
     small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]

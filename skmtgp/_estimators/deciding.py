@@ -141,9 +141,11 @@ def _own_noise(found):
 
     Where it seems not to, noise may have been taken for large functions. Then it is
     learned from functions that are as large in all tasks, and must gain more. Data
-    without noise are not asked: what they gain is another mode.
+    without noise are not asked: what they gain is another mode. Nor are those whose
+    covariance is singular wherever learning went.
     """
-    if not all(problem.is_noisy(mode) for problem, mode in found):
+    noisy = all(problem.is_noisy(mode) for problem, mode in found)
+    if not (noisy and np.isfinite(_value(found))):
         return []
     if any(differ_in_noise(*of) for of in found):
         own, least = [with_own_noise(*of) for of in found], 0.0

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from levelled import KERNEL, draw
 from samples import log_densities
 from sklearn.base import clone
+from sklearn.gaussian_process.kernels import RBF, DotProduct
 from strategies import examples, seeds
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
@@ -453,3 +454,16 @@ def test_means_of_repeats_decide_as_all_measurements(own, seed):
     known = {"sample_weight": np.full(n, repeats), "repeat_variance": spread}
     averaged = MultiTaskGPRegressor(**options).fit(X, mean, **known)
     assert averaged.noise_ == all_rows.noise_ == ("per_task" if own else "shared")
+
+
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.JitterWarning")
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
+def test_noise_is_shared_where_every_covariance_is_singular():
+    """Seconds since 1970 in a linear kernel: no likelihood is known to compare."""
+    rng = np.random.default_rng(0)
+    x, tasks = 1.7e9 + rng.uniform(0.0, 1e4, 20), np.arange(20) % 2
+    y = np.sin(x / 2e3) + 0.1 * rng.standard_normal(20)
+    model = MultiTaskGPRegressor(
+        DotProduct(1.0) + RBF(1e3), noise_variance=1e-8, task_levels=False, max_iter=10
+    )
+    assert model.fit(np.column_stack([x, tasks]), y).noise_ == "shared"

@@ -96,7 +96,11 @@ def as_large(problem, mode):
     prior, form = problem.prior, problem.prior.task_covariance
     if prior.n_terms > 1 or not form.n_own or form.n_kappa or form.shared:
         return None
-    equal, found = screen(problem.with_form(WithDiagonal(form.form, equal=True)))
+    equal = problem.with_form(WithDiagonal(form.form, equal=True))
+    of_mode = equal.prior.task_covariance.parameters(prior.K_rho_at(mode.theta))
+    theta = equal.prior.with_rho(mode.theta, of_mode)
+    start = np.where(equal.prior.of_noise, np.maximum(theta, prior.log_noise), theta)
+    found = climb(equal, start, relaxed=True)
     rho = form.parameters(equal.prior.K_rho_at(found.theta))
     theta = prior.with_rho(found.theta, rho)
     value = problem.likelihood().value(theta)

@@ -17,6 +17,8 @@ from skmtgp.learning.screening import (
     differ_in_noise,
     differ_in_size,
     leaves_noise,
+    n_measured,
+    price,
     price_of_tasks,
     score,
     screen,
@@ -70,7 +72,10 @@ def _decided(model, training):
         return candidates[0]
     with limit_threads(len(training.Y)):
         found = [_screened(model, candidate, noises) for candidate in candidates]
-    return max(found, key=lambda of: of[0])[1]
+        scores = [score for score, *_ in found]
+        if len(found) > 1 and found[0][1].noise != noises[0]:
+            scores[1] += sum(_gain_as_large(*of) for of in found[1][2])
+    return found[int(np.argmax(scores))][1]
 
 
 def _units(model, training):
@@ -120,10 +125,24 @@ def _screened(model, training, noises):
     for candidate, found in candidates:
         kernels, found = _rougher(model, candidate, found)
         candidate = replace(candidate, kernel=kernels[-1])
-        scored.append((_score(small, found), candidate))
+        scored.append((_score(small, found), candidate, found))
         own = candidate.noise != noises[0]
         among_units.append(scored[-1][0] - own * _head_start(found))
-    return max(among_units), max(scored, key=lambda of: of[0])[1]
+    _, *best = max(scored, key=lambda of: of[0])
+    return max(among_units), *best
+
+
+def _gain_as_large(problem, mode):
+    """What a model of tasks with units of their own gains if functions are as large.
+
+    One size for all is one number, and one of the units is that of all.
+    """
+    large, data = as_large(problem, mode), problem.data
+    if large is None:
+        return 0.0
+    spared = price(data.n_tasks - 1, n_measured(data))
+    lost = mode.value - large.value
+    return max(0.0, spared - lost) + price_of_tasks(data) / data.n_tasks
 
 
 def _head_start(found):

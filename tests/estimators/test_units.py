@@ -370,6 +370,17 @@ class TestAuto:
         found = model.log_marginal_likelihoods_
         np.testing.assert_allclose(found, expected, rtol=1e-7)
 
+    @pytest.mark.parametrize("seed", [0, 1])
+    def test_metals_differ_in_units_though_noise_of_each_would_do(self, seed):
+        """Functions that differ by their units, with noise of one's own."""
+        rng, tasks = np.random.default_rng(seed), np.repeat([0, 1, 2], 40)
+        x, noise = rng.uniform(0.0, 6.0, 120), np.array([0.5, 0.15, 0.25])
+        y = np.sin(1.5 * x + 0.6 * tasks) + 3.0
+        y += noise[tasks] * rng.standard_normal(120)
+        y *= np.array([1.0, 10.0, 30.0])[tasks]
+        found = decided(np.column_stack([x, tasks]), y, MultiTaskGPRegressor())
+        assert found == ("per_task", "per_task")
+
     def test_small_units_are_predicted_as_well_as_large_ones(self):
         (X, y), _ = CASES["units"]
         model = MultiTaskGPRegressor(rank=2).fit(X, y)
@@ -399,7 +410,7 @@ def test_noise_of_tasks_is_not_asked_where_one_has_no_row_for_it(monkeypatch):
         deciding, "differ_in_noise", lambda *of: asked.append(of) or plain(*of)
     )
     monkeypatch.setattr(
-        deciding, "_screened", lambda _, training, __: (0.0, training, "shared")
+        deciding, "_screened", lambda _, training, __: (0.0, training, [])
     )
     model = MultiTaskGPRegressor(rank=1).fit(X, y)
     assert model.noise_ == "shared"

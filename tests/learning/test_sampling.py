@@ -225,6 +225,12 @@ def test_chains_are_shared_out_by_weight(weights, expected):
     assert sampling._share_out(np.array(weights)) == expected
 
 
+def test_higher_ranks_have_a_head_start_but_not_the_first_column():
+    found = [sampling._understated(8, rank) for rank in range(5)]
+    np.testing.assert_allclose(found, [0.0, 0.0, 4.0, 7.6, 10.6])
+    assert sampling._understated(200, 3) == 2.0 * sampling.MOST_UNDERSTATED
+
+
 def test_quantities_do_not_see_rotations():
     prior = building.prior(RBF(1.0), low_rank(3, 2), levels=True)
     theta = Hyperprior(prior).draw(np.random.default_rng(0))

@@ -73,6 +73,7 @@ def _decided(model, training):
     with limit_threads(len(training.Y)):
         found = [_screened(model, candidate, noises) for candidate in candidates]
         scores = [score for score, *_ in found]
+        # that noise may be in the place of units: then the functions tell
         if len(found) > 1 and found[0][1].noise != noises[0]:
             scores[1] += sum(_gain_as_large(*of) for of in found[1][2])
     return found[int(np.argmax(scores))][1]

@@ -7,7 +7,7 @@ from skmtgp._numerics.memory import check_available
 from skmtgp._numerics.parallel import SMALL, count_threads
 from skmtgp.inference.likelihood import FISHER_ROWS, rows_of_information
 from skmtgp.inference.sparse import BLOCK
-from skmtgp.inference.tiles import TILE, edges_of
+from skmtgp.inference.tiles import edges_of, side_of
 from skmtgp.model._nodes import compile_kernel, count_arrays, count_elements
 from skmtgp.model.several import terms_of
 
@@ -63,7 +63,7 @@ class TileMemory:
         heights, lengths = np.diff(edges), n_rows - edges[:-1]
         kept = self.n_arrays * float((heights * lengths).sum())
         side = int(heights.max(initial=0))
-        work = WORK * min(TILE, n_rows) ** 2
+        work = WORK * min(side_of(n_rows), n_rows) ** 2
         work += count_elements(self.kernel, side, self.node)
         n_threads = 1 if n_rows < SMALL else min(count_threads(), len(heights))
         return 8.0 * (n_climbs * kept + max(n_climbs, n_threads) * work)

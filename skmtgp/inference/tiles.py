@@ -12,10 +12,18 @@ from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference.likelihood import Likelihood
 from skmtgp.model._nodes import allocate
 
-# Side of a square of as many pairs as a tile has, at most. Products of more pairs and
-# some 25 features take half as much time again: OpenBLAS has another way for small ones
+# Side of a square of as many pairs as a tile of few rows has. Products of more pairs
+# and some 25 features take a little longer: OpenBLAS has another way for small ones
 TILE = 200
+# It is a fifth of more rows, and twice as long at most. Threads wait for each other
+# between numpy's calls: with small tiles two of them are no faster than one
+PARTS = 5
 WIDE = 4  # such sides: the columns of a tile, at most
+
+
+def side_of(n):
+    """Side of a square of as many pairs as a tile of a triangle of n rows has."""
+    return min(max(TILE, n // PARTS), 2 * TILE)
 
 
 def edges_of(n):
@@ -24,9 +32,10 @@ def edges_of(n):
     Down the triangle rows become shorter, and strips of as many pairs higher. Strips
     that end at the last column waste less beyond the diagonal than squares do.
     """
-    lengths = [0.0, float(TILE)]  # of rows of the strips, from the last one up
+    side = side_of(n)
+    lengths = [0.0, float(side)]  # of rows of the strips, from the last one up
     while (below := lengths[-1]) < n:
-        pairs = TILE**2 * ceil(below / (WIDE * TILE))
+        pairs = side**2 * ceil(below / (WIDE * side))
         lengths.append(0.5 * (below + sqrt(below**2 + 4.0 * pairs)))
     lengths = np.array(lengths[::-1])
     return np.unique(np.rint(n - lengths * (n / lengths[0])).astype(int)).tolist()
@@ -37,9 +46,9 @@ def blocks_of(n):
 
     The first part of a strip begins at the diagonal.
     """
-    blocks = []
+    blocks, wide = [], WIDE * side_of(n)
     for a, b in pairwise(edges_of(n)):
-        edges = np.linspace(a, n, ceil((n - a) / (WIDE * TILE)) + 1).astype(int)
+        edges = np.linspace(a, n, ceil((n - a) / wide) + 1).astype(int)
         parts = pairwise(edges.tolist())
         blocks += [(slice(a, b), slice(*part)) for part in parts]
     return blocks

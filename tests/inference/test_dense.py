@@ -63,11 +63,13 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
 @pytest.mark.parametrize("size", [1, 4, 10, 240])
 def test_tiles_are_those_of_the_triangle(n, size, monkeypatch):
     monkeypatch.setattr(tiles, "TILE", size)
+    side = tiles.side_of(n)
+    assert size <= side <= max(size, min(n // 5, 2 * size))
     met, heights = np.zeros((n, n)), []
     for rows, cols in tiles.blocks_of(n):
         met[rows, cols] += 1
         height, width = rows.stop - rows.start, cols.stop - cols.start
-        assert width <= max(tiles.WIDE * size, height)
+        assert width <= max(tiles.WIDE * side, height)
         assert rows.start == cols.start or rows.stop <= cols.start
         heights.append(height)
     assert (met[np.triu_indices(n)] == 1.0).all()

@@ -26,7 +26,7 @@ from skmtgp.inference.engine import Demand
 from skmtgp.inference.engines import Dense, Kronecker
 from skmtgp.inference.memory import TileMemory, check_sparse_memory
 from skmtgp.inference.sparse import SparseBound
-from skmtgp.inference.tiles import TILE, blocks_of
+from skmtgp.inference.tiles import blocks_of, side_of
 from skmtgp.kernels import ARDLinear, Columns
 from skmtgp.model._nodes import compile_kernel, count_arrays
 from skmtgp.model.task_covariance import low_rank
@@ -202,10 +202,10 @@ def test_threads_work_on_tiles_of_their_own(monkeypatch):
     tiles = TileMemory(RBF(), np.zeros((1, 1)))
     one = tiles.of_triangle(2400, 1)
     monkeypatch.setattr(memory, "count_threads", lambda: 4)
-    work = 8.0 * memory.WORK * TILE**2
+    work, of_few = (8.0 * memory.WORK * side_of(n) ** 2 for n in (2400, 480))
     assert tiles.of_triangle(2400, 1) == one + 3 * work
     pairs = sum((a.stop - a.start) * (b.stop - b.start) for a, b in blocks_of(480))
-    assert tiles.of_triangle(480, 1) == 8.0 * pairs + work  # has one thread
+    assert tiles.of_triangle(480, 1) == 8.0 * pairs + of_few  # has one thread
     assert tiles.of_triangle(2400, 4) == 4.0 * (one - work) + 4 * work
 
 

@@ -183,7 +183,8 @@ def report(rows):
         .sort_index(axis=1)
         .round(1)
     )
-    understated = [_understated(*of) for of in rows[["tasks", "rank"]].to_numpy()]
+    sizes = rows[["tasks", "rank", "rows"]].to_numpy()
+    understated = [_understated(*of) for of in sizes]
     weights = {
         "equal": 0.0,
         "laplace": rows["laplace"],

@@ -72,10 +72,10 @@ def _decided(model, training):
         return candidates[0]
     with limit_threads(len(training.Y)):
         found = [_screened(model, candidate, noises) for candidate in candidates]
-        scores = [score for score, *_ in found]
+        scores = np.array([score for score, *_ in found])
         # that noise may be in the place of units: then the functions tell
         if len(found) > 1 and found[0][1].noise != noises[0]:
-            scores[1] += sum(_gain_as_large(*of) for of in found[1][2])
+            scores += [_gain_as_large(*of) for _, *of in found]
     return found[int(np.argmax(scores))][1]
 
 
@@ -133,17 +133,20 @@ def _screened(model, training, noises):
     return max(among_units), *best
 
 
-def _gain_as_large(problem, mode):
-    """What a model of tasks with units of their own gains if functions are as large.
+def _gain_as_large(training, found):
+    """What is gained if functions are as large in all tasks, in these units.
 
-    One size for all is one number, and one of the units is that of all.
+    Their size is one number then. In units of each task it is one of these.
     """
-    large, data = as_large(problem, mode), problem.data
-    if large is None:
-        return 0.0
-    spared = price(data.n_tasks - 1, n_measured(data))
-    lost = mode.value - large.value
-    return max(0.0, spared - lost) + price_of_tasks(data) / data.n_tasks
+    gain = 0.0
+    for problem, mode in found:
+        data, large = problem.data, as_large(problem, mode)
+        if large is not None:
+            spared = price(data.n_tasks - 1, n_measured(data))
+            if training.units.per_task:
+                spared += price_of_tasks(data) / data.n_tasks
+            gain += max(0.0, spared - max(0.0, mode.value - large.value))
+    return gain
 
 
 def _head_start(found):

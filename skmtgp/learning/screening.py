@@ -50,13 +50,15 @@ def differ_in_size(scales, counts):
     return bool(gain.sum() > len(scales) * len(counts) * np.log(n))
 
 
-def screen(problem):
+def screen(problem, known=()):
     """The mode of a problem's coarsest data, from the tasks' variances.
 
     Parameters
     ----------
     problem : Problem
         With K^rho = diag(kappa), or fixed.
+    known : sequence of Mode
+        Others of the coarsest data.
 
     Returns
     -------
@@ -69,8 +71,8 @@ def screen(problem):
     squares = _of_tasks(data, np.square(data.y))
     variances = squares / np.maximum(_of_tasks(data, np.ones(len(data))), 1.0)
     theta, prior = problem.theta(K_rho=np.diag(variances)), problem.prior
-    modes = [climb(problem, theta, relaxed=True)]
-    noise, total = prior.values(modes[0].theta).noise, np.square(data.y).mean()
+    modes = [*known, climb(problem, theta, relaxed=True, known=known)]
+    noise, total = prior.values(modes[-1].theta).noise, np.square(data.y).mean()
     if (noise > problem.tuning.much_noise * total).any() and prior.n_terms == 1:
         for step in problem.tuning.faster:  # they may be taken for noise
             faster = np.where(prior.of_length_scales, theta + step, theta)
@@ -100,7 +102,7 @@ def as_large(problem, mode):
     of_mode = equal.prior.task_covariance.parameters(prior.K_rho_at(mode.theta))
     theta = equal.prior.with_rho(mode.theta, of_mode)
     start = np.where(equal.prior.of_noise, np.maximum(theta, prior.log_noise), theta)
-    found = climb(equal, start, relaxed=True)
+    equal, found = screen(equal, known=[climb(equal, start, relaxed=True)])
     rho = form.parameters(equal.prior.K_rho_at(found.theta))
     theta = prior.with_rho(found.theta, rho)
     value = problem.likelihood().value(theta)

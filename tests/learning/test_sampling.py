@@ -226,9 +226,10 @@ def test_chains_are_shared_out_by_weight(weights, expected):
 
 
 def test_higher_ranks_have_a_head_start_but_not_the_first_column():
-    found = [sampling._understated(8, rank) for rank in range(5)]
+    found = [sampling._understated(8, rank, 5) for rank in range(5)]
     np.testing.assert_allclose(found, [0.0, 0.0, 4.0, 7.6, 10.6])
-    assert sampling._understated(200, 3) == 2.0 * sampling.MOST_UNDERSTATED
+    assert sampling._understated(200, 3, 10) == 2.0 * sampling.MOST_UNDERSTATED
+    assert sampling._understated(200, 3, 40) == 0.5 * sampling.MOST_UNDERSTATED
 
 
 def test_quantities_do_not_see_rotations():

@@ -260,7 +260,8 @@ class TestEngines:
         rng = np.random.default_rng(seed)
         x = np.tile(rng.uniform(-2.0, 2.0, (n_inputs, 2)), (3, 1))
         task = np.repeat([0, 1, 2], n_inputs)
-        return np.column_stack([x, task]), np.sin(x[:, 0]) * (1.0 + task) + task
+        y = np.sin(x[:, 0]) * (1.0 + task) + task
+        return np.column_stack([x, task]), y + 0.1 * rng.standard_normal(len(y))
 
     def test_complete_data_go_on_densely(self):
         model = learner(rank=2).fit(*self.complete())

@@ -15,15 +15,15 @@ from skmtgp.model._nodes import allocate
 # Side of a square of as many pairs as a tile of few rows has. Products of more pairs
 # and some 25 features take a little longer: OpenBLAS has another way for small ones
 TILE = 200
-# It is a fifth of more rows, and twice as long at most. Threads wait for each other
-# between numpy's calls: with small tiles two of them are no faster than one
-PARTS = 5
+# It is a fifth of more rows, since threads wait for each other between numpy's calls:
+# of small tiles two of them are no faster than one. Tiles twice as long leave the cache
+PARTS, LONGEST = 5, 1.4
 WIDE = 4  # such sides: the columns of a tile, at most
 
 
 def side_of(n):
     """Side of a square of as many pairs as a tile of a triangle of n rows has."""
-    return min(max(TILE, n // PARTS), 2 * TILE)
+    return min(max(TILE, n // PARTS), int(LONGEST * TILE))
 
 
 def edges_of(n):

@@ -64,7 +64,7 @@ def test_tiles_do_not_matter(kernel, monkeypatch):
 def test_tiles_are_those_of_the_triangle(n, size, monkeypatch):
     monkeypatch.setattr(tiles, "TILE", size)
     side = tiles.side_of(n)
-    assert size <= side <= max(size, min(n // 5, 2 * size))
+    assert size <= side <= max(size, min(n // 5, int(1.4 * size)))
     met, heights = np.zeros((n, n)), []
     for rows, cols in tiles.blocks_of(n):
         met[rows, cols] += 1

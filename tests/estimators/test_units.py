@@ -301,11 +301,14 @@ class TestAuto:
         rng = np.random.default_rng(seed)
         tasks = np.repeat(np.arange(12), 20)
         X = rng.uniform(-2.0, 2.0, (len(tasks), 3))  # few rows nearby
-        noise = np.where(tasks % 4 == 1, 1.0, 0.05) * rng.standard_normal(len(tasks))
-        y = np.sin(1.5 * X[:, 0] + X[:, 1]) + noise
-        model = MultiTaskGPRegressor()
-        training = read(model, np.column_stack([X, tasks]), y)
-        assert decide(model, training).noise == "per_task"
+        exact = np.sin(1.5 * X[:, 0] + X[:, 1])
+        X, drawn = np.column_stack([X, tasks]), rng.standard_normal(len(tasks))
+        y = exact + np.where(tasks % 4 == 1, 1.0, 0.01) * drawn
+        model = MultiTaskGPRegressor(rank=1, kernel="rbf")
+        assert decided(X, y, model) == ("shared", "per_task")
+        y = exact + np.where(tasks % 4 == 1, 1.0, 0.05) * drawn
+        found = decide(MultiTaskGPRegressor(), read(MultiTaskGPRegressor(), X, y))
+        assert (found.units.per_task, found.noise) == (False, "per_task")
 
     def test_fast_functions_are_not_taken_for_noise(self):
         rng = np.random.default_rng(2)

@@ -73,7 +73,7 @@ def _decided(model, training):
     with limit_threads(len(training.Y)):
         found = [_screened(model, candidate, noises) for candidate in candidates]
         scores = np.array([score for score, *_ in found])
-        # that noise may be in the place of units: then the functions tell
+        # noise of each task can take the place of units: then functions decide
         if len(found) > 1 and found[0][1].noise != noises[0]:
             scores += [_gain_as_large(*of) for _, *of in found]
     return found[int(np.argmax(scores))][1]
@@ -134,9 +134,10 @@ def _screened(model, training, noises):
 
 
 def _gain_as_large(training, found):
-    """What is gained if functions are as large in all tasks, in these units.
+    """Nats that are gained if functions are as large in all tasks, in these units.
 
-    Their size is one number then. In units of each task it is one of these.
+    One amplitude then serves all tasks. In units of each task it is no number of its
+    own, because all units can be multiplied by it.
     """
     gain = 0.0
     for problem, mode in found:
@@ -150,10 +151,10 @@ def _gain_as_large(training, found):
 
 
 def _head_start(found):
-    """What noise of each task gains over units of each where these are right, too.
+    """What noise of each task gains by chance over units of each task.
 
-    It has one number more, for the noise of all, and unlike units it is learned: each
-    number gains half a nat by chance.
+    Noise variances are learned, so each gains half a nat. And with units of each task
+    the noise is one number more, which counts as one of these.
     """
     n_tasks = found[0][0].data.n_tasks
     return sum(0.5 * n_tasks + price_of_tasks(of.data) / n_tasks for of, _ in found)

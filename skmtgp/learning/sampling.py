@@ -187,7 +187,7 @@ def _understated(n_tasks, rank, n_rows):
 
     `n_rows` is the number of rows of a task.
     """
-    n_elements = n_tasks - np.arange(1, rank)  # of columns after the first, at an angle
+    n_elements = n_tasks - np.arange(1, rank)  # of L: zeros above its diagonal
     of_few = np.minimum(UNDERSTATED * n_elements, MOST_UNDERSTATED).sum()
     return of_few * min(1.0, FEW_ROWS / n_rows)
 

@@ -9,12 +9,23 @@ from skmtgp._data.checks import check_test
 
 
 class Expected(NamedTuple):
-    """Predictions by the book, and sizes to compare errors with."""
+    """Predictions by the book, and sizes to compare errors with.
+
+    Attributes
+    ----------
+    mean, variance : ndarray of shape (n_new,)
+        At given hyperparameters.
+    size, prior : float
+        Of means and of variances.
+    wide : ndarray of shape (n_new,)
+        Whether the variance is larger by what is open of the hyperparameters.
+    """
 
     mean: np.ndarray
     variance: np.ndarray
     size: float
     prior: float
+    wide: np.ndarray
 
 
 class Book(NamedTuple):
@@ -84,7 +95,8 @@ def by_the_book(model, problem, j, new):
     sizes = np.abs(rest).max(), np.abs(book.centre).max(), far, np.finfo(float).tiny
     diagonal = np.diagonal(covariance)
     prior = max(np.diagonal(K).max(), np.diagonal(given[-1]).max(), diagonal.max())
-    return Expected(mean, diagonal, sum(sizes), prior)
+    wide = sum((of.concerns(of_Z) for of in model._leeway[j]), np.zeros(len(Z), bool))
+    return Expected(mean, diagonal, sum(sizes), prior, wide)
 
 
 def _rows(model, new):

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.stats import norm
 from sklearn.base import clone
 
-from skmtgp._estimators.fitted import evidence_of, likelihood_at
+from skmtgp._estimators.fitted import evidence_of
 from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
@@ -182,7 +182,7 @@ def _of_output(j):
 
 def _leave_out(problem, mode):
     """Log density of each target given the others, in the problem's units, summed."""
-    posterior = likelihood_at(problem, mode).posterior(mode.theta)
+    posterior = problem.likelihood_at(mode).posterior(mode.theta)
     residual, variance = posterior.leave_one_out(include_noise=True)
     return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
 

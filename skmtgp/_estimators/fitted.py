@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
@@ -321,7 +319,8 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             if self.verbose:
                 say("looking how much the rows leave open of the hyperparameters")
             modes = list(map(with_leeway, problems, modes))
-        likelihoods = list(map(likelihood_at, problems, modes))
+        pairs = zip(problems, modes, strict=True)
+        likelihoods = [problem.likelihood_at(mode) for problem, mode in pairs]
         self._store_learned(training, problems[0].engine, likelihoods, modes)
         self.hyperparameters_ = way
         if way == "sampled":
@@ -480,15 +479,10 @@ def evidence_of(model):
     return sum(found) + float(model._log_jacobian.sum())
 
 
-def likelihood_at(problem, mode):
-    """The likelihood by the inducing inputs of a mode, if it has any."""
-    return problem.engine.likelihood(problem.prior, replace(problem.data, Z=mode.Z))
-
-
 def starts_of(problems, modes):
     """The likelihood of each output, and where it was learned."""
     pairs = zip(problems, modes, strict=True)
-    return [(likelihood_at(*pair), pair[1].theta) for pair in pairs]
+    return [(problem.likelihood_at(mode), mode.theta) for problem, mode in pairs]
 
 
 def _of_all_tasks(array):

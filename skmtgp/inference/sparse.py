@@ -220,10 +220,11 @@ class SparseBound(Likelihood):
     def release(self):
         """Give back memory: none is kept between evaluations."""
 
-    def forward(self, theta, summed=None):
+    def forward(self, theta, summed=None, jitter=0.0):
         """The features and the posterior of their weights, by the first pass.
 
-        `summed` has the sums over some of the rows, at this theta, and the others.
+        `summed` has the sums over some of the rows, at this theta, and the others;
+        `jitter` is added to the noise variance.
         """
         if not np.isfinite(theta).all():
             raise NotPositiveDefiniteError("theta is not finite")
@@ -234,7 +235,7 @@ class SparseBound(Likelihood):
         options = {"rows": rows, "n_columns": n_columns}
         more = self.over_rows(sum_features, features, prior.n_tasks, **options)
         sums = more if sums is None else sums + more
-        noise = np.broadcast_to(values.noise, prior.n_tasks)
+        noise = np.broadcast_to(values.noise, prior.n_tasks) + jitter
         loadings = Loadings(prior.latents(theta), len(self.Z))
         return features, Weights(sums, loadings, noise, values.level)
 

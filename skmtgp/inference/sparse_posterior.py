@@ -6,6 +6,9 @@ import numpy as np
 
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.guide import INFERENCE
+from skmtgp._support.warnings import warn
+from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference.flat import Coefficients, WithCoefficients
 from skmtgp.inference.posterior import (
     Summand,
@@ -26,6 +29,7 @@ from skmtgp.inference.weights import Covariances
 from skmtgp.model.several import terms_of
 
 SINGULAR = 1e-8  # of k^x(x, x): what rounding of an all but singular K_ZZ may add
+JITTERS = 10.0 ** np.arange(-12, -3)  # of the largest variance of f, to the noise
 
 
 class SparsePosterior(WithCoefficients):
@@ -82,8 +86,15 @@ class SparsePosterior(WithCoefficients):
 
     def __init__(self, bound, theta, before=None):
         summed = None if before is None else _summed(bound, *before)
+        self.bound, self.theta, self.prior = bound, theta, bound.prior
+        self.kernel = self.prior.kernel_at(theta)
+        self.K_rho = self.prior.K_rho_at(theta)
+        self.level = self.prior.values(theta).level
+        variance = self.level + sum(
+            largest_prior(K_rho, kernel, bound.Z) for kernel, K_rho in self.terms
+        )
         with limit_threads(bound.side):
-            self.features, weights = bound.forward(theta, summed)
+            self.features, weights = _forward(bound, theta, summed, variance)
             self.sums = None if before is None else weights.sums
             sums = bound.residuals(self.features, weights)
             self.log_likelihood = weights.log_density(sums.squares)
@@ -97,17 +108,8 @@ class SparsePosterior(WithCoefficients):
             # f^m(x) = omega_m . L^{-1} k^x(Z, x), summed over the terms
             self.weights = self.features.pull_back(self.omega.T).T
         self.features.warn_of_jitter()
-        self.bound, self.theta, self.noise = bound, theta, weights.noise
-        self.prior, self.block_size = bound.prior, bound.block_size
-        self.kernel, self.K_rho = (
-            self.prior.kernel_at(theta),
-            self.prior.K_rho_at(theta),
-        )
-        self.level = weights.level
-        prior = self.level + sum(
-            largest_prior(K_rho, kernel, bound.Z) for kernel, K_rho in self.terms
-        )
-        rounding = rounding_of(len(bound.tasks), prior, self.noise.min())
+        self.noise, self.block_size = weights.noise, bound.block_size
+        rounding = rounding_of(len(bound.tasks), variance, self.noise.min())
         self.rounding = SINGULAR + rounding
 
     def _set_trend(self, bound, weights, squares, means):
@@ -375,6 +377,30 @@ class SparsePosterior(WithCoefficients):
         )
         np.einsum("aial->ail", told)[...] += of_latent.swapaxes(1, 2) @ of_latent
         return _root(told, rank, n)[columns]
+
+
+def _forward(bound, theta, summed, variance):
+    """The first pass, with more noise where rounding would leave no precision.
+
+    `variance` is the largest of f.
+    """
+    failed = None
+    for jitter in (0.0, *JITTERS):
+        try:
+            found = bound.forward(theta, summed, jitter * variance)
+        except NotPositiveDefiniteError as error:
+            failed = failed or error
+            continue
+        if jitter:
+            warn(
+                "What the training data tell of the inducing variables is not positive "
+                f"definite in floating point; {jitter * variance:.1e} ({jitter:.0e} of "
+                "the variance of f) was added to the noise variance. A larger "
+                f"noise_variance avoids this. {INFERENCE}",
+                JitterWarning,
+            )
+        return found
+    raise failed
 
 
 def _summed(bound, before, origin):

@@ -7,8 +7,6 @@ They do not move the mode: where rows are few the posterior has its mode elsewhe
 without noise, far from what the priors expect, that would be a worse model.
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
@@ -36,8 +34,7 @@ def with_leeway(problem, mode):
     mode : Mode
         The same but for its leeway and the evaluations that it took.
     """
-    data = replace(problem.data, Z=mode.Z)  # by its inducing inputs, if it has any
-    likelihood = problem.engine.likelihood(problem.prior, data)
+    likelihood = problem.likelihood_at(mode)
     hyperprior = Hyperprior(problem.prior)
     chart = Chart(hyperprior, mode.theta)
     if not chart.size:  # all is fixed

@@ -111,6 +111,10 @@ class Problem:
             )
         return WithHyperprior(likelihood) if self.weak_priors else likelihood
 
+    def likelihood_at(self, mode):
+        """The likelihood by the inducing inputs of a mode, if it has any."""
+        return self.engine.likelihood(self.prior, replace(self.data, Z=mode.Z))
+
     def theta(self, **given):
         """Starting values of the prior's parameters, but for what is given."""
         return self.prior.theta(**given, truncation=self.budget.truncation)

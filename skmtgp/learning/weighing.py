@@ -42,7 +42,7 @@ def log_likelihood(problem, mode):
     of_prior = Hyperprior(problem.prior).log_density(mode.theta)[0]
     if np.isfinite(of_prior):
         return mode.value - of_prior
-    return problem.likelihood().likelihood.value(mode.theta)  # not learned: F is zero
+    return problem.likelihood_at(mode).value(mode.theta)  # not learned: F is zero
 
 
 def noise_penalty(prior, theta):

@@ -87,9 +87,10 @@ class Hyperprior:
         of_factor = self.prior.of_factor
         if of_factor.any():
             square = float(np.square(theta[of_factor]).sum())
-            if square == 0.0:
+            if square < np.finfo(float).tiny:
                 return -np.inf, np.full(len(theta), np.nan)
-            log_amplitude = 0.5 * np.log(square / self.unit**2) / OF_AMPLITUDE
+            log_amplitude = 0.5 * np.log(square) - np.log(self.unit)
+            log_amplitude /= OF_AMPLITUDE
             value -= 0.5 * log_amplitude**2
             gradient[of_factor] = (
                 -log_amplitude / OF_AMPLITUDE / square * theta[of_factor]

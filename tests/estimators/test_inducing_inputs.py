@@ -21,6 +21,7 @@ from skmtgp import (
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
+from skmtgp.exceptions import ConstantTargetWarning
 from skmtgp.inference.inducing import greedy_variance
 from skmtgp.learning import summarised
 from skmtgp.learning.problem import Mode
@@ -141,6 +142,17 @@ class TestInducingInputs:
         assert not {tuple(z) for z in first} <= {tuple(x) for x in X[:, :2]}
         for other in others:
             assert_array_equal(first, other)
+
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
+    def test_constant_targets_with_weak_priors(self):
+        """Nothing is learned of them, nor where inducing inputs are."""
+        X, y = draw(60)[0], np.full(60, 2.0)
+        model = MultiTaskGPRegressor(hyperparameters="map", **SPARSE)
+        model.set_params(inducing_inputs="optimised")
+        with pytest.warns(ConstantTargetWarning):
+            search = RankSearchIC(model, ranks=(1, 2)).fit(X, y)
+        assert_allclose(search.predict(X), y, rtol=1e-9)
+        assert np.isfinite(search.results_["log_marginal_likelihood"]).all()
 
     def test_a_novel_task(self):
         X, y = draw(200)

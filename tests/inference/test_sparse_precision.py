@@ -210,3 +210,25 @@ def test_variance_is_never_negative(monkeypatch):
     monkeypatch.setattr(posterior, "kernel", lambda X: less * RBF()(X))
     covariance = posterior.covariance(X, tasks)
     np.testing.assert_array_equal(np.diagonal(covariance), 0.0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_that_leaves_no_digits(seed):
+    """The posterior has more of it, and says so; learning goes on elsewhere.
+
+    A task has fewer rows than there are inducing inputs.
+    """
+    rng, tasks = np.random.default_rng(seed), np.repeat([0, 1], [19, 5])
+    X, y = rng.uniform(0.0, 4.0, (24, 2)), np.full(24, 1.0)
+    form = ones(2, diagonal=True)
+    theta = np.r_[1.0, np.log([1e2, 1e2]), -70.0]
+    bound = building.sparse(RBF(), form, X, tasks, y, X[:10])
+    assert bound.value_and_grad(theta)[0] == -np.inf
+    with pytest.warns(JitterWarning, match="was added to the noise variance"):
+        posterior = bound.posterior(theta)
+    assert (posterior.noise > 1e-11).all()
+    theta[-1] = np.log(posterior.noise[0])
+    same = bound.posterior(theta)
+    for of in (posterior, same):
+        assert np.isfinite(of.log_likelihood)
+    np.testing.assert_allclose(posterior.mean(X, tasks), same.mean(X, tasks), rtol=1e-6)

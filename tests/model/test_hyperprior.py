@@ -29,6 +29,24 @@ def hyperprior_of(form, *, scale=1.0, **options):
     return Hyperprior(building.prior(kernel, form, levels=True, scale=scale, **options))
 
 
+@pytest.mark.parametrize("scale", [1e-100, 1.0, 1e100])
+def test_a_factor_of_next_to_nothing(scale):
+    """Its square may underflow, and its share of the targets' does."""
+    hyperprior = hyperprior_of(FORMS["rank 2"], scale=scale)
+    theta, before = hyperprior.draw(np.random.default_rng(0)), np.inf
+    of_factor = hyperprior.prior.of_factor
+    for size in (scale, 1e-50, 1e-100, 1e-140):
+        theta[of_factor] = size
+        value, gradient = hyperprior.log_density(theta)
+        assert np.isfinite(value)
+        assert np.isfinite(gradient).all()
+        assert scale < 1.0 or value < before
+        before = value
+    for size in (1e-170, 0.0):
+        theta[of_factor] = size
+        assert hyperprior.log_density(theta)[0] == -np.inf
+
+
 @pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
 def test_gradient(form):
     hyperprior = hyperprior_of(form)

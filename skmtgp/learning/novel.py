@@ -243,7 +243,9 @@ class Population:
     def __init__(self, factor, own):
         self.factor, (n_tasks, self.rank) = factor, factor.shape
         self.degrees_of_freedom = max(n_tasks - self.rank, 1)
-        moment = np.square(factor).sum(axis=1).mean() or 1.0
+        moment = np.square(factor).sum(axis=1).mean()
+        if moment < np.finfo(float).tiny:  # all but zero: none to be like
+            moment = 1.0
         covariance = np.atleast_2d(np.cov(factor.T, bias=True))
         covariance[np.diag_indices(self.rank)] += TUNING.ridge * moment
         self.mean, self.scale = np.zeros(self.rank + own), np.eye(self.rank + own)
@@ -389,12 +391,13 @@ def leeway_of(posed, x, task):
     Returns
     -------
     leeway : tuple of OfRow
-        One, or none where there is no l.
+        One, or none where there is no l, or no information: targets that are all zero.
     """
     border, rows = posed.border, posed.rows
-    if not border.rank:
+    information = posed.information(rows.coordinates(x))
+    if not (border.rank and np.isfinite(information).all()):
         return ()
-    covariance = np.linalg.inv(posed.information(rows.coordinates(x)))
+    covariance = np.linalg.inv(information)
     covariance = (rows.scale @ covariance @ rows.scale.T)[: border.rank, : border.rank]
     values, vectors = np.linalg.eigh(covariance)
     axes = (np.sqrt(np.maximum(values, 0.0)) * vectors).T

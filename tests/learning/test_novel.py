@@ -10,7 +10,13 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from skmtgp.inference.border import BorderLikelihood, PairedBorder
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import novel
-from skmtgp.learning.novel import Population, Posed, learn_border, learn_novel
+from skmtgp.learning.novel import (
+    Population,
+    Posed,
+    learn_border,
+    learn_novel,
+    leeway_of,
+)
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.tuning import Tuning
 from skmtgp.model.task_covariance import low_rank
@@ -108,7 +114,8 @@ class TestPopulation:
                 assert gradient[-1] == 0.0
 
     def test_rows_that_do_not_vary(self):
-        for F in (np.ones((4, 2)), np.zeros((4, 2)), np.array([[1.0, 2.0]])):
+        nothing = np.full((4, 2), 1e-162)  # whose square underflows
+        for F in (np.ones((4, 2)), np.zeros((4, 2)), np.array([[1.0, 2.0]]), nothing):
             rows = Population(F, own=True)
             np.testing.assert_allclose(rows.row(np.zeros(3))[:2], F[0])
             assert np.isfinite(rows.scale).all()
@@ -280,3 +287,13 @@ def test_parameters_of_the_extended_model(position, diagonal, per_task, own, inf
     assert mode.n_evaluations > mode.n_iter > 0
     assert mode.converged
     assert mode.seconds > 0.0
+
+
+def test_nothing_is_open_where_nothing_is_known(monkeypatch):
+    """Targets that are all zero have a factor of zero, and no information."""
+    problem = Problem()
+    posed = Posed(problem.border(), problem.F)
+    assert len(leeway_of(posed, problem.row, M)) == 1
+    nothing = np.full((RANK, RANK), np.nan)
+    monkeypatch.setattr(posed, "information", lambda u: nothing)
+    assert leeway_of(posed, problem.row, M) == ()

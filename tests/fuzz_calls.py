@@ -25,6 +25,7 @@ WARNINGS = (
     exceptions.OutlierWarning,
     exceptions.PrecisionWarning,
     exceptions.RepeatedRowsWarning,
+    exceptions.SamplingWarning,
     exceptions.SmallTaskWarning,
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,

@@ -318,7 +318,6 @@ def multi_model(rng, problem, *, piped=False):
         "truncation": pick(rng, ["eigen", "cholesky"]),
         "n_restarts_optimizer": int(rng.integers(4) == 0),
         "random_state": pick(rng, [0, None]),
-        "hyperparameters": pick(rng, ["mode"] * 6 + ["map"]),
     }
     n_features, more = problem.features.shape[1], {}
     if problem.descriptor is not None and not piped and rng.integers(4):
@@ -332,6 +331,10 @@ def multi_model(rng, problem, *, piped=False):
         more |= draw_trend(rng, problem, per_task=True)
     problem.random = params["random_state"] is None
     common = common_params(rng, problem, n_features) | level_params(rng)
+    theta = pick(rng, ["mode"] * 12 + ["map"] * 3 + ["laplace"] * 2 + ["sampled"])
+    if isinstance(more.get("kernel"), list | tuple) and theta != "mode":
+        theta = "map"
+    more |= {"hyperparameters": theta, "n_draws": 4}
     return MultiTaskGPRegressor(**common | params | more)
 
 
@@ -352,7 +355,7 @@ def search_model(rng, problem):
     if isinstance(model.kernel, list | tuple):
         most = len(model.kernel) + 1
         ranks.append((1,) * int(rng.integers(1, most)))
-    criterion, keep = pick(rng, ["bic", "aic", "hqc"]), bool(rng.integers(2))
+    criterion, keep = pick(rng, ["bic", "aic", "hqc", "loo"]), bool(rng.integers(2))
     return RankSearchIC(model, ranks=ranks, criterion=criterion, keep_estimators=keep)
 
 

@@ -13,6 +13,7 @@ from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.weighing import (
     evidence_of_form,
     few_hyperparameters,
+    is_overexplained,
     log_likelihood,
     summed,
     uncounted,
@@ -93,7 +94,10 @@ def criterion_of(asked, of_forms, modes):
     every = list(range(len(of_forms)))
     if asked != "auto":
         return asked, every
-    near = weighed(of_forms, modes) if few_hyperparameters(of_forms) else []
+    many = not few_hyperparameters(of_forms)
+    if many and not is_overexplained(of_forms, modes):
+        return "bic", every
+    near = weighed(of_forms, modes)
     return ("laplace", near) if near else ("bic", every)
 
 

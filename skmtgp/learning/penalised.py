@@ -1,39 +1,73 @@
-"""The likelihood times the weak priors of the hyperparameters."""
+"""The likelihood times priors of the hyperparameters."""
 
 import numpy as np
 
-from skmtgp.model.hyperprior import Hyperprior
 
-
-class WithHyperprior:
-    """A likelihood whose values have the log density of theta's prior added.
+class Penalised:
+    """A likelihood whose values have a log density of theta added.
 
     Parameters
     ----------
     likelihood : Likelihood
         All but its values is as it was.
+    of_theta : Hyperprior or AlikeNoise
+        With the methods `log_density` and `information`.
     """
 
-    def __init__(self, likelihood):
-        self.likelihood = likelihood
-        self.hyperprior = Hyperprior(likelihood.prior)
+    def __init__(self, likelihood, of_theta):
+        self.likelihood, self.of_theta = likelihood, of_theta
 
     def value(self, theta):
         """Log posterior density, but for a constant; -inf where K fails."""
-        return self.likelihood.value(theta) + self.hyperprior.log_density(theta)[0]
+        return self.likelihood.value(theta) + self.of_theta.log_density(theta)[0]
 
     def value_and_grad(self, theta):
         """The same with its gradient."""
         value, gradient = self.likelihood.value_and_grad(theta)
-        of_prior, slope = self.hyperprior.log_density(theta)
-        return value + of_prior, gradient + slope
+        of_theta, slope = self.of_theta.log_density(theta)
+        return value + of_theta, gradient + slope
 
     def fisher_information(self, theta):
-        """That of the likelihood, and the precision of the prior."""
-        information = self.likelihood.fisher_information(theta)
-        return information + np.diag(self.hyperprior.precision)
+        """That of the likelihood, and the precision of the density."""
+        return self.likelihood.fisher_information(theta) + self.of_theta.information()
 
     def __getattr__(self, name):
         if name.startswith("__") or name == "likelihood":
             raise AttributeError(name)
         return getattr(self.likelihood, name)
+
+
+class AlikeNoise:
+    r"""Noise variances of tasks are more or less alike.
+
+    Their logarithms are normal around a common mean, of which nothing is known:
+
+    .. math:: \log p = -\frac1{2 s^2} \sum_m (\log \sigma_m^2 - \mu)^2, \qquad
+        \mu = \frac1M \sum_m \log \sigma_m^2 .
+
+    The few rows of a task would else be explained without noise, now and then.
+
+    Parameters
+    ----------
+    prior : Prior
+        The model, with noise for each task.
+    deviation : float
+        s.
+    """
+
+    def __init__(self, prior, deviation):
+        self.of_noise, self.precision = prior.of_noise, deviation**-2.0
+
+    def log_density(self, theta):
+        """Log density but for a constant, and its gradient."""
+        away = theta[self.of_noise] - theta[self.of_noise].mean()
+        gradient = np.zeros_like(theta)
+        gradient[self.of_noise] = -self.precision * away
+        return -0.5 * self.precision * float(away @ away), gradient
+
+    def information(self):
+        """Its precision, of shape (n_theta, n_theta)."""
+        found, n = np.zeros((len(self.of_noise),) * 2), self.of_noise.sum()
+        block = self.precision * (np.eye(n) - 1.0 / n)
+        found[np.ix_(self.of_noise, self.of_noise)] = block
+        return found

@@ -10,8 +10,9 @@ from skmtgp._data.data import Data
 from skmtgp._numerics.bfgs import PATIENCE
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.ambiguity import rivals_of
-from skmtgp.learning.penalised import WithHyperprior
+from skmtgp.learning.penalised import AlikeNoise, Penalised
 from skmtgp.learning.tuning import TUNING, Tuning
+from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
 
 THE_OUTPUT = "the output"  # the name where there is one
@@ -72,6 +73,8 @@ class Problem:
         Constants.
     weak_priors : bool, default=False
         Whether theta has the priors of `Hyperprior`.
+    noise_deviation : float, default=inf
+        How far apart the logarithms of tasks' noise variances are, see `AlikeNoise`.
     log_scales : ndarray of shape (1,) or (n_tasks,)
         Logarithms of what the targets were divided by, for the lines.
     """
@@ -83,6 +86,7 @@ class Problem:
     name: str = THE_OUTPUT
     tuning: Tuning = TUNING
     weak_priors: bool = False
+    noise_deviation: float = np.inf
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def with_form(self, form):
@@ -109,7 +113,16 @@ class Problem:
                 "`data.known`, what alpha and sample_weight tell. Hand it on, "
                 "or set `takes_known = False` of the engine."
             )
-        return WithHyperprior(likelihood) if self.weak_priors else likelihood
+        for of_theta in self.densities():
+            likelihood = Penalised(likelihood, of_theta)
+        return likelihood
+
+    def densities(self):
+        """The densities of theta that count beside the likelihood."""
+        found = [Hyperprior(self.prior)] if self.weak_priors else []
+        if self.prior.n_noise > 1 and np.isfinite(self.noise_deviation):
+            found.append(AlikeNoise(self.prior, self.noise_deviation))
+        return found
 
     def likelihood_at(self, mode):
         """The likelihood by the inducing inputs of a mode, if it has any."""

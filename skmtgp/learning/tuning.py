@@ -63,6 +63,9 @@ class Tuning:
     hint : float
         Deviations above zero at which noise hides something: by chance few of some
         dozens of scores are above 3.
+    noise_deviation : float
+        Of the logarithms of tasks' noise variances: few rows of a task do not tell its
+        own.
     noise_of_rest : tuple of float
         Noise variances where learning without levels begins, of what is left.
     faster, slower : tuple of float, float
@@ -92,6 +95,9 @@ class Tuning:
     weighed_within : float
         Nats an output from the best by eq. 8 within which the evidence chooses: eq. 8
         missed by no more on drawn data.
+    rows_told : int
+        Rows of each hyperparameter of the best form by eq. 8 under which the evidence
+        chooses among all forms, if data have noise: of few rows eq. 8 is far off.
     most_weighed : int
         Hyperparameters of an output: with more the evidence takes too long.
     rows_weighed : int
@@ -192,6 +198,7 @@ class Tuning:
     quick: int = 60
     tested: int = 300
     hint: float = 4.0
+    noise_deviation: float = 0.5
     noise_of_rest: tuple = (1e-1, 1e-2)
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0
@@ -207,6 +214,7 @@ class Tuning:
     foreseen: int = 4
     weighed_within: float = 5.0
     most_weighed: int = 100
+    rows_told: int = 10
     rows_weighed: int = 30
     tie: float = 1.0
     rougher: float = 2.0

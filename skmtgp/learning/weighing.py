@@ -36,12 +36,11 @@ def uncounted(problem, mode):
 
 
 def log_likelihood(problem, mode):
-    """That of a mode, without the weak priors if they count in its value."""
-    if not problem.weak_priors:
-        return mode.value
-    of_prior = Hyperprior(problem.prior).log_density(mode.theta)[0]
-    if np.isfinite(of_prior):
-        return mode.value - of_prior
+    """That of a mode, without the densities of theta that count in its value."""
+    found = (of.log_density(mode.theta)[0] for of in problem.densities())
+    of_theta = float(sum(found))
+    if np.isfinite(of_theta):
+        return mode.value - of_theta
     return problem.likelihood_at(mode).value(mode.theta)  # not learned: F is zero
 
 
@@ -77,21 +76,69 @@ def penalties(problems, modes):
     )
 
 
-def near_best(problems, modes):
+def near_best(problems, modes, n=None):
     """Positions of the forms near the best, by eq. 8 and the prior of the noise.
 
     Parameters
     ----------
-    problems, modes
-        See `penalties`.
+    problems, modes, n
+        See `weighed`.
 
     Returns
     -------
     positions : list of int
     """
+    if is_overexplained(problems, modes, n):
+        most = min(problems[0][0].tuning.most_weighed, _n_rows(problems, n) // 2)
+        return np.flatnonzero(_sizes(problems) <= most).tolist()
     worths = worths_of(problems, modes) - penalties(problems, modes)
     least = np.nanmax(worths) - problems[0][0].tuning.weighed_within * len(problems[0])
     return np.flatnonzero(worths >= least).tolist()
+
+
+def is_overexplained(problems, modes, n=None):
+    """Whether the best form by eq. 8 has few rows for each hyperparameter, with noise.
+
+    Many hyperparameters explain few rows without noise, and eq. 8 takes that for true.
+    The forms with a function for each task and few hyperparameters, independent tasks
+    and compound symmetry, tell whether there is noise, if the best one does not.
+
+    Parameters
+    ----------
+    problems, modes, n
+        See `weighed`.
+
+    Returns
+    -------
+    is_overexplained : bool
+    """
+    best = np.nanargmax(worths_of(problems, modes) - penalties(problems, modes))
+    most = problems[0][0].tuning.rows_told * _sizes(problems)[best]
+    if _n_rows(problems, n) >= most:
+        return False
+    noisy = [
+        all(problem.is_noisy(mode) for problem, mode in zip(*of, strict=True))
+        for of in zip(problems, modes, strict=True)
+    ]
+    forms = [of[0].prior.task_covariance for of in problems]
+    small = [
+        is_noisy for form, is_noisy in zip(forms, noisy, strict=True) if _is_small(form)
+    ]
+    return noisy[best] or bool(small and all(small))
+
+
+def _is_small(form):
+    """Whether each task has a function of its own, by a number for all tasks."""
+    return form.n_own > 0 and form.n_free <= 2
+
+
+def _sizes(problems):
+    """Hyperparameters of each form."""
+    return np.array([of[0].prior.n_hyperparameters for of in problems])
+
+
+def _n_rows(problems, n):
+    return len(problems[0][0].data) if n is None else n
 
 
 def worths_of(problems, modes):
@@ -150,7 +197,7 @@ def weighed(problems, modes, n=None):
     """
     if not may_be_weighed(problems, n):
         return []
-    near = near_best(problems, modes)
+    near = near_best(problems, modes, n)
     return near if is_weighed(*_some(problems, modes, near)) else []
 
 
@@ -229,7 +276,7 @@ def corrections(problems, modes, n_jobs=None, n=None):
     Returns
     -------
     corrections : ndarray of shape (n_forms,)
-        The prior of the noise. Forms within reach differ by their evidence instead, so
+        The prior of the noise; -inf of forms that cannot be chosen. Forms within reach differ by their evidence instead, so
         that it chooses among them. Zeros where eq. 8 is to choose.
     """
     worths = worths_of(problems, modes)
@@ -237,6 +284,8 @@ def corrections(problems, modes, n_jobs=None, n=None):
     if not near:
         return np.zeros(len(worths))
     found = -penalties(problems, modes)
+    if is_overexplained(problems, modes, n):
+        found[np.setdiff1d(np.arange(len(found)), near)] = -np.inf
     if len(near) > 1:
         told = evidences(*_some(problems, modes, near), n_jobs)
         best = near[int(np.argmax(told))]

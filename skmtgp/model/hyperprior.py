@@ -97,6 +97,10 @@ class Hyperprior:
             )
         return value, gradient
 
+    def information(self):
+        """Its precision, of shape (n_theta, n_theta), but for that of F."""
+        return np.diag(self.precision)
+
     @property
     def unit(self):
         """Frobenius norm of a factor whose tasks have the targets' deviation."""

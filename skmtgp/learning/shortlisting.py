@@ -27,6 +27,7 @@ from skmtgp.learning.telling import about, in_words
 from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
+    is_overexplained,
     penalties,
     worth,
     worths_of,
@@ -295,12 +296,16 @@ def _total(of_form):
     return sum(sketch.worth() for sketch in of_form)
 
 
+def _by_form(sketches):
+    """Problems and modes of each form and output."""
+    of_forms = list(zip(*sketches, strict=True))
+    problems = [[sketch.problem for sketch in of] for of in of_forms]
+    return problems, [[sketch.ascent.mode for sketch in of] for of in of_forms]
+
+
 def _likely(problems, coarse, sketches, n_jobs):
     """Positions of the forms that are near the best, by some or by all rows."""
-    of_forms = list(zip(*sketches, strict=True))
-    of_problems = [[sketch.problem for sketch in of] for of in of_forms]
-    modes = [[sketch.ascent.mode for sketch in of] for of in of_forms]
-    correction = corrections(of_problems, modes, n_jobs, len(problems[0].data))
+    correction = corrections(*_by_form(sketches), n_jobs, len(problems[0].data))
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
@@ -348,6 +353,8 @@ def _overtaken(problems, sketches, likely, modes):
     dropped = [k for k in range(len(sketches[0])) if k not in likely]
     if not dropped or len(sketches[0][0].problem.data) < len(problems[0].data):
         return False
+    if is_overexplained(*_by_form(sketches)):
+        return False  # the evidence knew all forms
     kept = [[of[k].problem for of in sketches] for k in likely]
     others = [[of[k].problem for of in sketches] for k in dropped]
     left_out = [[of[k].ascent.mode for of in sketches] for k in dropped]

@@ -13,6 +13,7 @@ import numpy as np
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.evidence import evidence_around
+from skmtgp.learning.problem import Problem
 from skmtgp.learning.screening import criterion, n_measured, price
 from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.vanishing import price_of_choice, vanished
@@ -100,8 +101,8 @@ def is_overexplained(problems, modes, n=None):
     """Whether the best form by eq. 8 has few rows for each hyperparameter, with noise.
 
     Many hyperparameters explain few rows without noise, and eq. 8 takes that for true.
-    The forms with a function for each task and few hyperparameters, independent tasks
-    and compound symmetry, tell whether there is noise, if the best one does not.
+    If the best form has none, one of few hyperparameters and a function for each task
+    tells: compound symmetry, or else independent tasks.
 
     Parameters
     ----------
@@ -112,24 +113,14 @@ def is_overexplained(problems, modes, n=None):
     -------
     is_overexplained : bool
     """
-    best = np.nanargmax(worths_of(problems, modes) - penalties(problems, modes))
+    best = int(np.nanargmax(worths_of(problems, modes) - penalties(problems, modes)))
     most = problems[0][0].tuning.rows_told * _sizes(problems)[best]
-    if _n_rows(problems, n) >= most:
-        return False
-    noisy = [
-        all(problem.is_noisy(mode) for problem, mode in zip(*of, strict=True))
-        for of in zip(problems, modes, strict=True)
-    ]
     forms = [of[0].prior.task_covariance for of in problems]
-    small = [
-        is_noisy for form, is_noisy in zip(forms, noisy, strict=True) if _is_small(form)
-    ]
-    return noisy[best] or bool(small and all(small))
-
-
-def _is_small(form):
-    """Whether each task has a function of its own, by a number for all tasks."""
-    return form.n_own > 0 and form.n_free <= 2
+    small = [k for k, form in enumerate(forms) if form.n_own > 0 and form.n_free <= 2]
+    telling = {best, *sorted(small, key=lambda k: forms[k].n_free)[-1:]}
+    return _n_rows(problems, n) < most and any(
+        all(map(Problem.is_noisy, problems[k], modes[k])) for k in telling
+    )
 
 
 def _sizes(problems):
@@ -276,8 +267,9 @@ def corrections(problems, modes, n_jobs=None, n=None):
     Returns
     -------
     corrections : ndarray of shape (n_forms,)
-        The prior of the noise; -inf of forms that cannot be chosen. Forms within reach differ by their evidence instead, so
-        that it chooses among them. Zeros where eq. 8 is to choose.
+        The prior of the noise. Forms within reach differ by their evidence instead, so
+        that it chooses among them; of those that cannot be chosen then it is -inf.
+        Zeros where eq. 8 is to choose.
     """
     worths = worths_of(problems, modes)
     near = weighed(problems, modes, n)

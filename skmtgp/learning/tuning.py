@@ -198,7 +198,7 @@ class Tuning:
     quick: int = 60
     tested: int = 300
     hint: float = 4.0
-    noise_deviation: float = 0.5
+    noise_deviation: float = 1.0
     noise_of_rest: tuple = (1e-1, 1e-2)
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0

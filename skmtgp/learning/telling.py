@@ -26,7 +26,7 @@ def in_words(problem, value, *, bound=False):
     problem : Problem
         Of the rows that it was found from.
     value : float
-        Log marginal likelihood of the scaled targets.
+        Log marginal likelihood of the scaled targets, with the densities of theta.
     bound : bool, default=False
         Whether it is a bound by inducing inputs.
 
@@ -35,7 +35,7 @@ def in_words(problem, value, *, bound=False):
     words : str
         Such as "log likelihood 355.7".
     """
-    what = "log posterior density" if problem.weak_priors else "log likelihood"
+    what = "log posterior density" if problem.densities() else "log likelihood"
     what = f"lower bound on the {what}" if bound else what
     return f"{what} {value + _log_jacobian(problem):.1f}"
 

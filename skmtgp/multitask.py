@@ -616,6 +616,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         highest = next((rank for rank in ranks if ROWS * free[rank] <= n), 1)
         return [highest if term.rank is None else term.rank for term in terms]
 
+    def _noise_deviation(self):
+        """The paper's learning does not say how far apart they are."""
+        annealed = self.learning == "annealed"
+        return super()._noise_deviation() if annealed else np.inf
+
     def _rank(self, n_tasks, n):
         return sum(self._ranks(n_tasks, n))
 

@@ -16,7 +16,6 @@ from skmtgp.inference.engines import choose
 from skmtgp.inference.memory import TileMemory
 from skmtgp.learning.problem import THE_OUTPUT, Problem
 from skmtgp.learning.ranges import begun_in_sight
-from skmtgp.learning.tuning import TUNING
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import identity
@@ -69,17 +68,11 @@ def pose(model, training, n_ranks=1, n_kept=1):
             budget=budget,
             name=f"output {j + 1} of {n}" if n > 1 else THE_OUTPUT,
             weak_priors=model.hyperparameters == "map",
-            noise_deviation=_noise_deviation(model),
+            noise_deviation=model._noise_deviation(),
             log_scales=np.log(training.units.scale[j]),
         )
         problems.append(begun_in_sight(problem))
     return problems
-
-
-def _noise_deviation(model):
-    """How far apart noise of tasks may be; the paper's learning does not say."""
-    annealed = getattr(model, "learning", "annealed") == "annealed"
-    return TUNING.noise_deviation if annealed else np.inf
 
 
 def kernels_of(model, training):

@@ -17,6 +17,7 @@ from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
     evidences,
+    is_overexplained,
     is_weighed,
     may_be_weighed,
     near_best,
@@ -194,3 +195,47 @@ def test_a_factor_of_zeros_has_a_likelihood_but_no_prior():
     assert penalised.likelihood().value(theta) == -np.inf
     found = weighing.log_likelihood(penalised, mode)
     assert found == pytest.approx(plain.likelihood().value(theta))
+
+
+def grown(seed, n_tasks=27):
+    """Two of the four rows of each task, and the others: a line for each."""
+    rng = np.random.default_rng(seed)
+    task, age = np.repeat(np.arange(n_tasks), 4), np.tile([8.0, 10.0, 12.0, 14.0], 27)
+    levels, slopes = rng.normal(17.0, 2.0, n_tasks), rng.normal(0.65, 0.1, n_tasks)
+    y = levels[task] + slopes[task] * age + 1.3 * rng.standard_normal(len(age))
+    train = np.argsort(rng.uniform(size=(n_tasks, 4)), axis=1).ravel() < 2
+    X = np.column_stack([age, task])
+    return X[train], np.round(2.0 * y[train]) / 2.0, X[~train], y[~train]
+
+
+@pytest.mark.parametrize("search", [False, True])
+@pytest.mark.parametrize("seed", range(3))
+def test_as_many_numbers_as_rows(search, seed):
+    """Rank 1 and levels explain all rows without noise: intervals would be points."""
+    X, y, X_new, y_new = grown(seed)
+    model = MultiTaskGPRegressor()
+    model = (RankSearchIC(model) if search else model).fit(X, y)
+    mean, std = model.predict(X_new, return_std=True, include_noise=True)
+    assert np.mean(np.abs(y_new - mean) < 1.96 * std) > 0.8
+    assert np.sqrt(np.mean((y_new - mean) ** 2)) < 2.0
+
+
+def test_whether_few_rows_are_explained_too_well(learned):
+    problems, modes = learned
+    rows = tuned(problems, rows_told=5)
+    sizes = [of.prior.n_hyperparameters for [of] in problems]
+    assert not is_overexplained(rows, modes, 5 * sizes[0])
+    assert is_overexplained(rows, modes, 5 * sizes[0] - 1)
+    # what no form takes for noise is none
+    assert not is_overexplained(rows, without_noise(modes), 5)
+    form = low_rank(M, 0, "equal", shared=True)
+    [[problem], *_], [[mode], *_] = rows, modes
+    small = problem.with_form(form)
+    rho = form.parameters(problem.prior.K_rho_at(mode.theta))
+    noisy = mode._replace(theta=small.prior.with_rho(mode.theta, rho), value=-1e3)
+    with_small = [[small], *rows], [[noisy], *without_noise(modes)]
+    assert is_overexplained(*with_small, 5)
+    sizes = [small.prior.n_hyperparameters, *sizes]
+    for n in (8, 12, 20):  # forms with more than half as many are left out
+        expected = [k for k, size in enumerate(sizes) if size <= n // 2]
+        assert near_best(*with_small, n) == expected

@@ -413,22 +413,29 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     With ``rank=None`` the candidate with the highest evidence is taken: the likelihood
     with the hyperparameters integrated out under a weak prior, by Laplace's method. It
     is computed of the candidates within 5 nats for each output of the best by BIC and
-    the prior of the noise, to which almost no noise is unlikely. BIC alone chooses if
-    the best candidates have no noise, more than 100 hyperparameters, or more than 30
-    rows for each of them, or were not learned to the end, and in sparse inference. See
+    the prior of the noise, to which almost no noise is unlikely. If the best by BIC has
+    fewer than five rows for each hyperparameter, and the data have noise, it is
+    computed of all candidates that have two rows or more for each: BIC takes a model
+    that explains a few rows exactly for a good one. BIC alone chooses if the best
+    candidates have no noise, more than 100 hyperparameters, or more than 30 rows for
+    each of them, or were not learned to the end, and in sparse inference. See
     :doc:`/guide/rank`.
 
     A task of one to three rows, where two or more tasks have more, gets a row of the
     factor from its samples and the prior of `add_task`: the population of the larger
-    tasks' rows. Everything else is learned by maximum likelihood, as is this row with
-    complete data and other kinds of `learning`.
+    tasks' rows. Noise variances of tasks have a prior, by which they are alike: their
+    logarithms are normal around a common mean, with a deviation of 1. Everything else
+    is learned by maximum likelihood, as are the row with complete data, and both with
+    other kinds of `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only
     :math:`k^x`, and each has its own amplitude and level. It is fitted with shared
     units and with units of each task, with shared noise and with noise of each task.
     The criterion is BIC: each parameter costs half the logarithm of the number of rows.
-    For a parameter of one task, these are the rows of this task.
+    For a parameter of one task, these are the rows of this task. Noise of each task
+    must gain 8 nats more than that: a variance that is too small costs far more than
+    one that is too large.
 
     Three rules shorten this. If the standard deviations of the tasks' targets differ by
     no more than chance, units are shared. Noise of each task is only tried if it

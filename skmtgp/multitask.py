@@ -434,8 +434,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     units and with units of each task, with shared noise and with noise of each task.
     The criterion is BIC: each parameter costs half the logarithm of the number of rows.
     For a parameter of one task, these are the rows of this task. Noise of each task
-    must gain 8 nats more than that: a variance that is too small costs far more than
-    one that is too large.
+    must gain 8 nats more than that, fewer with more than twenty rows of a task: a
+    variance that is too small costs far more than one that is too large.
 
     Three rules shorten this. If the standard deviations of the tasks' targets differ by
     no more than chance, units are shared. Noise of each task is only tried if it

@@ -30,8 +30,9 @@ from skmtgp.learning.summarised import exact_part
 
 # Nats that noise of each task must gain, beside what its numbers are worth. A few rows
 # that happen to be near the function gain some, and a variance that is too small costs
-# far more than one that is too large (benchmarks/grouped.py).
-SURE = 8.0
+# far more than one that is too large (benchmarks/grouped.py). Less is enough with more
+# than so many rows of a task.
+SURE, FEW_ROWS = 8.0, 20.0
 NOTHING = 1e-8  # variances of the targets
 
 
@@ -183,7 +184,13 @@ def _own_noise(found):
             return []
         own = [with_own_noise(*of) for of in large]
     gain = sum(criterion(*of) for of in own) - sum(criterion(*of) for of in found)
-    return own if gain > SURE and not any(_vanishes(*of) for of in own) else []
+    is_sure = gain > _least_gain(found[0][0].data)
+    return own if is_sure and not any(_vanishes(*of) for of in own) else []
+
+
+def _least_gain(data):
+    """Nats that noise of each task must gain."""
+    return SURE * min(1.0, FEW_ROWS * data.n_tasks / n_measured(data))
 
 
 def _vanishes(problem, mode):
@@ -330,7 +337,8 @@ def _with_noise(model, training, problems, modes):
     others, learned = _of_forms(change, problems, modes, model.n_jobs)
     after = _criteria(others, learned)
     k = int(np.argmax(after))
-    if after[k] > before[best] + SURE and all(map(tells_noise, others[k], learned[k])):
+    least = before[best] + _least_gain(problems[0][0].data)
+    if after[k] > least and all(map(tells_noise, others[k], learned[k])):
         return replace(training, noise="per_task"), others, learned
     return training, problems, modes
 

@@ -6,7 +6,6 @@ takes two gradients for each hyperparameter. So it is only computed of the forms
 are near the best by eq. 8 and the prior of the noise.
 """
 
-from dataclasses import replace
 
 import numpy as np
 
@@ -113,7 +112,8 @@ def is_overexplained(problems, modes, n=None):
     -------
     is_overexplained : bool
     """
-    best = int(np.nanargmax(worths_of(problems, modes) - penalties(problems, modes)))
+    worths = worths_of(problems, modes) - penalties(problems, modes)
+    best = int(np.argmax(np.where(np.isnan(worths), -np.inf, worths)))
     most = problems[0][0].tuning.rows_told * _sizes(problems)[best]
     forms = [of[0].prior.task_covariance for of in problems]
     small = [k for k, form in enumerate(forms) if form.n_own > 0 and form.n_free <= 2]
@@ -220,9 +220,7 @@ def summed(density, problems, modes, n_jobs=None):
 
 def evidence_of_form(problem, mode):
     """The log evidence of a problem around a mode, in the problem's units."""
-    data = replace(problem.data, Z=mode.Z)  # by its inducing inputs, if it has any
-    likelihood = problem.engine.likelihood(problem.prior, data)
-    return evidence_around(likelihood, mode.theta)
+    return evidence_around(problem.likelihood_at(mode), mode.theta)
 
 
 def evidences(problems, modes, n_jobs=None):

@@ -184,13 +184,15 @@ def _own_noise(found):
             return []
         own = [with_own_noise(*of) for of in large]
     gain = sum(criterion(*of) for of in own) - sum(criterion(*of) for of in found)
-    is_sure = gain > _least_gain(found[0][0].data)
+    is_sure = gain > _least_gain(problem for problem, _ in found)
     return own if is_sure and not any(_vanishes(*of) for of in own) else []
 
 
-def _least_gain(data):
-    """Nats that noise of each task must gain."""
-    return SURE * min(1.0, FEW_ROWS * data.n_tasks / n_measured(data))
+def _least_gain(problems):
+    """Nats that noise of each task must gain, summed over the outputs."""
+    data = [problem.data for problem in problems]
+    shares = [FEW_ROWS * of.n_tasks / n_measured(of) for of in data]
+    return SURE * sum(min(1.0, share) for share in shares)
 
 
 def _vanishes(problem, mode):
@@ -337,7 +339,7 @@ def _with_noise(model, training, problems, modes):
     others, learned = _of_forms(change, problems, modes, model.n_jobs)
     after = _criteria(others, learned)
     k = int(np.argmax(after))
-    least = before[best] + _least_gain(problems[0][0].data)
+    least = before[best] + _least_gain(problems[best])
     if after[k] > least and all(map(tells_noise, others[k], learned[k])):
         return replace(training, noise="per_task"), others, learned
     return training, problems, modes

@@ -27,7 +27,6 @@ from skmtgp.learning.telling import about, in_words
 from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
-    is_overexplained,
     penalties,
     worth,
     worths_of,
@@ -353,8 +352,6 @@ def _overtaken(problems, sketches, likely, modes):
     dropped = [k for k in range(len(sketches[0])) if k not in likely]
     if not dropped or len(sketches[0][0].problem.data) < len(problems[0].data):
         return False
-    if is_overexplained(*_by_form(sketches)):
-        return False  # the evidence knew all forms
     kept = [[of[k].problem for of in sketches] for k in likely]
     others = [[of[k].problem for of in sketches] for k in dropped]
     left_out = [[of[k].ascent.mode for of in sketches] for k in dropped]

@@ -97,7 +97,10 @@ class Tuning:
         missed by no more on drawn data.
     rows_told : int
         Rows of each hyperparameter of the best form by eq. 8 under which the evidence
-        chooses among all forms, if data have noise: of few rows eq. 8 is far off.
+        chooses among all forms, if data have noise: of few rows eq. 8 is far off,
+    rows_explained : int
+        and if that form explains them without; and of each hyperparameter of a form
+        that may be chosen then.
     most_weighed : int
         Hyperparameters of an output: with more the evidence takes too long.
     rows_weighed : int
@@ -215,6 +218,7 @@ class Tuning:
     weighed_within: float = 5.0
     most_weighed: int = 100
     rows_told: int = 5
+    rows_explained: int = 2
     rows_weighed: int = 30
     tie: float = 1.0
     rougher: float = 2.0

@@ -6,7 +6,6 @@ takes two gradients for each hyperparameter. So it is only computed of the forms
 are near the best by eq. 8 and the prior of the noise.
 """
 
-
 import numpy as np
 
 from skmtgp._data.dask import is_dask
@@ -89,8 +88,10 @@ def near_best(problems, modes, n=None):
     positions : list of int
     """
     if is_overexplained(problems, modes, n):
-        most = min(problems[0][0].tuning.most_weighed, _n_rows(problems, n) // 2)
-        return np.flatnonzero(_sizes(problems) <= most).tolist()
+        tuning, sizes = problems[0][0].tuning, _sizes(problems)
+        most = min(tuning.most_weighed, _n_rows(problems, n) // tuning.rows_explained)
+        most = max(most, sizes.min() + 1)  # compound symmetry beside independent tasks
+        return np.flatnonzero(sizes <= most).tolist()
     worths = worths_of(problems, modes) - penalties(problems, modes)
     least = np.nanmax(worths) - problems[0][0].tuning.weighed_within * len(problems[0])
     return np.flatnonzero(worths >= least).tolist()
@@ -100,8 +101,9 @@ def is_overexplained(problems, modes, n=None):
     """Whether the best form by eq. 8 has few rows for each hyperparameter, with noise.
 
     Many hyperparameters explain few rows without noise, and eq. 8 takes that for true.
-    If the best form has none, one of few hyperparameters and a function for each task
-    tells: compound symmetry, or else independent tasks.
+    If the best form has none, it must have yet fewer rows for each, and a form of few
+    hyperparameters with a function for each task must have noise: compound symmetry, or
+    else independent tasks.
 
     Parameters
     ----------
@@ -114,13 +116,16 @@ def is_overexplained(problems, modes, n=None):
     """
     worths = worths_of(problems, modes) - penalties(problems, modes)
     best = int(np.argmax(np.where(np.isnan(worths), -np.inf, worths)))
-    most = problems[0][0].tuning.rows_told * _sizes(problems)[best]
     forms = [of[0].prior.task_covariance for of in problems]
     small = [k for k, form in enumerate(forms) if form.n_own > 0 and form.n_free <= 2]
-    telling = {best, *sorted(small, key=lambda k: forms[k].n_free)[-1:]}
-    return _n_rows(problems, n) < most and any(
-        all(map(Problem.is_noisy, problems[k], modes[k])) for k in telling
-    )
+    noisy = [
+        all(map(Problem.is_noisy, *of)) for of in zip(problems, modes, strict=True)
+    ]
+    tuning, told = problems[0][0].tuning, noisy[best]
+    if not told and small:
+        told = noisy[max(small, key=lambda k: forms[k].n_free)]
+    each = tuning.rows_told if noisy[best] else tuning.rows_explained
+    return told and _n_rows(problems, n) < each * _sizes(problems)[best]
 
 
 def _sizes(problems):

@@ -414,19 +414,21 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     with the hyperparameters integrated out under a weak prior, by Laplace's method. It
     is computed of the candidates within 5 nats for each output of the best by BIC and
     the prior of the noise, to which almost no noise is unlikely. If the best by BIC has
-    fewer than five rows for each hyperparameter, and the data have noise, it is
-    computed of all candidates that have two rows or more for each: BIC takes a model
-    that explains a few rows exactly for a good one. BIC alone chooses if the best
+    fewer than five rows for each hyperparameter, it is computed of all candidates that
+    have two rows or more for each, for BIC takes a model that explains a few rows
+    exactly for a good one. (A best one without noise must have fewer than two rows for
+    each, and compound symmetry must have noise.) BIC alone chooses if the best
     candidates have no noise, more than 100 hyperparameters, or more than 30 rows for
     each of them, or were not learned to the end, and in sparse inference. See
     :doc:`/guide/rank`.
 
     A task of one to three rows, where two or more tasks have more, gets a row of the
     factor from its samples and the prior of `add_task`: the population of the larger
-    tasks' rows. Noise variances of tasks have a prior, by which they are alike: their
-    logarithms are normal around a common mean, with a deviation of 1. Everything else
-    is learned by maximum likelihood, as are the row with complete data, and both with
-    other kinds of `learning`.
+    tasks' rows. Noise variances of tasks, relative to the squares of their units, have
+    a prior, by which they are alike: their logarithms are normal around a common mean,
+    with a deviation of 1. It is a prior of the mode, not of "laplace" and "sampled",
+    which have their own. Everything else is learned by maximum likelihood, as are the
+    row with complete data, and both with other kinds of `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only
@@ -434,8 +436,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     units and with units of each task, with shared noise and with noise of each task.
     The criterion is BIC: each parameter costs half the logarithm of the number of rows.
     For a parameter of one task, these are the rows of this task. Noise of each task
-    must gain 8 nats more than that, fewer with more than twenty rows of a task: a
-    variance that is too small costs far more than one that is too large.
+    must gain 8 nats more than that and than its prior takes off, fewer with more than
+    twenty rows of a task: with few rows the gain is often chance, and intervals are
+    then far too narrow.
 
     Three rules shorten this. If the standard deviations of the tasks' targets differ by
     no more than chance, units are shared. Noise of each task is only tried if it

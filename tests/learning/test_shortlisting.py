@@ -285,3 +285,22 @@ def test_it_is_said_what_was_compared(told):
     for form in ("independent", "compound symmetry", "shared", "rank 2"):
         assert f"{form}: log likelihood" in lines
     assert "chosen: rank 2" in lines
+
+
+def test_a_form_that_loses_its_noise_in_the_end():
+    """Its sketch has some, so that it seems best; the forms left out are learned then.
+
+    Six tasks of four rows, of one function in different amounts.
+    """
+    rng, n_tasks = np.random.default_rng(0), 6
+    task = np.repeat(np.arange(n_tasks), [4] * n_tasks)
+    x, x_new = rng.uniform(0.0, 5.0, len(task)), rng.uniform(0.0, 5.0, 40 * n_tasks)
+    tasks, every = np.r_[task, np.repeat(np.arange(n_tasks), 40)], np.r_[x, x_new]
+    K = np.exp(-0.5 * np.subtract.outer(every, every) ** 2)
+    values, vectors = np.linalg.eigh(K)
+    g = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(every)))
+    f = rng.standard_normal(n_tasks)[tasks] * g
+    y = f + 1e-3 * rng.standard_normal(len(f))
+    X, k = np.column_stack([every, tasks]), len(task)
+    mean, std = MultiTaskGPRegressor().fit(X[:k], y[:k]).predict(X[k:], return_std=True)
+    assert np.mean(np.abs(f[k:] - mean) < 1.96 * std) > 0.6

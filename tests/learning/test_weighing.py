@@ -200,7 +200,8 @@ def test_a_factor_of_zeros_has_a_likelihood_but_no_prior():
 def grown(seed, n_tasks=27):
     """Two of the four rows of each task, and the others: a line for each."""
     rng = np.random.default_rng(seed)
-    task, age = np.repeat(np.arange(n_tasks), 4), np.tile([8.0, 10.0, 12.0, 14.0], 27)
+    task = np.repeat(np.arange(n_tasks), 4)
+    age = np.tile([8.0, 10.0, 12.0, 14.0], n_tasks)
     levels, slopes = rng.normal(17.0, 2.0, n_tasks), rng.normal(0.65, 0.1, n_tasks)
     y = levels[task] + slopes[task] * age + 1.3 * rng.standard_normal(len(age))
     train = np.argsort(rng.uniform(size=(n_tasks, 4)), axis=1).ravel() < 2
@@ -218,6 +219,15 @@ def test_as_many_numbers_as_rows(search, seed):
     mean, std = model.predict(X_new, return_std=True, include_noise=True)
     assert np.mean(np.abs(y_new - mean) < 1.96 * std) > 0.8
     assert np.sqrt(np.mean((y_new - mean) ** 2)) < 2.0
+
+
+def test_too_many_hyperparameters_are_no_reason_for_eq_8():
+    """Rank 2 has more than the evidence may take, and more than half the rows."""
+    X, y, *_ = grown(0, n_tasks=60)
+    search = RankSearchIC(ranks=(1, 2), simpler=True).fit(X, y)
+    assert search.criterion_ == "laplace"
+    assert np.isnan(search.results_["laplace"][search.results_["rank"] == 2]).all()
+    assert search.best_rank_ == 0
 
 
 def test_whether_few_rows_are_explained_too_well(learned):

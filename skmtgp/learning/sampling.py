@@ -241,6 +241,10 @@ def quantities(prior, theta):
     rows, cols = np.triu_indices(len(K_rho), 1)
     some = np.linspace(0, len(rows) - 1, min(len(rows), MOST_PAIRS)).astype(int)
     rows, cols = rows[some], cols[some]
-    correlations = K_rho[rows, cols] / (deviations[rows] * deviations[cols])
+    products, tiny = deviations[rows] * deviations[cols], np.finfo(float).tiny
+    correlations = np.divide(
+        K_rho[rows, cols], products, out=np.zeros(len(rows)), where=products > tiny
+    )  # what does not vary has none
     logarithms = theta[~prior.of_factor]
-    return np.concatenate([logarithms, np.log(deviations), correlations])
+    deviations = np.log(np.maximum(deviations, tiny))
+    return np.concatenate([logarithms, deviations, correlations])

@@ -249,3 +249,12 @@ def test_independent_tasks_have_no_correlation():
     prior = building.prior(RBF(1.0), identity(3))
     found = quantities(prior, prior.theta())
     np.testing.assert_array_equal(found[-3:], 0.0)
+
+
+def test_tasks_that_do_not_vary_have_no_correlation():
+    prior = building.prior(RBF(1.0), low_rank(3, 1))
+    theta = prior.theta()
+    theta[prior.of_factor] = [0.0, 1e-170, 1.0]
+    found = quantities(prior, theta)
+    assert np.isfinite(found).all()
+    np.testing.assert_array_equal(found[-3:], 0.0)

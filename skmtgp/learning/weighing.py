@@ -118,14 +118,18 @@ def is_overexplained(problems, modes, n=None):
     best = int(np.argmax(np.where(np.isnan(worths), -np.inf, worths)))
     forms = [of[0].prior.task_covariance for of in problems]
     small = [k for k, form in enumerate(forms) if form.n_own > 0 and form.n_free <= 2]
-    noisy = [
-        all(map(Problem.is_noisy, *of)) for of in zip(problems, modes, strict=True)
-    ]
-    tuning, told = problems[0][0].tuning, noisy[best]
+    tuning, noisy = problems[0][0].tuning, _are_noisy(problems, modes)
+    told = noisy[best]
     if not told and small:
         told = noisy[max(small, key=lambda k: forms[k].n_free)]
     each = tuning.rows_told if noisy[best] else tuning.rows_explained
     return told and _n_rows(problems, n) < each * _sizes(problems)[best]
+
+
+def _are_noisy(problems, modes):
+    """Whether each form leaves noise, in all outputs."""
+    pairs = zip(problems, modes, strict=True)
+    return [all(map(Problem.is_noisy, *of)) for of in pairs]
 
 
 def _sizes(problems):
@@ -164,10 +168,7 @@ def is_weighed(problems, modes):
     few digits.
     """
     learned = all(mode.converged for of in modes for mode in of)
-    noisy = any(
-        all(problem.is_noisy(mode) for problem, mode in zip(*of, strict=True))
-        for of in zip(problems, modes, strict=True)
-    )
+    noisy = any(_are_noisy(problems, modes))
     return learned and noisy and few_hyperparameters(problems)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Literal
 
-import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
@@ -40,7 +39,7 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         problems = [problem.with_form(form) for problem in problems]
 
         def describe(j, mode):
-            found = in_words(problems[j], mode.value)
+            found = in_words(problems[j], mode.theta, mode.value)
             return f"{about(problems[j])}{found} after {mode.n_iter} iterations"
 
         jobs = [(problem,) for problem in exact_part(problems, [form])]
@@ -615,8 +614,8 @@ class PooledGP(_FixedTaskCovarianceGP):
     def _form_for_screening(self, n_tasks):
         return ones(n_tasks, self.diagonal)
 
-    def _noise_deviation(self):
-        return np.inf  # what is left of a task may be of any size: it is no noise
+    def _has_noise_priors(self):
+        return False  # what is left of a task may be of any size: it is no noise
 
     def _shares(self):
         return True

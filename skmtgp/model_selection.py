@@ -404,7 +404,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             asked = model.hyperparameters
             drawn = asked == "sampled" or (asked == "auto" and n <= MOST_ROWS)
             rows = ROWS_IF_DRAWN if drawn else ROWS
-            return [r for r in ranks if r < 2 or rows * free[r] <= n]
+            return [r for r in ranks if r == 0 or rows * free[r] <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":

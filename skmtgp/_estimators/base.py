@@ -38,7 +38,6 @@ from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.ranges import along_ranges
 from skmtgp.learning.telling import about, in_words
-from skmtgp.learning.tuning import TUNING
 from skmtgp.model.task_covariance import low_rank
 
 TRANSFORMER = "fit", "transform", "inverse_transform"
@@ -149,7 +148,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
     def _warn_of_fit(self, training, problems, modes):
         """Say what the fit leaves in doubt."""
         sampled = self._is_sampled()
-        self._warn_of_noise(modes)
+        self._warn_of_noise(problems, modes)
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
         warn_of_doubts(problems, modes, sampled=sampled)
@@ -161,7 +160,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             for of in zip(chain(*problems), chain(*modes), strict=True):
                 problem, mode = of
                 name = about(problem, problem.prior.task_covariance)
-                say(f"{name}{in_words(problem, mode.value)}")
+                say(f"{name}{in_words(problem, mode.theta, mode.value)}")
         return training, problems, modes
 
     def _foretell(self, problems, n_forms=1):
@@ -213,9 +212,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         verbose = self.verbose
         return Budget(self.max_iter, self.tol, verbose=verbose, begun=time())
 
-    def _noise_deviation(self):
-        """How far apart the noise variances of tasks are, see `AlikeNoise`."""
-        return TUNING.noise_deviation
+    def _has_noise_priors(self):
+        """Whether noise variances have priors, see `SomeNoise` and `AlikeNoise`."""
+        return True
 
     def _has_levels(self):
         """Whether each task has a level of its own."""

@@ -10,11 +10,11 @@ from skmtgp._estimators.fitted import evidence_of
 from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
+from skmtgp.learning.problem import Problem
 from skmtgp.learning.weighing import (
     evidence_of_form,
     few_hyperparameters,
     is_overexplained,
-    log_likelihood,
     summed,
     uncounted,
     weighed,
@@ -127,7 +127,8 @@ def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
     """
     jacobian = training.log_jacobian()
     pairs = zip(of_forms, modes, strict=True)
-    values = np.array([list(map(log_likelihood, *of)) for of in pairs]) + jacobian
+    values = np.array([list(map(Problem.log_likelihood, *of)) for of in pairs])
+    values = values + jacobian
     forms = [of_form[0].prior.task_covariance for of_form in of_forms]
     names, ranks = [str(form) for form in forms], [form.rank for form in forms]
     count = [sum(of.prior.n_hyperparameters for of in of_form) for of_form in of_forms]

@@ -454,7 +454,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.n_evaluations_ = sum(mode.n_evaluations for mode in modes)
         _warn_of_unfinished(modes, self.max_iter)
 
-    def _warn_of_noise(self, modes):
+    def _warn_of_noise(self, problems, modes):
         """Say which noise variances the rows do not tell, where they were learned."""
         is_fixed = isinstance(self.noise_variance_bounds, str)
         if is_fixed or not self._engine.exact:
@@ -463,9 +463,9 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         if not prior.depends_on_inputs_only(self.X_train_):  # they may have the noise
             return
         told = [
-            noise_is_told(*output) | (not mode.converged)
-            for *output, mode in zip(
-                self._likelihoods, self._posteriors, modes, strict=True
+            noise_is_told(*output, problem.pull_of_noise(mode)) | (not mode.converged)
+            for problem, mode, *output in zip(
+                problems, modes, self._likelihoods, self._posteriors, strict=True
             )
         ]
         tasks = self.tasks_ if self.noise_ == "per_task" else None

@@ -68,7 +68,7 @@ def pose(model, training, n_ranks=1, n_kept=1):
             budget=budget,
             name=f"output {j + 1} of {n}" if n > 1 else THE_OUTPUT,
             weak_priors=model.hyperparameters == "map",
-            noise_deviation=model._noise_deviation(),
+            noise_priors=model._has_noise_priors(),
             log_scales=np.log(training.units.scale[j]),
         )
         problems.append(begun_in_sight(problem))

@@ -495,13 +495,14 @@ def _sum_by_noise(likelihood, of_row):
     return np.bincount(likelihood.noise_of_row, of_row, likelihood.prior.n_noise)
 
 
-def noise_is_told(likelihood, posterior):
+def noise_is_told(likelihood, posterior, pull=0.0):
     r"""Whether the rows tell each noise variance that was learned from them.
 
     At the mode sigma_m^2 is the sum of the squared residuals divided by nu_m, those of
     :func:`freedom_of_noise`. One that is k times as large costs
     :math:`\tfrac12 \nu_m (\log k - 1 + 1/k)` nats as long as nu_m does not grow with
-    it: below 1, which is the limit here, 1.8 nats for a hundred times.
+    it: below 1, which is the limit here, 1.8 nats for a hundred times. A prior that
+    pulls the noise up takes the place of twice its slope of these degrees.
 
     Parameters
     ----------
@@ -509,6 +510,8 @@ def noise_is_told(likelihood, posterior):
         Exact.
     posterior : Posterior
         At the mode.
+    pull : float or ndarray of shape (n_noise,), default=0.0
+        Slope of the log density of a prior by the logarithms of the variances.
 
     Returns
     -------
@@ -518,7 +521,8 @@ def noise_is_told(likelihood, posterior):
     told = residuals_of_noise(likelihood, posterior) >= LEAST_FREEDOM
     if told.all():
         return told
-    return freedom_of_noise(likelihood, posterior) >= LEAST_FREEDOM
+    freedom = freedom_of_noise(likelihood, posterior)
+    return freedom - 2.0 * pull >= LEAST_FREEDOM
 
 
 def _by_rows(function, n):

@@ -10,7 +10,7 @@ from skmtgp._data.data import Data
 from skmtgp._numerics.bfgs import PATIENCE
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.ambiguity import rivals_of
-from skmtgp.learning.penalised import AlikeNoise, Penalised
+from skmtgp.learning.penalised import AlikeNoise, Penalised, SomeNoise
 from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
@@ -73,8 +73,8 @@ class Problem:
         Constants.
     weak_priors : bool, default=False
         Whether theta has the priors of `Hyperprior`.
-    noise_deviation : float, default=inf
-        How far apart the logarithms of tasks' noise variances are, see `AlikeNoise`.
+    noise_priors : bool, default=False
+        Whether noise variances have those of `SomeNoise` and `AlikeNoise`.
     log_scales : ndarray of shape (1,) or (n_tasks,)
         Logarithms of what the targets were divided by, for the lines.
     """
@@ -86,7 +86,7 @@ class Problem:
     name: str = THE_OUTPUT
     tuning: Tuning = TUNING
     weak_priors: bool = False
-    noise_deviation: float = np.inf
+    noise_priors: bool = False
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def with_form(self, form):
@@ -120,9 +120,35 @@ class Problem:
     def densities(self):
         """The densities of theta that count beside the likelihood."""
         found = [Hyperprior(self.prior)] if self.weak_priors else []
-        if self.prior.n_noise > 1 and np.isfinite(self.noise_deviation):
-            found.append(AlikeNoise(self.prior, self.noise_deviation))
+        if self._has_some_noise():
+            found.append(SomeNoise(self.prior))
+        if self.noise_priors and self.prior.n_noise > 1:
+            found.append(AlikeNoise(self.prior, self.tuning.noise_deviation))
         return found
+
+    def _has_some_noise(self):
+        """Whether little noise has a prior: known noise may be all there is."""
+        known = self.data.known
+        told = known is not None and known.variance.any()
+        return self.noise_priors and not (self.weak_priors or told)
+
+    def pull_of_noise(self, mode):
+        """Slope by which `SomeNoise` pulls up each noise variance of a mode."""
+        if not self._has_some_noise():
+            return 0.0
+        _, slope = SomeNoise(self.prior).log_density(mode.theta)
+        return slope[self.prior.of_noise]
+
+    def log_density(self, theta):
+        """Sum of these densities."""
+        return float(sum(of.log_density(theta)[0] for of in self.densities()))
+
+    def log_likelihood(self, mode):
+        """That of a mode, without the densities of theta that count in its value."""
+        of_theta = self.log_density(mode.theta)
+        if np.isfinite(of_theta):
+            return mode.value - of_theta
+        return self.likelihood_at(mode).value(mode.theta)  # not learned: F is zero
 
     def likelihood_at(self, mode):
         """The likelihood by the inducing inputs of a mode, if it has any."""

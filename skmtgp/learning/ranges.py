@@ -98,7 +98,8 @@ def along_ranges(problem, mode):
     if best.value <= mode.value:
         return mode.counting(found)
     if problem.budget.verbose:
-        say(f"{about(problem)}{in_words(problem, best.value)} at another range")
+        value = in_words(problem, best.theta, best.value)
+        say(f"{about(problem)}{value} at another range")
     return best.counting([of for of in [mode, *found] if of is not best])
 
 

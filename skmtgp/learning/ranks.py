@@ -241,7 +241,8 @@ def description(problems, forms, n_starts=1, *, stage="", told=None):
             return None
         best = max(found[j], key=lambda mode: mode.value)
         (problem, form), bound = of[j], best.Z is not None
-        line = f"{about(problem, form)}{in_words(problem, best.value, bound=bound)}"
+        learned = problem.with_form(form), best.theta, best.value
+        line = f"{about(problem, form)}{in_words(*learned, bound=bound)}"
         known, told[j] = told.get(j), line
         steps = f"({best.n_iter} iterations, {best.n_samples} rows)"
         return None if known == line else f"{line}{stage} {steps}"

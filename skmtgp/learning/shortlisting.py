@@ -22,14 +22,14 @@ from skmtgp.learning.ranks import (
     description,
     from_starts,
 )
+from skmtgp.learning.screening import n_measured
 from skmtgp.learning.stages import follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
 from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
-    penalties,
+    plausible,
     worth,
-    worths_of,
 )
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
@@ -265,7 +265,7 @@ def _own(higher, form):
     problem, mode = higher.problem.with_form(form), higher.ascent.mode
     sketch = _quick(problem, _cut(higher.problem, mode, form))
     if problem.budget.verbose:
-        value = in_words(problem, sketch.ascent.mode.value)
+        value = in_words(problem, sketch.ascent.mode.theta, sketch.ascent.mode.value)
         say(f"{about(problem, form)}{value}, from the best rank")
     return sketch
 
@@ -304,7 +304,7 @@ def _by_form(sketches):
 
 def _likely(problems, coarse, sketches, n_jobs):
     """Positions of the forms that are near the best, by some or by all rows."""
-    correction = corrections(*_by_form(sketches), n_jobs, len(problems[0].data))
+    correction = corrections(*_by_form(sketches), n_jobs, n_measured(problems[0].data))
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
@@ -356,12 +356,7 @@ def _overtaken(problems, sketches, likely, modes):
     others = [[of[k].problem for of in sketches] for k in dropped]
     left_out = [[of[k].ascent.mode for of in sketches] for k in dropped]
     learned = list(zip(*modes, strict=True))
-    return _plausible(others, left_out) > _plausible(kept, learned)
-
-
-def _plausible(problems, modes):
-    """The most that some forms are worth, less the penalty of their noise."""
-    return float((worths_of(problems, modes) - penalties(problems, modes)).max())
+    return plausible(others, left_out).max() > plausible(kept, learned).max()
 
 
 def _finished(problem, ascent):

@@ -109,7 +109,8 @@ def learn_bounds(models, modes, *, nest=nest, n_jobs=None, progress=silent):
     def describe(j, modes):
         return [
             f"{about(of, of.prior.task_covariance)}"
-            f"{in_words(of, mode.value, bound=True)} of all {mode.n_samples} rows"
+            f"{in_words(of, mode.theta, mode.value, bound=True)} "
+            f"of all {mode.n_samples} rows"
             for of, mode in zip(models[j], modes, strict=True)
         ]
 

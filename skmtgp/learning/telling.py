@@ -18,13 +18,15 @@ def about(problem, *of):
     return f"{', '.join(names)}: " if names else ""
 
 
-def in_words(problem, value, *, bound=False):
+def in_words(problem, theta, value, *, bound=False):
     """A maximum that was found, in units of y.
 
     Parameters
     ----------
     problem : Problem
         Of the rows that it was found from.
+    theta : ndarray of shape (n_theta,)
+        Where it is.
     value : float
         Log marginal likelihood of the scaled targets, with the densities of theta.
     bound : bool, default=False
@@ -35,9 +37,9 @@ def in_words(problem, value, *, bound=False):
     words : str
         Such as "log likelihood 355.7".
     """
-    what = "log posterior density" if problem.densities() else "log likelihood"
-    what = f"lower bound on the {what}" if bound else what
-    return f"{what} {value + _log_jacobian(problem):.1f}"
+    what = "lower bound on the log likelihood" if bound else "log likelihood"
+    value = value - problem.log_density(theta) + _log_jacobian(problem)
+    return f"{what} {value:.1f}"
 
 
 def _log_jacobian(problem):
@@ -117,7 +119,8 @@ class Teller:
     def _say(self, why="", *, level=logging.INFO):
         problem, prior = self.problem, self.problem.prior
         noise = np.exp(prior.log_noise_at(self.theta).min()) / prior.scale**2
-        found = in_words(problem, self.best, bound=problem.data.Z is not None)
+        of_best = self.theta, self.best
+        found = in_words(problem, *of_best, bound=problem.data.Z is not None)
         say(
             f"{self.begin_of_line}iteration {self.n_iter}, {found}, noise {noise:.1e} "
             f"of the variance ({self.n_evaluations} evaluations of "

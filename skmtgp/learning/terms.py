@@ -153,7 +153,7 @@ def _with_one_more(problem, grown):
     if more.budget.verbose:
         say(
             f"{about(more, more.prior.task_covariance)}"
-            f"{in_words(more, mode.value)} ({len(more.data)} rows)"
+            f"{in_words(more, mode.theta, mode.value)} ({len(more.data)} rows)"
         )
     return best._replace(mode=mode)
 

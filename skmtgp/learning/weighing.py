@@ -34,15 +34,6 @@ def uncounted(problem, mode):
     return n_vanished, price_of_choice(problem.prior, n_vanished)
 
 
-def log_likelihood(problem, mode):
-    """That of a mode, without the densities of theta that count in its value."""
-    found = (of.log_density(mode.theta)[0] for of in problem.densities())
-    of_theta = float(sum(found))
-    if np.isfinite(of_theta):
-        return mode.value - of_theta
-    return problem.likelihood_at(mode).value(mode.theta)  # not learned: F is zero
-
-
 def noise_penalty(prior, theta):
     """Nats by which noise variances are less likely beforehand than the likeliest."""
     hyperprior = Hyperprior(prior)
@@ -92,9 +83,9 @@ def near_best(problems, modes, n=None):
         most = min(tuning.most_weighed, _n_rows(problems, n) // tuning.rows_explained)
         most = max(most, sizes.min() + 1)  # compound symmetry beside independent tasks
         return np.flatnonzero(sizes <= most).tolist()
-    worths = worths_of(problems, modes) - penalties(problems, modes)
-    least = np.nanmax(worths) - problems[0][0].tuning.weighed_within * len(problems[0])
-    return np.flatnonzero(worths >= least).tolist()
+    found = plausible(problems, modes)
+    least = found.max() - problems[0][0].tuning.weighed_within * len(problems[0])
+    return np.flatnonzero(found >= least).tolist()
 
 
 def is_overexplained(problems, modes, n=None):
@@ -114,8 +105,7 @@ def is_overexplained(problems, modes, n=None):
     -------
     is_overexplained : bool
     """
-    worths = worths_of(problems, modes) - penalties(problems, modes)
-    best = int(np.argmax(np.where(np.isnan(worths), -np.inf, worths)))
+    best = int(np.argmax(plausible(problems, modes)))
     forms = [of[0].prior.task_covariance for of in problems]
     small = [k for k, form in enumerate(forms) if form.n_own > 0 and form.n_free <= 2]
     tuning, noisy = problems[0][0].tuning, _are_noisy(problems, modes)
@@ -138,13 +128,19 @@ def _sizes(problems):
 
 
 def _n_rows(problems, n):
-    return len(problems[0][0].data) if n is None else n
+    return n_measured(problems[0][0].data) if n is None else n
 
 
 def worths_of(problems, modes):
     """`worth` of each form, summed over the outputs; an array."""
     pairs = zip(problems, modes, strict=True)
     return np.array([sum(map(worth, *of)) for of in pairs])
+
+
+def plausible(problems, modes):
+    """`worths_of` less the penalty of the noise; -inf where it is not a number."""
+    found = worths_of(problems, modes) - penalties(problems, modes)
+    return np.where(np.isnan(found), -np.inf, found)
 
 
 def may_be_weighed(problems, n=None):
@@ -156,8 +152,8 @@ def may_be_weighed(problems, n=None):
     several = any(isinstance(of.prior.task_covariance, Forms) for of, *_ in problems)
     if several or not first.engine.exact or is_dask(first.data.X):
         return False
-    most = max(of.prior.n_hyperparameters for each in problems for of in each)
-    return (len(first.data) if n is None else n) <= first.tuning.rows_weighed * most
+    most = max(first.data.n_tasks, *_sizes(problems))  # rank 1 may have been left out
+    return _n_rows(problems, n) <= first.tuning.rows_weighed * most
 
 
 def is_weighed(problems, modes):
@@ -191,11 +187,18 @@ def weighed(problems, modes, n=None):
     Returns
     -------
     positions : list of int
+        Forms without noise that were not learned to the end are none of them. If other
+        forms near the best were not, or the likeliest, eq. 8 chooses.
     """
     if not may_be_weighed(problems, n):
         return []
     near = near_best(problems, modes, n)
-    return near if is_weighed(*_some(problems, modes, near)) else []
+    likeliest = near[int(np.argmax(plausible(*_some(problems, modes, near))))]
+    learned = [all(mode.converged for mode in modes[k]) for k in near]
+    noisy = _are_noisy(*_some(problems, modes, near))
+    near = [k for k, *of in zip(near, learned, noisy, strict=True) if any(of)]
+    told = likeliest in near and is_weighed(*_some(problems, modes, near))
+    return near if told else []
 
 
 def _some(problems, modes, positions):

@@ -322,8 +322,8 @@ class TestMap:
         rows, t = draw(2, 4)
         options = {"rank": 2, "normalize_y": "shared", "noise": "shared"}
         found = [
-            MultiTaskGPRegressor(hyperparameters=name, **options).fit(rows, t)
-            for name in ("mode", "map")
+            MultiTaskGPRegressor(**more, **options).fit(rows, t)
+            for more in ({"learning": "staged"}, {"hyperparameters": "map"})
         ]
         assert found[0].noise_variance_ < 1e-5
         assert found[1].noise_variance_ > 1e-3

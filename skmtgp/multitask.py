@@ -223,7 +223,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood.
+        - "mode" uses the maximum of the likelihood, with priors of the noise alone.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
@@ -425,10 +425,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     A task of one to three rows, where two or more tasks have more, gets a row of the
     factor from its samples and the prior of `add_task`: the population of the larger
-    tasks' rows. Noise variances of tasks, relative to the squares of their units, have
-    a prior, by which they are alike: their logarithms are normal around a common mean,
-    with a deviation of 1. It is a prior of the mode, not of "laplace" and "sampled",
-    which have their own. Everything else is learned by maximum likelihood, as are the
+    tasks' rows. Noise variances, relative to the squares of the units, have priors.
+    Next to no noise is unlikely: below a hundredth of the targets' variance, or
+    `noise_variance` if that is less, their logarithms have the tail of Student's t with
+    four degrees of freedom. (Not with `alpha`.) Noise variances of tasks are alike:
+    their logarithms are normal around a common mean, with a deviation of 1. These are
+    priors of the mode, not of "laplace" and "sampled", which have their own. Reported
+    likelihoods are without them. Everything else is learned by maximum likelihood, as are the
     row with complete data, and both with other kinds of `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
@@ -437,7 +440,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     units and with units of each task, with shared noise and with noise of each task.
     The criterion is BIC: each parameter costs half the logarithm of the number of rows.
     For a parameter of one task, these are the rows of this task. Noise of each task
-    must gain 8 nats more than that and than its prior takes off, fewer with more than
+    must gain 8 nats more than that and than its priors take off, fewer with more than
     twenty rows of a task: with few rows the gain is often chance, and intervals are
     then far too narrow.
 

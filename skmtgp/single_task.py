@@ -131,7 +131,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood.
+        - "mode" uses the maximum of the likelihood, with priors of the noise alone.
         - "map" uses the maximum of the likelihood times weak priors, which are relative
           to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that

@@ -431,8 +431,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     four degrees of freedom. (Not with `alpha`.) Noise variances of tasks are alike:
     their logarithms are normal around a common mean, with a deviation of 1. These are
     priors of the mode, not of "laplace" and "sampled", which have their own. Reported
-    likelihoods are without them. Everything else is learned by maximum likelihood, as are the
-    row with complete data, and both with other kinds of `learning`.
+    likelihoods are without them. Everything else is learned by maximum likelihood, as
+    are the row with complete data, and both with other kinds of `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only

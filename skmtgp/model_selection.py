@@ -285,7 +285,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             self._fit_terms(model, training, progress)
             return
         self._check_criterion(training)
-        ranks = self._check_ranks(model, training.n_told, len(training.Y))
+        ranks = self._check_ranks(model, training)
         simpler = len(training.tasks) > 1 and self._asks_simpler()
         n_forms = len(ranks) + (len(SIMPLER) + 1) * simpler  # and a diagonal
         n_kept = n_forms if self.keep_estimators else 1
@@ -396,15 +396,17 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             verbose=max(self.verbose, model.verbose),
         )
 
-    def _check_ranks(self, model, n_rows, n):
+    def _check_ranks(self, model, training):
         """The ranks, by the number of rows that a factor has."""
+        n_rows = training.n_told
         if self.ranks is None:
             ranks = range(min(n_rows, MOST_RANK) + 1)
             free = [low_rank(n_rows, rank).n_free for rank in ranks]
-            asked = model.hyperparameters
+            n, asked = len(training.Y), model.hyperparameters
             drawn = asked == "sampled" or (asked == "auto" and n <= MOST_ROWS)
             rows = ROWS_IF_DRAWN if drawn else ROWS
-            return [r for r in ranks if r == 0 or rows * free[r] <= n]
+            told = training.measured.sum() // rows
+            return [r for r in ranks if r == 0 or free[r] <= told]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":

@@ -223,9 +223,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood, with priors of the noise alone.
-        - "map" uses the maximum of the likelihood times weak priors, which are relative
-          to the size of the data.
+        - "mode" uses the maximum of the likelihood times priors of the noise.
+        - "map" uses the maximum of the likelihood times weak priors of all
+          hyperparameters, which are relative to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
           the same priors). It takes about as long as "mode".

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 
@@ -614,8 +615,8 @@ class PooledGP(_FixedTaskCovarianceGP):
     def _form_for_screening(self, n_tasks):
         return ones(n_tasks, self.diagonal)
 
-    def _has_noise_priors(self):
-        return False  # what is left of a task may be of any size: it is no noise
+    def _noise_deviation(self):
+        return np.inf  # what is left of a task may be of any size: it is no noise
 
     def _shares(self):
         return True

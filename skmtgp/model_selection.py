@@ -405,8 +405,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             n, asked = len(training.Y), model.hyperparameters
             drawn = asked == "sampled" or (asked == "auto" and n <= MOST_ROWS)
             rows = ROWS_IF_DRAWN if drawn else ROWS
-            told = training.measured.sum() // rows
-            return [r for r in ranks if r == 0 or free[r] <= told]
+            return [r for r in ranks if r < 2 or rows * free[r] <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":

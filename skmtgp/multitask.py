@@ -30,7 +30,6 @@ from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import join_described, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.screening import n_measured
 from skmtgp.learning.settling import settled
 from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
@@ -603,8 +602,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if not self._compares(problem.engine):
             few = n < FEW * data.n_told
             return [form_of(term, data, 0), *of_terms] if few else of_terms
-        tells_a_rank = n_measured(data) >= ROWS * low_rank(data.n_told, 1).n_free
-        return candidates(term, data, ranks[0] if tells_a_rank else 0)
+        return candidates(term, data, ranks[0])
 
     def _terms(self):
         """What the user asks for in each term."""
@@ -631,9 +629,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         highest = next((rank for rank in ranks if ROWS * free[rank] <= n), 1)
         return [highest if term.rank is None else term.rank for term in terms]
 
-    def _has_noise_priors(self):
-        """The paper's learning has none."""
-        return self.learning == "annealed"
+    def _some_noise(self):
+        return self.learning == "annealed"  # the paper's has no such priors
+
+    def _noise_deviation(self):
+        return super()._noise_deviation() if self.learning == "annealed" else np.inf
 
     def _rank(self, n_tasks, n):
         return sum(self._ranks(n_tasks, n))

@@ -168,7 +168,7 @@ def test_default_ranks_are_capped():
     assert search.results_["rank"].tolist() == [0, 1, 2, 3]
 
 
-@pytest.mark.parametrize(("per_task", "most"), [(8, 2), (12, 3), (5, 1), (3, 0)])
+@pytest.mark.parametrize(("per_task", "most"), [(8, 2), (12, 3), (5, 1), (1, 1)])
 def test_default_ranks_leave_four_rows_for_each_parameter(per_task, most):
     model = clone(MODEL).set_params(max_iter=0)
     search = RankSearchIC(model, simpler=False)

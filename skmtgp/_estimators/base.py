@@ -38,6 +38,7 @@ from skmtgp.learning.forecast import foresee
 from skmtgp.learning.problem import Budget
 from skmtgp.learning.ranges import along_ranges
 from skmtgp.learning.telling import about, in_words
+from skmtgp.learning.tuning import TUNING
 from skmtgp.model.task_covariance import low_rank
 
 TRANSFORMER = "fit", "transform", "inverse_transform"
@@ -212,9 +213,13 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         verbose = self.verbose
         return Budget(self.max_iter, self.tol, verbose=verbose, begun=time())
 
-    def _has_noise_priors(self):
-        """Whether noise variances have priors, see `SomeNoise` and `AlikeNoise`."""
+    def _some_noise(self):
+        """Whether next to no noise is unlikely, see `SomeNoise`."""
         return True
+
+    def _noise_deviation(self):
+        """How far apart the noise variances of tasks are, see `AlikeNoise`."""
+        return TUNING.noise_deviation
 
     def _has_levels(self):
         """Whether each task has a level of its own."""

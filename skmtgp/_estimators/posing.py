@@ -25,6 +25,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 # would be zero, as if the means were known. This is the prior of unit information.
 CENTRED = 1.0
 ROUNDING = 1e-15  # of the mean of equal numbers, relative to them
+LITTLE = 1e-2  # noise variance of the targets', less than which few rows do not tell
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
@@ -61,14 +62,16 @@ def pose(model, training, n_ranks=1, n_kept=1):
     engine.check(prior, of_outputs[0], training.tasks)
     n, budget, problems = len(of_outputs), model._budget(), []
     for j, data in enumerate(of_outputs):
+        scaled = _scaled(model, prior, data, training, j)
         problem = Problem(
-            _scaled(model, prior, data, training, j),
+            scaled,
             data=data,
             engine=engine,
             budget=budget,
             name=f"output {j + 1} of {n}" if n > 1 else THE_OUTPUT,
             weak_priors=model.hyperparameters == "map",
-            noise_priors=model._has_noise_priors(),
+            log_little=_log_little(model, scaled),
+            noise_deviation=model._noise_deviation(),
             log_scales=np.log(training.units.scale[j]),
         )
         problems.append(begun_in_sight(problem))
@@ -144,6 +147,14 @@ def _scaled(model, prior, data, training, j):
         least_level=least,
         trend=training.trends and training.trends[j],
     )
+
+
+def _log_little(model, prior):
+    """Logarithm of the noise variance below which less is unlikely; -inf is none."""
+    if not model._some_noise():
+        return -np.inf
+    start = max(model.noise_variance, NO_NOISE)
+    return prior.log_noise + min(0.0, np.log(LITTLE / start))  # not above the start
 
 
 def _check_memory(model, engine, prior, training, n_ranks, n_kept):

@@ -2,9 +2,7 @@
 
 import numpy as np
 
-# Of the targets' variance: less noise than that is seldom, and few rows do not tell it.
-LITTLE = 1e-2
-DEGREES = 4.0  # of freedom of its logarithm below; at 1e-10 it is down by 11 nats
+DEGREES = 4.0  # of freedom of the logarithm of little noise
 
 
 class Penalised:
@@ -42,34 +40,41 @@ class Penalised:
 
 
 class SomeNoise:
-    r"""Noise is seldom next to nothing.
+    r"""Next to no noise is unlikely.
 
-    Below a hundredth :math:`c` of the targets' variance, or where learning starts if
-    that is less, logarithms of noise variances have the tail of Student's t with four
-    degrees of freedom:
+    Below a variance c the logarithm of the noise variance has the tail of Student's t
+    with four degrees of freedom:
 
-    .. math:: \log p = -\frac52 \sum_m \log\Bigl(1 + \frac{a_m^2}4\Bigr), \qquad
-        a_m = \max(0, \log c - \log \sigma_m^2) .
+    .. math:: \log p = -\frac52 \log\Bigl(1 + \frac{a^2}4\Bigr), \qquad
+        a = \max\Bigl(0, \log c - \frac1M \sum_m \log(\sigma_m^2 + \alpha)\Bigr) .
 
-    Few rows that can be explained without noise would else be, for a nat. Many that are
-    without noise gain far more than the eleven nats that this takes.
+    Otherwise a few rows would be explained without noise as soon as that gains a nat.
+    At 1e-10 of the targets' variance the density is lower by 11 nats. Smooth functions
+    without noise gain more than that with a handful of rows.
 
     Parameters
     ----------
     prior : Prior
-        The model.
+        The model, whose noise is learned.
+    log_little : float
+        Logarithm of c.
+    known : float, default=0.0
+        Noise variance alpha that is there beside what is learned.
     """
 
-    def __init__(self, prior):
-        self.of_noise = prior.of_noise & np.not_equal(*prior.bounds())
-        self.little = min(np.log(LITTLE * prior.scale**2), prior.log_noise)
+    def __init__(self, prior, log_little, known=0.0):
+        self.of_noise, self.log_little, self.known = prior.of_noise, log_little, known
 
     def log_density(self, theta):
         """Log density but for a constant, and its gradient."""
-        below = np.maximum(0.0, self.little - theta) * self.of_noise
+        learned = np.exp(theta[self.of_noise])
+        noise = learned + self.known
+        below = max(0.0, self.log_little - float(np.log(noise).mean()))
         weight = 1.0 + below**2 / DEGREES
-        value = -0.5 * (DEGREES + 1.0) * float(np.log(weight).sum())
-        return value, (DEGREES + 1.0) / DEGREES * below / weight
+        slope = (DEGREES + 1.0) / DEGREES * below / weight
+        gradient = np.zeros(len(theta))
+        gradient[self.of_noise] = slope * learned / noise / len(noise)
+        return -0.5 * (DEGREES + 1.0) * np.log(weight), gradient
 
     def information(self):
         """None: its tail bends the other way, and above it is flat."""

@@ -73,8 +73,10 @@ class Problem:
         Constants.
     weak_priors : bool, default=False
         Whether theta has the priors of `Hyperprior`.
-    noise_priors : bool, default=False
-        Whether noise variances have those of `SomeNoise` and `AlikeNoise`.
+    log_little : float, default=-inf
+        Logarithm of the noise variance below which less is unlikely, see `SomeNoise`.
+    noise_deviation : float, default=inf
+        How far apart the logarithms of tasks' noise variances are, see `AlikeNoise`.
     log_scales : ndarray of shape (1,) or (n_tasks,)
         Logarithms of what the targets were divided by, for the lines.
     """
@@ -86,7 +88,8 @@ class Problem:
     name: str = THE_OUTPUT
     tuning: Tuning = TUNING
     weak_priors: bool = False
-    noise_priors: bool = False
+    log_little: float = -np.inf
+    noise_deviation: float = np.inf
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
 
     def with_form(self, form):
@@ -120,24 +123,27 @@ class Problem:
     def densities(self):
         """The densities of theta that count beside the likelihood."""
         found = [Hyperprior(self.prior)] if self.weak_priors else []
-        if self._has_some_noise():
-            found.append(SomeNoise(self.prior))
-        if self.noise_priors and self.prior.n_noise > 1:
-            found.append(AlikeNoise(self.prior, self.tuning.noise_deviation))
+        if (of_little := self._of_little_noise()) is not None:
+            found.append(of_little)
+        if self.prior.n_noise > 1 and np.isfinite(self.noise_deviation):
+            found.append(AlikeNoise(self.prior, self.noise_deviation))
         return found
 
-    def _has_some_noise(self):
-        """Whether little noise has a prior: known noise may be all there is."""
-        known = self.data.known
-        told = known is not None and known.variance.any()
-        return self.noise_priors and not (self.weak_priors or told)
+    def _of_little_noise(self):
+        """Its density; None where the noise has another prior, or is not learned."""
+        fixed = self.weak_priors or self.prior.noise_is_fixed
+        if fixed or not np.isfinite(self.log_little):
+            return None
+        known = 0.0 if self.data.known is None else self.data.known.variance.mean()
+        return SomeNoise(self.prior, self.log_little, float(known))
 
-    def pull_of_noise(self, mode):
-        """Slope by which `SomeNoise` pulls up each noise variance of a mode."""
-        if not self._has_some_noise():
-            return 0.0
-        _, slope = SomeNoise(self.prior).log_density(mode.theta)
-        return slope[self.prior.of_noise]
+    def of_little_noise(self, theta):
+        """Log density of little noise, and its slopes by the log noise variances."""
+        density = self._of_little_noise()
+        if density is None:
+            return 0.0, np.zeros(self.prior.n_noise)
+        value, gradient = density.log_density(theta)
+        return value, gradient[self.prior.of_noise]
 
     def log_density(self, theta):
         """Sum of these densities."""
@@ -208,7 +214,7 @@ class Mode(NamedTuple):
     theta : ndarray of shape (n_theta,)
         Parameters.
     value : float
-        Log marginal likelihood.
+        Log marginal likelihood, with the densities of theta.
     n_iter : int
         Iterations on the way to it.
     n_evaluations : int

@@ -252,14 +252,17 @@ def criterion(problem, mode, times=1.0):
     """Likelihood less what hyperparameters are worth, eq. 8.
 
     A noise variance of a task is worth what its own rows tell. It is foreseen of so
-    many times the rows, if each of them tells as much.
+    many times the rows, if each of them tells as much. Densities of theta count once.
     """
     prior, data = problem.prior, problem.data
     n_shared, of_tasks = prior.n_hyperparameters, 0.0
     if prior.n_noise > 1:
         n_shared, of_tasks = n_shared - prior.n_noise, price_of_tasks(data)
         of_tasks += price(prior.n_noise, times)
-    return times * mode.value - price(n_shared, times * n_measured(data)) - of_tasks
+    of_theta = problem.log_density(mode.theta) if times != 1.0 else 0.0
+    likelihood = mode.value - of_theta
+    prices = price(n_shared, times * n_measured(data)) + of_tasks
+    return times * likelihood + of_theta - prices
 
 
 def score(problem, mode, scale):

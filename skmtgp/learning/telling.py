@@ -38,8 +38,9 @@ def in_words(problem, theta, value, *, bound=False):
         Such as "log likelihood 355.7".
     """
     what = "lower bound on the log likelihood" if bound else "log likelihood"
-    value = value - problem.log_density(theta) + _log_jacobian(problem)
-    return f"{what} {value:.1f}"
+    of_theta = problem.log_density(theta)
+    value = value - (of_theta if np.isfinite(of_theta) else 0.0)
+    return f"{what} {value + _log_jacobian(problem):.1f}"
 
 
 def _log_jacobian(problem):

@@ -108,7 +108,9 @@ class Tuning:
         same, and the evidence takes as long as learning does.
     tie : float
         Nats of evidence that are "not worth more than a bare mention" (Kass and Raftery
-        1995).
+        1995),
+    tie_each : float
+        and for each hyperparameter more, as Laplace's method is not exact.
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.
@@ -221,6 +223,7 @@ class Tuning:
     rows_explained: int = 2
     rows_weighed: int = 30
     tie: float = 1.0
+    tie_each: float = 0.05
     rougher: float = 2.0
     rounds: int = 2
     telling: int = 4

@@ -20,9 +20,12 @@ from skmtgp.model.several import Forms
 
 
 def worth(problem, mode, times=1.0):
-    """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts."""
+    """Eq. 8, see `criterion`; of a diagonal only what has not vanished counts.
+
+    The density of little noise does not, but see `penalties`.
+    """
     n_vanished, choices = uncounted(problem, mode)
-    found = criterion(problem, mode, times)
+    found = criterion(problem, mode, times) - problem.of_little_noise(mode.theta)[0]
     return found + price(n_vanished, times * n_measured(problem.data)) - choices
 
 
@@ -152,8 +155,7 @@ def may_be_weighed(problems, n=None):
     several = any(isinstance(of.prior.task_covariance, Forms) for of, *_ in problems)
     if several or not first.engine.exact or is_dask(first.data.X):
         return False
-    most = max(first.data.n_tasks, *_sizes(problems))  # rank 1 may have been left out
-    return _n_rows(problems, n) <= first.tuning.rows_weighed * most
+    return _n_rows(problems, n) <= first.tuning.rows_weighed * _sizes(problems).max()
 
 
 def is_weighed(problems, modes):
@@ -256,8 +258,14 @@ def best_of_forms(problems, modes, n_jobs=None):
 
 
 def simplest(evidences, sizes, tuning=TUNING):
-    """Position of the smallest model of those with all but the highest evidence."""
-    close = np.flatnonzero(evidences >= evidences.max() - tuning.tie)
+    """Position of the smallest model of those with all but the highest evidence.
+
+    Laplace's method is the less exact, the more hyperparameters it integrates out.
+    """
+    best = int(np.argmax(evidences))
+    more = np.maximum(0, sizes[best] - np.asarray(sizes))
+    enough = evidences[best] - tuning.tie - tuning.tie_each * more
+    close = np.flatnonzero(evidences >= enough)
     return int(min(close, key=lambda k: (sizes[k], -evidences[k])))
 
 

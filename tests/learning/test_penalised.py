@@ -1,7 +1,5 @@
 """Densities of the hyperparameters beside the likelihood."""
 
-from dataclasses import replace
-
 import building
 import numpy as np
 import pytest
@@ -10,7 +8,10 @@ from scipy.stats import norm, t
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
-from skmtgp.learning.penalised import LITTLE, AlikeNoise, Penalised, SomeNoise
+from skmtgp._estimators.deciding import decide
+from skmtgp._estimators.posing import pose
+from skmtgp._estimators.reading import read
+from skmtgp.learning.penalised import AlikeNoise, Penalised, SomeNoise
 from skmtgp.model.task_covariance import low_rank
 
 M = 4
@@ -40,36 +41,44 @@ def test_density_by_the_book():
     assert found == pytest.approx(expected, rel=1e-8)
 
 
-def test_little_noise_by_the_book():
-    """The tail of Student's t; above a variance that is not little it is flat."""
-    prior = likelihood().prior
-    density, little = SomeNoise(prior), np.log(LITTLE * prior.scale**2)
-    for below in (0.0, 0.5, 3.0, 15.0):
-        theta = np.where(prior.of_noise, little - below, THETA)
-        theta[-1] = little + 2.0
-        expected = (M - 1) * (t.logpdf(below, 4) - t.logpdf(0.0, 4))
-        assert density.log_density(theta)[0] == pytest.approx(expected, rel=1e-12)
+@pytest.mark.parametrize("known", [0.0, 0.02])
+def test_little_noise_by_the_book(known):
+    """The tail of Student's t, of the mean of the logarithms; above it is flat."""
+    log_little = np.log(0.1)
+    density = SomeNoise(likelihood().prior, log_little, known)
+    for below in (0.5, 1.2, 3.0):
+        noise = 0.1 * np.exp(-below) * np.array([1.0, 0.5, 2.0, 1.0]) - known
+        theta = np.r_[THETA[:-M], np.log(np.maximum(noise, 1e-6))]
+        away = log_little - np.log(np.exp(theta[-M:]) + known).mean()
+        value, gradient = density.log_density(theta)
+        expected = t.logpdf(away, 4) - t.logpdf(0.0, 4)
+        assert value == pytest.approx(expected, rel=1e-12)
+        numerical = textbook.derivative(lambda at: density.log_density(at)[0], theta)
+        np.testing.assert_allclose(gradient, numerical, rtol=1e-6, atol=1e-8)
+    assert density.log_density(THETA + 9.0)[0] == 0.0
 
 
-def test_gradient_of_little_noise():
-    penalised = Penalised(likelihood(), SomeNoise(likelihood().prior))
-    theta = THETA - np.where(np.arange(len(THETA)) > len(THETA) - M, 9.0, -0.5)
-    value, gradient = penalised.value_and_grad(theta)
-    assert value == pytest.approx(penalised.value(theta), rel=1e-12)
-    assert value < likelihood().value(theta) - 5.0
-    density = penalised.of_theta
-    numerical = textbook.derivative(lambda t: density.log_density(t)[0], theta)
-    found = gradient - likelihood().value_and_grad(theta)[1]
-    np.testing.assert_allclose(found, numerical, rtol=1e-5, atol=1e-6)
-    expected = likelihood().fisher_information(theta)
-    np.testing.assert_array_equal(penalised.fisher_information(theta), expected)
+def test_little_noise_is_added():
+    penalised = Penalised(likelihood(), SomeNoise(likelihood().prior, np.log(0.3)))
+    value, gradient = penalised.value_and_grad(THETA)
+    assert value == pytest.approx(penalised.value(THETA), rel=1e-12)
+    assert value < likelihood().value(THETA) - 0.1
+    numerical = textbook.derivative(penalised.value, THETA)
+    np.testing.assert_allclose(gradient, numerical, rtol=1e-5, atol=1e-6)
+    expected = likelihood().fisher_information(THETA)
+    np.testing.assert_array_equal(penalised.fisher_information(THETA), expected)
 
 
-def test_where_learning_starts_is_not_little():
-    prior = replace(likelihood().prior, log_noise=np.log(1e-6))
-    theta = np.where(prior.of_noise, np.log(1e-6), THETA)
-    assert SomeNoise(prior).log_density(theta)[0] == 0.0
-    assert SomeNoise(prior).log_density(theta - prior.of_noise)[0] < 0.0
+@pytest.mark.parametrize("start", [1e-6, 1e-2, 1.0])
+@pytest.mark.parametrize("offset", [0.0, 50.0])
+def test_what_is_little(start, offset):
+    """A hundredth of the variance, or where learning starts if that is less."""
+    X, y = smooth(30, 0.2)
+    model = MultiTaskGPRegressor(noise_variance=start, normalize_y=False, max_iter=0)
+    model.fit(X, y + offset)
+    [problem] = pose(model, decide(model, read(model, X, y + offset, (None,) * 3)))
+    expected = min(start, 1e-2) * np.var(y)
+    assert np.exp(problem.log_little) == pytest.approx(expected)
 
 
 def test_gradient_and_information():
@@ -124,10 +133,13 @@ def smooth(n, noise, seed=0):
     return np.column_stack([x, task]), y + noise * rng.standard_normal(n)
 
 
-def test_many_rows_tell_that_there_is_none():
-    model = MultiTaskGPRegressor(rank=2, kernel="rbf", noise="shared")
-    model.set_params(normalize_y="shared").fit(*smooth(90, 0.0))
-    assert model.noise_variance_ < 1e-8 * model.y_scale_**2
+@pytest.mark.parametrize("n", [21, 90])
+def test_smooth_rows_tell_that_there_is_none(n):
+    X, y = smooth(n + 60, 0.0)
+    model = MultiTaskGPRegressor(normalize_y="shared").fit(X[:n], y[:n])
+    assert model.rank_ == 2
+    assert model.noise_variance_ < 1e-7 * model.y_scale_**2
+    assert np.abs(model.predict(X[n:]) - y[n:]).max() < 0.1
     value = model.log_marginal_likelihood(model.theta_)
     assert model.log_marginal_likelihood_value_ == pytest.approx(value)
 
@@ -143,10 +155,11 @@ def test_known_noise_may_be_all_there_is():
 
 def test_whose_noise_is_alike():
     """Not that of the paper's learning, nor of one function, which leaves misfits."""
-    for model, is_alike in [
-        (MultiTaskGPRegressor(), True),
-        (MultiTaskGPRegressor(learning="staged"), False),
-        (IndependentGP(), True),
-        (PooledGP(), False),
+    for model, is_some, is_alike in [
+        (MultiTaskGPRegressor(), True, True),
+        (MultiTaskGPRegressor(learning="staged"), False, False),
+        (IndependentGP(), True, True),
+        (PooledGP(), True, False),
     ]:
-        assert model._has_noise_priors() == is_alike
+        assert model._some_noise() == is_some
+        assert np.isfinite(model._noise_deviation()) == is_alike

@@ -12,7 +12,7 @@ from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._data.data import Data
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
-from skmtgp.learning.tuning import TUNING
+from skmtgp.learning.problem import Budget, Problem
 from skmtgp.learning.weighing import worth
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
@@ -155,7 +155,7 @@ def test_vanished_numbers_of_a_diagonal_do_not_count():
     assert counted < model.n_hyperparameters_
 
     [data] = model._training().data(model._engine)
-    problem = SimpleNamespace(prior=likelihood.prior, data=data, tuning=TUNING)
+    problem = Problem(likelihood.prior, data, None, Budget(1, 1.0))
     mode = SimpleNamespace(theta=model.theta_, value=0.0)
     expected = -0.5 * counted * np.log(len(y)) - np.log(comb(6, left))
     assert worth(problem, mode) == pytest.approx(expected, rel=1e-12)
@@ -261,7 +261,7 @@ def test_choices_of_many_parts_of_their_own():
     log_own = np.repeat([-1.0, -20.0], [70, 69])
     theta = prior.with_rho(prior.theta(), np.append(np.ones(139), log_own))
     data = Data(np.ones((500, 1)), np.arange(500) % 139, np.ones(500), 139)
-    problem = SimpleNamespace(prior=prior, data=data, tuning=TUNING)
+    problem = Problem(prior, data, None, Budget(1, 1.0))
     found = worth(problem, SimpleNamespace(theta=theta, value=0.0))
     counted = 1 + 139 + 70 + 1  # kernel, loadings, parts of their own, noise
     of_choices = gammaln([140, 71, 70]) @ [1.0, -1.0, -1.0]

@@ -120,11 +120,12 @@ def test_eq_8_chooses_otherwise(learned, why, monkeypatch):
     [
         ([-3.0, -1.0, -5.0], [3, 4, 2], 1),
         ([-1.5, -1.0, -5.0], [3, 4, 2], 0),
-        ([-2.1, -1.0, -1.9], [2, 4, 3], 2),
+        ([-2.2, -1.0, -1.9], [2, 4, 3], 2),
+        ([-3.3, 0.0], [5, 53], 0),
         ([-1.2, -1.0, -np.inf], [3, 3, 1], 1),
         ([np.inf, -1.0], [3, 3], 0),
     ],
-    ids=["clear", "close", "too far", "alike", "infinite"],
+    ids=["clear", "close", "too far", "many more", "alike", "infinite"],
 )
 def test_the_simplest_of_the_close(evidences, sizes, expected):
     assert simplest(np.array(evidences), sizes) == expected
@@ -173,7 +174,7 @@ def few_rows(seed):
 @pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.long)])
 def test_noise_of_few_rows_does_not_vanish(seed, monkeypatch):
     """By the evidence alone; it has a prior besides."""
-    monkeypatch.setattr(MultiTaskGPRegressor, "_has_noise_priors", lambda _: False)
+    monkeypatch.setattr(MultiTaskGPRegressor, "_some_noise", lambda _: False)
     X, y = few_rows(seed)
     by_bic = RankSearchIC(ranks=(0, 1), simpler=True, criterion="bic").fit(X, y)
     assert by_bic.best_estimator_.noise_variance_ < 1e-6

@@ -103,7 +103,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         the data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
         Starting value of the noise variance, relative to the variance of the target. If
-        tasks have their own units, it is relative to the variance of each task.
+        tasks have their own units, it is relative to the variance of each task. Far
+        less noise is unlikely a priori. For data with almost no noise give a lower one.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
@@ -162,7 +163,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood times priors of the noise.
+        - "mode" uses the maximum of the likelihood times priors of the noise, see the
+          user guide, page "Noise".
         - "map" uses the maximum of the likelihood times weak priors of all
           hyperparameters, which are relative to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
@@ -413,6 +415,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         the data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
         Starting value of the noise variance, relative to the variance of the target.
+        Far less noise is unlikely a priori.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
@@ -463,9 +466,10 @@ class PooledGP(_FixedTaskCovarianceGP):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood.
-        - "map" uses the maximum of the likelihood times weak priors, which are relative
-          to the size of the data.
+        - "mode" uses the maximum of the likelihood times a prior of the noise, see the
+          user guide, page "Noise".
+        - "map" uses the maximum of the likelihood times weak priors of all
+          hyperparameters, which are relative to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
           the same priors). It takes about as long as "mode".

@@ -120,8 +120,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         largest candidate has at most 100 hyperparameters and at most 30 rows for each,
         and if those near the best were learned to the end and one has noise: they are
         within 5 nats for each output of the best, by BIC and the prior of the noise. It
-        chooses among these and single tasks, and of evidences within a nat the model
-        with the fewest hyperparameters. Otherwise "auto" is "bic", as in the paper.
+        chooses among these and single tasks. A smaller model may be lower by a nat, and
+        0.05 nats for each hyperparameter that it spares. Otherwise "auto" is "bic", as
+        in the paper.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None

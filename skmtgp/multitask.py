@@ -152,7 +152,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         the data, see Notes.
     noise_variance : float, default=1e-2
         Starting value of the noise variance, relative to the variance of the target. If
-        tasks have their own units, it is relative to the variance of each task.
+        tasks have their own units, it is relative to the variance of each task. Far
+        less noise is unlikely a priori. For data with almost no noise give a lower one.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
@@ -222,7 +223,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood times priors of the noise.
+        - "mode" uses the maximum of the likelihood times priors of the noise, see the
+          user guide, page "Noise".
         - "map" uses the maximum of the likelihood times weak priors of all
           hyperparameters, which are relative to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
@@ -425,11 +427,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     A task of one to three rows, where two or more tasks have more, gets a row of the
     factor from its samples and the prior of `add_task`: the population of the larger
     tasks' rows. Noise variances, relative to the squares of the units, have priors.
-    Next to no noise is unlikely: below a hundredth of the targets' variance, or
-    `noise_variance` if that is less, their logarithms have the tail of Student's t with
-    four degrees of freedom. (Not with `alpha`.) Noise variances of tasks are alike:
-    their logarithms are normal around a common mean, with a deviation of 1. These are
-    priors of the mode, not of "laplace" and "sampled", which have their own. Reported
+    Almost no noise is unlikely: below a hundredth of the targets' variance, or
+    `noise_variance` if that is less, the mean of their logarithms has the tail of
+    Student's t with four degrees of freedom. Noise variances of tasks are alike: their
+    logarithms are normal around a common mean, with a deviation of 1. These are priors
+    of the mode, not of "laplace" and "sampled", which have their own. Reported
     likelihoods are without them. Everything else is learned by maximum likelihood, as
     are the row with complete data, and both with other kinds of `learning`.
 

@@ -214,7 +214,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         return Budget(self.max_iter, self.tol, verbose=verbose, begun=time())
 
     def _some_noise(self):
-        """Whether next to no noise is unlikely, see `SomeNoise`."""
+        """Whether almost no noise is unlikely, see `SomeNoise`."""
         return True
 
     def _noise_deviation(self):

@@ -175,7 +175,7 @@ def evidence_around(likelihood, theta):
     likelihood : Likelihood
         Of one output.
     theta : ndarray of shape (n_theta,)
-        The mode of the likelihood.
+        The mode that was learned.
 
     Returns
     -------

@@ -40,7 +40,7 @@ class Penalised:
 
 
 class SomeNoise:
-    r"""Next to no noise is unlikely.
+    r"""Almost no noise is unlikely.
 
     Below a variance c the logarithm of the noise variance has the tail of Student's t
     with four degrees of freedom:

@@ -201,7 +201,7 @@ def begin_at(problem, mode):
 
     A few rows may ask for less noise than all do. Raised at once to where it is held,
     it would lead the first climb away from what is known already: it is no higher than
-    it must. A climb with next to no noise gets stuck for lack of digits: raised a
+    it must. A climb with almost no noise gets stuck for lack of digits: raised a
     little, though not above where it is held, it lets the second get further.
 
     Parameters

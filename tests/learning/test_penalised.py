@@ -74,11 +74,13 @@ def test_little_noise_is_added():
 def test_what_is_little(start, offset):
     """A hundredth of the variance, or where learning starts if that is less."""
     X, y = smooth(30, 0.2)
-    model = MultiTaskGPRegressor(noise_variance=start, normalize_y=False, max_iter=0)
+    options = {"normalize_y": False, "task_levels": False, "max_iter": 0}
+    model = MultiTaskGPRegressor(noise_variance=start, **options)
     model.fit(X, y + offset)
     [problem] = pose(model, decide(model, read(model, X, y + offset, (None,) * 3)))
     expected = min(start, 1e-2) * np.var(y)
-    assert np.exp(problem.log_little) == pytest.approx(expected)
+    in_units_of_y = problem.log_little + 2.0 * problem.log_scales[0]
+    assert np.exp(in_units_of_y) == pytest.approx(expected)
 
 
 def test_gradient_and_information():

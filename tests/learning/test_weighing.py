@@ -53,7 +53,7 @@ def tuned(problems, **changes):
 
 
 def without_noise(modes, log_noise=-23.0):
-    """The same modes with next to no noise."""
+    """The same modes with almost no noise."""
     changed = [mode.theta.copy() for [mode] in modes]
     for theta in changed:
         theta[-1] = log_noise

@@ -415,7 +415,6 @@ class PooledGP(_FixedTaskCovarianceGP):
         the data, see :class:`MultiTaskGPRegressor`.
     noise_variance : float, default=1e-2
         Starting value of the noise variance, relative to the variance of the target.
-        Far less noise is unlikely a priori.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
@@ -466,10 +465,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood times a prior of the noise, see the
-          user guide, page "Noise".
-        - "map" uses the maximum of the likelihood times weak priors of all
-          hyperparameters, which are relative to the size of the data.
+        - "mode" uses the maximum of the likelihood.
+        - "map" uses the maximum of the likelihood times weak priors, which are relative
+          to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
           the same priors). It takes about as long as "mode".
@@ -618,6 +616,9 @@ class PooledGP(_FixedTaskCovarianceGP):
 
     def _form_for_screening(self, n_tasks):
         return ones(n_tasks, self.diagonal)
+
+    def _some_noise(self):
+        return False  # the paper's, by maximum likelihood
 
     def _noise_deviation(self):
         return np.inf  # what is left of a task may be of any size: it is no noise

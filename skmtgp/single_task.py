@@ -84,7 +84,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         sparse if you ask for it. See :doc:`/guide/trend`.
     noise_variance : float, default=1e-2
         Starting value of each task's noise variance, relative to the variance of the
-        task's target. Far less noise is unlikely a priori.
+        task's target.
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
@@ -131,10 +131,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
-        - "mode" uses the maximum of the likelihood times priors of the noise, see the
-          user guide, page "Noise".
-        - "map" uses the maximum of the likelihood times weak priors of all
-          hyperparameters, which are relative to the size of the data.
+        - "mode" uses the maximum of the likelihood.
+        - "map" uses the maximum of the likelihood times weak priors, which are relative
+          to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
           count what the rows leave open of the hyperparameters (Laplace's method, with
           the same priors). It takes about as long as "mode".

@@ -161,7 +161,7 @@ def test_whose_noise_is_alike():
         (MultiTaskGPRegressor(), True, True),
         (MultiTaskGPRegressor(learning="staged"), False, False),
         (IndependentGP(), True, True),
-        (PooledGP(), True, False),
+        (PooledGP(), False, False),
     ]:
         assert model._some_noise() == is_some
         assert np.isfinite(model._noise_deviation()) == is_alike

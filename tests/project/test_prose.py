@@ -43,7 +43,7 @@ def test_pages_are_in_plain_words(path):
     [
         "It takes the model for certain.",
         "Cadmium is dear to measure.",
-        "There is almost no noise.",
+        "There is next to no noise.",
         "Rows are few, for they are expensive.",
     ],
 )

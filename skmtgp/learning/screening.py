@@ -260,6 +260,7 @@ def criterion(problem, mode, times=1.0):
         n_shared, of_tasks = n_shared - prior.n_noise, price_of_tasks(data)
         of_tasks += price(prior.n_noise, times)
     of_theta = problem.log_density(mode.theta) if times != 1.0 else 0.0
+    of_theta = of_theta if np.isfinite(of_theta) else 0.0  # not learned: F is zero
     likelihood = mode.value - of_theta
     prices = price(n_shared, times * n_measured(data)) + of_tasks
     return times * likelihood + of_theta - prices

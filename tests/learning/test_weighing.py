@@ -198,6 +198,7 @@ def test_a_factor_of_zeros_has_a_likelihood_but_no_prior():
     assert penalised.likelihood().value(theta) == -np.inf
     found = penalised.log_likelihood(mode)
     assert found == pytest.approx(plain.likelihood().value(theta))
+    assert weighing.worth(penalised, mode, times=4.0) == -np.inf
 
 
 def grown(seed, n_tasks=27):

@@ -149,7 +149,7 @@ def plausible(problems, modes):
 def may_be_weighed(problems, n=None):
     """Whether some forms are learned exactly, in memory, of one term and few rows.
 
-    `n` is the number of rows, where the problems have only some of them.
+    `n` is that of measurements, where the problems have only some of them.
     """
     first = problems[0][0]
     several = any(isinstance(of.prior.task_covariance, Forms) for of, *_ in problems)
@@ -184,7 +184,7 @@ def weighed(problems, modes, n=None):
     problems, modes
         See `penalties`.
     n : int, default=None
-        Number of rows, where the problems have only some of them.
+        Number of measurements, where the problems have only some of them.
 
     Returns
     -------
@@ -277,7 +277,7 @@ def corrections(problems, modes, n_jobs=None, n=None):
     problems, modes, n_jobs
         See `summed`.
     n : int, default=None
-        Number of rows, where the problems have only some of them.
+        Number of measurements, where the problems have only some of them.
 
     Returns
     -------

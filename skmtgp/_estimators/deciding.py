@@ -214,9 +214,10 @@ def _rougher(model, training, found, n_jobs=None):
     data have: the first name. What was tried in vain counts as spent.
     """
     names, least = [training.kernel], found[0][0].tuning.rougher
+    of_output = least if len(found) == 1 else 0.0  # others may gain what one lacks
     for name in _kernels(model, training)[1]:
         kernel = _kernel(model, training, name)
-        change = partial(with_kernel, kernel=kernel, to_the_end=False)
+        change = partial(with_kernel, kernel=kernel, least=of_output)
         others = run(change, found, n_jobs=n_jobs)
         if _value(others) < _value(found) + least:
             return names, _counting(found, others)
@@ -335,11 +336,12 @@ def _with_noise(model, training, problems, modes):
     of_best = problems[best], modes[best]
     if not (all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best))):
         return training, problems, modes
-    change = partial(with_own_noise, to_the_end=False)
+    least = before[best] + _least_gain(problems[best])
+    of_output = least if len(of_best[0]) == 1 else -np.inf  # others may gain more
+    change = partial(with_own_noise, least=of_output)
     others, learned = _of_forms(change, problems, modes, model.n_jobs)
     after = _criteria(others, learned)
     k = int(np.argmax(after))
-    least = before[best] + _least_gain(problems[best])
     if after[k] > least and all(map(tells_noise, others[k], learned[k])):
         return replace(training, noise="per_task"), others, learned
     return training, problems, modes

@@ -13,11 +13,13 @@ class Rivals:
     modes : sequence of Mode
         Modes of it, or none. Those that stalled, whose values lack digits, do not
         count.
+    least : float, default=-inf
+        What a climb must reach to be of use, beside the best of them.
     """
 
-    def __init__(self, problem, modes):
+    def __init__(self, problem, modes, least=-np.inf):
         self.problem, self.modes = problem, [of for of in modes if not of.stalled]
-        self.best = max((mode.value for mode in self.modes), default=-np.inf)
+        self.best = max([least, *(mode.value for mode in self.modes)])
         self.before = -np.inf
         noisy = all(problem.is_noisy(mode, beyond=0.1) for mode in self.modes)
         self.times = problem.tuning.hopeless if noisy else problem.tuning.creeping

@@ -11,7 +11,16 @@ from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.telling import Teller
 
 
-def climb(problem, theta, *, relaxed=False, held=None, known=(), futile=None):
+def climb(
+    problem,
+    theta,
+    *,
+    relaxed=False,
+    held=None,
+    known=(),
+    least=-np.inf,
+    futile=None,
+):
     """Maximise the log marginal likelihood from theta.
 
     Parameters
@@ -31,6 +40,8 @@ def climb(problem, theta, *, relaxed=False, held=None, known=(), futile=None):
     known : sequence of Mode
         Where others of its kind ended. It ends where it is about to end there, too, or
         cannot hope to come as far.
+    least : float, default=-inf
+        What it must reach to be of use. It ends where it cannot hope for that.
     futile : callable, default=None
         Called with theta after some of the iterations; where it is true the climb ends.
 
@@ -54,7 +65,7 @@ def climb(problem, theta, *, relaxed=False, held=None, known=(), futile=None):
         max_iter=_most_iterations(problem, held),
         tol=tol,
         patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
-        report=_watch(problem, known, futile, penalise, teller),
+        report=_watch(problem, Rivals(problem, known, least), futile, penalise, teller),
     )
     value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
     data = problem.data
@@ -259,9 +270,9 @@ def lower(problem, mode):
     return modes[1:]
 
 
-def _watch(problem, known, futile, penalise, teller):
+def _watch(problem, rivals, futile, penalise, teller):
     """What is called after each iteration: it may print, and may end the climb."""
-    rivals, every = Rivals(problem, known), problem.tuning.look_every
+    every = problem.tuning.look_every
 
     def watch(n_iter, x, value):
         teller.iterated(n_iter, x, -value)

@@ -161,7 +161,7 @@ def _left_to_noise(problem, mode):
     return _of_tasks(problem.data, freedom), _of_tasks(problem.data, squares)
 
 
-def with_own_noise(problem, mode, *, to_the_end=True):
+def with_own_noise(problem, mode, *, least=None):
     """The problem with a noise variance for each task, learned on from a mode.
 
     Parameters
@@ -170,9 +170,10 @@ def with_own_noise(problem, mode, *, to_the_end=True):
         With shared noise.
     mode : Mode
         Its mode.
-    to_the_end : bool, default=True
-        Whether to climb on where a variance has all but vanished by following the rows
-        of its task, which `tells_noise` would refuse.
+    least : float, default=None
+        What eq. 8 must reach for it to be of use. Then the climb ends where it cannot
+        hope for that, and where a variance has all but vanished by following the rows
+        of its task, which `tells_noise` would refuse. None means to the end.
 
     Returns
     -------
@@ -183,17 +184,19 @@ def with_own_noise(problem, mode, *, to_the_end=True):
     """
     prior, theta = problem.prior.with_own_noise(mode.theta)
     problem = replace(problem, prior=prior)
-    least = prior.log_noise_at(theta).min() + np.log(problem.tuning.vanished)
+    vanished = prior.log_noise_at(theta).min() + np.log(problem.tuning.vanished)
 
     def follows_rows(theta):
-        has_fallen = prior.log_noise_at(theta).min() < least
+        has_fallen = prior.log_noise_at(theta).min() < vanished
         return has_fallen and not tells_noise(problem, mode._replace(theta=theta))
 
-    futile = None if to_the_end else follows_rows
-    return problem, mode.then(climb(problem, theta, futile=futile))
+    if least is None:
+        return problem, mode.then(climb(problem, theta))
+    least = least + mode.value - criterion(problem, mode)
+    return problem, mode.then(climb(problem, theta, least=least, futile=follows_rows))
 
 
-def with_kernel(problem, mode, kernel, *, to_the_end=True):
+def with_kernel(problem, mode, kernel, *, least=None):
     """The problem with another k^x of the same parameters, learned on from a mode.
 
     Parameters
@@ -204,9 +207,10 @@ def with_kernel(problem, mode, kernel, *, to_the_end=True):
         Its mode.
     kernel : Kernel
         k^x with its starting values.
-    to_the_end : bool, default=True
-        Whether to climb on where the mode that is known is out of reach, or all but
-        reached.
+    least : float, default=None
+        Nats by which it must be better to be of use. Then the climb ends where it
+        cannot hope for that, or has all but reached the mode that is known. None means
+        to the end.
 
     Returns
     -------
@@ -216,8 +220,10 @@ def with_kernel(problem, mode, kernel, *, to_the_end=True):
         Its own, or what was reached.
     """
     problem = replace(problem, prior=replace(problem.prior, kernel=kernel))
-    known = () if to_the_end else [mode]
-    return problem, mode.then(climb(problem, mode.theta, known=known))
+    if least is None:
+        return problem, mode.then(climb(problem, mode.theta))
+    least = mode.value + least
+    return problem, mode.then(climb(problem, mode.theta, known=[mode], least=least))
 
 
 def tells_noise(problem, mode):

@@ -7,7 +7,7 @@ import numpy as np
 
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.task_column import locate_columns
-from skmtgp._numerics.linalg import RESOLVED
+from skmtgp._numerics.linalg import RESOLVED, svd
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import DescriptorWarning
 
@@ -110,7 +110,7 @@ class Descriptors:
         together are no trouble. It has as many columns as can be told apart.
         """
         D = self._standardised(self.learned)
-        _, S, V = np.linalg.svd(D, full_matrices=False)
+        _, S, V = svd(D)
         kept = S / S[0] > RESOLVED
         return V[kept].T * (np.sqrt(len(D)) / S[kept])
 

@@ -17,8 +17,8 @@ from skmtgp._numerics.parallel import limit_threads
 ARMIJO, CURVATURE = 1e-4, 0.9
 LONGEST_STEP = 3.0
 GROWTH = 1.5  # of the trial step over the last accepted one, up to 1
-PATIENCE = 20  # iterations that gain less than the tolerance, or
-CERTAIN, NOTHING = 3, 1e-4  # so few, where less than that part of it is expected
+PATIENCE = 20  # iterations that gain less than the tolerance,
+CERTAIN, NOTHING = 3, 0.01  # or so few, where less than that part of it is expected
 MAX_LINE_SEARCH = 20
 MOST_DENSE = 1000  # parameters
 MEMORY = 50  # steps that limited memory keeps

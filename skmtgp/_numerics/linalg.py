@@ -2,6 +2,7 @@
 
 import numpy as np
 from scipy.linalg import LinAlgError, eigh
+from scipy.linalg import svd as scipy_svd
 from scipy.linalg.blas import dtrmm, dtrsm, dtrsv
 from scipy.linalg.lapack import dlauum, dpotrf, dtrtri
 
@@ -198,6 +199,37 @@ def eigh_semidefinite(K):
     if values[0] < -INDEFINITE * values[-1]:
         raise NotPositiveDefiniteError(f"eigenvalue {values[0]:.1e} is negative")
     return np.where(values < NEGLIGIBLE * values[-1], 0.0, values), vectors
+
+
+def svd(A, *, full_matrices=False):
+    """Singular value decomposition, also where LAPACK's fast way does not converge.
+
+    Divide and conquer now and then gives up a matrix most of whose singular values are
+    equal, as those of compound symmetry are.
+
+    Parameters
+    ----------
+    A : ndarray of shape (m, n)
+        Any matrix.
+    full_matrices : bool, default=False
+        Whether to return all m and n singular vectors, or as many as there are values.
+
+    Returns
+    -------
+    U, s, Vt : ndarrays of shape (m, k), (k,) and (k, n), k = min(m, n)
+        A = U diag(s) Vt.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If A is not finite.
+    """
+    if not np.isfinite(A).all():
+        raise NotPositiveDefiniteError("a matrix is not finite")
+    try:
+        return np.linalg.svd(A, full_matrices=full_matrices)
+    except LinAlgError:
+        return scipy_svd(A, full_matrices=full_matrices, lapack_driver="gesvd")
 
 
 def correlation(K):

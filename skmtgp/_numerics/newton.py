@@ -7,10 +7,11 @@ is negative of a Hessian's eigenvalues is taken by its size, so that saddles rep
 
 import numpy as np
 
-from skmtgp._numerics.bfgs import ARMIJO, LONGEST_STEP, NOTHING, Optimum
+from skmtgp._numerics.bfgs import ARMIJO, LONGEST_STEP, Optimum
 
 POOR, GOOD = 0.25, 0.75  # parts of the expected gain: steps then get shorter, or longer
 SHORTEST = 1e-12  # of steps, below which nothing is gained any more
+NOTHING = 1e-4  # of the tolerance, below which no gain is expected
 NEAR, CLOSE = 1.0, 0.1  # nats to where another is, and how near that is told and there
 FLATTEST = 1e-14  # eigenvalues, relative to the largest
 TINY = np.finfo(float).tiny  # or absolutely

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._numerics.linalg import eigh_semidefinite
+from skmtgp._numerics.linalg import eigh_semidefinite, svd
 from skmtgp.exceptions import NotPositiveDefiniteError
 
 
@@ -237,7 +237,7 @@ class Levels:
         size = np.linalg.norm(u, axis=0)
         self.unit = u / np.maximum(size, np.finfo(float).tiny)
         # v B^T B = V diag(s^2) V^T
-        self.P, s, Vt = np.linalg.svd(np.sqrt(variance) * size[:, None] * self.W.T)
+        self.P, s, Vt = svd(np.sqrt(variance) * size[:, None] * self.W.T)
         self.squares = np.square(s)
         self.covariance = variance * (Vt.T / (1.0 + self.squares)) @ Vt
         self.between = self.W.T @ self.covariance @ self.W

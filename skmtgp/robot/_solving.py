@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._numerics.linalg import RESOLVED
+from skmtgp._numerics.linalg import RESOLVED, svd
 
 N_ROUNDS = 50  # of weights and coefficients, most often fewer than ten
 CHANGE = 1e-3  # relative, of a noise variance that need not be learned again
@@ -112,7 +112,7 @@ def _shown(A, b, precision):
 
 def _decompose(A):
     """Singular vectors and values that are no rounding errors, and the null space."""
-    U, s, Vt = np.linalg.svd(A, full_matrices=A.shape[0] < A.shape[1])
+    U, s, Vt = svd(A, full_matrices=A.shape[0] < A.shape[1])
     n = int((s > RESOLVED * max(A.shape) * s.max(initial=0.0)).sum())
     return U[:, :n], s[:n], Vt[:n].T, Vt[n:].T
 

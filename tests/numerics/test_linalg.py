@@ -7,6 +7,7 @@ from skmtgp._numerics.linalg import (
     cholesky_with_jitter,
     correlation,
     invert_triangle,
+    svd,
 )
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 
@@ -146,3 +147,24 @@ def test_correlation():
     expected = [[1.0, -0.5, 0.0], [-0.5, 1.0, 0.0], [0.0, 0.0, 1.0]]
     np.testing.assert_allclose(found, expected)
     assert np.abs(correlation(np.full((2, 2), 3.1))).max() <= 1.0
+
+
+def gives_up(*args, **kwargs):
+    raise np.linalg.LinAlgError("SVD did not converge")
+
+
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("converges", [True, False])
+def test_svd(full, converges, monkeypatch):
+    A = np.random.default_rng(0).standard_normal((4, 6))
+    if not converges:
+        monkeypatch.setattr(np.linalg, "svd", gives_up)
+    U, s, Vt = svd(A, full_matrices=full)
+    assert len(Vt) == (6 if full else 4)
+    np.testing.assert_allclose(U * s @ Vt[:4], A, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(Vt @ Vt.T, np.eye(len(Vt)), rtol=0, atol=1e-14)
+
+
+def test_svd_of_what_is_not_finite():
+    with pytest.raises(NotPositiveDefiniteError, match="not finite"):
+        svd(np.array([[1.0, np.nan]]))

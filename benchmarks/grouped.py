@@ -9,6 +9,7 @@ and the last line of a key counts. ``--report FILE.jsonl`` prints the tables.
 - ``--params rank=0 shared=true`` are parameters of MultiTaskGPRegressor, which alone is
   run with them; ``--models RankSearchIC`` runs the search of such a model. They are
   reported apart. With ``--report``, they say of which models the table of sets is.
+- ``--splits 1`` runs, or reports, the first of the random splits alone.
 - "GPR" is scikit-learn's Gaussian process, of standardised inputs, with an RBF that has
   a length-scale for each of them, noise, ``normalize_y=True`` and two restarts.
   "One-hot tasks" have a length-scale for each task as well, or one for all if there are
@@ -89,10 +90,15 @@ def read(path):
     return {tuple(row[k] for k in KEY): row for row in rows}
 
 
+def names_of(n):
+    """Splits in the order in which they are run, of which n are random."""
+    names = [f"random{seed}" for seed in range(n)]
+    return [*names[:1], LAST, *names[1:]]
+
+
 def jobs_of(arguments):
     """Fits that are asked for: all sets once, then the next split."""
-    names = [f"random{seed}" for seed in range(arguments.splits)]
-    for split in [*names[:1], LAST, *names[1:]]:
+    for split in names_of(arguments.splits):
         for name in arguments.sets:
             if split != LAST or SETS[name].time is not None:
                 for model in arguments.models:
@@ -135,6 +141,8 @@ def main():
         work(arguments)
     else:
         rows = read(arguments.report).values()
+        names = names_of(arguments.splits)
+        rows = [row for row in rows if row["split"] in names]
         rows = [row for row in rows if row["set"] in arguments.sets]
         if not rows:
             parser.error(f"no fits in {arguments.report}")

@@ -46,6 +46,14 @@ def quietly(call, *args):
         call(*args)
 
 
+def shape_of(values):
+    """What np.shape says, also of rows of several lengths."""
+    try:
+        return np.shape(values)
+    except ValueError:
+        return f"{len(values)} rows of several lengths"
+
+
 @dataclass
 class Case:
     """One estimator and its data.
@@ -74,7 +82,7 @@ class Case:
         self.legal = self.usable and not self.problem.doubtful
 
     def __str__(self):
-        shape = np.shape(self.problem.X), np.shape(self.problem.y)
+        shape = shape_of(self.problem.X), shape_of(self.problem.y)
         faults = self.problem.fault, self.problem.wrong, "illegal or doubtful"
         kind = "legal" if self.legal else next(filter(None, faults))
         return f"{self.estimator!r} on {shape[0]} and {shape[1]}, {kind}"

@@ -38,7 +38,7 @@ from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.learning.shortlisting import with_own_part
-from skmtgp.learning.weighing import simplest
+from skmtgp.learning.weighing import log_odds, simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -359,7 +359,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         makes = [partial(_fitted, model, training, *of) for of in learned]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
-        best = self._best(table, criterion)
+        odds = log_odds(of_forms)
+        if alone is not None:  # as unrelated as independent ones are
+            odds = np.append(odds, odds.min())
+        best = self._best(table, criterion, odds)
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
@@ -381,11 +384,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if self.keep_estimators:
             self.estimators_ = kept
 
-    def _best(self, table, criterion):
+    def _best(self, table, criterion, odds):
         """Position of what is chosen; nothing whose criterion could not be computed."""
         values = np.nan_to_num(table[criterion].astype(np.float64), nan=np.inf)
         if self.criterion == "auto" and criterion == "laplace":
-            return simplest(-0.5 * values, table["n_hyperparameters"])
+            return simplest(odds - 0.5 * values, table["n_hyperparameters"])
         return int(np.argmin(values))
 
     def _learner(self):

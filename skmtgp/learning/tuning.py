@@ -111,6 +111,9 @@ class Tuning:
         1995),
     tie_each : float
         and for each hyperparameter more, as Laplace's method is not exact.
+    seldom : float
+        Nats by which unrelated tasks must be likelier than related ones, where the
+        evidence chooses: "strong" evidence in the same place.
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.
@@ -224,6 +227,7 @@ class Tuning:
     rows_weighed: int = 30
     tie: float = 1.0
     tie_each: float = 0.05
+    seldom: float = 3.0
     rougher: float = 2.0
     rounds: int = 2
     telling: int = 4

@@ -239,6 +239,28 @@ def evidences(problems, modes, n_jobs=None):
     return summed(evidence_of_form, problems, modes, n_jobs)
 
 
+def log_odds(problems, n=None):
+    """Log prior of each form, but for a constant: with few rows tasks are related.
+
+    With fewer than five rows a task, a rough function of each explains noise as well
+    as functions, and hides what tasks share.
+
+    Parameters
+    ----------
+    problems, n
+        See `weighed`.
+
+    Returns
+    -------
+    log_odds : ndarray of shape (n_forms,)
+    """
+    first = problems[0][0]
+    few = _n_rows(problems, n) < first.tuning.rows_told * first.prior.n_tasks
+    forms = [of[0].prior.task_covariance for of in problems]
+    unrelated = [few and of.n_own and not (of.rank or of.shared) for of in forms]
+    return -first.tuning.seldom * np.array(unrelated, dtype=float)
+
+
 def best_of_forms(problems, modes, n_jobs=None):
     """Position of the form to take.
 
@@ -253,7 +275,8 @@ def best_of_forms(problems, modes, n_jobs=None):
     if len(near) == 1:
         return near[0]
     sizes = [problems[k][0].prior.n_hyperparameters for k in near]
-    told = evidences(*_some(problems, modes, near), n_jobs)
+    some = _some(problems, modes, near)
+    told = evidences(*some, n_jobs) + log_odds(some[0])
     return near[simplest(told, sizes, problems[0][0].tuning)]
 
 
@@ -294,7 +317,8 @@ def corrections(problems, modes, n_jobs=None, n=None):
     if is_overexplained(problems, modes, n):
         found[np.setdiff1d(np.arange(len(found)), near)] = -np.inf
     if len(near) > 1:
-        told = evidences(*_some(problems, modes, near), n_jobs)
+        some = _some(problems, modes, near)
+        told = evidences(*some, n_jobs) + log_odds(some[0], n)
         best = near[int(np.argmax(told))]
         found[near] = told - told.max() + worths[best] + found[best] - worths[near]
     return found

@@ -9,7 +9,7 @@ import textbook
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp import MultiTaskGPRegressor, RankSearchIC, model_selection
 from skmtgp.learning import weighing
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.tuning import TUNING, Tuning
@@ -19,6 +19,7 @@ from skmtgp.learning.weighing import (
     evidences,
     is_overexplained,
     is_weighed,
+    log_odds,
     may_be_weighed,
     near_best,
     noise_penalty,
@@ -137,6 +138,47 @@ def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     problems = tuned(problems, weighed_within=4.5)
     assert best_of_forms(problems, modes) == 0
     assert best_of_forms(tuned(problems, weighed_within=4.5, tie=0.5), modes) == 1
+
+
+@pytest.mark.parametrize(("n", "expected"), [(14, -3.0), (15, 0.0)])
+def test_few_rows_a_task_are_related(learned, n, expected):
+    """Unrelated tasks are unlikely with fewer than five rows a task."""
+    [[problem], *_], _ = learned
+    apart, alike = low_rank(M, 0, True), low_rank(M, 0, True, True)
+    forms = [low_rank(M, 1), apart, alike, low_rank(M, 0, False, True)]
+    problems = [[problem.with_form(form)] for form in forms]
+    assert log_odds(problems, n).tolist() == [0.0, expected, 0.0, 0.0]
+
+
+def test_few_rows_that_are_related_by_a_hair(learned, monkeypatch):
+    """Unrelated tasks of more evidence are not taken if it is not much more."""
+    [[problem], *_], _ = learned
+    odd = [[problem.with_form(low_rank(M, 0, True))], [problem]]
+    modes = [[climb(of, of.theta(K_rho=np.eye(M)))] for [of] in odd]
+    monkeypatch.setattr(weighing, "weighed", lambda *_: [0, 1])
+    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([3.5, 0.0]))
+    assert best_of_forms(odd, modes) == 0
+    odd = tuned(odd, rows_told=20)  # there are 15 rows a task
+    assert best_of_forms(odd, modes) == 0
+    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([2.0, 0.0]))
+    assert best_of_forms(odd, modes) == 1
+
+
+def test_odds_of_forms_count_in_a_search(monkeypatch):
+    rng = np.random.default_rng(0)
+    tasks, x = np.repeat(np.arange(4), 12), rng.uniform(0.0, 6.0, 48)
+    X, y = np.column_stack([x, tasks]), np.sin(x) + 0.3 * rng.standard_normal(48)
+    search = RankSearchIC(MultiTaskGPRegressor(kernel="rbf", noise="shared"))
+    before = search.fit(X, y).results_
+    assert search.criterion_ == "laplace"
+    alike = before["chosen"].to_numpy()
+    odds = np.where(alike, -1e3, 0.0)
+    # of single tasks, the last, they are those of the least likely form
+    monkeypatch.setattr(model_selection, "log_odds", lambda _: odds[:-1])
+    after = search.fit(X, y).results_
+    assert after["model"][after["chosen"]].item() != before["model"][alike].item()
+    assert not after["chosen"].iloc[-1]
+    np.testing.assert_allclose(after["laplace"], before["laplace"])
 
 
 def test_several_terms():

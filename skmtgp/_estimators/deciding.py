@@ -342,9 +342,17 @@ def _with_noise(model, training, problems, modes):
     others, learned = _of_forms(change, problems, modes, model.n_jobs)
     after = _criteria(others, learned)
     k = int(np.argmax(after))
-    if after[k] > least and all(map(tells_noise, others[k], learned[k])):
-        return replace(training, noise="per_task"), others, learned
-    return training, problems, modes
+    if not (after[k] > least and all(map(tells_noise, others[k], learned[k]))):
+        return training, problems, modes
+    # forms that could not gain as much are compared with it now: to the end
+    pairs = [list(zip(*of, strict=True)) for of in zip(others, learned, strict=True)]
+    known = [
+        {j: pair for j, pair in enumerate(of_output) if pair[1].converged}
+        for of_output in zip(*pairs, strict=True)
+    ]
+    change = partial(with_own_noise, least=-np.inf)
+    found = _of_forms(change, problems, modes, model.n_jobs, known)
+    return replace(training, noise="per_task"), *found
 
 
 def _of_forms(change, problems, modes, n_jobs, known=None):

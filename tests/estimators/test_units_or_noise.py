@@ -1,9 +1,10 @@
-"""Tasks that differ in noise: whether they differ in units, too."""
+"""Tasks that differ in noise: whether they differ in units, too, and late choices."""
 
 import numpy as np
 import pytest
 
-from skmtgp import MultiTaskGPRegressor
+from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp._estimators import deciding
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.reading import read
 
@@ -50,3 +51,31 @@ def test_tasks_with_the_same_units_keep_them(data):
     found = decide(model, read(model, *data))
     assert not found.units.per_task
     assert found.noise == "per_task"
+
+
+@pytest.mark.parametrize("n_outputs", [1, 2])
+def test_forms_that_could_not_gain_enough_are_learned_to_the_end(
+    n_outputs, monkeypatch
+):
+    """They end early while it is open whether tasks have their own noise."""
+    rng, tasks = np.random.default_rng(0), np.arange(180) % 6
+    x, noise = rng.uniform(0.0, 6.0, 180), np.array([0.02, 0.1, 0.5, 0.02, 1.0, 0.05])
+    y = np.sin(x) * (1.0 + tasks) + noise[tasks] * rng.standard_normal(180)
+    learn, told = deciding.with_own_noise, []
+
+    def ended_early(problem, mode, *, least=None):
+        problem, mode = learn(problem, mode, least=least)
+        form, first = str(problem.prior.task_covariance), len(told) < 2 * n_outputs
+        told.append((form, least))
+        return problem, mode._replace(converged=not (first and form == "rank 1"))
+
+    monkeypatch.setattr(deciding, "_own_noise", lambda found: [])  # it is not seen soon
+    monkeypatch.setattr(deciding, "with_own_noise", ended_early)
+    model = MultiTaskGPRegressor(normalize_y="shared", kernel="rbf", n_jobs=1)
+    search = RankSearchIC(model, ranks=[1, 2], simpler=False)
+    search.fit(np.column_stack([x, tasks]), np.tile(y[:, None], n_outputs))
+    assert search.best_estimator_.noise_ == "per_task"
+    first, again = told[: 2 * n_outputs], told[2 * n_outputs :]
+    assert [form for form, _ in first] == n_outputs * ["rank 1", "rank 2"]
+    assert all(least > -np.inf for _, least in first) is (n_outputs == 1)
+    assert again == n_outputs * [("rank 1", -np.inf)]

@@ -121,8 +121,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         and if those near the best were learned to the end and one has noise: they are
         within 5 nats for each output of the best, by BIC and the prior of the noise. It
         chooses among these and single tasks. A smaller model may be lower by a nat, and
-        0.05 nats for each hyperparameter that it spares. Otherwise "auto" is "bic", as
-        in the paper.
+        0.05 nats for each hyperparameter that it spares. With fewer than five rows a
+        task on average, 3 nats are taken off the evidence of independent and of single
+        tasks (not in `results_`). Otherwise "auto" is "bic", as in the paper.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
@@ -359,10 +360,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         makes = [partial(_fitted, model, training, *of) for of in learned]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
-        odds = log_odds(of_forms)
-        if alone is not None:  # as unrelated as independent ones are
-            odds = np.append(odds, odds.min())
-        best = self._best(table, criterion, odds)
+        best = self._best(table, criterion, of_forms)
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
@@ -384,12 +382,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if self.keep_estimators:
             self.estimators_ = kept
 
-    def _best(self, table, criterion, odds):
+    def _best(self, table, criterion, of_forms):
         """Position of what is chosen; nothing whose criterion could not be computed."""
         values = np.nan_to_num(table[criterion].astype(np.float64), nan=np.inf)
-        if self.criterion == "auto" and criterion == "laplace":
-            return simplest(odds - 0.5 * values, table["n_hyperparameters"])
-        return int(np.argmin(values))
+        if not (self.criterion == "auto" and criterion == "laplace"):
+            return int(np.argmin(values))
+        odds = log_odds(of_forms)
+        # single tasks, the last, are as unrelated as independent ones
+        odds = np.append(odds, np.full(len(values) - len(odds), odds.min()))
+        return simplest(odds - 0.5 * values, table["n_hyperparameters"])
 
     def _learner(self):
         """A clone of the model, with the search's own parameters."""

@@ -5,6 +5,7 @@ import pickle
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
@@ -115,3 +116,12 @@ def test_a_table_of_several_terms_alone():
     np.testing.assert_allclose(
         table["bic"], expected - 2.0 * table["log_marginal_likelihood"]
     )
+
+
+@pytest.mark.parametrize("criterion", ["auto", "bic"])
+def test_few_rows_a_task(criterion):
+    model = MultiTaskGPRegressor(KERNELS, max_iter=2, **QUICK)
+    search = RankSearchIC(model, ranks=[(1,), (1, 1)], criterion=criterion)
+    with pytest.warns(ConvergenceWarning):
+        search.fit(*draw(2, n=12))
+    assert search.criterion_ == "bic"

@@ -10,6 +10,7 @@ from skmtgp._estimators.named_kernels import SMOOTHNESS
 from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
+from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.screening import (
     as_large,
@@ -217,7 +218,7 @@ def _rougher(model, training, found, n_jobs=None):
     of_output = least if len(found) == 1 else 0.0  # others may gain what one lacks
     for name in _kernels(model, training)[1]:
         kernel = _kernel(model, training, name)
-        change = partial(with_kernel, kernel=kernel, least=of_output)
+        change = partial(with_kernel, kernel=kernel, gain=of_output)
         others = run(change, found, n_jobs=n_jobs)
         if _value(others) < _value(found) + least:
             return names, _counting(found, others)
@@ -337,22 +338,33 @@ def _with_noise(model, training, problems, modes):
     if not (all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best))):
         return training, problems, modes
     least = before[best] + _least_gain(problems[best])
-    of_output = least if len(of_best[0]) == 1 else -np.inf  # others may gain more
-    change = partial(with_own_noise, least=of_output)
-    others, learned = _of_forms(change, problems, modes, model.n_jobs)
-    after = _criteria(others, learned)
-    k = int(np.argmax(after))
-    if not (after[k] > least and all(map(tells_noise, others[k], learned[k]))):
-        return training, problems, modes
-    # forms that could not gain as much are compared with it now: to the end
-    pairs = [list(zip(*of, strict=True)) for of in zip(others, learned, strict=True)]
-    known = [
-        {j: pair for j, pair in enumerate(of_output) if pair[1].converged}
-        for of_output in zip(*pairs, strict=True)
-    ]
-    change = partial(with_own_noise, least=-np.inf)
-    found = _of_forms(change, problems, modes, model.n_jobs, known)
-    return replace(training, noise="per_task"), *found
+    single = len(of_best[0]) == 1  # of several outputs others may gain what one lacks
+    change = partial(with_own_noise, least=least if single else -np.inf)
+    found = _of_forms(change, problems, modes, model.n_jobs)
+    if single and _is_taken(*found, least):  # others are compared with it now
+        pairs = [(*of, *mode) for of, mode in zip(*found, strict=True)]
+        ended = {k: pair for k, pair in enumerate(pairs) if _has_ended(*pair)}
+        found = _of_forms(_to_the_end, *found, model.n_jobs, [ended])
+    if _is_taken(*found, least):
+        return replace(training, noise="per_task"), *found
+    return training, problems, modes
+
+
+def _is_taken(problems, modes, least):
+    """Whether the best form with noise of each task gains enough, and rows tell it."""
+    found = _criteria(problems, modes)
+    best = int(np.argmax(found))
+    return found[best] > least and all(map(tells_noise, problems[best], modes[best]))
+
+
+def _has_ended(problem, mode):
+    """Whether a climb came to its end, or noise that follows rows has ended it."""
+    return mode.converged or not tells_noise(problem, mode)
+
+
+def _to_the_end(problem, mode):
+    """A climb that seemed to have no hope, gone on with."""
+    return problem, mode.then(climb(problem, mode.theta))
 
 
 def _of_forms(change, problems, modes, n_jobs, known=None):

@@ -21,7 +21,8 @@ class Rivals:
         self.problem, self.modes = problem, [of for of in modes if not of.stalled]
         self.best = max([least, *(mode.value for mode in self.modes)])
         self.before = -np.inf
-        noisy = all(problem.is_noisy(mode, beyond=0.1) for mode in self.modes)
+        noisy = [problem.is_noisy(mode, beyond=0.1) for mode in self.modes]
+        noisy = bool(noisy) and all(noisy)  # without modes it is not known
         self.times = problem.tuning.hopeless if noisy else problem.tuning.creeping
 
     def settle(self, n_iter, theta, value):

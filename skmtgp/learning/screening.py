@@ -196,7 +196,7 @@ def with_own_noise(problem, mode, *, least=None):
     return problem, mode.then(climb(problem, theta, least=least, futile=follows_rows))
 
 
-def with_kernel(problem, mode, kernel, *, least=None):
+def with_kernel(problem, mode, kernel, *, gain=None):
     """The problem with another k^x of the same parameters, learned on from a mode.
 
     Parameters
@@ -207,7 +207,7 @@ def with_kernel(problem, mode, kernel, *, least=None):
         Its mode.
     kernel : Kernel
         k^x with its starting values.
-    least : float, default=None
+    gain : float, default=None
         Nats by which it must be better to be of use. Then the climb ends where it
         cannot hope for that, or has all but reached the mode that is known. None means
         to the end.
@@ -220,9 +220,9 @@ def with_kernel(problem, mode, kernel, *, least=None):
         Its own, or what was reached.
     """
     problem = replace(problem, prior=replace(problem.prior, kernel=kernel))
-    if least is None:
+    if gain is None:
         return problem, mode.then(climb(problem, mode.theta))
-    least = mode.value + least
+    least = -np.inf if mode.stalled else mode.value + gain  # else it lacks digits
     return problem, mode.then(climb(problem, mode.theta, known=[mode], least=least))
 
 

@@ -112,8 +112,8 @@ class Tuning:
     tie_each : float
         and for each hyperparameter more, as Laplace's method is not exact.
     seldom : float
-        Nats by which unrelated tasks must be likelier than related ones, where the
-        evidence chooses: "strong" evidence in the same place.
+        Nats taken off the evidence of unrelated tasks with few rows: "strong" evidence
+        in the same place.
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.

@@ -242,8 +242,8 @@ def evidences(problems, modes, n_jobs=None):
 def log_odds(problems, n=None):
     """Log prior of each form, but for a constant: with few rows tasks are related.
 
-    With fewer than five rows a task, a rough function of each explains noise as well
-    as functions, and hides what tasks share.
+    With fewer than five measurements a task, on average, a rough function of each
+    explains noise as well as functions, and hides what tasks share.
 
     Parameters
     ----------

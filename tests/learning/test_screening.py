@@ -63,7 +63,7 @@ def test_a_climb_ends_where_another_kernel_cannot_gain_enough(n_rows):
     mode = climb(problem, problem.theta(K_rho=0.1 * np.eye(3) + 1.0))
     rougher = Matern([1.0, 1.0], nu=1.5)
     _, to_the_end = with_kernel(problem, mode, rougher)
-    _, ended = with_kernel(problem, mode, rougher, least=2.0)
+    _, ended = with_kernel(problem, mode, rougher, gain=2.0)
     assert ended.n_evaluations <= to_the_end.n_evaluations
     worth = mode.value + 2.0
     assert (to_the_end.value > worth) is (ended.value > worth)

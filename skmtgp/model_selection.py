@@ -117,8 +117,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         two more gradients for each hyperparameter of each candidate.
 
         "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
-        largest candidate has at most 100 hyperparameters and at most 30 rows for each,
-        and if those near the best were learned to the end and one has noise: they are
+        largest candidate has at most 30 rows for each hyperparameter, and if those near
+        the best have at most 100, were learned to the end and one has noise: they are
         within 5 nats for each output of the best, by BIC and the prior of the noise. It
         chooses among these and single tasks. A smaller model may be lower by a nat, and
         0.05 nats for each hyperparameter that it spares. With fewer than five rows a

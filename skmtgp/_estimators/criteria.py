@@ -13,8 +13,6 @@ from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.weighing import (
     evidence_of_form,
-    few_hyperparameters,
-    is_overexplained,
     summed,
     uncounted,
     weighed,
@@ -87,16 +85,13 @@ def criterion_of(asked, of_forms, modes):
     """The criterion that is to choose, and among which forms.
 
     Of "auto" it is laplace among those near the best, where it can be computed, and
-    otherwise bic. It can where learning is exact, in memory, of one term, of few rows
-    and hyperparameters, and where the forms near the best were learned to the end and
-    one of them has noise.
+    otherwise bic. It can where learning is exact, in memory, of one term and of few
+    rows, and where the forms near the best have few hyperparameters, were learned to
+    the end, and one of them has noise.
     """
     every = list(range(len(of_forms)))
     if asked != "auto":
         return asked, every
-    many = not few_hyperparameters(of_forms)
-    if many and not is_overexplained(of_forms, modes):
-        return "bic", every
     near = weighed(of_forms, modes)
     return ("laplace", near) if near else ("bic", every)
 

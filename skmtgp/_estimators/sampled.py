@@ -77,7 +77,7 @@ class SampledMixin:
         --------
         >>> import numpy as np
         >>> from skmtgp import MultiTaskGPRegressor
-        >>> rng = np.random.default_rng(0)
+        >>> rng = np.random.default_rng(3)
         >>> x, task = rng.uniform(0, 6, 45), np.repeat([0, 1, 2], 15)
         >>> y = np.array([1, -2, 0.5])[task] * np.sin(x + (task == 2))
         >>> y += 0.1 * rng.standard_normal(45)

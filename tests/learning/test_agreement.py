@@ -51,6 +51,16 @@ class TestNear:
 
 
 class TestSettle:
+    def test_what_cannot_reach_the_least_ends_with_patience(self, problem, mode):
+        """Without a mode it is not known whether there is noise."""
+        rivals, often = Rivals(problem, [], mode.value), problem.tuning.look_every
+        assert not rivals.settle(often, mode.theta, mode.value - 100.0)
+        gain = 100.0 / problem.tuning.creeping
+        value = mode.value - 100.0 + 1.1 * gain
+        assert not rivals.settle(2 * often, mode.theta, value)
+        assert rivals.settle(3 * often, mode.theta, value + 0.9 * gain)
+        assert not rivals.settle(4 * often, mode.theta, mode.value + 1.0)
+
     def test_hopeless_climbs_end(self, problem, mode):
         rivals, away = Rivals(problem, [mode]), mode.theta + 3.0
         often = problem.tuning.look_every

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 from functools import partial
 from numbers import Integral
 from typing import TYPE_CHECKING, Literal, Self
@@ -309,7 +310,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             learned = [[of.with_form(form) for of in problems] for form in forms], modes
             if asks and self.ranks is None and not model.diagonal:
                 settings, *learned = _with_own_part(settings, *learned, model.n_jobs)
-            decided = decide_rest(model, training, *learned)
+            options = learned[0], problems[0].budget, progress
+            learn = partial(_learn_again, model, *options)
+            decided = decide_rest(model, training, *learned, learn)
             self._keep(model, settings, alone, *model._tell(training, *decided))
 
     def _check_criterion(self, training):
@@ -343,8 +346,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         problems = pose(model, training, len(settings), n_kept)
         model._foretell(problems, len(settings))
         with limit_threads(side(problems)):
-            learned = learn_candidates(model, training, settings, progress)
-            decided = decide_rest(model, training, *learned)
+            learn = partial(learn_candidates, model, settings, progress)
+            decided = decide_rest(model, training, *learn(training), learn)
             self._keep(model, settings, None, *model._tell(training, *decided))
 
     def _asks_simpler(self):
@@ -711,6 +714,16 @@ def _with_own_part(settings, of_forms, modes, n_jobs):
     form = own[0].prior.task_covariance
     params = {"rank": form.rank, "shared": bool(form.shared), "diagonal": True}
     return [*settings, params], [*of_forms, own], [*modes, of_own]
+
+
+def _learn_again(model, of_forms, budget, progress, training):
+    """The same forms, with other units, noise and k^x."""
+    problems = [replace(of, budget=budget) for of in pose(model, training)]
+    forms = [of[0].prior.task_covariance for of in of_forms]
+    order = sorted(range(len(forms)), key=lambda k: not forms[k].n_own)
+    modes = model._learn_ranks(problems, [forms[k] for k in order], progress)
+    modes = [modes[order.index(k)] for k in range(len(forms))]
+    return [[of.with_form(form) for of in problems] for form in forms], modes
 
 
 def _made(makes, best, *, every):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABCMeta, abstractmethod
 from dataclasses import replace
+from functools import partial
 from itertools import chain
 from numbers import Integral, Real
 from time import time
@@ -138,13 +139,19 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             problems = pose(self, training)
             problems = self._foretell(problems, problems[0].prior.n_terms)
             with limit_threads(side(problems)):
-                learned = self._learn(problems, progress)
-                decided = decide_rest(self, training, *([of] for of in learned))
+                learned = ([of] for of in self._learn(problems, progress))
+                learn = partial(self._learn_again, problems[0].budget, progress)
+                decided = decide_rest(self, training, *learned, learn)
                 training, [problems], [modes] = self._tell(training, *decided)
                 modes = list(map(along_ranges, problems, modes))
                 self._store(training, problems, modes)
                 self._warn_of_fit(training, problems, modes)
         return self
+
+    def _learn_again(self, budget, progress, training):
+        """Problems and modes of one form, with other units, noise and k^x."""
+        problems = [replace(of, budget=budget) for of in pose(self, training)]
+        return ([of] for of in self._learn(problems, progress))
 
     def _warn_of_fit(self, training, problems, modes):
         """Say what the fit leaves in doubt."""

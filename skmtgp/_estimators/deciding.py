@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from skmtgp._data.checks import warn_of_constant_tasks
-from skmtgp._estimators.named_kernels import SMOOTHNESS
+from skmtgp._estimators.named_kernels import DEFAULT, SMOOTHNESS
 from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
@@ -17,6 +17,7 @@ from skmtgp.learning.screening import (
     criterion,
     differ_in_noise,
     differ_in_size,
+    hides_noise,
     leaves_noise,
     n_measured,
     price,
@@ -34,6 +35,7 @@ from skmtgp.learning.summarised import exact_part
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
+SURE_ANEW = 3.0  # the same where functions may have followed the noise of a task
 NOTHING = 1e-8  # variances of the targets
 
 
@@ -280,7 +282,7 @@ def _score(training, found):
     return float(sum(score(*of, scale) for of, scale in pairs))
 
 
-def decide_rest(model, training, problems, modes):
+def decide_rest(model, training, problems, modes, learn):
     """What was learned, or the same with another k^x or noise if that is worth it.
 
     What the small model cannot tell from its functions, the large one may.
@@ -295,6 +297,9 @@ def decide_rest(model, training, problems, modes):
         For each form of K^rho, ascending, and each output.
     modes : list of list of Mode
         Their modes.
+    learn : callable
+        ``learn(training)`` gives such problems and modes, of as many forms, learned
+        from other units, noise and k^x.
 
     Returns
     -------
@@ -305,7 +310,7 @@ def decide_rest(model, training, problems, modes):
     if not (learned and problems[0][0].engine.exact):
         return training, problems, modes
     training, problems, modes = _with_kernel(model, training, problems, modes)
-    return _with_noise(model, training, problems, modes)
+    return _with_noise(model, training, problems, modes, learn)
 
 
 def _with_kernel(model, training, problems, modes):
@@ -328,26 +333,44 @@ def _through(problem, mode, kernels):
     return problem, mode
 
 
-def _with_noise(model, training, problems, modes):
+def _with_noise(model, training, problems, modes, learn):
     """The same with noise for each task if that is worth it."""
     if len(_noises(model, training)) == 1 or training.noise != "shared":
         return training, problems, modes
     before = _criteria(problems, modes)
     best = int(np.argmax(before))
     of_best = problems[best], modes[best]
-    if not (all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best))):
+    if any(map(hides_noise, *of_best)):
+        least = before[best] + SURE_ANEW * len(problems[best])
+        found = _anew(model, training, learn)
+    elif all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
+        least = before[best] + _least_gain(problems[best])
+        found = training, *_learned_on(problems, modes, least, model.n_jobs)
+    else:
         return training, problems, modes
-    least = before[best] + _least_gain(problems[best])
-    single = len(of_best[0]) == 1  # of several outputs others may gain what one lacks
+    other, *found = found
+    if _is_taken(*found, least):
+        return replace(other, noise="per_task"), *found
+    return training, problems, modes
+
+
+def _anew(model, training, learn):
+    """What is learned with noise of each task from the start, and with which k^x."""
+    training = replace(training, noise="per_task", kernel=DEFAULT)
+    _, training, _ = _screened(model, training, ["per_task"])
+    return _with_kernel(model, training, *learn(training))
+
+
+def _learned_on(problems, modes, least, n_jobs):
+    """What is learned on with noise of each task, as long as it may reach the least."""
+    single = len(problems[0]) == 1  # of several outputs others may gain what one lacks
     change = partial(with_own_noise, least=least if single else -np.inf)
-    found = _of_forms(change, problems, modes, model.n_jobs)
+    found = _of_forms(change, problems, modes, n_jobs)
     if single and _is_taken(*found, least):  # others are compared with it now
         pairs = [(*of, *mode) for of, mode in zip(*found, strict=True)]
         ended = {k: pair for k, pair in enumerate(pairs) if _has_ended(*pair)}
-        found = _of_forms(_to_the_end, *found, model.n_jobs, [ended])
-    if _is_taken(*found, least):
-        return replace(training, noise="per_task"), *found
-    return training, problems, modes
+        found = _of_forms(_to_the_end, *found, n_jobs, [ended])
+    return found
 
 
 def _is_taken(problems, modes, least):

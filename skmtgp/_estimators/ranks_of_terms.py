@@ -102,19 +102,19 @@ def settings_of_terms(model, ranks):
     return {"kernel": kernels, **dict(zip(OF_TERMS, values, strict=True))}
 
 
-def learn_candidates(model, training, settings, progress):
+def learn_candidates(model, settings, progress, training):
     """Learn all candidates; those that are part of another are no better than it.
 
     Parameters
     ----------
     model : MultiTaskGPRegressor
         Whose other parameters count.
-    training : Training
-        With units and noise.
     settings : list of dict
         Parameters of each candidate, simple ones first.
     progress : callable
         See :func:`skmtgp._support.progress.fitting`.
+    training : Training
+        With units and noise.
 
     Returns
     -------

@@ -24,6 +24,7 @@ from skmtgp._data.dask import map_parts
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.faster import with_faster
 from skmtgp.learning.problem import best_of
 from skmtgp.model.task_covariance import WithDiagonal
 
@@ -70,14 +71,9 @@ def screen(problem, known=()):
     data = problem.data
     squares = _of_tasks(data, np.square(data.y))
     variances = squares / np.maximum(_of_tasks(data, np.ones(len(data))), 1.0)
-    theta, prior = problem.theta(K_rho=np.diag(variances)), problem.prior
-    modes = [*known, climb(problem, theta, relaxed=True, known=known)]
-    noise, total = prior.values(modes[-1].theta).noise, np.square(data.y).mean()
-    if (noise > problem.tuning.much_noise * total).any() and prior.n_terms == 1:
-        for step in problem.tuning.faster:  # they may be taken for noise
-            faster = np.where(prior.of_length_scales, theta + step, theta)
-            modes.append(climb(problem, faster, relaxed=True, known=modes))
-    return problem, best_of(modes)
+    theta = problem.theta(K_rho=np.diag(variances))
+    mode = best_of([*known, climb(problem, theta, relaxed=True, known=known)])
+    return problem, with_faster(problem, mode)
 
 
 def as_large(problem, mode):
@@ -144,6 +140,30 @@ def differ_in_noise(problem, mode):
 def leaves_noise(problem, mode):
     """Whether each task's rows leave more than one degree of freedom to the noise."""
     return bool((_left_to_noise(problem, mode)[0] > 1.0).all())
+
+
+def hides_noise(problem, mode):
+    """Whether functions may have followed the noise of a task, where there is noise.
+
+    They are rough then, and the rows of that task leave little to the noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        With shared noise.
+    mode : Mode
+        Its mode.
+
+    Returns
+    -------
+    hides : bool
+    """
+    if not problem.is_noisy(mode):
+        return False
+    tuning, freedom = problem.tuning, _left_to_noise(problem, mode)[0]
+    counts = _of_tasks(problem.data, np.ones(len(problem.data)))
+    rough = freedom < tuning.rough * counts
+    return bool(rough[counts >= tuning.rough_rows].any())
 
 
 def _left_to_noise(problem, mode):

@@ -233,11 +233,14 @@ def _sketch(problem, starts, below):
     if not start.is_noisy:
         return Sketch(problem, follow(problem, start, below))
     if below is not None and has_columns_more(below.problem, problem):
-        theta = with_columns(below.problem, problem, below.ascent.mode)
-        return _quick(problem, theta)
+        lower = below.ascent.mode
+        found = _quick(problem, with_columns(below.problem, problem, lower))
+        if found.ascent.mode.value > lower.value + problem.tuning.doubt:
+            return found
+        return _quick(problem, start.theta(problem), [found.ascent.mode])
     found = _quick(problem, start.theta(problem))
     form = problem.prior.task_covariance
-    for other in starts if form.shared and form.n_own else ():
+    for other in starts if form.rank == 1 or (form.shared and form.n_own) else ():
         if other is not start:
             found = _quick(problem, other.theta(problem), [found.ascent.mode])
     return found

@@ -17,6 +17,7 @@ import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp.learning.climbing import annealed, climb, refine, shake
+from skmtgp.learning.faster import with_faster
 from skmtgp.learning.nesting import embedded, has_columns_more, with_columns
 from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.tuning import TUNING
@@ -31,7 +32,7 @@ def learn_fixed(problem):
     """
     coarse = problem.coarse_to_fine()[0]
     theta = problem.theta(K_rho=1.1 * np.eye(problem.prior.n_tasks))  # kappa is 0.1
-    relaxed = climb(coarse, theta, relaxed=True)
+    relaxed = with_faster(coarse, climb(coarse, theta, relaxed=True))
     direct = relaxed.then(climb(coarse, relaxed.theta))
     modes = [direct, annealed(coarse, theta).mode]
     return refine(problem, best_of(modes, doubt=problem.tuning.doubt))
@@ -75,7 +76,7 @@ class Start(NamedTuple):
 
 def first_stage(problem, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho as the problem has it."""
-    mode = climb(problem, problem.theta(), relaxed=relaxed)
+    mode = with_faster(problem, climb(problem, problem.theta(), relaxed=relaxed))
     likelihood, prior = problem.likelihood(), problem.prior
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)

@@ -1,0 +1,56 @@
+"""Fast functions that a climb takes for noise.
+
+A climb begins with k^x that is as smooth as features spread. Where functions are faster
+than that, all of them may look like noise, and it ends there. But then faster ones with
+less noise are likelier as they are, before anything is learned: that takes some values
+of the likelihood.
+"""
+
+from itertools import product
+
+import numpy as np
+
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
+
+
+def with_faster(problem, mode):
+    """The better of a mode and one of faster functions, if they were taken for noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        With a few hundred rows.
+    mode : Mode
+        Where a relaxed climb ended.
+
+    Returns
+    -------
+    mode : Mode
+        With what was spent on both.
+    """
+    if problem.prior.n_terms > 1 or not problem.is_noisy(mode):
+        return mode
+    likelihood = problem.likelihood()
+    candidates = _candidates(problem, mode)
+    values = [likelihood.value(theta) for theta in candidates]
+    likelihood.release()
+    if max(values, default=-np.inf) <= mode.value:
+        return mode
+    theta = candidates[int(np.nanargmax(values))]
+    return best_of([mode, climb(problem, theta, relaxed=True, known=[mode])])
+
+
+def _candidates(problem, mode):
+    """The mode with shorter length-scales, all or one, and with less noise."""
+    prior, tuning = problem.prior, problem.tuning
+    scales, start = np.flatnonzero(prior.of_length_scales), problem.theta()
+    alone = scales[:, None] if 1 < len(scales) <= tuning.most_alone else []
+    lower, upper = prior.bounds()
+    found = []
+    for group, step, factor in product([scales, *alone], tuning.swift, tuning.less_noise):
+        theta = mode.theta + np.where(prior.of_noise, np.log(factor), 0.0)
+        theta[group] = start[group] + step
+        if (theta[group] < mode.theta[group]).all():
+            found.append(np.clip(theta, lower, upper))
+    return found

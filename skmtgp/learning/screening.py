@@ -26,7 +26,7 @@ from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.faster import with_faster
 from skmtgp.learning.problem import best_of
-from skmtgp.model.task_covariance import WithDiagonal
+from skmtgp.model.task_covariance import WithDiagonal, low_rank
 
 
 def differ_in_size(scales, counts):
@@ -143,9 +143,11 @@ def leaves_noise(problem, mode):
 
 
 def hides_noise(problem, mode):
-    """Whether functions may have followed the noise of a task, where there is noise.
+    """Whether functions may have followed the noise of a task.
 
-    They are rough then, and the rows of that task leave little to the noise.
+    They are rough then, and the rows of that task leave little to the noise. Where none
+    is left to any task, one function of all and noise of each may explain more: one
+    task is exact, another is not.
 
     Parameters
     ----------
@@ -159,11 +161,25 @@ def hides_noise(problem, mode):
     hides : bool
     """
     if not problem.is_noisy(mode):
-        return False
+        return _hides_noisy_task(problem.coarse_to_fine()[0], mode)
     tuning, freedom = problem.tuning, _left_to_noise(problem, mode)[0]
     counts = _of_tasks(problem.data, np.ones(len(problem.data)))
     rough = freedom < tuning.rough * counts
     return bool(rough[counts >= tuning.rough_rows].any())
+
+
+def _hides_noisy_task(problem, mode):
+    """Whether rank 1 with noise of each task is likelier than a mode without noise."""
+    prior, theta = problem.prior, mode.theta
+    if prior.n_terms > 1 or prior.n_tasks == 1:
+        return False
+    value = problem.likelihood().value(theta)
+    known = criterion(problem, mode._replace(value=value))
+    simple = problem.with_form(low_rank(prior.n_tasks, 1))
+    kernel, K_rho = prior.values(theta).kernel, prior.K_rho_at(theta)
+    shared = climb(simple, simple.theta(kernel=kernel, K_rho=K_rho))
+    simple, found = with_own_noise(simple, shared)
+    return bool(criterion(simple, found) > known)
 
 
 def _left_to_noise(problem, mode):

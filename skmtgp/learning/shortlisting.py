@@ -206,15 +206,15 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
     n = len(problems) * len(forms)
     of_all = description(problems, forms, stage="from the likeliest start")
     report = progress("comparing ranks", n, of_all)
-    below, found = [None] * len(problems), []
+    found = []
     for k, form in enumerate(forms):
+        before = zip(*found, strict=True) if found else [()] * len(problems)
         jobs = [
             (problem.with_form(form), *of)
-            for problem, *of in zip(problems, starts, below, strict=True)
+            for problem, *of in zip(problems, starts, before, strict=True)
         ]
-        below = run(_sketch, jobs, n_jobs=n_jobs)
-        found.append(below)
-        for j, sketch in enumerate(below if report is not None else ()):
+        found.append(run(_sketch, jobs, n_jobs=n_jobs))
+        for j, sketch in enumerate(found[-1] if report is not None else ()):
             report(j * len(forms) + k, sketch.ascent.mode)
         if _falls(found):
             break
@@ -223,19 +223,21 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
     return run(_descended, [(of,) for of in zip(*found, strict=True)], n_jobs=n_jobs)
 
 
-def _sketch(problem, starts, below):
+def _sketch(problem, starts, before):
     """The sketch of a form; that of noisy data is quick, and begins at the rank below.
 
-    Without noise both would miss modes that are far better. Compound symmetry is
-    learned from all starts: one may tell it independent tasks alone, or one function.
+    Without noise both would miss modes that are far better. A rank that is worse than a
+    form before begins at the likeliest start, too: the rank below may have taken fast
+    functions for noise. Compound symmetry is learned from all starts, for one may tell
+    it independent tasks alone, or one function. So is rank 1.
     """
-    start = likeliest(starts)
+    start, below = likeliest(starts), before[-1] if before else None
     if not start.is_noisy:
         return Sketch(problem, follow(problem, start, below))
     if below is not None and has_columns_more(below.problem, problem):
-        lower = below.ascent.mode
-        found = _quick(problem, with_columns(below.problem, problem, lower))
-        if found.ascent.mode.value > lower.value + problem.tuning.doubt:
+        theta = with_columns(below.problem, problem, below.ascent.mode)
+        found = _quick(problem, theta)
+        if found.ascent.mode.value > max(of.ascent.mode.value for of in before):
             return found
         return _quick(problem, start.theta(problem), [found.ascent.mode])
     found = _quick(problem, start.theta(problem))

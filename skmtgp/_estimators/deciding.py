@@ -29,13 +29,14 @@ from skmtgp.learning.screening import (
     with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
+from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed
 
 # Nats that noise of each task must gain, beside what its numbers are worth. A few rows
 # that happen to be near the function gain some, and a variance that is too small costs
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
-SURE_ANEW = 3.0  # the same where functions may have followed the noise of a task
+SURE_ANEW = 2.0  # the same where functions may have followed the noise of a task
 NOTHING = 1e-8  # variances of the targets
 
 
@@ -341,16 +342,14 @@ def _with_noise(model, training, problems, modes, learn):
     best = int(np.argmax(before))
     of_best = problems[best], modes[best]
     if any(map(hides_noise, *of_best)):
-        least = before[best] + SURE_ANEW * len(problems[best])
-        found = _anew(model, training, learn)
-    elif all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
+        other, *found = _anew(model, training, learn)
+        taken = _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW
+        return (other, *found) if taken else (training, problems, modes)
+    if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
         least = before[best] + _least_gain(problems[best])
-        found = training, *_learned_on(problems, modes, least, model.n_jobs)
-    else:
-        return training, problems, modes
-    other, *found = found
-    if _is_taken(*found, least):
-        return replace(other, noise="per_task"), *found
+        found = _learned_on(problems, modes, least, model.n_jobs)
+        if _is_taken(*found, least):
+            return replace(training, noise="per_task"), *found
     return training, problems, modes
 
 
@@ -359,6 +358,19 @@ def _anew(model, training, learn):
     training = replace(training, noise="per_task", kernel=DEFAULT)
     _, training, _ = _screened(model, training, ["per_task"])
     return _with_kernel(model, training, *learn(training))
+
+
+def _gain(of_best, found, n_jobs):
+    """Nats an output that the best of some forms is better by.
+
+    By the evidence where it can be had: eq. 8 does not mind that functions follow rows.
+    """
+    best = int(np.argmax(_criteria(*found)))
+    problems, modes = zip(of_best, [of[best] for of in found], strict=True)
+    values = _criteria(problems, modes)
+    if may_be_weighed(problems) and is_weighed(problems, modes):
+        values = evidences(problems, modes, n_jobs)
+    return (values[1] - values[0]) / len(problems[0])
 
 
 def _learned_on(problems, modes, least, n_jobs):
@@ -375,9 +387,13 @@ def _learned_on(problems, modes, least, n_jobs):
 
 def _is_taken(problems, modes, least):
     """Whether the best form with noise of each task gains enough, and rows tell it."""
-    found = _criteria(problems, modes)
-    best = int(np.argmax(found))
-    return found[best] > least and all(map(tells_noise, problems[best], modes[best]))
+    return _criteria(problems, modes).max() > least and _tells_all(problems, modes)
+
+
+def _tells_all(problems, modes):
+    """Whether the rows tell all noise variances of the best form."""
+    best = int(np.argmax(_criteria(problems, modes)))
+    return all(map(tells_noise, problems[best], modes[best]))
 
 
 def _has_ended(problem, mode):

@@ -47,8 +47,8 @@ def _candidates(problem, mode):
     scales, start = np.flatnonzero(prior.of_length_scales), problem.theta()
     alone = scales[:, None] if 1 < len(scales) <= tuning.most_alone else []
     lower, upper = prior.bounds()
-    found = []
-    for group, step, factor in product([scales, *alone], tuning.swift, tuning.less_noise):
+    groups, found = [scales, *alone], []
+    for group, step, factor in product(groups, tuning.swift, tuning.less_noise):
         theta = mode.theta + np.where(prior.of_noise, np.log(factor), 0.0)
         theta[group] = start[group] + step
         if (theta[group] < mode.theta[group]).all():

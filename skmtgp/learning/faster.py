@@ -11,11 +11,11 @@ from itertools import product
 import numpy as np
 
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.problem import best_of
+from skmtgp.learning.problem import spent_on
 
 
 def with_faster(problem, mode):
-    """The better of a mode and one of faster functions, if they were taken for noise.
+    """A mode, or one of faster functions if that gains: they were taken for noise.
 
     Parameters
     ----------
@@ -38,7 +38,9 @@ def with_faster(problem, mode):
     if max(values, default=-np.inf) <= mode.value:
         return mode
     theta = candidates[int(np.nanargmax(values))]
-    return best_of([mode, climb(problem, theta, relaxed=True, known=[mode])])
+    found = climb(problem, theta, relaxed=True, known=[mode])
+    gains = found.value > mode.value + problem.tuning.rougher
+    return spent_on(found if gains else mode, [mode, found])
 
 
 def _candidates(problem, mode):

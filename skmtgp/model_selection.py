@@ -310,9 +310,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             learned = [[of.with_form(form) for of in problems] for form in forms], modes
             if asks and self.ranks is None and not model.diagonal:
                 settings, *learned = _with_own_part(settings, *learned, model.n_jobs)
-            options = learned[0], problems[0].budget, progress
-            learn = partial(_learn_again, model, *options)
-            decided = decide_rest(model, training, *learned, learn)
+            again = partial(_learn_again, model, learned[0], progress)
+            decided = decide_rest(model, training, *learned, again)
             self._keep(model, settings, alone, *model._tell(training, *decided))
 
     def _check_criterion(self, training):
@@ -716,8 +715,9 @@ def _with_own_part(settings, of_forms, modes, n_jobs):
     return [*settings, params], [*of_forms, own], [*modes, of_own]
 
 
-def _learn_again(model, of_forms, budget, progress, training):
+def _learn_again(model, of_forms, progress, training):
     """The same forms, with other units, noise and k^x."""
+    budget = of_forms[0][0].budget
     problems = [replace(of, budget=budget) for of in pose(model, training)]
     forms = [of[0].prior.task_covariance for of in of_forms]
     order = sorted(range(len(forms)), key=lambda k: not forms[k].n_own)

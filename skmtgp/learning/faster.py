@@ -29,7 +29,8 @@ def with_faster(problem, mode):
     mode : Mode
         With what was spent on both.
     """
-    if problem.prior.n_terms > 1 or not problem.is_noisy(mode):
+    learns = problem.budget.max_iter and problem.prior.n_terms == 1
+    if not (learns and problem.is_noisy(mode)):
         return mode
     likelihood = problem.likelihood()
     candidates = _candidates(problem, mode)

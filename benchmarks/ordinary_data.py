@@ -31,11 +31,9 @@ BASE = {
     "noise": 0.1,  # deviation, in the task's unit
     "own_noise": False,
     "noisy": None,  # noise of the last task, instead
-    "lengths": (0.15, 0.5),  # of the range of an input, if it is one
     "two_lengths": False,  # the second function is five times as rough
     "apart": False,  # each task sees its own part of the first input
 }
-FAST = {"n_inputs": 1, "rows": (30, 60)}
 RANKS = {"n_tasks": 8, "rows": (10, 20)}
 CLASSES = {
     "ordinary": {},
@@ -62,8 +60,6 @@ CLASSES = {
     "one-function": {"relation": "same"},
     "irrelevant-inputs": {"irrelevant": (2, 4)},
     "two-length-scales": {"rank": 2, "two_lengths": True},
-    "fast": {**FAST, "lengths": (0.03, 0.08)},
-    "slow-and-fast": {**FAST, "lengths": (0.06, 0.15), "rank": 2, "two_lengths": True},
     "apart": {"n_inputs": 1, "apart": True},
     "anything": {
         "n_tasks": (2.0, 40.0),
@@ -77,7 +73,7 @@ CLASSES = {
     "115-tasks": {"n_tasks": 115, "n_rows": 300},
     "131-tasks": {"n_tasks": 131, "n_rows": 600},
 }
-OF_EACH = "rows", "small", "noise", "units", "lengths"  # drawn for each task or input
+OF_EACH = "rows", "small", "noise", "units"  # drawn for each task
 HUNDREDS = "115-tasks", "131-tasks"
 MOST_ROWS = 400  # of "anything", on average: many tasks have few each
 
@@ -229,7 +225,6 @@ def _one(value, rng, size=None):
 
 def draw(rng, *, n_tasks, rows, small, n_inputs, irrelevant, apart, noise, **settings):
     """A problem with the settings of `BASE`."""
-    lengths = settings["lengths"], settings["two_lengths"]
     d = n_inputs + irrelevant
     rows = _one(rows, rng, n_tasks)
     if small is not None:
@@ -249,7 +244,7 @@ def draw(rng, *, n_tasks, rows, small, n_inputs, irrelevant, apart, noise, **set
     factor = _factor(rng, n_tasks, settings["rank"], settings["relation"])
     truth = Truth(
         unit[:, None] * factor,
-        _length_scales(rng, factor, n_inputs, irrelevant, *lengths),
+        _length_scales(rng, factor, n_inputs, irrelevant, settings["two_lengths"]),
         settings["level"] * unit,
         np.zeros(n_tasks),
         noise,
@@ -275,9 +270,9 @@ def _factor(rng, n_tasks, rank, relation):
     return factor
 
 
-def _length_scales(rng, factor, n_inputs, irrelevant, lengths, two_lengths):
+def _length_scales(rng, factor, n_inputs, irrelevant, two_lengths):
     """The same of all functions, or the first five times as smooth as the others."""
-    lengths = RANGE * np.sqrt(n_inputs) * _one(lengths, rng, n_inputs)
+    lengths = RANGE * np.sqrt(n_inputs) * _one((0.15, 0.5), rng, n_inputs)
     lengths = np.append(lengths, np.full(irrelevant, np.inf))
     lengths = np.tile(lengths, (factor.shape[1], 1))
     if two_lengths:

@@ -10,6 +10,7 @@ from skmtgp._estimators.named_kernels import DEFAULT, SMOOTHNESS
 from skmtgp._estimators.posing import kernels_of, pose
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads, run
+from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.screening import (
@@ -36,7 +37,7 @@ from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
-SURE_ANEW = 2.0  # the same where functions may have followed the noise of a task
+SURE_ANEW = 3.0  # the same where functions may have followed the noise of a task
 NOTHING = 1e-8  # variances of the targets
 
 
@@ -343,8 +344,9 @@ def _with_noise(model, training, problems, modes, learn):
     of_best = problems[best], modes[best]
     if any(map(hides_noise, *of_best)):
         other, *found = _anew(model, training, learn)
-        taken = _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW
-        return (other, *found) if taken else (training, problems, modes)
+        if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW:
+            return other, found[0], _spent_too(found[1], modes)
+        return training, problems, _spent_too(modes, found[1])
     if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
         least = before[best] + _least_gain(problems[best])
         found = _learned_on(problems, modes, least, model.n_jobs)
@@ -356,6 +358,10 @@ def _with_noise(model, training, problems, modes, learn):
 def _anew(model, training, learn):
     """What is learned with noise of each task from the start, and with which k^x."""
     training = replace(training, noise="per_task", kernel=DEFAULT)
+    if model.verbose:
+        say(
+            "functions may follow the noise of a task: learned anew, with noise of each"
+        )
     _, training, _ = _screened(model, training, ["per_task"])
     return _with_kernel(model, training, *learn(training))
 
@@ -371,6 +377,14 @@ def _gain(of_best, found, n_jobs):
     if may_be_weighed(problems) and is_weighed(problems, modes):
         values = evidences(problems, modes, n_jobs)
     return (values[1] - values[0]) / len(problems[0])
+
+
+def _spent_too(modes, others):
+    """Modes of each form and output, with what was spent on others."""
+    return [
+        [mode.counting([other]) for mode, other in zip(*of, strict=True)]
+        for of in zip(modes, others, strict=True)
+    ]
 
 
 def _learned_on(problems, modes, least, n_jobs):

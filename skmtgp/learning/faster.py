@@ -3,7 +3,7 @@
 A climb begins with k^x that is as smooth as features spread. Where functions are faster
 than that, all of them may look like noise, and it ends there. But then faster ones with
 less noise are likelier as they are, before anything is learned: that takes some values
-of the likelihood.
+of the likelihood. A climb from there then gains dozens of nats, in pure noise a few.
 """
 
 from itertools import product
@@ -15,7 +15,7 @@ from skmtgp.learning.problem import spent_on
 
 
 def with_faster(problem, mode):
-    """A mode, or one of faster functions if that gains: they were taken for noise.
+    """A mode, or one of faster functions if they were taken for noise.
 
     Parameters
     ----------
@@ -30,17 +30,17 @@ def with_faster(problem, mode):
         With what was spent on both.
     """
     learns = problem.budget.max_iter and problem.prior.n_terms == 1
-    if not (learns and problem.is_noisy(mode)):
+    candidates = _candidates(problem, mode) if learns and problem.is_noisy(mode) else []
+    if not candidates:
         return mode
     likelihood = problem.likelihood()
-    candidates = _candidates(problem, mode)
     values = [likelihood.value(theta) for theta in candidates]
     likelihood.release()
-    if max(values, default=-np.inf) <= mode.value:
+    best = int(np.nanargmax(values))
+    if values[best] <= mode.value:
         return mode
-    theta = candidates[int(np.nanargmax(values))]
-    found = climb(problem, theta, relaxed=True, known=[mode])
-    gains = found.value > mode.value + problem.tuning.rougher
+    found = climb(problem, candidates[best], relaxed=True, known=[mode])
+    gains = found.value > mode.value + problem.tuning.swifter
     return spent_on(found if gains else mode, [mode, found])
 
 
@@ -48,6 +48,8 @@ def _candidates(problem, mode):
     """The mode with shorter length-scales, all or one, and with less noise."""
     prior, tuning = problem.prior, problem.tuning
     scales, start = np.flatnonzero(prior.of_length_scales), problem.theta()
+    if not len(scales):
+        return []
     alone = scales[:, None] if 1 < len(scales) <= tuning.most_alone else []
     lower, upper = prior.bounds()
     groups, found = [scales, *alone], []

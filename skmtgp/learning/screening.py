@@ -145,10 +145,6 @@ def leaves_noise(problem, mode):
 def hides_noise(problem, mode):
     """Whether functions may have followed the noise of a task.
 
-    They are rough then, and the rows of that task leave little to the noise. Where none
-    is left to any task, one function of all and noise of each may explain more: one
-    task is exact, another is not.
-
     Parameters
     ----------
     problem : Problem
@@ -160,26 +156,39 @@ def hides_noise(problem, mode):
     -------
     hides : bool
     """
-    if not problem.is_noisy(mode):
-        return _hides_noisy_task(problem.coarse_to_fine()[0], mode)
+    if problem.is_noisy(mode):
+        return _follows_rows(problem, mode)
+    return _hides_noisy_task(problem.coarse_to_fine()[0], mode)
+
+
+def _follows_rows(problem, mode):
+    """Whether functions leave little of a task's rows to the noise, more of others."""
     tuning, freedom = problem.tuning, _left_to_noise(problem, mode)[0]
     counts = _of_tasks(problem.data, np.ones(len(problem.data)))
-    rough = freedom < tuning.rough * counts
-    return bool(rough[counts >= tuning.rough_rows].any())
+    left = (freedom / np.maximum(counts, 1.0))[counts >= tuning.rough_rows]
+    least = left.min(initial=1.0)
+    return bool(least < min(tuning.rough, left.max(initial=0.0) / tuning.rougher_than))
 
 
 def _hides_noisy_task(problem, mode):
-    """Whether rank 1 with noise of each task is likelier than a mode without noise."""
+    """Whether rank 1 with noise of each task is likelier than a mode without noise.
+
+    It cannot follow the rows of two tasks: one is exact then, and another is not.
+    """
     prior, theta = problem.prior, mode.theta
     if prior.n_terms > 1 or prior.n_tasks == 1:
         return False
-    value = problem.likelihood().value(theta)
-    known = criterion(problem, mode._replace(value=value))
+    likelihood = problem.likelihood()
+    known = criterion(problem, mode._replace(value=likelihood.value(theta)))
+    likelihood.release()
     simple = problem.with_form(low_rank(prior.n_tasks, 1))
     kernel, K_rho = prior.values(theta).kernel, prior.K_rho_at(theta)
-    shared = climb(simple, simple.theta(kernel=kernel, K_rho=K_rho))
-    simple, found = with_own_noise(simple, shared)
-    return bool(criterion(simple, found) > known)
+    # of tasks that share nothing the first eigenvector is a task alone
+    for start in (K_rho, np.full_like(K_rho, np.diagonal(K_rho).mean())):
+        shared = climb(simple, simple.theta(kernel=kernel, K_rho=start))
+        if criterion(*with_own_noise(simple, shared)) > known:
+            return True
+    return False
 
 
 def _left_to_noise(problem, mode):

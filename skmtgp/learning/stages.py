@@ -76,7 +76,8 @@ class Start(NamedTuple):
 
 def first_stage(problem, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho as the problem has it."""
-    mode = with_faster(problem, climb(problem, problem.theta(), relaxed=relaxed))
+    mode = climb(problem, problem.theta(), relaxed=relaxed)
+    mode = with_faster(problem, mode) if relaxed else mode
     likelihood, prior = problem.likelihood(), problem.prior
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)

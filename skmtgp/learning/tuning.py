@@ -66,22 +66,27 @@ class Tuning:
     noise_deviation : float
         Of the logarithms of tasks' noise variances: few rows of a task do not tell its
         own.
-    rough_rows : int
-        Rows of a task, at least, of which functions may have followed the noise:
     rough : float
-        they leave less than this part of the rows to the noise.
+        Part of a task's rows that is left to the noise, under which functions may have
+        followed it,
+    rough_rows : int
+        if the task has so many rows, at least,
+    rougher_than : float
+        and if so many times as large a part of another task's is left.
     noise_of_rest : tuple of float
         Noise variances where learning without levels begins, of what is left.
     faster, slower : tuple of float, float
         Steps of the log parameters of k^x to other functions: a length-scale a fifth, a
         twentieth; seven times.
+    unused : float
+        The same of all features but one.
     swift, less_noise : tuple of float, tuple of float
-        The same steps to functions that may have been taken for noise, and factors of
-        the noise variance.
+        Steps of length-scales to functions that may have been taken for noise, and
+        factors of the noise variance.
+    swifter : float
+        Nats that these must gain: in pure noise they gain up to nine.
     most_alone : int
         Features that are tried one by one, too.
-    unused : float
-        Steps of all features but one.
     exchanges : int
         How often parameters of two features are exchanged at most,
     most_exchanges : int
@@ -216,13 +221,15 @@ class Tuning:
     tested: int = 300
     hint: float = 4.0
     noise_deviation: float = 1.0
-    rough_rows: int = 8
     rough: float = 0.2
+    rough_rows: int = 8
+    rougher_than: float = 3.0
     noise_of_rest: tuple = (1e-1, 1e-2)
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0
     swift: tuple = (-1.0, -1.6, -2.5)
     less_noise: tuple = (1.0, 0.1)
+    swifter: float = 15.0
     most_alone: int = 10
     unused: float = 3.0
     exchanges: int = 5

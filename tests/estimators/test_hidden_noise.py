@@ -59,6 +59,15 @@ def test_what_is_learned_anew_is_what_noise_per_task_learns():
     assert auto.rank_ == asked.rank_
 
 
+def test_verbose_says_so(told):
+    X, y, *_ = drawn(12)
+    MultiTaskGPRegressor(verbose=1).fit(X, y)
+    lines = told()
+    [anew] = [k for k, line in enumerate(lines) if "learned anew" in line]
+    assert any(line.startswith("chosen: ") for line in lines[:anew])
+    assert any(line.startswith("chosen: ") for line in lines[anew:])
+
+
 def test_some_outputs_may_need_it():
     X, y, X_test, f_test = drawn(12)
     both = np.column_stack([y, 2.0 * y + 1.0])
@@ -68,7 +77,7 @@ def test_some_outputs_may_need_it():
     assert (np.square(miss).mean(axis=0) < 0.1 * both.var(axis=0)).all()
 
 
-@pytest.mark.parametrize("seed", [0, 10, 11])
+@pytest.mark.parametrize("seed", [0, 10, 11, 15])
 def test_an_exact_task_does_not_make_another_exact(seed):
     """Without any noise both would be followed, and one of them wildly between."""
     model = MultiTaskGPRegressor()
@@ -94,5 +103,6 @@ def test_nothing_is_learned_anew_where_it_gains_nothing(monkeypatch):
     plain = MultiTaskGPRegressor(noise="shared").fit(X, y)
     assert len(told) == 1
     assert model.noise_ == "shared"
+    assert model.n_evaluations_ > plain.n_evaluations_  # both count
     value = plain.log_marginal_likelihood_value_
     assert model.log_marginal_likelihood_value_ == pytest.approx(value, abs=1e-6)

@@ -52,6 +52,25 @@ def test_slow_functions_are_left_alone():
     assert with_faster(problem, mode) is mode
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_pure_noise_has_no_faster_functions(seed):
+    """By chance rows follow one, but that gains a few nats only."""
+    X, _ = waves(seed, speed=6.0, n_features=2)
+    y = np.random.default_rng(seed).standard_normal(len(X))
+    problem = pose(X, y)
+    mode = climb(problem, problem.theta(), relaxed=True)
+    assert with_faster(problem, mode).value == mode.value
+
+
+def test_a_kernel_without_length_scales_has_none():
+    X, y = waves(0, speed=6.0)
+    kernel = RBF(1.0, "fixed")
+    data = building.data(X[:, :-1], X[:, -1].astype(int), y / y.std(), M)
+    problem = building.problem(kernel, identity(M), data, scale=1.0, noise=1e-2)
+    mode = climb(problem, problem.theta(), relaxed=True)
+    assert with_faster(problem, mode) is mode
+
+
 def test_nothing_is_asked_without_noise(monkeypatch):
     problem = pose(*waves(0, speed=0.7, noise=0.0))
     mode = climb(problem, problem.theta(), relaxed=True)

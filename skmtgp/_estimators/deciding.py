@@ -346,7 +346,7 @@ def _with_noise(model, training, problems, modes, learn):
         other, *found = _anew(model, training, learn)
         if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW:
             return other, found[0], _spent_too(found[1], modes)
-        return training, problems, _spent_too(modes, found[1])
+        modes = _spent_too(modes, found[1])
     if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
         least = before[best] + _least_gain(problems[best])
         found = _learned_on(problems, modes, least, model.n_jobs)
@@ -359,9 +359,7 @@ def _anew(model, training, learn):
     """What is learned with noise of each task from the start, and with which k^x."""
     training = replace(training, noise="per_task", kernel=DEFAULT)
     if model.verbose:
-        say(
-            "functions may follow the noise of a task: learned anew, with noise of each"
-        )
+        say("functions may follow noise: learned anew with noise of each task")
     _, training, _ = _screened(model, training, ["per_task"])
     return _with_kernel(model, training, *learn(training))
 

@@ -1,8 +1,9 @@
 """One of several forms of K^rho, of which only the likely ones are learned thoroughly.
 
-All are sketched first, from a few hundred of the rows: from the likeliest start, and
-compound symmetry from all starts. Ranks ascend until two in a row are worse than a
-lower one. Forms that will not be chosen are left out then, see :mod:`.weighing`.
+All are sketched first, from a few hundred of the rows: from the likeliest start,
+compound symmetry and rank 1 from all starts. Ranks ascend until two in a row are worse
+than a lower one. Forms that will not be chosen are left out then, see
+:mod:`.weighing`.
 """
 
 from contextlib import suppress
@@ -226,10 +227,10 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
 def _sketch(problem, starts, before):
     """The sketch of a form; that of noisy data is quick, and begins at the rank below.
 
-    Without noise both would miss modes that are far better. A rank that is worse than a
-    form before begins at the likeliest start, too: the rank below may have taken fast
-    functions for noise. Compound symmetry is learned from all starts, for one may tell
-    it independent tasks alone, or one function. So is rank 1.
+    Without noise both would miss modes that are far better. A rank that is no better
+    than all forms before begins at the likeliest start, too: the rank below may have
+    taken fast functions for noise. Compound symmetry and rank 1 are learned from all
+    starts, for one may tell them independent tasks alone, or one function.
     """
     start, below = likeliest(starts), before[-1] if before else None
     if not start.is_noisy:

@@ -14,15 +14,17 @@ from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import spent_on
 
 
-def with_faster(problem, mode):
+def with_faster(problem, start, mode):
     """A mode, or one of faster functions if they were taken for noise.
 
     Parameters
     ----------
     problem : Problem
         With a few hundred rows.
+    start : ndarray of shape (n_theta,)
+        Where a relaxed climb began.
     mode : Mode
-        Where a relaxed climb ended.
+        Where it ended.
 
     Returns
     -------
@@ -30,7 +32,9 @@ def with_faster(problem, mode):
         With what was spent on both.
     """
     learns = problem.budget.max_iter and problem.prior.n_terms == 1
-    candidates = _candidates(problem, mode) if learns and problem.is_noisy(mode) else []
+    if not (learns and problem.is_noisy(mode)):
+        return mode
+    candidates = _candidates(problem, start, mode)
     if not candidates:
         return mode
     likelihood = problem.likelihood()
@@ -44,17 +48,20 @@ def with_faster(problem, mode):
     return spent_on(found if gains else mode, [mode, found])
 
 
-def _candidates(problem, mode):
-    """The mode with shorter length-scales, all or one, and with less noise."""
+def _candidates(problem, start, mode):
+    """The mode with shorter length-scales, all or one, and with less noise.
+
+    Functions are as large as at the start: in the mode they may have vanished.
+    """
     prior, tuning = problem.prior, problem.tuning
-    scales, start = np.flatnonzero(prior.of_length_scales), problem.theta()
+    scales, lower, upper = np.flatnonzero(prior.of_length_scales), *prior.bounds()
     if not len(scales):
         return []
     alone = scales[:, None] if 1 < len(scales) <= tuning.most_alone else []
-    lower, upper = prior.bounds()
+    begin = np.where(prior.of_kernel | prior.of_noise, mode.theta, start)
     groups, found = [scales, *alone], []
     for group, step, factor in product(groups, tuning.swift, tuning.less_noise):
-        theta = mode.theta + np.where(prior.of_noise, np.log(factor), 0.0)
+        theta = begin + np.where(prior.of_noise, np.log(factor), 0.0)
         theta[group] = start[group] + step
         if (theta[group] < mode.theta[group]).all():
             found.append(np.clip(theta, lower, upper))

@@ -73,7 +73,7 @@ def screen(problem, known=()):
     variances = squares / np.maximum(_of_tasks(data, np.ones(len(data))), 1.0)
     theta = problem.theta(K_rho=np.diag(variances))
     mode = best_of([*known, climb(problem, theta, relaxed=True, known=known)])
-    return problem, with_faster(problem, mode)
+    return problem, with_faster(problem, theta, mode)
 
 
 def as_large(problem, mode):

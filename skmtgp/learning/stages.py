@@ -32,7 +32,7 @@ def learn_fixed(problem):
     """
     coarse = problem.coarse_to_fine()[0]
     theta = problem.theta(K_rho=1.1 * np.eye(problem.prior.n_tasks))  # kappa is 0.1
-    relaxed = with_faster(coarse, climb(coarse, theta, relaxed=True))
+    relaxed = with_faster(coarse, theta, climb(coarse, theta, relaxed=True))
     direct = relaxed.then(climb(coarse, relaxed.theta))
     modes = [direct, annealed(coarse, theta).mode]
     return refine(problem, best_of(modes, doubt=problem.tuning.doubt))
@@ -76,8 +76,9 @@ class Start(NamedTuple):
 
 def first_stage(problem, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho as the problem has it."""
-    mode = climb(problem, problem.theta(), relaxed=relaxed)
-    mode = with_faster(problem, mode) if relaxed else mode
+    theta = problem.theta()
+    mode = climb(problem, theta, relaxed=relaxed)
+    mode = with_faster(problem, theta, mode) if relaxed else mode
     likelihood, prior = problem.likelihood(), problem.prior
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)

@@ -36,7 +36,7 @@ def pose(X, y):
 def test_they_are_found_from_a_mode_that_took_them_for_noise(n_features):
     problem = pose(*waves(1, speed=6.0, n_features=n_features, slope=0.1))
     mode = climb(problem, problem.theta(), relaxed=True)
-    found = with_faster(problem, mode)
+    found = with_faster(problem, problem.theta(), mode)
     assert found.value > mode.value + 20.0
     assert found.n_evaluations > mode.n_evaluations
     assert problem.prior.values(found.theta).noise < 0.2
@@ -49,7 +49,7 @@ def test_they_are_found_from_a_mode_that_took_them_for_noise(n_features):
 def test_slow_functions_are_left_alone():
     problem = pose(*waves(0, speed=0.7))
     mode = climb(problem, problem.theta(), relaxed=True)
-    assert with_faster(problem, mode) is mode
+    assert with_faster(problem, problem.theta(), mode) is mode
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -59,7 +59,7 @@ def test_pure_noise_has_no_faster_functions(seed):
     y = np.random.default_rng(seed).standard_normal(len(X))
     problem = pose(X, y)
     mode = climb(problem, problem.theta(), relaxed=True)
-    assert with_faster(problem, mode).value == mode.value
+    assert with_faster(problem, problem.theta(), mode).value == mode.value
 
 
 def test_a_kernel_without_length_scales_has_none():
@@ -68,7 +68,7 @@ def test_a_kernel_without_length_scales_has_none():
     data = building.data(X[:, :-1], X[:, -1].astype(int), y / y.std(), M)
     problem = building.problem(kernel, identity(M), data, scale=1.0, noise=1e-2)
     mode = climb(problem, problem.theta(), relaxed=True)
-    assert with_faster(problem, mode) is mode
+    assert with_faster(problem, problem.theta(), mode) is mode
 
 
 def test_nothing_is_asked_without_noise(monkeypatch):
@@ -76,7 +76,7 @@ def test_nothing_is_asked_without_noise(monkeypatch):
     mode = climb(problem, problem.theta(), relaxed=True)
     assert not problem.is_noisy(mode)
     monkeypatch.setattr(type(problem), "likelihood", None)
-    assert with_faster(problem, mode) is mode
+    assert with_faster(problem, problem.theta(), mode) is mode
 
 
 @pytest.mark.parametrize("seed", range(2))

@@ -7,6 +7,7 @@ of the likelihood. A climb from there then gains dozens of nats, in pure noise a
 """
 
 from itertools import product
+from operator import itemgetter
 
 import numpy as np
 
@@ -34,35 +35,51 @@ def with_faster(problem, start, mode):
     learns = problem.budget.max_iter and problem.prior.n_terms == 1
     if not (learns and problem.is_noisy(mode)):
         return mode
-    candidates = _candidates(problem, start, mode)
-    if not candidates:
-        return mode
     likelihood = problem.likelihood()
-    values = [likelihood.value(theta) for theta in candidates]
-    likelihood.release()
-    best = int(np.nanargmax(values))
-    if values[best] <= mode.value:
+    best, value = _likeliest(likelihood, _faster(problem, start, mode))
+    if best is None:
         return mode
-    found = climb(problem, candidates[best], relaxed=True, known=[mode])
+    less = _with_less_noise(problem, best)
+    best, value = max((best, value), _likeliest(likelihood, less), key=itemgetter(1))
+    likelihood.release()
+    if value <= mode.value:
+        return mode
+    found = climb(problem, best, relaxed=True, known=[mode])
     gains = found.value > mode.value + problem.tuning.swifter
     return spent_on(found if gains else mode, [mode, found])
 
 
-def _candidates(problem, start, mode):
-    """The mode with shorter length-scales, all or one, and with less noise.
+def _likeliest(likelihood, candidates):
+    """The likeliest of some points, and its log likelihood."""
+    values = [np.nan_to_num(likelihood.value(theta), nan=-np.inf) for theta in candidates]
+    best = int(np.argmax(values)) if values else None
+    return (None, -np.inf) if best is None else (candidates[best], values[best])
+
+
+def _faster(problem, start, mode):
+    """The mode with shorter length-scales, all or one.
 
     Functions are as large as at the start: in the mode they may have vanished.
     """
     prior, tuning = problem.prior, problem.tuning
-    scales, lower, upper = np.flatnonzero(prior.of_length_scales), *prior.bounds()
+    scales = np.flatnonzero(prior.of_length_scales)
     if not len(scales):
         return []
     alone = scales[:, None] if 1 < len(scales) <= tuning.most_alone else []
     begin = np.where(prior.of_kernel | prior.of_noise, mode.theta, start)
-    groups, found = [scales, *alone], []
-    for group, step, factor in product(groups, tuning.swift, tuning.less_noise):
-        theta = begin + np.where(prior.of_noise, np.log(factor), 0.0)
+    found = []
+    for group, step in product([scales, *alone], tuning.swift):
+        theta = begin.copy()
         theta[group] = start[group] + step
         if (theta[group] < mode.theta[group]).all():
-            found.append(np.clip(theta, lower, upper))
+            found.append(np.clip(theta, *prior.bounds()))
     return found
+
+
+def _with_less_noise(problem, theta):
+    """Points with less noise than one has."""
+    of_noise, bounds = problem.prior.of_noise, problem.prior.bounds()
+    return [
+        np.clip(theta + np.where(of_noise, np.log(factor), 0.0), *bounds)
+        for factor in problem.tuning.less_noise
+    ]

@@ -77,15 +77,16 @@ class Start(NamedTuple):
 def first_stage(problem, *, relaxed=True):
     """Steps 1 and 2 of section 3, with K_0^rho as the problem has it."""
     theta = problem.theta()
-    mode = climb(problem, theta, relaxed=relaxed)
-    mode = with_faster(problem, theta, mode) if relaxed else mode
+    slow = climb(problem, theta, relaxed=relaxed)
+    mode = with_faster(problem, theta, slow) if relaxed else slow
     likelihood, prior = problem.likelihood(), problem.prior
     with limit_threads(likelihood.side):
         posterior = likelihood.posterior(mode.theta)
         K_rho = augmented_task_covariance(problem.data, posterior)
     kernel, level = prior.values(mode.theta).kernel, prior.log_level_at(mode.theta)
     noisy = problem.is_noisy(mode, beyond=0.1)
-    return Start(kernel, K_rho, mode, log_level=level, is_noisy=noisy)
+    log_noise = prior.log_noise_at(mode.theta) if mode.value > slow.value else None
+    return Start(kernel, K_rho, mode, log_noise, level, noisy)
 
 
 def first_without_levels(problem):

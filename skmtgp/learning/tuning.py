@@ -228,7 +228,7 @@ class Tuning:
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0
     swift: tuple = (-1.0, -1.6, -2.5)
-    less_noise: tuple = (1.0, 0.1)
+    less_noise: tuple = (0.1,)
     swifter: float = 15.0
     most_alone: int = 10
     unused: float = 3.0

@@ -51,7 +51,9 @@ def with_faster(problem, start, mode):
 
 def _likeliest(likelihood, candidates):
     """The likeliest of some points, and its log likelihood."""
-    values = [np.nan_to_num(likelihood.value(theta), nan=-np.inf) for theta in candidates]
+    values = [
+        np.nan_to_num(likelihood.value(theta), nan=-np.inf) for theta in candidates
+    ]
     best = int(np.argmax(values)) if values else None
     return (None, -np.inf) if best is None else (candidates[best], values[best])
 

@@ -54,7 +54,7 @@ def test_little_noise_by_the_book(known):
         theta = np.r_[THETA[:-M], np.log(np.maximum(noise, 1e-6))]
         away = log_little - np.log(np.exp(theta[-M:]) + known).mean()
         value, gradient = density.log_density(theta)
-        expected = t.logpdf(away, 4) - t.logpdf(0.0, 4)
+        expected = student.logpdf(away, 4) - student.logpdf(0.0, 4)
         assert value == pytest.approx(expected, rel=1e-12)
         numerical = textbook.derivative(lambda at: density.log_density(at)[0], theta)
         np.testing.assert_allclose(gradient, numerical, rtol=1e-6, atol=1e-8)

@@ -430,11 +430,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     tasks' rows. Noise variances, relative to the squares of the units, have priors.
     Almost no noise is unlikely: below a hundredth of the targets' variance, or
     `noise_variance` if that is less, the mean of their logarithms has the tail of
-    Student's t with four degrees of freedom. Noise variances of tasks are alike: their
-    logarithms are normal around a common mean, with a deviation of 1. These are priors
-    of the mode, not of "laplace" and "sampled", which have their own. Reported
-    likelihoods are without them. Everything else is learned by maximum likelihood, as
-    are the row with complete data, and both with other kinds of `learning`.
+    Student's t with four degrees of freedom. Noise variances of tasks are alike:
+    their logarithms are normal around a common mean, with a deviation of 1, and
+    exponential far from it. These are priors of the mode, not of "laplace" and
+    "sampled", which have their own. Reported likelihoods are without them. Everything
+    else is learned by maximum likelihood, as are the row with complete data, and both
+    with other kinds of `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only

@@ -13,8 +13,10 @@ from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import nest
+from skmtgp.learning.problem import Problem
 from skmtgp.learning.screening import (
     as_large,
+    by_likelihood,
     criterion,
     differ_in_noise,
     differ_in_size,
@@ -30,7 +32,7 @@ from skmtgp.learning.screening import (
     with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
-from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed
+from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed, summed
 
 # Nats that noise of each task must gain, beside what its numbers are worth. A few rows
 # that happen to be near the function gain some, and a variance that is too small costs
@@ -368,12 +370,17 @@ def _gain(of_best, found, n_jobs):
     """Nats an output that the best of some forms is better by.
 
     By the evidence where it can be had: eq. 8 does not mind that functions follow rows.
+    Where it cannot for lack of noise, by the likelihood: a density by which noise of
+    tasks is alike has no say in whether one of them is exact.
     """
     best = int(np.argmax(_criteria(*found)))
     problems, modes = zip(of_best, [of[best] for of in found], strict=True)
-    values = _criteria(problems, modes)
     if may_be_weighed(problems) and is_weighed(problems, modes):
         values = evidences(problems, modes, n_jobs)
+    elif all(map(Problem.is_noisy, *of_best)):
+        values = _criteria(problems, modes)
+    else:
+        values = summed(by_likelihood, problems, modes)
     return (values[1] - values[0]) / len(problems[0])
 
 

@@ -1,7 +1,9 @@
 """The likelihood times priors of the hyperparameters."""
 
 import numpy as np
+from scipy.special import huber
 
+FAR = 4.0  # deviations of the logarithm of a task's noise variance from the mean
 DEGREES = 4.0  # of freedom of logarithms of noise variances
 
 
@@ -84,14 +86,14 @@ class SomeNoise:
 class AlikeNoise:
     r"""Noise variances of tasks are more or less alike.
 
-    Their logarithms are around a common mean, of which nothing is known. Now and then
-    one is far from the others, as of a simulation beside measurements, so they have
-    Student's t distribution with four degrees of freedom:
+    Their logarithms are normal around a common mean, of which nothing is known:
 
-    .. math:: \log p = -\frac52 \sum_m \log\Bigl(1 + \frac{a_m^2}{4 s^2}\Bigr), \qquad
-        a_m = \log \sigma_m^2 - \frac1M \sum_m \log \sigma_m^2 .
+    .. math:: \log p = -\frac1{2 s^2} \sum_m (\log \sigma_m^2 - \mu)^2, \qquad
+        \mu = \frac1M \sum_m \log \sigma_m^2 .
 
-    The few rows of a task would else be explained without noise, now and then.
+    Beyond four deviations the density falls exponentially (Huber's loss): a task may be
+    exact beside noisy ones. The few rows of a task would else be explained without
+    noise, now and then.
 
     Parameters
     ----------
@@ -106,17 +108,16 @@ class AlikeNoise:
 
     def log_density(self, theta):
         """Log density but for a constant, and its gradient."""
-        away = theta[self.of_noise] - theta[self.of_noise].mean()
-        weight = 1.0 + self.precision * np.square(away) / DEGREES
-        slope = -(DEGREES + 1.0) / DEGREES * self.precision * away / weight
+        logs = theta[self.of_noise]
+        away = np.sqrt(self.precision) * (logs - logs.mean())
+        slope = -np.sqrt(self.precision) * np.clip(away, -FAR, FAR)
         gradient = np.zeros_like(theta)
         gradient[self.of_noise] = slope - slope.mean()
-        return -0.5 * (DEGREES + 1.0) * float(np.log(weight).sum()), gradient
+        return -float(huber(FAR, away).sum()), gradient
 
     def information(self):
-        """Its precision where all are the same, of shape (n_theta, n_theta)."""
+        """Its precision where they are alike, of shape (n_theta, n_theta)."""
         found, n = np.zeros((len(self.of_noise),) * 2), self.of_noise.sum()
-        precision = (DEGREES + 1.0) / DEGREES * self.precision
-        block = precision * (np.eye(n) - 1.0 / n)
+        block = self.precision * (np.eye(n) - 1.0 / n)
         found[np.ix_(self.of_noise, self.of_noise)] = block
         return found

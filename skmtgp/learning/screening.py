@@ -179,14 +179,14 @@ def _hides_noisy_task(problem, mode):
     if prior.n_terms > 1 or prior.n_tasks == 1:
         return False
     likelihood = problem.likelihood()
-    known = criterion(problem, mode._replace(value=likelihood.value(theta)))
+    known = by_likelihood(problem, mode._replace(value=likelihood.value(theta)))
     likelihood.release()
     simple = problem.with_form(low_rank(prior.n_tasks, 1))
     kernel, K_rho = prior.values(theta).kernel, prior.K_rho_at(theta)
     # of tasks that share nothing the first eigenvector is a task alone
     for start in (K_rho, np.full_like(K_rho, np.diagonal(K_rho).mean())):
         shared = climb(simple, simple.theta(kernel=kernel, K_rho=start))
-        if criterion(*with_own_noise(simple, shared)) > known:
+        if by_likelihood(*with_own_noise(simple, shared)) > known:
             return True
     return False
 
@@ -315,6 +315,11 @@ def criterion(problem, mode, times=1.0):
     likelihood = mode.value - of_theta
     prices = price(n_shared, times * n_measured(data)) + of_tasks
     return times * likelihood + of_theta - prices
+
+
+def by_likelihood(problem, mode):
+    """Eq. 8 without densities of theta, of which one has noise of tasks alike."""
+    return criterion(problem, mode._replace(value=problem.log_likelihood(mode)))
 
 
 def score(problem, mode, scale):

@@ -77,7 +77,7 @@ def test_some_outputs_may_need_it():
     assert (np.square(miss).mean(axis=0) < 0.1 * both.var(axis=0)).all()
 
 
-@pytest.mark.parametrize("seed", [0, 10, 11, 15])
+@pytest.mark.parametrize("seed", [0, 11, 14, 17, 22])
 def test_an_exact_task_does_not_make_another_exact(seed):
     """Without any noise both would be followed, and one of them wildly between."""
     model = MultiTaskGPRegressor()

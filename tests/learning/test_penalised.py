@@ -4,6 +4,7 @@ import building
 import numpy as np
 import pytest
 import textbook
+from scipy.stats import norm
 from scipy.stats import t as student
 from sklearn.gaussian_process.kernels import RBF
 
@@ -28,20 +29,26 @@ THETA = np.r_[0.2, 1.0, 0.8, 1.2, 0.9, np.log([0.01, 0.1, 0.02, 0.5])]
 
 
 def test_density_by_the_book():
-    """Student's t of four degrees of freedom, around the mean of the logarithms."""
-    density = AlikeNoise(likelihood().prior, 0.7)
+    """Normal around a mean of which nothing is known, which is integrated out."""
+    density = AlikeNoise(likelihood().prior, 1.5)
+    logs = THETA[-M:]
+    means = np.linspace(-60.0, 60.0, 200_001)
+    by_mean = norm.logpdf(logs[:, None], means, 1.5).sum(axis=0)
     away = THETA.copy()
     away[-1] += 1.3
-    of, by_the_book = (
-        [function(theta) for theta in (THETA, away)]
-        for function in (
-            lambda theta: density.log_density(theta)[0],
-            lambda theta: student.logpdf(
-                theta[-M:] - theta[-M:].mean(), 4, scale=0.7
-            ).sum(),
-        )
-    )
-    assert np.diff(of) == pytest.approx(np.diff(by_the_book), rel=1e-8)
+    other = norm.logpdf(away[-M:][:, None], means, 1.5).sum(axis=0)
+    expected = np.log(np.exp(other).sum()) - np.log(np.exp(by_mean).sum())
+    found = density.log_density(away)[0] - density.log_density(THETA)[0]
+    assert found == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("deviation", [0.3, 0.7, 1.5])
+def test_far_away_the_density_falls_exponentially(deviation):
+    logs = THETA[-M:]
+    away = np.abs(logs - logs.mean()) / deviation
+    costs = [a**2 / 2.0 if a < 4.0 else 8.0 + 4.0 * (a - 4.0) for a in away]
+    density = AlikeNoise(likelihood().prior, deviation)
+    assert density.log_density(THETA)[0] == pytest.approx(-sum(costs), rel=1e-12)
 
 
 @pytest.mark.parametrize("known", [0.0, 0.02])

@@ -20,7 +20,7 @@ from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
-from skmtgp._estimators.deciding import decide, decide_rest
+from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.forms import SIMPLER
 from skmtgp._estimators.posing import pose
@@ -32,6 +32,7 @@ from skmtgp._estimators.ranks_of_terms import (
     usual_ranks,
 )
 from skmtgp._estimators.reading import read
+from skmtgp._estimators.revising import revise
 from skmtgp._estimators.sampled import MOST_ROWS
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
@@ -311,7 +312,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             if asks and self.ranks is None and not model.diagonal:
                 settings, *learned = _with_own_part(settings, *learned, model.n_jobs)
             again = partial(_learn_again, model, learned[0], progress)
-            decided = decide_rest(model, training, *learned, again)
+            decided = revise(model, training, *learned, again)
             self._keep(model, settings, alone, *model._tell(training, *decided))
 
     def _check_criterion(self, training):
@@ -346,7 +347,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         model._foretell(problems, len(settings))
         with limit_threads(side(problems)):
             learn = partial(learn_candidates, model, settings, progress)
-            decided = decide_rest(model, training, *learn(training), learn)
+            decided = revise(model, training, *learn(training), learn)
             self._keep(model, settings, None, *model._tell(training, *decided))
 
     def _asks_simpler(self):

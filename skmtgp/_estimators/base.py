@@ -13,7 +13,7 @@ from typing import Self
 from numpy.typing import ArrayLike
 
 from skmtgp._data.trend import NAMED
-from skmtgp._estimators.deciding import decide, decide_rest
+from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.doubts import (
     warn_of_doubts,
     warn_of_duration,
@@ -24,6 +24,7 @@ from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import KERNEL, named_kernel
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
+from skmtgp._estimators.revising import revise
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import (
@@ -141,7 +142,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             with limit_threads(side(problems)):
                 learned = ([of] for of in self._learn(problems, progress))
                 learn = partial(self._learn_again, problems[0].budget, progress)
-                decided = decide_rest(self, training, *learned, learn)
+                decided = revise(self, training, *learned, learn)
                 training, [problems], [modes] = self._tell(training, *decided)
                 modes = list(map(along_ranges, problems, modes))
                 self._store(training, problems, modes)

@@ -1,45 +1,33 @@
 """In which units targets are learned, with which noise and how smooth a k^x."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from skmtgp._data.checks import warn_of_constant_tasks
-from skmtgp._estimators.named_kernels import DEFAULT, SMOOTHNESS
-from skmtgp._estimators.posing import kernels_of, pose
+from skmtgp._estimators.posing import pose
+from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import shared_units, units_of_tasks
-from skmtgp._numerics.parallel import limit_threads, run
-from skmtgp._support.progress import say
-from skmtgp.learning.climbing import climb
-from skmtgp.learning.nesting import nest
-from skmtgp.learning.problem import Problem
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.screening import (
     as_large,
-    by_likelihood,
     criterion,
     differ_in_noise,
     differ_in_size,
-    hides_noise,
-    leaves_noise,
     n_measured,
     price,
     price_of_tasks,
     score,
     screen,
-    tells_noise,
-    with_kernel,
     with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
-from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed, summed
 
 # Nats that noise of each task must gain, beside what its numbers are worth. A few rows
 # that happen to be near the function gain some, and a variance that is too small costs
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
-SURE_ANEW = 3.0  # the same where functions may have followed the noise of a task
 NOTHING = 1e-8  # variances of the targets
 
 
@@ -74,7 +62,7 @@ def decide(model, training, progress=None):
 
 
 def _decided(model, training):
-    noises = _noises(model, training)
+    noises = kinds_of_noise(model, training)
     with limit_threads(len(training.Y)):
         units = _units(model, training)
     training = replace(training, noise=noises[0])
@@ -82,7 +70,7 @@ def _decided(model, training):
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
     with limit_threads(len(training.Y)):
-        found = [_screened(model, candidate, noises) for candidate in candidates]
+        found = [screened(model, candidate, noises) for candidate in candidates]
         scores = np.array([score for score, *_ in found])
         # noise of each task can take the place of units: then functions decide
         if len(found) > 1 and found[0][1].noise != noises[0]:
@@ -112,7 +100,7 @@ def _units(model, training):
     return [shared, of_tasks] if asks else [shared]
 
 
-def _noises(model, training):
+def kinds_of_noise(model, training):
     """Kinds of noise that may be taken."""
     if model.noise != "auto":
         return [model.noise]
@@ -124,8 +112,27 @@ def _noises(model, training):
     return ["shared", "per_task"]
 
 
-def _screened(model, training, noises):
-    """The score of these units, and the training data with the best noise and k^x."""
+def screened(model, training, noises):
+    """What the small model says of noise and k^x, in the units of the training data.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Its parameters say what to ask.
+    training : Training
+        With units, and the first kind of noise.
+    noises : list of str
+        Kinds that may be taken.
+
+    Returns
+    -------
+    score : float
+        Of these units.
+    training : Training
+        With the best noise and k^x.
+    found : list of (Problem, Mode)
+        Of each output.
+    """
     # how far apart levels are says nothing of units: they have the same prior in all
     small = training.without_levels() if model._has_levels() else training
     found = [screen(problem) for problem in _small(model, small)]
@@ -135,7 +142,7 @@ def _screened(model, training, noises):
     # of either noise: what noise of each task explains is no roughness
     scored, among_units = [], []
     for candidate, found in candidates:
-        kernels, found = _rougher(model, candidate, found)
+        kernels, found = rougher(model, candidate, found)
         candidate = replace(candidate, kernel=kernels[-1])
         scored.append((_score(small, found), candidate, found))
         own = candidate.noise != noises[0]
@@ -180,7 +187,7 @@ def _own_noise(found):
     wherever learning went.
     """
     noisy = all(problem.is_noisy(mode) for problem, mode in found)
-    if not (noisy and np.isfinite(_value(found))):
+    if not (noisy and np.isfinite(log_likelihood(found))):
         return []
     if any(differ_in_noise(*of) for of in found):
         own = [with_own_noise(*of) for of in found]
@@ -191,11 +198,11 @@ def _own_noise(found):
             return []
         own = [with_own_noise(*of) for of in large]
     gain = sum(criterion(*of) for of in own) - sum(criterion(*of) for of in found)
-    is_sure = gain > _least_gain(problem for problem, _ in found)
+    is_sure = gain > least_gain(problem for problem, _ in found)
     return own if is_sure and not any(_vanishes(*of) for of in own) else []
 
 
-def _least_gain(problems):
+def least_gain(problems):
     """Nats that noise of each task must gain, summed over the outputs."""
     data = [problem.data for problem in problems]
     shares = [FEW_ROWS * of.n_tasks / n_measured(of) for of in data]
@@ -214,65 +221,6 @@ def _vanishes(problem, mode):
     return bool((left < NOTHING * prior.scale**2).any())
 
 
-def _rougher(model, training, found, n_jobs=None):
-    """Names of k^x, ever less smooth as long as that is likelier, and the last modes.
-
-    `found` has the problem and its mode of each output, with the k^x that the training
-    data have: the first name. What was tried in vain counts as spent.
-    """
-    names, least = [training.kernel], found[0][0].tuning.rougher
-    of_output = least if len(found) == 1 else 0.0  # others may gain what one lacks
-    for name in _kernels(model, training)[1]:
-        kernel = _kernel(model, training, name)
-        change = partial(with_kernel, kernel=kernel, gain=of_output)
-        others = run(change, found, n_jobs=n_jobs)
-        if _value(others) < _value(found) + least:
-            return names, _counting(found, others)
-        names, found = [*names, name], others
-    return names, found
-
-
-def _smoother(model, training, found, n_jobs=None):
-    """The same of ever smoother ones, unless they are less likely."""
-    names, least = [training.kernel], _value(found) - found[0][0].tuning.rougher
-    for name in _kernels(model, training)[0]:
-        kernel = _kernel(model, training, name)
-        others = run(partial(with_kernel, kernel=kernel), found, n_jobs=n_jobs)
-        if _value(others) < least:
-            return names, _counting(found, others)
-        names, found = [*names, name], others
-    return names, found
-
-
-def _kernel(model, training, name):
-    return kernels_of(model, replace(training, kernel=name))[0]
-
-
-def _kernels(model, training):
-    """Names of what k^x may be instead: ever smoother, and ever less smooth."""
-    if model._kernels() != [None] or model.max_iter == 0:
-        return [], []
-    k = SMOOTHNESS.index(training.kernel)
-    return SMOOTHNESS[:k][::-1], SMOOTHNESS[k + 1 :]
-
-
-def _value(found):
-    """Log likelihood, summed over the outputs."""
-    return sum(mode.value for _, mode in found)
-
-
-def _counting(found, others):
-    """What was found, with what the others took on from there."""
-    pairs = zip(found, others, strict=True)
-    return [
-        (
-            problem,
-            mode._replace(n_evaluations=other.n_evaluations, seconds=other.seconds),
-        )
-        for (problem, mode), (_, other) in pairs
-    ]
-
-
 def _small(model, training):
     """The problems of a model whose tasks tell each other nothing but k^x."""
     form = model._form_for_screening(len(training.tasks))
@@ -284,170 +232,3 @@ def _score(training, found):
     """Summed over the outputs."""
     pairs = zip(found, training.units.scale, strict=True)
     return float(sum(score(*of, scale) for of, scale in pairs))
-
-
-def decide_rest(model, training, problems, modes, learn):
-    """What was learned, or the same with another k^x or noise if that is worth it.
-
-    What the small model cannot tell from its functions, the large one may.
-
-    Parameters
-    ----------
-    model : BaseMultiTaskGP
-        Its parameters `kernel` and `noise` say whether to ask.
-    training : Training
-        As decided so far.
-    problems : list of list of Problem
-        For each form of K^rho, ascending, and each output.
-    modes : list of list of Mode
-        Their modes.
-    learn : callable
-        ``learn(training)`` gives such problems and modes, of as many forms, learned
-        from other units, noise and k^x.
-
-    Returns
-    -------
-    training, problems, modes
-        With the kernel and the noise that are chosen.
-    """
-    learned = all(mode.converged for of in modes for mode in of)
-    if not (learned and problems[0][0].engine.exact):
-        return training, problems, modes
-    training, problems, modes = _with_kernel(model, training, problems, modes)
-    return _with_noise(model, training, problems, modes, learn)
-
-
-def _with_kernel(model, training, problems, modes):
-    """The same with the k^x that is best for the best form of K^rho."""
-    best, n_jobs = int(np.argmax(_criteria(problems, modes))), model.n_jobs
-    found = list(zip(problems[best], modes[best], strict=True))
-    names, found = _rougher(model, training, found, n_jobs)
-    if len(names) == 1:
-        names, found = _smoother(model, training, found, n_jobs)
-    kernels = [_kernel(model, training, name) for name in names[1:]]
-    change, known = partial(_through, kernels=kernels), [{best: of} for of in found]
-    problems, modes = _of_forms(change, problems, modes, n_jobs, known)
-    return replace(training, kernel=names[-1]), problems, modes
-
-
-def _through(problem, mode, kernels):
-    """The problem with the last of some k^x, learned by way of the others."""
-    for kernel in kernels:
-        problem, mode = with_kernel(problem, mode, kernel)
-    return problem, mode
-
-
-def _with_noise(model, training, problems, modes, learn):
-    """The same with noise for each task if that is worth it."""
-    if len(_noises(model, training)) == 1 or training.noise != "shared":
-        return training, problems, modes
-    before = _criteria(problems, modes)
-    best = int(np.argmax(before))
-    of_best = problems[best], modes[best]
-    if any(map(hides_noise, *of_best)):
-        other, *found = _anew(model, training, learn)
-        if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW:
-            return other, found[0], _spent_too(found[1], modes)
-        modes = _spent_too(modes, found[1])
-    if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
-        least = before[best] + _least_gain(problems[best])
-        found = _learned_on(problems, modes, least, model.n_jobs)
-        if _is_taken(*found, least):
-            return replace(training, noise="per_task"), *found
-    return training, problems, modes
-
-
-def _anew(model, training, learn):
-    """What is learned with noise of each task from the start, and with which k^x."""
-    training = replace(training, noise="per_task", kernel=DEFAULT)
-    if model.verbose:
-        say("functions may follow noise: learned anew with noise of each task")
-    _, training, _ = _screened(model, training, ["per_task"])
-    return _with_kernel(model, training, *learn(training))
-
-
-def _gain(of_best, found, n_jobs):
-    """Nats an output that the best of some forms is better by.
-
-    By the evidence where it can be had: eq. 8 does not mind that functions follow rows.
-    Where it cannot for lack of noise, by the likelihood: a density by which noise of
-    tasks is alike has no say in whether one of them is exact.
-    """
-    best = int(np.argmax(_criteria(*found)))
-    problems, modes = zip(of_best, [of[best] for of in found], strict=True)
-    if may_be_weighed(problems) and is_weighed(problems, modes):
-        values = evidences(problems, modes, n_jobs)
-    elif all(map(Problem.is_noisy, *of_best)):
-        values = _criteria(problems, modes)
-    else:
-        values = summed(by_likelihood, problems, modes)
-    return (values[1] - values[0]) / len(problems[0])
-
-
-def _spent_too(modes, others):
-    """Modes of each form and output, with what was spent on others."""
-    return [
-        [mode.counting([other]) for mode, other in zip(*of, strict=True)]
-        for of in zip(modes, others, strict=True)
-    ]
-
-
-def _learned_on(problems, modes, least, n_jobs):
-    """What is learned on with noise of each task, as long as it may reach the least."""
-    single = len(problems[0]) == 1  # of several outputs others may gain what one lacks
-    change = partial(with_own_noise, least=least if single else -np.inf)
-    found = _of_forms(change, problems, modes, n_jobs)
-    if single and _is_taken(*found, least):  # others are compared with it now
-        pairs = [(*of, *mode) for of, mode in zip(*found, strict=True)]
-        ended = {k: pair for k, pair in enumerate(pairs) if _has_ended(*pair)}
-        found = _of_forms(_to_the_end, *found, n_jobs, [ended])
-    return found
-
-
-def _is_taken(problems, modes, least):
-    """Whether the best form with noise of each task gains enough, and rows tell it."""
-    return _criteria(problems, modes).max() > least and _tells_all(problems, modes)
-
-
-def _tells_all(problems, modes):
-    """Whether the rows tell all noise variances of the best form."""
-    best = int(np.argmax(_criteria(problems, modes)))
-    return all(map(tells_noise, problems[best], modes[best]))
-
-
-def _has_ended(problem, mode):
-    """Whether a climb came to its end, or noise that follows rows has ended it."""
-    return mode.converged or not tells_noise(problem, mode)
-
-
-def _to_the_end(problem, mode):
-    """A climb that seemed to have no hope, gone on with."""
-    return problem, mode.then(climb(problem, mode.theta))
-
-
-def _of_forms(change, problems, modes, n_jobs, known=None):
-    """Problems and modes, each changed; values do not fall with the rank.
-
-    `known` has, for each output, a problem and a mode of some forms that are changed.
-    """
-    known = [{}] * len(problems[0]) if known is None else known
-    of_outputs = zip(zip(*problems, strict=True), zip(*modes, strict=True), strict=True)
-    jobs = [
-        (change, *map(list, of), k) for of, k in zip(of_outputs, known, strict=True)
-    ]
-    learned = run(_of_all_forms, jobs, n_jobs=n_jobs)
-    return [list(zip(*of, strict=True)) for of in zip(*learned, strict=True)]
-
-
-def _of_all_forms(change, problems, modes, known):
-    pairs = enumerate(zip(problems, modes, strict=True))
-    found = [known[k] if k in known else change(*of) for k, of in pairs]
-    problems = [problem for problem, _ in found]
-    return problems, nest(problems, [mode for _, mode in found])
-
-
-def _criteria(problems, modes):
-    """Of each form, summed over the outputs."""
-    return np.array(
-        [sum(map(criterion, *of)) for of in zip(problems, modes, strict=True)]
-    )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
-from skmtgp._estimators import deciding
+from skmtgp._estimators import revising
 
 
 def drawn(seed):
@@ -93,10 +93,10 @@ def test_nothing_is_learned_anew_where_it_gains_nothing(monkeypatch):
     x = rng.uniform(0.0, 6.0, 30)
     y = np.sin(3.0 * x + 2.0 * task) + 0.1 * rng.standard_normal(30)
     X, told = np.column_stack([x, task]), []
-    anew = deciding._anew
-    monkeypatch.setattr(deciding, "hides_noise", lambda problem, mode: True)
+    anew = revising._anew
+    monkeypatch.setattr(revising, "hides_noise", lambda problem, mode: True)
     monkeypatch.setattr(
-        deciding, "_anew", lambda *of: told.append(anew(*of)) or told[-1]
+        revising, "_anew", lambda *of: told.append(anew(*of)) or told[-1]
     )
     model = MultiTaskGPRegressor().fit(X, y)
     monkeypatch.undo()

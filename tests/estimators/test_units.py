@@ -12,7 +12,7 @@ from sklearn.gaussian_process.kernels import RBF, DotProduct
 from strategies import examples, seeds
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
-from skmtgp._estimators import deciding
+from skmtgp._estimators import deciding, revising
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.reading import read
 from skmtgp.exceptions import ConstantTargetWarning
@@ -408,12 +408,12 @@ def test_noise_of_tasks_is_not_asked_where_one_has_no_row_for_it(monkeypatch):
     y = np.sin(x) + np.array([0.01, 1.0, 0.1])[tasks] * rng.standard_normal(81)
     X = np.column_stack([x, tasks])
     asked = []
-    plain = deciding.differ_in_noise
+    plain = revising.differ_in_noise
     monkeypatch.setattr(
-        deciding, "differ_in_noise", lambda *of: asked.append(of) or plain(*of)
+        revising, "differ_in_noise", lambda *of: asked.append(of) or plain(*of)
     )
     monkeypatch.setattr(
-        deciding, "_screened", lambda _, training, __: (0.0, training, [])
+        deciding, "screened", lambda _, training, __: (0.0, training, [])
     )
     model = MultiTaskGPRegressor(rank=1).fit(X, y)
     assert model.noise_ == "shared"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
-from skmtgp._estimators import deciding
+from skmtgp._estimators import deciding, revising
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.reading import read
 
@@ -61,7 +61,7 @@ def test_forms_that_could_not_gain_enough_are_learned_to_the_end(
     rng, tasks = np.random.default_rng(0), np.arange(180) % 6
     x, noise = rng.uniform(0.0, 6.0, 180), np.array([0.02, 0.1, 0.5, 0.02, 1.0, 0.05])
     y = np.sin(x) * (1.0 + tasks) + noise[tasks] * rng.standard_normal(180)
-    learn, go_on, told = deciding.with_own_noise, deciding._to_the_end, []
+    learn, go_on, told = revising.with_own_noise, revising._to_the_end, []
 
     def ended_early(problem, mode, *, least=None):
         problem, mode = learn(problem, mode, least=least)
@@ -74,8 +74,8 @@ def test_forms_that_could_not_gain_enough_are_learned_to_the_end(
         return go_on(problem, mode)
 
     monkeypatch.setattr(deciding, "_own_noise", lambda found: [])  # it is not seen soon
-    monkeypatch.setattr(deciding, "with_own_noise", ended_early)
-    monkeypatch.setattr(deciding, "_to_the_end", to_the_end)
+    monkeypatch.setattr(revising, "with_own_noise", ended_early)
+    monkeypatch.setattr(revising, "_to_the_end", to_the_end)
     model = MultiTaskGPRegressor(normalize_y="shared", kernel="rbf", n_jobs=1)
     search = RankSearchIC(model, ranks=[1, 2], simpler=False)
     search.fit(np.column_stack([x, tasks]), np.tile(y[:, None], n_outputs))

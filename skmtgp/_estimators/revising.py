@@ -1,0 +1,197 @@
+"""What learning tells of noise and smoothness that the small model did not."""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from skmtgp._estimators.deciding import kinds_of_noise, least_gain, screened
+from skmtgp._estimators.named_kernels import DEFAULT
+from skmtgp._estimators.smoothness import as_named, rougher, smoother
+from skmtgp._numerics.parallel import run
+from skmtgp._support.progress import say
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.nesting import nest
+from skmtgp.learning.problem import Problem
+from skmtgp.learning.screening import (
+    by_likelihood,
+    criterion,
+    differ_in_noise,
+    hides_noise,
+    leaves_noise,
+    tells_noise,
+    with_kernel,
+    with_own_noise,
+)
+from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed, summed
+
+SURE = (
+    3.0  # nats that noise of each task must gain where functions may have followed it
+)
+
+
+def revise(model, training, problems, modes, learn):
+    """What was learned, or the same with another k^x or noise if that is worth it.
+
+    What the small model cannot tell from its functions, the large one may.
+
+    Parameters
+    ----------
+    model : BaseMultiTaskGP
+        Its parameters `kernel` and `noise` say whether to ask.
+    training : Training
+        As decided so far.
+    problems : list of list of Problem
+        For each form of K^rho, ascending, and each output.
+    modes : list of list of Mode
+        Their modes.
+    learn : callable
+        ``learn(training)`` gives such problems and modes, of as many forms, learned
+        from other units, noise and k^x.
+
+    Returns
+    -------
+    training, problems, modes
+        With the kernel and the noise that are chosen.
+    """
+    learned = all(mode.converged for of in modes for mode in of)
+    if not (learned and problems[0][0].engine.exact):
+        return training, problems, modes
+    training, problems, modes = _with_kernel(model, training, problems, modes)
+    return _with_noise(model, training, problems, modes, learn)
+
+
+def _with_kernel(model, training, problems, modes):
+    """The same with the k^x that is best for the best form of K^rho."""
+    best, n_jobs = int(np.argmax(_criteria(problems, modes))), model.n_jobs
+    found = list(zip(problems[best], modes[best], strict=True))
+    names, found = rougher(model, training, found, n_jobs)
+    if len(names) == 1:
+        names, found = smoother(model, training, found, n_jobs)
+    kernels = [as_named(model, training, name) for name in names[1:]]
+    change, known = partial(_through, kernels=kernels), [{best: of} for of in found]
+    problems, modes = _of_forms(change, problems, modes, n_jobs, known)
+    return replace(training, kernel=names[-1]), problems, modes
+
+
+def _through(problem, mode, kernels):
+    """The problem with the last of some k^x, learned by way of the others."""
+    for kernel in kernels:
+        problem, mode = with_kernel(problem, mode, kernel)
+    return problem, mode
+
+
+def _with_noise(model, training, problems, modes, learn):
+    """The same with noise for each task if that is worth it."""
+    if len(kinds_of_noise(model, training)) == 1 or training.noise != "shared":
+        return training, problems, modes
+    before = _criteria(problems, modes)
+    best = int(np.argmax(before))
+    of_best = problems[best], modes[best]
+    if any(map(hides_noise, *of_best)):
+        other, *found = _anew(model, training, learn)
+        if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE:
+            return other, found[0], _spent_too(found[1], modes)
+        modes = _spent_too(modes, found[1])
+    if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
+        least = before[best] + least_gain(problems[best])
+        found = _learned_on(problems, modes, least, model.n_jobs)
+        if _is_taken(*found, least):
+            return replace(training, noise="per_task"), *found
+    return training, problems, modes
+
+
+def _anew(model, training, learn):
+    """What is learned with noise of each task from the start, and with which k^x."""
+    training = replace(training, noise="per_task", kernel=DEFAULT)
+    if model.verbose:
+        say("functions may follow noise: learned anew with noise of each task")
+    _, training, _ = screened(model, training, ["per_task"])
+    return _with_kernel(model, training, *learn(training))
+
+
+def _gain(of_best, found, n_jobs):
+    """Nats an output that the best of some forms is better by.
+
+    By the evidence where it can be had: eq. 8 does not mind that functions follow rows.
+    Where it cannot for lack of noise, by the likelihood: a density by which noise of
+    tasks is alike has no say in whether one of them is exact.
+    """
+    best = int(np.argmax(_criteria(*found)))
+    problems, modes = zip(of_best, [of[best] for of in found], strict=True)
+    if may_be_weighed(problems) and is_weighed(problems, modes):
+        values = evidences(problems, modes, n_jobs)
+    elif all(map(Problem.is_noisy, *of_best)):
+        values = _criteria(problems, modes)
+    else:
+        values = summed(by_likelihood, problems, modes)
+    return (values[1] - values[0]) / len(problems[0])
+
+
+def _spent_too(modes, others):
+    """Modes of each form and output, with what was spent on others."""
+    return [
+        [mode.counting([other]) for mode, other in zip(*of, strict=True)]
+        for of in zip(modes, others, strict=True)
+    ]
+
+
+def _learned_on(problems, modes, least, n_jobs):
+    """What is learned on with noise of each task, as long as it may reach the least."""
+    single = len(problems[0]) == 1  # of several outputs others may gain what one lacks
+    change = partial(with_own_noise, least=least if single else -np.inf)
+    found = _of_forms(change, problems, modes, n_jobs)
+    if single and _is_taken(*found, least):  # others are compared with it now
+        pairs = [(*of, *mode) for of, mode in zip(*found, strict=True)]
+        ended = {k: pair for k, pair in enumerate(pairs) if _has_ended(*pair)}
+        found = _of_forms(_to_the_end, *found, n_jobs, [ended])
+    return found
+
+
+def _is_taken(problems, modes, least):
+    """Whether the best form with noise of each task gains enough, and rows tell it."""
+    return _criteria(problems, modes).max() > least and _tells_all(problems, modes)
+
+
+def _tells_all(problems, modes):
+    """Whether the rows tell all noise variances of the best form."""
+    best = int(np.argmax(_criteria(problems, modes)))
+    return all(map(tells_noise, problems[best], modes[best]))
+
+
+def _has_ended(problem, mode):
+    """Whether a climb came to its end, or noise that follows rows has ended it."""
+    return mode.converged or not tells_noise(problem, mode)
+
+
+def _to_the_end(problem, mode):
+    """A climb that seemed to have no hope, gone on with."""
+    return problem, mode.then(climb(problem, mode.theta))
+
+
+def _of_forms(change, problems, modes, n_jobs, known=None):
+    """Problems and modes, each changed; values do not fall with the rank.
+
+    `known` has, for each output, a problem and a mode of some forms that are changed.
+    """
+    known = [{}] * len(problems[0]) if known is None else known
+    of_outputs = zip(zip(*problems, strict=True), zip(*modes, strict=True), strict=True)
+    jobs = [
+        (change, *map(list, of), k) for of, k in zip(of_outputs, known, strict=True)
+    ]
+    learned = run(_of_all_forms, jobs, n_jobs=n_jobs)
+    return [list(zip(*of, strict=True)) for of in zip(*learned, strict=True)]
+
+
+def _of_all_forms(change, problems, modes, known):
+    pairs = enumerate(zip(problems, modes, strict=True))
+    found = [known[k] if k in known else change(*of) for k, of in pairs]
+    problems = [problem for problem, _ in found]
+    return problems, nest(problems, [mode for _, mode in found])
+
+
+def _criteria(problems, modes):
+    """Of each form, summed over the outputs."""
+    return np.array(
+        [sum(map(criterion, *of)) for of in zip(problems, modes, strict=True)]
+    )

@@ -14,6 +14,7 @@ import numpy as np
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import Ascent, climb
+from skmtgp.learning.hidden import reveal
 from skmtgp.learning.nesting import descend, has_columns_more, with_columns
 from skmtgp.learning.problem import Problem, best_of
 from skmtgp.learning.ranks import (
@@ -24,7 +25,7 @@ from skmtgp.learning.ranks import (
     from_starts,
 )
 from skmtgp.learning.screening import n_measured
-from skmtgp.learning.stages import follow, likeliest, with_starts
+from skmtgp.learning.stages import Start, follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
 from skmtgp.learning.weighing import (
     best_of_forms,
@@ -60,6 +61,8 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     forms = _taken(forms, problems[0].engine)
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
+    found = run(_revealed, list(zip(sketches, starts, strict=True)), n_jobs=n_jobs)
+    sketches, starts = map(list, zip(*found, strict=True))
     likely = _likely(problems, coarse, sketches, n_jobs)
     kept, modes = _learned(problems, sketches, likely, starts, **options)
     if _overtaken(problems, sketches, likely, modes):
@@ -284,6 +287,35 @@ def _descended(sketches):
         sketch._replace(ascent=sketch.ascent._replace(mode=mode))
         for sketch, mode in zip(sketches, modes, strict=True)
     ]
+
+
+def _revealed(sketches, starts):
+    """Sketches and starts, with what the noise of the likeliest sketch hid.
+
+    All forms are then sketched from there, too.
+    """
+    k = int(np.argmax([sketch.ascent.mode.value for sketch in sketches]))
+    problem, before = sketches[k].problem, sketches[k].ascent.mode
+    mode = reveal(problem.quickly(), before)
+    sketches[k] = sketches[k]._replace(ascent=Ascent(mode, mode))
+    if mode.value <= before.value + problem.tuning.doubt:
+        return sketches, starts
+    prior = problem.prior
+    start = Start(
+        prior.values(mode.theta).kernel,
+        prior.K_rho_at(mode.theta),
+        mode._replace(n_evaluations=0, seconds=0.0),  # which the sketch has
+        prior.log_noise_at(mode.theta),
+        prior.log_level_at(mode.theta),
+        is_noisy=True,
+    )
+    others = [
+        sketch
+        if sketch is sketches[k]
+        else _quick(sketch.problem, start.theta(sketch.problem), [sketch.ascent.mode])
+        for sketch in sketches
+    ]
+    return others, [*starts, start]
 
 
 def _falls(found):

@@ -18,6 +18,7 @@ __all__ = [
     "PrecisionWarning",
     "RepeatedRowsWarning",
     "SamplingWarning",
+    "SkewedInputWarning",
     "SmallTaskWarning",
     "TaskColumnWarning",
     "UnderflowWarning",
@@ -238,6 +239,22 @@ class SamplingWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import SamplingWarning
     >>> warnings.simplefilter("error", SamplingWarning)
+    """
+
+
+class SkewedInputWarning(UserWarning):
+    """Rows are dense at small values of an input, and sparse at large ones.
+
+    The learned length-scale follows the small values. At large ones more than a fifth
+    of the range is then farther than a length-scale from all rows, and predictions
+    there return to the mean. The logarithm of the input is often better: of a dose, a
+    concentration, a time after an event or an income.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import SkewedInputWarning
+    >>> warnings.simplefilter("error", SkewedInputWarning)
     """
 
 

@@ -26,6 +26,7 @@ WARNINGS = (
     exceptions.PrecisionWarning,
     exceptions.RepeatedRowsWarning,
     exceptions.SamplingWarning,
+    exceptions.SkewedInputWarning,
     exceptions.SmallTaskWarning,
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,

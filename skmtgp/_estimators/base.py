@@ -17,13 +17,14 @@ from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.doubts import (
     warn_of_doubts,
     warn_of_duration,
+    warn_of_skew,
     warn_of_small_tasks,
 )
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import KERNEL, named_kernel
 from skmtgp._estimators.posing import pose
-from skmtgp._estimators.reading import read
+from skmtgp._estimators.reading import names_of_inputs, read
 from skmtgp._estimators.revising import revise
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting, say
@@ -160,6 +161,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         self._warn_of_noise(problems, modes)
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
+        warn_of_skew(problems, modes, names_of_inputs(self))
         warn_of_doubts(problems, modes, sampled=sampled)
 
     def _tell(self, before, training, problems, modes):

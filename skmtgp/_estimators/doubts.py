@@ -4,18 +4,21 @@ import numpy as np
 
 from skmtgp._data.checks import name_tasks
 from skmtgp._data.dask import is_dask
+from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.units import count_tasks
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     AmbiguousFitWarning,
     CorrelatedResidualsWarning,
     LongFitWarning,
+    SkewedInputWarning,
     SmallTaskWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
 from skmtgp.learning.settling import FEW
 
+MUCH = 0.2  # of the range of an input, that is far from all rows
 LONG = 120.0  # seconds of learning that a user wants to know of before
 
 
@@ -55,6 +58,45 @@ def warn_of_small_tasks(training, form):
             "relates all tasks alike.",
             SmallTaskWarning,
         )
+
+
+def warn_of_skew(problems, modes, names):
+    """Say which inputs might better be logarithms.
+
+    Parameters
+    ----------
+    problems : sequence of Problem
+        Of each output.
+    modes : sequence of Mode
+        Their modes.
+    names : list of str or None
+        Of the inputs.
+    """
+    for problem, mode in zip(problems, modes, strict=True):
+        X, scales = problem.data.X, _length_scales(problem, mode)
+        if scales is None or not mode.n_iter or is_dask(X):
+            continue
+        for k, (x, scale) in enumerate(zip(np.asarray(X).T, scales, strict=True)):
+            if is_skewed(x) and (far := share_far(x, scale)) > MUCH:
+                name = f"column {k} of the inputs" if names is None else repr(names[k])
+                warn(
+                    f"Rows are dense at small values of {name} and sparse at large "
+                    f"ones. The learned length-scale, {scale:.3g}, follows the small "
+                    f"ones. So {far:.0%} of its range is farther than a length-scale "
+                    "from all rows, and predictions there return to the mean. Try the "
+                    f"logarithm of {name}.",
+                    SkewedInputWarning,
+                )
+                return
+
+
+def _length_scales(problem, mode):
+    """Of each input; None where the kernel does not have these numbers alone."""
+    prior = problem.prior
+    n_inputs, found = problem.data.X.shape[1], prior.of_length_scales
+    if prior.n_terms > 1 or found.sum() not in (1, n_inputs):
+        return None
+    return np.broadcast_to(np.exp(mode.theta[found]), n_inputs)
 
 
 def warn_of_doubts(problems, modes, *, sampled=False):

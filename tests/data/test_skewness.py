@@ -1,0 +1,100 @@
+"""Inputs with many small values and a few large ones."""
+
+import warnings
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skmtgp import IndependentGP, MultiTaskGPRegressor
+from skmtgp._data.skewness import is_skewed, share_far
+from skmtgp.exceptions import SkewedInputWarning
+
+DOSES = np.geomspace(0.1, 100.0, 7)
+LOGNORMAL = np.exp(1.5 * np.random.default_rng(0).standard_normal(200))
+
+
+@pytest.mark.parametrize(
+    ("x", "skewed"),
+    [
+        (DOSES, True),
+        (np.append(0.0, DOSES), True),  # a control without any
+        (LOGNORMAL, True),
+        (np.log(LOGNORMAL), False),
+        (-LOGNORMAL, False),
+        (LOGNORMAL - 1.0, False),  # of negative values there is no logarithm
+        (np.linspace(0.0, 1.0, 50), False),
+        (np.repeat(DOSES[:4], 10), False),  # too few to say
+        (np.zeros(20), False),
+        (np.r_[np.linspace(1.0, 2.0, 99), 1e6], False),  # so are the logarithms
+    ],
+)
+def test_which_inputs_are_skewed(x, skewed):
+    assert is_skewed(x) is skewed
+
+
+@given(st.floats(1e-200, 1e200), st.permutations(range(len(DOSES))))
+def test_units_and_order_do_not_matter(unit, order):
+    assert is_skewed(unit * DOSES[order])
+
+
+def test_share_of_the_range():
+    x = np.array([0.0, 1.0, 1.0, 10.0])
+    assert share_far(x, 0.25) == pytest.approx((0.5 + 8.5) / 10.0)
+    assert share_far(x, 5.0) == 0.0
+
+
+def measured(seed=0):
+    """Saturating responses of four tasks to doses, as a frame."""
+    rng, task = np.random.default_rng(seed), np.repeat(list("abcd"), len(DOSES) * 2)
+    dose, half = np.tile(DOSES, 8), np.repeat(rng.uniform(0.5, 3.0, 4), 14)
+    y = dose / (half + dose) + 0.02 * rng.standard_normal(len(dose))
+    return pd.DataFrame({"dose": dose, "drug": task}), y
+
+
+@pytest.mark.parametrize("estimator", [MultiTaskGPRegressor, IndependentGP])
+def test_a_fit_says_so(estimator):
+    X, y = measured()
+    with pytest.warns(SkewedInputWarning, match="'dose'.*Try the logarithm of 'dose'"):
+        estimator(task_feature="drug").fit(X, y)
+
+
+def test_without_names_it_is_a_number():
+    X, y = measured()
+    X = np.column_stack([np.ones(len(y)), X["dose"], X["drug"].factorize()[0]])
+    with pytest.warns(SkewedInputWarning, match="column 1 of the inputs"):
+        MultiTaskGPRegressor().fit(X, y)
+
+
+@pytest.mark.parametrize(
+    ("change", "params"),
+    [
+        (np.log, {}),
+        (np.asarray, {"max_iter": 0}),
+        (lambda dose: np.linspace(1.0, 2.0, len(dose)), {}),
+    ],
+    ids=["logarithm", "not learned", "evenly spread"],
+)
+def test_nothing_is_said(change, params):
+    X, y = measured()
+    X["dose"] = change(X["dose"].to_numpy())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SkewedInputWarning)
+        MultiTaskGPRegressor(task_feature="drug", **params).fit(X, y)
+
+
+def test_the_logarithm_is_better():
+    X, y = measured()
+    between = pd.DataFrame({"dose": [55.0] * 4, "drug": list("abcd")})
+    f = 55.0 / (np.random.default_rng(0).uniform(0.5, 3.0, 4) + 55.0)
+    errors = []
+    for change in (np.asarray, np.log):
+        model = MultiTaskGPRegressor(task_feature="drug")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", SkewedInputWarning)
+            model.fit(X.assign(dose=change(X["dose"])), y)
+        mean = model.predict(between.assign(dose=change(between["dose"])))
+        errors.append(np.square(mean - f).mean())
+    assert errors[1] < 0.25 * errors[0]

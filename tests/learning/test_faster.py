@@ -93,3 +93,11 @@ def test_estimators_begin_there_by_themselves(seed):
     assert default.log_marginal_likelihood_value_ > least
     best = RankSearchIC().fit(X, y).best_estimator_
     assert best.log_marginal_likelihood_value_ > least
+
+
+def test_all_is_learned_from_the_noise_that_is_left():
+    """From the noise where learning begins they were taken for noise once more."""
+    X, y = waves(4, speed=6.0, noise=0.2)
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert np.sqrt(model.noise_variance_) < 0.3
+    assert model.kernel_.length_scale < 1.0

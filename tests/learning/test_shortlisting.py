@@ -304,3 +304,46 @@ def test_a_form_that_loses_its_noise_in_the_end():
     X, k = np.column_stack([every, tasks]), len(task)
     mean, std = MultiTaskGPRegressor().fit(X[:k], y[:k]).predict(X[k:], return_std=True)
     assert np.mean(np.abs(f[k:] - mean) < 1.96 * std) > 0.6
+
+
+def products(seed):
+    """Tasks that are multiples of a product of two random waves, beside levels."""
+    rng, task, waves = np.random.default_rng(seed), np.repeat(np.arange(6), 18), []
+    for _ in range(2):
+        speed, phase = rng.standard_normal(60) / 1.2, rng.uniform(0.0, 2.0 * np.pi, 60)
+        size = np.sqrt(1.0 / 30.0) * rng.standard_normal(60)
+        waves.append(lambda x, s=speed, p=phase, a=size: np.cos(np.outer(x, s) + p) @ a)
+    factor, level = np.exp(0.7 * rng.standard_normal(6)), rng.standard_normal(6)
+    x = rng.uniform(0.0, 5.0, (2, len(task)))
+    f = (1.5 + waves[0](x[0])) * (1.5 + waves[1](x[1]))
+    y = level[task] + factor[task] * (f + 0.1 * rng.standard_normal(len(task)))
+    return np.column_stack([*x, task]), y
+
+
+def test_sketches_learn_of_what_their_noise_hides():
+    """All of them took the second wave for noise."""
+    X, y = products(90)
+    model = MultiTaskGPRegressor().fit(X, y)
+    known = MultiTaskGPRegressor(rank=1).fit(X, y)
+    assert model.rank_ == 1
+    value = known.log_marginal_likelihood_value_
+    assert model.log_marginal_likelihood_value_ > value - 0.1
+
+
+def test_what_is_revealed_is_a_start(monkeypatch):
+    X, y = products(90)
+    revealed, told = shortlisting._revealed, []
+
+    def tell(sketches, starts):
+        before = [sketch.ascent.mode.value for sketch in sketches]
+        found, more = revealed(sketches, starts)
+        told.append((before, [of.ascent.mode.value for of in found], starts, more))
+        return found, more
+
+    monkeypatch.setattr(shortlisting, "_revealed", tell)
+    MultiTaskGPRegressor(normalize_y="per_task", noise="shared").fit(X, y)
+    [(before, after, starts, more)] = told
+    assert max(after) > max(before) + 20.0
+    assert (np.array(after) >= before).all()
+    assert more[:-1] == starts
+    assert more[-1].mode.value > max(before) + 20.0

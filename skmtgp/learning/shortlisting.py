@@ -3,7 +3,8 @@
 All are sketched first, from a few hundred of the rows: from the likeliest start,
 compound symmetry and rank 1 from all starts. Ranks ascend until two in a row are worse
 than a lower one. If the noise of the likeliest hides functions, all are sketched from
-what is found, too. Forms that will not be chosen are left out then, see :mod:`.weighing`.
+what is found, too. Forms that will not be chosen are left out then, see
+:mod:`.weighing`.
 """
 
 from contextlib import suppress

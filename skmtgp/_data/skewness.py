@@ -23,8 +23,10 @@ def is_skewed(x):
     if len(values) < FEWEST or values[0] < 0.0 or not np.isfinite(values[-1]):
         return False
     least = values[1] if values[0] == 0.0 else 0.0  # as zero has no logarithm
-    scaled = x / values[-1]
-    raw, of_log = skew(scaled), skew(np.log(scaled + least / values[-1]))
+    scaled, least = x / values[-1], least / values[-1]
+    if scaled.min() + least == 0.0:  # too small beside the largest
+        return False
+    raw, of_log = skew(scaled), skew(np.log(scaled + least))
     return bool(raw > LARGE and abs(of_log) < 0.5 * raw)
 
 

@@ -1,6 +1,7 @@
 """What a user should know before learning begins, and what it leaves in doubt."""
 
 import numpy as np
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
 
 from skmtgp._data.checks import name_tasks
 from skmtgp._data.dask import is_dask
@@ -72,31 +73,42 @@ def warn_of_skew(problems, modes, names):
     names : list of str or None
         Of the inputs.
     """
+    skewed = set()
     for problem, mode in zip(problems, modes, strict=True):
         X, scales = problem.data.X, _length_scales(problem, mode)
-        if scales is None or not mode.n_iter or is_dask(X):
-            continue
-        for k, (x, scale) in enumerate(zip(np.asarray(X).T, scales, strict=True)):
-            if is_skewed(x) and (far := share_far(x, scale)) > MUCH:
-                name = f"column {k} of the inputs" if names is None else repr(names[k])
-                warn(
-                    f"Rows are dense at small values of {name} and sparse at large "
-                    f"ones. The learned length-scale, {scale:.3g}, follows the small "
-                    f"ones. So {far:.0%} of its range is farther than a length-scale "
-                    "from all rows, and predictions there return to the mean. Try the "
-                    f"logarithm of {name}.",
-                    SkewedInputWarning,
+        if scales is not None and mode.converged and not is_dask(X):
+            skewed |= {
+                k
+                for k, (x, scale) in enumerate(
+                    zip(np.asarray(X).T, scales, strict=True)
                 )
-                return
+                if is_skewed(x) and share_far(x, scale) > MUCH
+            }
+    for k in sorted(skewed):
+        name = f"column {k} of the inputs" if names is None else repr(names[k])
+        warn(
+            f"Rows are dense at small values of {name} and sparse at large ones. The "
+            "learned length-scale follows the small ones. So more than a fifth of its "
+            "range is farther than a length-scale from all rows, and predictions there "
+            f"return to the mean. Try the logarithm of {name}.",
+            SkewedInputWarning,
+        )
 
 
 def _length_scales(problem, mode):
-    """Of each input; None where the kernel does not have these numbers alone."""
+    """Of each input; None where k^x has no such numbers, or a trend goes on."""
     prior = problem.prior
-    n_inputs, found = problem.data.X.shape[1], prior.of_length_scales
-    if prior.n_terms > 1 or found.sum() not in (1, n_inputs):
+    if prior.n_terms > 1 or prior.trend is not None or not mode.n_iter:
         return None
-    return np.broadcast_to(np.exp(mode.theta[found]), n_inputs)
+    kernel = prior.kernel_at(mode.theta)
+    if isinstance(kernel, Product):
+        parts = [kernel.k1, kernel.k2]
+        kernel, *more = [of for of in parts if not isinstance(of, ConstantKernel)]
+        if more:
+            return None
+    if type(kernel) not in (RBF, Matern):
+        return None
+    return np.broadcast_to(kernel.length_scale, problem.data.X.shape[1])
 
 
 def warn_of_doubts(problems, modes, *, sampled=False):

@@ -25,9 +25,8 @@ from skmtgp.learning.screening import (
 )
 from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed, summed
 
-SURE = (
-    3.0  # nats that noise of each task must gain where functions may have followed it
-)
+# Nats that noise of each task must gain where functions may have followed it.
+SURE_ANEW = 3.0
 
 
 def revise(model, training, problems, modes, learn):
@@ -90,7 +89,7 @@ def _with_noise(model, training, problems, modes, learn):
     of_best = problems[best], modes[best]
     if any(map(hides_noise, *of_best)):
         other, *found = _anew(model, training, learn)
-        if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE:
+        if _tells_all(*found) and _gain(of_best, found, model.n_jobs) > SURE_ANEW:
             return other, found[0], _spent_too(found[1], modes)
         modes = _spent_too(modes, found[1])
     if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
@@ -113,9 +112,9 @@ def _anew(model, training, learn):
 def _gain(of_best, found, n_jobs):
     """Nats an output that the best of some forms is better by.
 
-    By the evidence where it can be had: eq. 8 does not mind that functions follow rows.
-    Where it cannot for lack of noise, by the likelihood: a density by which noise of
-    tasks is alike has no say in whether one of them is exact.
+    The evidence says, for eq. 8 does not mind that functions follow rows. Where it
+    cannot be had, eq. 8 does; without any noise it is that of the likelihood alone,
+    because one task may be exact.
     """
     best = int(np.argmax(_criteria(*found)))
     problems, modes = zip(of_best, [of[best] for of in found], strict=True)

@@ -35,12 +35,14 @@ def with_faster(problem, start, mode):
     learns = problem.budget.max_iter and problem.prior.n_terms == 1
     if not (learns and problem.is_noisy(mode)):
         return mode
-    likelihood = problem.likelihood()
-    best, value = _likeliest(likelihood, _faster(problem, start, mode))
-    if best is None:
+    candidates = _faster(problem, start, mode)
+    if not candidates:
         return mode
-    less = _with_less_noise(problem, best)
-    best, value = max((best, value), _likeliest(likelihood, less), key=itemgetter(1))
+    likelihood = problem.likelihood()
+    valued = _valued(likelihood, candidates)
+    best, _ = max(valued, key=itemgetter(1))
+    valued += _valued(likelihood, _with_less_noise(problem, best))
+    best, value = max(valued, key=itemgetter(1))
     likelihood.release()
     if value <= mode.value:
         return mode
@@ -49,13 +51,11 @@ def with_faster(problem, start, mode):
     return spent_on(found if gains else mode, [mode, found])
 
 
-def _likeliest(likelihood, candidates):
-    """The likeliest of some points, and its log likelihood."""
-    values = [
-        np.nan_to_num(likelihood.value(theta), nan=-np.inf) for theta in candidates
-    ]
-    best = int(np.argmax(values)) if values else None
-    return (None, -np.inf) if best is None else (candidates[best], values[best])
+def _valued(likelihood, candidates):
+    """Points and their log likelihoods, minus infinity where there is none."""
+    values = [likelihood.value(theta) for theta in candidates]
+    values = [value if np.isfinite(value) else -np.inf for value in values]
+    return list(zip(candidates, values, strict=True))
 
 
 def _faster(problem, start, mode):

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.special import huber
 
-FAR = 4.0  # deviations of the logarithm of a task's noise variance from the mean
-DEGREES = 4.0  # of freedom of logarithms of noise variances
+FAR = 4.0  # deviations from the mean of tasks, beyond which the density is exponential
+DEGREES = 4.0  # of freedom of the logarithm of little noise
 
 
 class Penalised:

@@ -318,7 +318,10 @@ def criterion(problem, mode, times=1.0):
 
 
 def by_likelihood(problem, mode):
-    """Eq. 8 without densities of theta, of which one has noise of tasks alike."""
+    """Eq. 8 of the likelihood alone: no density of theta counts.
+
+    `AlikeNoise` would say whether noise of tasks differs before the rows do.
+    """
     return criterion(problem, mode._replace(value=problem.log_likelihood(mode)))
 
 

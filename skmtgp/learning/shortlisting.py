@@ -62,8 +62,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     forms = _taken(forms, problems[0].engine)
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
-    found = run(_revealed, list(zip(sketches, starts, strict=True)), n_jobs=n_jobs)
-    sketches, starts = map(list, zip(*found, strict=True))
+    sketches = run(_revealed, [(of,) for of in sketches], n_jobs=n_jobs)
     likely = _likely(problems, coarse, sketches, n_jobs)
     kept, modes = _learned(problems, sketches, likely, starts, **options)
     if _overtaken(problems, sketches, likely, modes):
@@ -275,8 +274,7 @@ def _own(higher, form):
     problem, mode = higher.problem.with_form(form), higher.ascent.mode
     sketch = _quick(problem, _cut(higher.problem, mode, form))
     if problem.budget.verbose:
-        value = in_words(problem, sketch.ascent.mode.theta, sketch.ascent.mode.value)
-        say(f"{about(problem, form)}{value}, from the best rank")
+        _tell(sketch, "from the best rank")
     return sketch
 
 
@@ -290,33 +288,43 @@ def _descended(sketches):
     ]
 
 
-def _revealed(sketches, starts):
-    """Sketches and starts, with what the noise of the likeliest sketch hid.
+def _revealed(sketches):
+    """The sketches of an output, with what the noise of the likeliest one hid.
 
-    All forms are then sketched from there, too.
+    If that is something, other forms are sketched from there, too. Of so few rows that
+    they are learned again in any case, it is not asked.
     """
-    k = int(np.argmax([sketch.ascent.mode.value for sketch in sketches]))
-    problem, before = sketches[k].problem, sketches[k].ascent.mode
-    mode = reveal(problem.quickly(), before)
-    sketches[k] = sketches[k]._replace(ascent=Ascent(mode, mode))
-    if mode.value <= before.value + problem.tuning.doubt:
-        return sketches, starts
-    prior = problem.prior
+    best = max(sketches, key=lambda sketch: sketch.ascent.mode.value)
+    problem, mode = best.problem, best.ascent.mode
+    if len(problem.data) <= problem.tuning.quick:
+        return sketches
+    found = reveal(problem.quickly(), mode)
+    if found.value <= mode.value + problem.tuning.doubt:
+        same = best._replace(ascent=best.ascent._replace(mode=found))
+        return [same if sketch is best else sketch for sketch in sketches]
+    prior, theta = problem.prior, found.theta
     start = Start(
-        prior.values(mode.theta).kernel,
-        prior.K_rho_at(mode.theta),
-        mode._replace(n_evaluations=0, seconds=0.0),  # which the sketch has
-        prior.log_noise_at(mode.theta),
-        prior.log_level_at(mode.theta),
-        is_noisy=True,
+        prior.values(theta).kernel,
+        prior.K_rho_at(theta),
+        log_noise=prior.log_noise_at(theta),
+        log_level=prior.log_level_at(theta),
     )
-    others = [
-        sketch
-        if sketch is sketches[k]
+    again = [
+        best._replace(ascent=Ascent(found, found))
+        if sketch is best
         else _quick(sketch.problem, start.theta(sketch.problem), [sketch.ascent.mode])
         for sketch in sketches
     ]
-    return others, [*starts, start]
+    for sketch in again if problem.budget.verbose else ():
+        _tell(sketch, "once noise was explained")
+    return _descended(again)
+
+
+def _tell(sketch, how):
+    """Print a sketch and how it was found."""
+    problem, mode = sketch.problem, sketch.ascent.mode
+    value = in_words(problem, mode.theta, mode.value)
+    say(f"{about(problem, sketch.form)}{value}, {how}")
 
 
 def _falls(found):

@@ -2,8 +2,9 @@ r"""The staged heuristic of the paper's section 3.
 
 1. theta^x is learned with K_0^rho = I and with K_0^rho = 1 1^T, relaxed.
 2. K_1^rho is computed from either, section 3.2.
-3. All parameters are learned from K_1^rho and sigma_0^2. Each start is *annealed*, k^x
-   relaxed and the noise held up at first. The best mode is *shaken*.
+3. All parameters are learned from K_1^rho and sigma_0^2, or less noise if step 1 would
+   have taken fast functions for it. Each start is *annealed*, k^x relaxed and the noise
+   held up at first. The best mode is *shaken*.
 
 Stages 1 and 2 do not depend on the rank.
 """
@@ -330,4 +331,4 @@ def perturbed(start, seed):
     theta = start.kernel_theta + rng.standard_normal(len(start.kernel_theta))
     mixing = rng.standard_normal(start.K_rho.shape)
     mixing = np.eye(len(mixing)) + 0.3 * mixing
-    return Start(theta, mixing @ start.K_rho @ mixing.T)
+    return Start(theta, mixing @ start.K_rho @ mixing.T, log_noise=start.log_noise)

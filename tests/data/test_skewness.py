@@ -7,8 +7,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from sklearn.gaussian_process.kernels import RBF, DotProduct
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor
+from skmtgp import IndependentGP, MultiTaskGPRegressor, SingleTaskGP
 from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp.exceptions import SkewedInputWarning
 
@@ -28,6 +29,7 @@ LOGNORMAL = np.exp(1.5 * np.random.default_rng(0).standard_normal(200))
         (np.linspace(0.0, 1.0, 50), False),
         (np.repeat(DOSES[:4], 10), False),  # too few to say
         (np.zeros(20), False),
+        (np.geomspace(1e-320, 1e300, 9), False),  # some vanish beside the largest
         (np.r_[np.linspace(1.0, 2.0, 99), 1e6], False),  # so are the logarithms
     ],
 )
@@ -80,6 +82,53 @@ def test_without_names_it_is_a_number():
 def test_nothing_is_said(change, params):
     X, y = measured()
     X["dose"] = change(X["dose"].to_numpy())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SkewedInputWarning)
+        MultiTaskGPRegressor(task_feature="drug", **params).fit(X, y)
+
+
+def test_each_input_is_named_once():
+    X, y = measured()
+    rng = np.random.default_rng(1)
+    X["time"] = X["dose"].to_numpy()[rng.permutation(len(y))]
+    later = X["time"] / (1.0 + X["time"]) + 0.02 * rng.standard_normal(len(y))
+    Y = np.column_stack([later, y])
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        MultiTaskGPRegressor(task_feature="drug").fit(X, Y)
+    texts = [str(of.message) for of in caught if of.category is SkewedInputWarning]
+    assert [text.split("'")[1] for text in texts] == ["dose", "time"]
+
+
+def test_models_of_each_task_warn_once():
+    X, y = measured()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        SingleTaskGP(task_feature="drug").fit(X, y)
+    [text] = [str(of.message) for of in caught if of.category is SkewedInputWarning]
+    assert text.startswith("Tasks ")
+
+
+def test_long_length_scales_bridge_gaps():
+    X, _ = measured()
+    y = 0.1 * X["dose"] + np.random.default_rng(0).standard_normal(len(X))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SkewedInputWarning)
+        MultiTaskGPRegressor(task_feature="drug").fit(X, y)
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"kernel": "periodic"},
+        {"kernel": RBF(1.0) + DotProduct()},
+        {"trend": "linear"},
+        {"kernel": ["rbf", "rbf"], "rank": 1},
+    ],
+    ids=["periodic", "sum", "trend", "two terms"],
+)
+def test_other_kernels_do_not_return_to_the_mean(params):
+    X, y = measured()
     with warnings.catch_warnings():
         warnings.simplefilter("error", SkewedInputWarning)
         MultiTaskGPRegressor(task_feature="drug", **params).fit(X, y)

@@ -330,20 +330,45 @@ def test_sketches_learn_of_what_their_noise_hides():
     assert model.log_marginal_likelihood_value_ > value - 0.1
 
 
-def test_what_is_revealed_is_a_start(monkeypatch):
+def test_all_are_sketched_from_what_is_revealed(monkeypatch):
     X, y = products(90)
     revealed, told = shortlisting._revealed, []
 
-    def tell(sketches, starts):
-        before = [sketch.ascent.mode.value for sketch in sketches]
-        found, more = revealed(sketches, starts)
-        told.append((before, [of.ascent.mode.value for of in found], starts, more))
-        return found, more
+    def tell(sketches):
+        told.append([sketches, revealed(sketches)])
+        return told[-1][1]
 
     monkeypatch.setattr(shortlisting, "_revealed", tell)
     MultiTaskGPRegressor(normalize_y="per_task", noise="shared").fit(X, y)
-    [(before, after, starts, more)] = told
+    before, after = [[of.ascent.mode.value for of in each] for each in told[0]]
     assert max(after) > max(before) + 20.0
     assert (np.array(after) >= before).all()
-    assert more[:-1] == starts
-    assert more[-1].mode.value > max(before) + 20.0
+    assert [of.form for of in told[0][0]] == [of.form for of in told[0][1]]
+
+
+def test_where_nothing_is_revealed_sketches_are_as_they_were(monkeypatch):
+    """Other starts end early by where the noise was held up, which is kept."""
+    X, y = drawn(WEIGHTS, noise=0.0)
+    revealed, told = shortlisting._revealed, []
+
+    def tell(sketches):
+        told.append([sketches, revealed(sketches)])
+        return told[-1][1]
+
+    monkeypatch.setattr(shortlisting, "_revealed", tell)
+    MultiTaskGPRegressor().fit(X, y)
+    for before, after in zip(*told[0], strict=True):
+        assert after.ascent.held is before.ascent.held
+        np.testing.assert_array_equal(after.ascent.mode.theta, before.ascent.mode.theta)
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_an_output_may_hide_what_another_does_not(order, told):
+    X, y = products(90)
+    other = np.sin(X[:, 0]) + 0.1 * np.random.default_rng(0).standard_normal(len(X))
+    Y = np.column_stack([y, other])[:, order]
+    model = MultiTaskGPRegressor(verbose=1).fit(X, Y)
+    assert np.isfinite(model.log_marginal_likelihood_value_).all()
+    lines = [line for line in told() if line.endswith("once noise was explained")]
+    assert lines
+    assert all(f"output {order.index(0) + 1} of 2" in line for line in lines)

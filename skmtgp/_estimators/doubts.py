@@ -1,5 +1,7 @@
 """What a user should know before learning begins, and what it leaves in doubt."""
 
+from itertools import permutations
+
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
 
@@ -66,10 +68,8 @@ def warn_of_skew(problems, modes, names):
 
     Parameters
     ----------
-    problems : sequence of Problem
-        Of each output.
-    modes : sequence of Mode
-        Their modes.
+    problems, modes
+        See `warn_of_doubts`.
     names : list of str or None
         Of the inputs.
     """
@@ -102,10 +102,8 @@ def _length_scales(problem, mode):
         return None
     kernel = prior.kernel_at(mode.theta)
     if isinstance(kernel, Product):
-        parts = [kernel.k1, kernel.k2]
-        kernel, *more = [of for of in parts if not isinstance(of, ConstantKernel)]
-        if more:
-            return None
+        for amplitude, other in permutations((kernel.k1, kernel.k2)):
+            kernel = other if isinstance(amplitude, ConstantKernel) else kernel
     if type(kernel) not in (RBF, Matern):
         return None
     return np.broadcast_to(kernel.length_scale, problem.data.X.shape[1])

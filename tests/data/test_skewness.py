@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sklearn.gaussian_process.kernels import RBF, DotProduct
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, SingleTaskGP
 from skmtgp._data.skewness import is_skewed, share_far
@@ -61,6 +61,15 @@ def test_a_fit_says_so(estimator):
     X, y = measured()
     with pytest.warns(SkewedInputWarning, match="'dose'.*Try the logarithm of 'dose'"):
         estimator(task_feature="drug").fit(X, y)
+
+
+@pytest.mark.parametrize("amplitude_first", [True, False])
+def test_an_amplitude_does_not_matter(amplitude_first):
+    X, y = measured()
+    parts = ConstantKernel(2.0), RBF(1.0)
+    kernel = parts[0] * parts[1] if amplitude_first else parts[1] * parts[0]
+    with pytest.warns(SkewedInputWarning):
+        MultiTaskGPRegressor(kernel, task_feature="drug").fit(X, y)
 
 
 def test_without_names_it_is_a_number():
@@ -122,10 +131,12 @@ def test_long_length_scales_bridge_gaps():
     [
         {"kernel": "periodic"},
         {"kernel": RBF(1.0) + DotProduct()},
+        {"kernel": RBF(1.0) * DotProduct()},
+        {"kernel": ConstantKernel(2.0) * ConstantKernel(3.0), "rank": 1},
         {"trend": "linear"},
         {"kernel": ["rbf", "rbf"], "rank": 1},
     ],
-    ids=["periodic", "sum", "trend", "two terms"],
+    ids=["periodic", "sum", "product", "constant", "trend", "two terms"],
 )
 def test_other_kernels_do_not_return_to_the_mean(params):
     X, y = measured()

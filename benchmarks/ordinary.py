@@ -6,10 +6,11 @@ of ordinary_data.py, looks for the best modes of what the first two chose ("best
 prints the report of ordinary_report.py. Each fit is a line of the file, written when it
 is known; what is there is not run again. ``--report`` prints what files have.
 
-- "best" is dear. It maximises the likelihood of the model that a fit chose (rank,
+- "best" is dear. It maximises the objective of the model that a fit chose (rank,
   units, noise) from 20 random restarts, and by L-BFGS from the truth's own parameters.
-  The best known is the highest likelihood of the same model in all files, those of
-  ``--also`` too.
+  The objective is the log likelihood and, where each task has its own noise, the log
+  density by which their variances are alike. The best known is the highest objective of
+  the same model in all files, those of ``--also`` too.
 - ``--params rank=2 noise=shared`` are parameters of MultiTaskGPRegressor, alone and in
   the search; ``rank=truth`` gives each problem its own. They are reported apart.
 - A fit that takes longer than ``--limit`` seconds of the processor has failed. Failed
@@ -120,7 +121,8 @@ def work(jobs, results, arguments):
 def keep(row, results):
     """Store a row, and say so."""
     results.append(row)
-    told = row.get("failed", f"{row.get('lml') or np.nan:.2f} nats")
+    value = row.get("objective", row.get("lml"))
+    told = row.get("failed", f"{value or np.nan:.2f} nats")
     name = f"{row['problem']} {row['model']} ({row['settings']})"
     print(f"{name}: {told}, {row['seconds']:.1f} s", flush=True)
 

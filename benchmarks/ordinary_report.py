@@ -1,11 +1,12 @@
 """The report of ordinary.py: tables by class, and which goals are met.
 
-Best known is the highest likelihood of the same model (rank, units, noise, ...) of the
-same problem, whoever found it; a fit counts in the columns of nats where "best" has
-looked for it. Ratios of errors are medians over the problems of a class. "best of 3"
-is the ratio over the least of the errors of IndependentGP, PooledGP and SingleTaskGP,
-which is taken for each problem. Coverage is of 95 % intervals of y,
-"noise" the deviation that was learned over the true one.
+Best known is the highest objective of the same model (rank, units, noise, ...) of the
+same problem, whoever found it: the log likelihood and, where each task has its own
+noise, the log density by which their variances are alike. A fit counts in the columns
+of nats where "best" has looked for it. Ratios of errors are medians over the problems
+of a class. "best of 3" is the ratio over the least of the errors of IndependentGP,
+PooledGP and SingleTaskGP, which is taken for each problem. Coverage is of 95 %
+intervals of y, "noise" the deviation that was learned over the true one.
 """
 
 import json
@@ -78,19 +79,19 @@ def report(rows, settings):
 
 
 def best_known(rows):
-    """The highest likelihood of each problem and model; whether it was looked for."""
+    """The highest objective of each problem and model; whether it was looked for."""
     found = {}
     for row in rows:
-        if row.get("lml") is None or "config" not in row:
+        if "objective" not in row:
             continue
         key = row["problem"], config_of(row)
         value, sought = found.get(key, (-np.inf, False))
-        found[key] = max(value, row["lml"]), sought or row["model"] == "best"
+        found[key] = max(value, row["objective"]), sought or row["model"] == "best"
     return found
 
 
 def config_of(row):
-    """The model whose likelihood it is."""
+    """The model whose objective it is."""
     return json.dumps(row["config"], sort_keys=True)
 
 
@@ -108,13 +109,13 @@ def described(fit, best, errors):
     kept = {key: fit.get(key) for key in ("problem", "class", "seconds", "evaluations")}
     kept |= {"failed": "failed" in fit, "coverage": fit.get("coverage", np.nan)}
     kept |= {"noise": fit.get("noise", np.nan), "/best of 3": np.nan}
-    kept |= {"below": np.nan, "best": np.nan, "lml": fit.get("lml")}
+    kept |= {"below": np.nan, "best": np.nan, "found": fit.get("objective")}
     if kept["failed"]:
         return kept
     if "config" in fit:
         value, sought = best.get((fit["problem"], config_of(fit)), (np.nan, False))
         if sought and fit["class"] not in BY_PRIOR:
-            kept |= {"below": value - fit["lml"], "best": value}
+            kept |= {"below": value - fit["objective"], "best": value}
     kept["chose"] = chosen(fit)
     if fit.get("right") is not None:
         kept["right"] = fit["right"]
@@ -196,7 +197,7 @@ def show_far(table):
     far = table[table["below"] > CLOSE].sort_values("below", ascending=False)
     if len(far):
         print(f"\nMore than {CLOSE:g} nats below the best known: {len(far)}\n")
-        columns = ["problem", "lml", "best", "below", "chose"]
+        columns = ["problem", "found", "best", "below", "chose"]
         print(far[columns].head(SHOWN).to_string(index=False))
 
 

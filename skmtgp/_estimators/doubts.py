@@ -88,7 +88,7 @@ def warn_of_skew(problems, modes, names):
         name = f"column {k} of the inputs" if names is None else repr(names[k])
         warn(
             f"Rows are dense at small values of {name} and sparse at large ones. The "
-            "learned length-scale follows the small ones. So more than a fifth of its "
+            f"length-scale follows the small ones. So more than {MUCH:.0%} of its "
             "range is farther than a length-scale from all rows, and predictions there "
             f"return to the mean. Try the logarithm of {name}.",
             SkewedInputWarning,

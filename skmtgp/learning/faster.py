@@ -41,7 +41,7 @@ def with_faster(problem, start, mode):
     likelihood = problem.likelihood()
     valued = _valued(likelihood, candidates)
     best, _ = max(valued, key=itemgetter(1))
-    valued += _valued(likelihood, _with_less_noise(problem, best))
+    valued += _valued(likelihood, [_with_less_noise(problem, best)])
     best, value = max(valued, key=itemgetter(1))
     likelihood.release()
     if value <= mode.value:
@@ -79,9 +79,6 @@ def _faster(problem, start, mode):
 
 
 def _with_less_noise(problem, theta):
-    """Points with less noise than one has."""
-    of_noise, bounds = problem.prior.of_noise, problem.prior.bounds()
-    return [
-        np.clip(theta + np.where(of_noise, np.log(factor), 0.0), *bounds)
-        for factor in problem.tuning.less_noise
-    ]
+    """A point with less noise than one has."""
+    less = np.where(problem.prior.of_noise, np.log(problem.tuning.less_noise), 0.0)
+    return np.clip(theta + less, *problem.prior.bounds())

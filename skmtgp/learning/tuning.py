@@ -80,9 +80,9 @@ class Tuning:
         twentieth; seven times.
     unused : float
         The same of all features but one.
-    swift, less_noise : tuple of float, tuple of float
-        Steps of length-scales to functions that may have been taken for noise, and
-        factors of the noise variance.
+    swift, less_noise : tuple of float, float
+        Steps of length-scales to functions that may have been taken for noise, and the
+        factor of the noise variance.
     swifter : float
         Nats that these must gain: in pure noise they gain up to nine.
     most_alone : int
@@ -228,7 +228,7 @@ class Tuning:
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0
     swift: tuple = (-1.0, -1.6, -2.5)
-    less_noise: tuple = (0.1,)
+    less_noise: float = 0.1
     swifter: float = 15.0
     most_alone: int = 10
     unused: float = 3.0

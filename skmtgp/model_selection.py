@@ -363,7 +363,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         makes = [partial(_fitted, model, training, *of) for of in learned]
         if alone is not None:
             names, makes = [*names, ALONE], [*makes, alone.told]
-        best = self._best(table, criterion, of_forms)
+        best = self._best(table, criterion, of_forms, modes)
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
@@ -385,12 +385,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if self.keep_estimators:
             self.estimators_ = kept
 
-    def _best(self, table, criterion, of_forms):
+    def _best(self, table, criterion, of_forms, modes):
         """Position of what is chosen; nothing whose criterion could not be computed."""
         values = np.nan_to_num(table[criterion].astype(np.float64), nan=np.inf)
         if not (self.criterion == "auto" and criterion == "laplace"):
             return int(np.argmin(values))
-        odds = log_odds(of_forms)
+        odds = log_odds(of_forms, modes)
         # single tasks, the last, are as unrelated as independent ones
         odds = np.append(odds, np.full(len(values) - len(odds), odds.min()))
         return simplest(odds - 0.5 * values, table["n_hyperparameters"])

@@ -230,9 +230,9 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
 def _sketch(problem, starts, before):
     """The sketch of a form; that of noisy data is quick, and begins at the rank below.
 
-    Without noise both would miss modes that are far better. A rank that is no better
-    than all forms before begins at the likeliest start, too: the rank below may have
-    taken fast functions for noise. Compound symmetry and rank 1 are learned from all
+    Without noise both would miss modes that are far better. A rank that is hardly
+    better than all forms before begins at the likeliest start, too: the rank below may
+    have taken fast functions for noise, or is a mode that no column leads away from. Compound symmetry and rank 1 are learned from all
     starts, for one may tell them independent tasks alone, or one function.
     """
     start, below = likeliest(starts), before[-1] if before else None
@@ -241,7 +241,8 @@ def _sketch(problem, starts, before):
     if below is not None and has_columns_more(below.problem, problem):
         theta = with_columns(below.problem, problem, below.ascent.mode)
         found = _quick(problem, theta)
-        if found.ascent.mode.value > max(of.ascent.mode.value for of in before):
+        best = max(of.ascent.mode.value for of in before)
+        if found.ascent.mode.value > best + problem.tuning.doubt:
             return found
         return _quick(problem, start.theta(problem), [found.ascent.mode])
     found = _quick(problem, start.theta(problem))

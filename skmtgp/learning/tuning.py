@@ -125,9 +125,15 @@ class Tuning:
         1995),
     tie_each : float
         and for each hyperparameter more, as Laplace's method is not exact.
+    few_rows : int
+        Measurements of a task, on average, under which a rough function of each task
+        explains noise as well as functions.
     seldom : float
-        Nats taken off the evidence of unrelated tasks with few rows: "strong" evidence
-        in the same place.
+        Nats taken off unrelated tasks then: "strong" evidence in the same place,
+    taken : float
+        and of the noise that other forms have, what functions of each task may leave
+    seldom_taken : float
+        before so many nats are taken off: "very strong".
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.
@@ -243,12 +249,15 @@ class Tuning:
     foreseen: int = 4
     weighed_within: float = 5.0
     most_weighed: int = 100
-    rows_told: int = 5
+    rows_told: int = 10
     rows_explained: int = 2
     rows_weighed: int = 30
     tie: float = 1.0
     tie_each: float = 0.05
+    few_rows: int = 5
     seldom: float = 3.0
+    taken: float = 0.2
+    seldom_taken: float = 5.0
     rougher: float = 2.0
     rounds: int = 2
     telling: int = 4

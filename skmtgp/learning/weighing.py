@@ -239,26 +239,41 @@ def evidences(problems, modes, n_jobs=None):
     return summed(evidence_of_form, problems, modes, n_jobs)
 
 
-def log_odds(problems, n=None):
-    """Log prior of each form, but for a constant: with few rows tasks are related.
+def log_odds(problems, modes, n=None):
+    """Log prior of each form, but for a constant: tasks of few rows have little of own.
 
     With fewer than five measurements a task, on average, a rough function of each
-    explains noise as well as functions, and hides what tasks share.
+    explains noise as well as functions, and hides what tasks share. So unrelated tasks
+    are unlikely, and more so functions of each task that leave a fifth or less of the
+    noise that the likeliest form without them has.
 
     Parameters
     ----------
-    problems, n
+    problems, modes, n
         See `weighed`.
 
     Returns
     -------
     log_odds : ndarray of shape (n_forms,)
     """
-    first = problems[0][0]
-    few = _n_rows(problems, n) < first.tuning.rows_told * first.prior.n_tasks
-    forms = [of[0].prior.task_covariance for of in problems]
-    unrelated = [few and of.n_own and not (of.rank or of.shared) for of in forms]
-    return -first.tuning.seldom * np.array(unrelated, dtype=float)
+    first, forms = problems[0][0], [of[0].prior.task_covariance for of in problems]
+    tuning, found = first.tuning, np.zeros(len(forms))
+    if _n_rows(problems, n) >= tuning.few_rows * first.prior.n_tasks:
+        return found
+    own = np.array([form.n_own > 0 for form in forms])
+    unrelated = [not (form.rank or form.shared) for form in forms]
+    found[own & unrelated] = -tuning.seldom
+    if not own.all():
+        noise = np.array(list(map(_log_noise, problems, modes)))
+        best = np.argmax(np.where(own, -np.inf, plausible(problems, modes)))
+        found[own & (noise < noise[best] + np.log(tuning.taken))] = -tuning.seldom_taken
+    return found
+
+
+def _log_noise(problems, modes):
+    """Mean logarithm of the noise variances of a form, over the outputs."""
+    pairs = zip(problems, modes, strict=True)
+    return np.mean([mode.theta[of.prior.of_noise].mean() for of, mode in pairs])
 
 
 def best_of_forms(problems, modes, n_jobs=None):
@@ -271,12 +286,12 @@ def best_of_forms(problems, modes, n_jobs=None):
     """
     near = weighed(problems, modes)
     if not near:
-        return int(np.argmax(worths_of(problems, modes)))
+        return int(np.argmax(worths_of(problems, modes) + log_odds(problems, modes)))
     if len(near) == 1:
         return near[0]
     sizes = [problems[k][0].prior.n_hyperparameters for k in near]
     some = _some(problems, modes, near)
-    told = evidences(*some, n_jobs) + log_odds(some[0])
+    told = evidences(*some, n_jobs) + log_odds(*some)
     return near[simplest(told, sizes, problems[0][0].tuning)]
 
 
@@ -305,20 +320,20 @@ def corrections(problems, modes, n_jobs=None, n=None):
     Returns
     -------
     corrections : ndarray of shape (n_forms,)
-        The prior of the noise. Forms within reach differ by their evidence instead, so
-        that it chooses among them; of those that cannot be chosen then it is -inf.
-        Zeros where eq. 8 is to choose.
+        The prior of the noise and that of the form. Forms within reach differ by their
+        evidence instead, so that it chooses among them; of those that cannot be chosen
+        then it is -inf. Where eq. 8 is to choose, the prior of the form alone.
     """
-    worths = worths_of(problems, modes)
+    worths, found = worths_of(problems, modes), log_odds(problems, modes, n)
     near = weighed(problems, modes, n)
     if not near:
-        return np.zeros(len(worths))
-    found = -penalties(problems, modes)
+        return found
+    found = found - penalties(problems, modes)
     if is_overexplained(problems, modes, n):
         found[np.setdiff1d(np.arange(len(found)), near)] = -np.inf
     if len(near) > 1:
         some = _some(problems, modes, near)
-        told = evidences(*some, n_jobs) + log_odds(some[0], n)
+        told = evidences(*some, n_jobs) + log_odds(*some, n)
         best = near[int(np.argmax(told))]
         found[near] = told - told.max() + worths[best] + found[best] - worths[near]
     return found

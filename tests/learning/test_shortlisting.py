@@ -330,6 +330,20 @@ def test_sketches_learn_of_what_their_noise_hides():
     assert model.log_marginal_likelihood_value_ > value - 0.1
 
 
+def test_a_rank_that_gains_nothing_is_sketched_again():
+    """From rank 1 the sketch of rank 2 had ended where it began, 20 nats too low."""
+    rng = np.random.default_rng(16)
+    task = np.repeat(np.arange(5), 12)
+    x, factor = rng.uniform(0.0, 8.0, 60), rng.normal(1.0, 0.3, 5)
+    f = np.where(task < 4, factor[task] * np.sin(x), np.cos(2.0 * x))
+    X, y = np.column_stack([x, task]), f + 0.2 * rng.standard_normal(60)
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert model.rank_ == 2
+    known = MultiTaskGPRegressor(rank=2).fit(X, y)
+    value = known.log_marginal_likelihood_value_
+    assert model.log_marginal_likelihood_value_ > value - 0.1
+
+
 def test_all_are_sketched_from_what_is_revealed(monkeypatch):
     X, y = products(90)
     revealed, told = shortlisting._revealed, []

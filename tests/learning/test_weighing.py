@@ -83,7 +83,7 @@ def test_weak_priors_have_it_already(learned):
 
 def test_only_those_near_the_best_have_their_evidence(learned):
     problems, modes = learned
-    problems = tuned(problems, weighed_within=4.5)
+    problems = tuned(problems, weighed_within=4.5, rows_told=5)
     near = near_best(problems, modes)
     assert near == [0, 1]
     found = worths_of(problems, modes) + corrections(problems, modes)
@@ -95,7 +95,7 @@ def test_only_those_near_the_best_have_their_evidence(learned):
 
 def test_one_alone_needs_no_evidence(learned, monkeypatch):
     problems, modes = learned
-    problems = tuned(problems, weighed_within=0.0)
+    problems = tuned(problems, weighed_within=0.0, rows_told=5)
     monkeypatch.setattr(weighing, "evidences", None)
     assert corrections(problems, modes).tolist() == (-penalties(*learned)).tolist()
 
@@ -135,19 +135,50 @@ def test_the_simplest_of_the_close(evidences, sizes, expected):
 def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     problems, modes = learned
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([-0.9, 0.0]))
-    problems = tuned(problems, weighed_within=4.5)
+    problems = tuned(problems, weighed_within=4.5, rows_told=5)
     assert best_of_forms(problems, modes) == 0
-    assert best_of_forms(tuned(problems, weighed_within=4.5, tie=0.5), modes) == 1
+    assert (
+        best_of_forms(tuned(problems, weighed_within=4.5, tie=0.5, rows_told=5), modes)
+        == 1
+    )
 
 
-@pytest.mark.parametrize(("n", "expected"), [(14, -3.0), (15, 0.0)])
-def test_few_rows_a_task_are_related(learned, n, expected):
-    """Unrelated tasks are unlikely with fewer than five rows a task."""
+def of_forms(problem, forms):
+    """Problems of some forms, and modes."""
+    problems = [[problem.with_form(form)] for form in forms]
+    K_rho = np.eye(M) + 1.0
+    return problems, [[climb(of, of.theta(K_rho=K_rho))] for [of] in problems]
+
+
+@pytest.mark.parametrize(("n", "seldom", "taken"), [(14, -3.0, -5.0), (15, 0.0, 0.0)])
+def test_few_rows_a_task_have_little_of_their_own(learned, n, seldom, taken):
+    """Fewer than five rows a task: unrelated tasks, functions that hide the noise."""
     [[problem], *_], _ = learned
     apart, alike = low_rank(M, 0, True), low_rank(M, 0, True, True)
     forms = [low_rank(M, 1), apart, alike, low_rank(M, 0, False, True)]
-    problems = [[problem.with_form(form)] for form in forms]
-    assert log_odds(problems, n).tolist() == [0.0, expected, 0.0, 0.0]
+    problems, modes = of_forms(problem, forms)
+    assert log_odds(problems, modes, n).tolist() == [0.0, seldom, 0.0, 0.0]
+    noise = modes[3][0].theta[-1]  # of the likeliest
+    for share, odds in ((0.21, 0.0), (0.19, taken)):
+        [modes[2]] = without_noise([modes[2]], noise + np.log(share))
+        assert log_odds(problems, modes, n).tolist() == [0.0, seldom, odds, 0.0]
+    [modes[1]] = without_noise([modes[1]])
+    assert log_odds(problems, modes, n).tolist() == [0.0, taken, taken, 0.0]
+    assert log_odds(problems[1:3], modes[1:3], n).tolist() == [seldom, 0.0]
+
+
+def test_little_of_their_own_by_eq_8(learned, monkeypatch):
+    """The prior of a form counts where the evidence is not asked, too."""
+    [[problem], *_], _ = learned
+    forms = [low_rank(M, 0, False, True), low_rank(M, 0, True)]
+    problems, modes = of_forms(problem, forms)
+    monkeypatch.setattr(weighing, "weighed", lambda *_: [])
+    few = tuned(problems, few_rows=16)  # there are 15 rows a task
+    assert corrections(few, modes).tolist() == [0.0, -3.0]
+    monkeypatch.setattr(weighing, "worths_of", lambda *_: np.array([0.0, 2.9]))
+    assert (best_of_forms(problems, modes), best_of_forms(few, modes)) == (1, 0)
+    monkeypatch.setattr(weighing, "worths_of", lambda *_: np.array([0.0, 3.1]))
+    assert best_of_forms(few, modes) == 1
 
 
 def test_few_rows_that_are_related_by_a_hair(learned, monkeypatch):
@@ -158,7 +189,7 @@ def test_few_rows_that_are_related_by_a_hair(learned, monkeypatch):
     monkeypatch.setattr(weighing, "weighed", lambda *_: [0, 1])
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([3.5, 0.0]))
     assert best_of_forms(odd, modes) == 0
-    odd = tuned(odd, rows_told=20)  # there are 15 rows a task
+    odd = tuned(odd, few_rows=20)  # there are 15 rows a task
     assert best_of_forms(odd, modes) == 0
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([2.0, 0.0]))
     assert best_of_forms(odd, modes) == 1
@@ -174,7 +205,7 @@ def test_odds_of_forms_count_in_a_search(monkeypatch):
     alike = before["chosen"].to_numpy()
     odds = np.where(alike, -1e3, 0.0)
     # of single tasks, the last, they are those of the least likely form
-    monkeypatch.setattr(model_selection, "log_odds", lambda _: odds[:-1])
+    monkeypatch.setattr(model_selection, "log_odds", lambda *_: odds[:-1])
     after = search.fit(X, y).results_
     assert after["model"][after["chosen"]].item() != before["model"][alike].item()
     assert not after["chosen"].iloc[-1]

@@ -40,7 +40,7 @@ from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.learning.shortlisting import with_own_part
-from skmtgp.learning.weighing import log_odds, simplest
+from skmtgp.learning.weighing import log_odds, preferred
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -393,7 +393,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         odds = log_odds(of_forms, modes)
         # single tasks, the last, are as unrelated as independent ones
         odds = np.append(odds, np.full(len(values) - len(odds), odds.min()))
-        return simplest(odds - 0.5 * values, table["n_hyperparameters"])
+        told = odds - 0.5 * np.array([values, table["bic"]])
+        sizes = table["n_hyperparameters"] / len(modes[0])  # of an output
+        return preferred(*told, sizes, of_forms[0][0])
 
     def _learner(self):
         """A clone of the model, with the search's own parameters."""

@@ -232,8 +232,9 @@ def _sketch(problem, starts, before):
 
     Without noise both would miss modes that are far better. A rank that is hardly
     better than all forms before begins at the likeliest start, too: the rank below may
-    have taken fast functions for noise, or is a mode that no column leads away from. Compound symmetry and rank 1 are learned from all
-    starts, for one may tell them independent tasks alone, or one function.
+    have taken fast functions for noise, or be a mode that no column leads away from.
+    Compound symmetry and rank 1 are learned from all starts, for one may tell them
+    independent tasks alone, or one function.
     """
     start, below = likeliest(starts), before[-1] if before else None
     if not start.is_noisy:

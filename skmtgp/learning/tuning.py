@@ -125,6 +125,12 @@ class Tuning:
         1995),
     tie_each : float
         and for each hyperparameter more, as Laplace's method is not exact.
+    close : float
+        Nats within which eq. 8 may take another form, if it gains one there,
+    rows_if_close : int
+        if rows for each hyperparameter of that one are so many,
+    overlapping : float
+        and if such a share of the rows lies in the range of another task.
     few_rows : int
         Measurements of a task, on average, under which a rough function of each task
         explains noise as well as functions.
@@ -254,6 +260,9 @@ class Tuning:
     rows_weighed: int = 30
     tie: float = 1.0
     tie_each: float = 0.05
+    close: float = 2.0
+    rows_if_close: int = 6
+    overlapping: float = 0.5
     few_rows: int = 5
     seldom: float = 3.0
     taken: float = 0.2

@@ -9,6 +9,7 @@ are near the best by eq. 8 and the prior of the noise.
 import numpy as np
 
 from skmtgp._data.dask import is_dask
+from skmtgp._data.overlap import share_overlapping
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.problem import Problem
@@ -289,10 +290,42 @@ def best_of_forms(problems, modes, n_jobs=None):
         return int(np.argmax(worths_of(problems, modes) + log_odds(problems, modes)))
     if len(near) == 1:
         return near[0]
-    sizes = [problems[k][0].prior.n_hyperparameters for k in near]
     some = _some(problems, modes, near)
-    told = evidences(*some, n_jobs) + log_odds(*some)
-    return near[simplest(told, sizes, problems[0][0].tuning)]
+    odds = log_odds(*some)
+    told, by_eq_8 = evidences(*some, n_jobs) + odds, worths_of(*some) + odds
+    return near[preferred(told, by_eq_8, _sizes(some[0]), problems[0][0])]
+
+
+def preferred(evidences, by_eq_8, sizes, problem):
+    """Position of the form to take: the simplest of the likeliest, or that of eq. 8.
+
+    Laplace's method charges a factor too much where tasks are nearly alike, for its
+    prior does not prefer that. So eq. 8 may take another form of nearly the highest
+    evidence, if it has enough rows for each hyperparameter. Where tasks were measured
+    at different inputs neither tells much, and predictions differ most.
+
+    Parameters
+    ----------
+    evidences, by_eq_8 : ndarray of shape (n_forms,)
+        Log evidence and eq. 8.
+    sizes : ndarray of shape (n_forms,)
+        Hyperparameters of an output.
+    problem : Problem
+        Of any form.
+
+    Returns
+    -------
+    position : int
+    """
+    data, tuning = problem.data, problem.tuning
+    simple = simplest(evidences, sizes, tuning)
+    if share_overlapping(data.X, data.tasks) < tuning.overlapping:
+        return simple
+    enough = n_measured(data) >= tuning.rows_if_close * np.asarray(sizes)
+    close = _close(evidences, sizes, tuning.close, tuning) & enough
+    best = int(np.argmax(np.where(close, by_eq_8, -np.inf)))
+    gains = close[best] and by_eq_8[best] > by_eq_8[simple] + tuning.tie
+    return best if gains else simple
 
 
 def simplest(evidences, sizes, tuning=TUNING):
@@ -300,11 +333,15 @@ def simplest(evidences, sizes, tuning=TUNING):
 
     Laplace's method is the less exact, the more hyperparameters it integrates out.
     """
+    close = np.flatnonzero(_close(evidences, sizes, tuning.tie, tuning))
+    return int(min(close, key=lambda k: (sizes[k], -evidences[k])))
+
+
+def _close(evidences, sizes, tie, tuning):
+    """Which have the highest evidence or less by a tie; smaller ones have a larger."""
     best = int(np.argmax(evidences))
     more = np.maximum(0, sizes[best] - np.asarray(sizes))
-    enough = evidences[best] - tuning.tie - tuning.tie_each * more
-    close = np.flatnonzero(evidences >= enough)
-    return int(min(close, key=lambda k: (sizes[k], -evidences[k])))
+    return evidences >= evidences[best] - tie - tuning.tie_each * more
 
 
 def corrections(problems, modes, n_jobs=None, n=None):

@@ -135,12 +135,43 @@ def test_the_simplest_of_the_close(evidences, sizes, expected):
 def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     problems, modes = learned
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([-0.9, 0.0]))
-    problems = tuned(problems, weighed_within=4.5, rows_told=5)
-    assert best_of_forms(problems, modes) == 0
-    assert (
-        best_of_forms(tuned(problems, weighed_within=4.5, tie=0.5, rows_told=5), modes)
-        == 1
-    )
+    constants = {"weighed_within": 4.5, "rows_told": 5, "rows_if_close": 16}
+    assert best_of_forms(tuned(problems, **constants), modes) == 0
+    assert best_of_forms(tuned(problems, **constants, tie=0.5), modes) == 1
+
+
+CLOSE = {"evidences": [-1.5, 0.0], "by_eq_8": [-9.0, 0.0], "sizes": [3, 6]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ({}, 1),
+        ({"evidences": [0.0, -1.9]}, 1),
+        ({"evidences": [0.0, -2.1]}, 0),
+        ({"evidences": [-0.9, 0.0], "by_eq_8": [-0.9, 0.0]}, 0),
+        ({"evidences": [-0.9, 0.0], "by_eq_8": [-1.1, 0.0]}, 1),
+        ({"evidences": [0.0, -1.0], "sizes": [3, 8]}, 0),
+        ({"evidences": [0.0, -np.inf]}, 0),
+        ({"by_eq_8": [0.0, -9.0], "sizes": [6, 3]}, 0),
+    ],
+    ids=["clear", "near", "far", "alike", "gains", "large", "infinite", "smaller"],
+)
+def test_eq_8_decides_where_the_evidence_is_close(learned, changes, expected):
+    [[problem], *_], _ = learned  # 45 rows
+    found = {key: np.array(of) for key, of in {**CLOSE, **changes}.items()}
+    assert weighing.preferred(problem=problem, **found) == expected
+
+
+def test_eq_8_does_not_decide_where_inputs_are_apart(learned):
+    """The simplest is taken: what it predicts is the least."""
+    [[problem], *_], _ = learned
+    found = {key: np.array(of) for key, of in CLOSE.items()}
+    found["evidences"] = np.array([-0.5, 0.0])
+    assert weighing.preferred(problem=problem, **found) == 1
+    data = problem.data
+    apart = replace(data, X=data.X % 1.0 + data.tasks[:, None])
+    assert weighing.preferred(problem=problem.with_data(apart), **found) == 0
 
 
 def of_forms(problem, forms):
@@ -189,7 +220,7 @@ def test_few_rows_that_are_related_by_a_hair(learned, monkeypatch):
     monkeypatch.setattr(weighing, "weighed", lambda *_: [0, 1])
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([3.5, 0.0]))
     assert best_of_forms(odd, modes) == 0
-    odd = tuned(odd, few_rows=20)  # there are 15 rows a task
+    odd = tuned(odd, few_rows=20, rows_if_close=20)  # there are 15 rows a task
     assert best_of_forms(odd, modes) == 0
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([2.0, 0.0]))
     assert best_of_forms(odd, modes) == 1

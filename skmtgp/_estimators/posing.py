@@ -9,7 +9,7 @@ from sklearn.base import clone
 from skmtgp._estimators.named_kernels import DEFAULT, with_positions
 from skmtgp._estimators.reading import names_of_inputs
 from skmtgp._estimators.sampled import n_posteriors
-from skmtgp._estimators.units import variance_of_means
+from skmtgp._estimators.units import deviation_within, variance_of_means
 from skmtgp._numerics.parallel import at_a_time
 from skmtgp.inference.engine import Demand, check_known, check_terms, check_trend
 from skmtgp.inference.engines import choose
@@ -128,6 +128,9 @@ def _check_engine(model, engine, prior, training):
 def _scaled(model, prior, data, training, j):
     """The prior of an output, with starts and bounds relative to its targets."""
     deviation, scale = data.deviation, data.size or 1.0
+    of_rows = data.y, data.tasks, data.n_tasks, data.known
+    if prior.levels and (within := deviation_within(*of_rows)) > ROUNDING * scale:
+        deviation = scale = within
     if deviation < ROUNDING * scale:  # constant targets
         deviation = 1.0
     start, bounds = model.noise_variance, _noise_bounds(model, data.known)
@@ -136,8 +139,7 @@ def _scaled(model, prior, data, training, j):
     least = CENTRED if training.units.per_task else prior.least_level
     level = max(least, FIRST_LEVEL) * scale**2
     if prior.levels:
-        of_rows = data.y, data.tasks, data.n_tasks
-        level = max(level, variance_of_means(*of_rows, data.known))
+        level = max(level, variance_of_means(*of_rows))
     return replace(
         prior,
         scale=scale,

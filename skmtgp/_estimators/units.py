@@ -200,3 +200,14 @@ def variance_of_means(y, codes, n_tasks, known=None):
     counts = count_tasks(codes, n_tasks, known)
     [means] = means_of_tasks(y[:, None], codes, n_tasks, known)
     return float(np.var(means[counts > 0]))
+
+
+def deviation_within(y, codes, n_tasks, known=None):
+    """Deviation of targets about the means of their tasks; zero if none has two.
+
+    A task's mean takes one of its measurements, however few it has.
+    """
+    counts = count_tasks(codes, n_tasks, known)
+    _, [squares] = _moments(y[:, None], codes, n_tasks, known)
+    free = counts.sum() - np.count_nonzero(counts)
+    return float(np.sqrt(counts @ squares / free)) if free > 0 else 0.0

@@ -26,7 +26,7 @@ from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 from skmtgp.model.trend import Trend
 
 MADE = "node", "_last_kernel"  # of k^x, in some milliseconds for some tens of parts
-MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
+MOST_LEVEL = 1e6  # variance, times that at the start, or the targets'
 
 
 class Values(NamedTuple):
@@ -87,7 +87,8 @@ class Prior:
     levels : bool, default=False
         Whether each task has its own level.
     scale : float, default=1.0
-        Root mean square of the targets, to which starts and bounds are relative.
+        Root mean square of the targets, or deviation about the tasks' means if these
+        have levels, to which starts and bounds are relative.
     log_noise : float, default=log(0.01)
         Logarithm of the starting value of the noise variance.
     log_noise_bounds : pair of floats
@@ -455,7 +456,9 @@ class Prior:
     @property
     def log_level_bounds(self):
         """Logarithms of the bounds of the levels' variance."""
-        return np.log(np.multiply([self.least_level, MOST_LEVEL], self.scale**2))
+        square = self.scale**2
+        most = max(np.log(square), self.log_level)
+        return np.array([np.log(self.least_level * square), np.log(MOST_LEVEL) + most])
 
     def bounds(self):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""

@@ -207,7 +207,11 @@ def deviation_within(y, codes, n_tasks, known=None):
 
     A task's mean takes one of its measurements, however few it has.
     """
-    counts = count_tasks(codes, n_tasks, known)
-    _, [squares] = _moments(y[:, None], codes, n_tasks, known)
+    where = codes, n_tasks, known
+    counts, mean = count_tasks(*where), means_of_tasks(y[:, None], *where)
+    squares = np.square(_without(mean, y[:, None], codes))
+    if known is not None:
+        squares = squares + known.spread[:, None]
+    [variance] = means_of_tasks(squares, *where)
     free = counts.sum() - np.count_nonzero(counts)
-    return float(np.sqrt(counts @ squares / free)) if free > 0 else 0.0
+    return float(np.sqrt((counts * variance).sum() / free)) if free > 0 else 0.0

@@ -255,7 +255,7 @@ class Tuning:
     foreseen: int = 4
     weighed_within: float = 5.0
     most_weighed: int = 100
-    rows_told: int = 10
+    rows_told: int = 5
     rows_explained: int = 2
     rows_weighed: int = 30
     tie: float = 1.0

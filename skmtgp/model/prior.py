@@ -87,12 +87,14 @@ class Prior:
     levels : bool, default=False
         Whether each task has its own level.
     scale : float, default=1.0
-        Root mean square of the targets, or deviation about the tasks' means if these
-        have levels, to which starts and bounds are relative.
+        Root mean square of the targets or, if tasks have levels, the deviation about
+        their means, to which starts, bounds and priors are relative.
     log_noise : float, default=log(0.01)
         Logarithm of the starting value of the noise variance.
     log_noise_bounds : pair of floats
         Logarithms of the bounds of the noise variance.
+    usual_log_noise : float, default=log(0.01)
+        Logarithm of the noise variance around which priors of it are.
     noise_is_fixed : bool, default=False
         Whether the noise variance is not learned.
     log_level : float, default=log(0.1)
@@ -111,6 +113,7 @@ class Prior:
     scale: float = 1.0
     log_noise: float = float(np.log(1e-2))
     log_noise_bounds: tuple = field(default=tuple(np.log([1e-10, 1e3])))
+    usual_log_noise: float = float(np.log(1e-2))
     noise_is_fixed: bool = False
     log_level: float = float(np.log(0.1))
     least_level: float = 1e-12

@@ -14,7 +14,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
 from sparse_models import SPARSE
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
+from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, RankSearchIC
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 each_option = pytest.mark.parametrize("options", OPTIONS.values(), ids=OPTIONS)
@@ -203,6 +203,25 @@ class TestRecovery:
         y = np.cos(X[:, 0]) + 0.1 * (y - means[tasks])
         model = IndependentGP(**SHARED).fit(X, y)
         assert model.level_variance_ < 0.05 * y.var()
+
+    @pytest.mark.parametrize("size", [10.0, 1000.0])
+    def test_large_levels_change_nothing_else(self, size):
+        """What is chosen, and by which criterion; noise is small beside functions."""
+        rng = np.random.default_rng(0)
+        tasks, x = np.repeat(np.arange(6), 12), rng.uniform(0.0, 8.0, 72)
+        levels, factor = rng.standard_normal((2, 6))
+        f = (1.0 + 0.3 * factor)[tasks] * np.sin(x)
+        X, y = np.column_stack([x, tasks]), f + 0.15 * rng.standard_normal(72)
+        small, large = (
+            RankSearchIC().fit(X, y + times * levels[tasks]) for times in (1.0, size)
+        )
+        assert small.criterion_ == large.criterion_ == "laplace"
+        assert large.best_model_ == small.best_model_
+        pair = small.best_estimator_, large.best_estimator_
+        noise = [model.noise_variance_ for model in pair]
+        assert noise[1] == pytest.approx(noise[0], rel=0.05)
+        scales = [np.exp(model.kernel_.theta) for model in pair]
+        np.testing.assert_allclose(*scales, rtol=0.05)
 
 
 class TestAddTask:

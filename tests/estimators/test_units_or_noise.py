@@ -7,6 +7,7 @@ from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._estimators import deciding, revising
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.reading import read
+from skmtgp._estimators.units import deviation_within
 
 N_TASKS, N_ROWS = 10, 20
 
@@ -82,3 +83,15 @@ def test_forms_that_could_not_gain_enough_are_learned_to_the_end(
     assert search.best_estimator_.noise_ == "per_task"
     # of several outputs none ends early: others may gain what one lacks
     assert told == (["rank 1"] if n_outputs == 1 else [])
+
+
+def test_deviation_within_tasks():
+    """With the levels of all but one task free; of single rows nothing is known."""
+    rng = np.random.default_rng(0)
+    tasks = np.repeat(np.arange(4), [5, 1, 3, 2])
+    y = rng.standard_normal(11) + 1e6 * tasks
+    parts = [y[tasks == m] for m in range(4)]
+    square = sum(np.square(part - part.mean()).sum() for part in parts) / (11 - 4)
+    assert deviation_within(y, tasks, 5) == pytest.approx(np.sqrt(square), rel=1e-8)
+    assert deviation_within(y[:1], tasks[:1], 5) == 0.0
+    assert deviation_within(np.arange(4.0), np.arange(4), 4) == 0.0

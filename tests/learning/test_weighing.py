@@ -83,7 +83,7 @@ def test_weak_priors_have_it_already(learned):
 
 def test_only_those_near_the_best_have_their_evidence(learned):
     problems, modes = learned
-    problems = tuned(problems, weighed_within=4.5, rows_told=5)
+    problems = tuned(problems, weighed_within=4.5)
     near = near_best(problems, modes)
     assert near == [0, 1]
     found = worths_of(problems, modes) + corrections(problems, modes)
@@ -95,7 +95,7 @@ def test_only_those_near_the_best_have_their_evidence(learned):
 
 def test_one_alone_needs_no_evidence(learned, monkeypatch):
     problems, modes = learned
-    problems = tuned(problems, weighed_within=0.0, rows_told=5)
+    problems = tuned(problems, weighed_within=0.0)
     monkeypatch.setattr(weighing, "evidences", None)
     assert corrections(problems, modes).tolist() == (-penalties(*learned)).tolist()
 
@@ -135,7 +135,7 @@ def test_the_simplest_of_the_close(evidences, sizes, expected):
 def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     problems, modes = learned
     monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([-0.9, 0.0]))
-    constants = {"weighed_within": 4.5, "rows_told": 5, "rows_if_close": 16}
+    constants = {"weighed_within": 4.5, "rows_if_close": 16}
     assert best_of_forms(tuned(problems, **constants), modes) == 0
     assert best_of_forms(tuned(problems, **constants, tie=0.5), modes) == 1
 

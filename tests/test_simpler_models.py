@@ -358,8 +358,12 @@ class TestLaplace:
         )
         for value, model in zip(found, search.estimators_, strict=True):
             parts = getattr(model, "estimators_", [model])
-            of_units = n_outputs * 4 * np.log(20) if len(parts) > 1 else 0.0
-            expected = -2.0 * sum(map(evidence_of, parts)) + of_units
+            expected = -2.0 * sum(map(evidence_of, parts))
+            if len(parts) > 1:  # their units, and how far apart their means are
+                means = np.array([np.ravel(part.y_mean_) for part in parts])
+                scales = np.array([np.ravel(part.y_scale_) for part in parts])
+                apart = np.log(np.square(means.std(axis=0) / scales))
+                expected += n_outputs * 4 * np.log(20) + np.maximum(1 + apart, 0).sum()
             assert value == pytest.approx(expected, rel=1e-6)
         assert found.argmin() == search.results_["chosen"].argmax()
         assert search.best_model_ == "compound symmetry"

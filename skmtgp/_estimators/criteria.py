@@ -67,13 +67,26 @@ class Alone:
 
         Their priors are in units of each task. Where the other candidates have the same
         units for all, these count as a parameter of the task, and so does a mean that
-        has no prior.
+        has no prior. One that has is as far from the others as theirs are.
         """
         found = sum(map(evidence_of, self.estimator.estimators_))
         if training.units.per_task:
             return found
         n_more = len(training.units.scale) * (1 if self.levels else 2)
-        return found - 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
+        found -= 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
+        return found - (self._spread_of_means() if self.levels else 0.0)
+
+    def _spread_of_means(self):
+        """Nats by which means of tasks are less likely than around one of their own.
+
+        Their prior has the deviation of a task; beside others it is that of all means.
+        """
+        models = self.estimator.estimators_
+        means = np.array([np.ravel(model.y_mean_) for model in models])
+        scales = np.array([np.ravel(model.y_scale_) for model in models])
+        with np.errstate(divide="ignore"):
+            nats = 0.5 * (1.0 + np.log(means.var(axis=0) / scales**2))
+        return float(np.maximum(nats, 0.0).sum())
 
 
 def _density_of_others(estimator):

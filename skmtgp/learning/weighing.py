@@ -241,12 +241,14 @@ def evidences(problems, modes, n_jobs=None):
 
 
 def log_odds(problems, modes, n=None):
-    """Log prior of each form, but for a constant: tasks of few rows have little of own.
+    """Log prior of each form, but for a constant.
 
-    With fewer than five measurements a task, on average, a rough function of each
-    explains noise as well as functions, and hides what tasks share. So unrelated tasks
-    are unlikely, and more so functions of each task that leave a fifth or less of the
-    noise that the likeliest form without them has.
+    - With fewer than five measurements a task, on average, a rough function of each
+      explains noise as well as functions, and hides what tasks share. So unrelated
+      tasks are unlikely, and more so functions of each task that leave a fifth or less
+      of the noise that the likeliest form without them has.
+    - Tasks that were measured at different inputs are unrelated rather than not: rows
+      hardly tell, and predictions at the inputs of others are safer then.
 
     Parameters
     ----------
@@ -259,16 +261,24 @@ def log_odds(problems, modes, n=None):
     """
     first, forms = problems[0][0], [of[0].prior.task_covariance for of in problems]
     tuning, found = first.tuning, np.zeros(len(forms))
+    own = np.array([form.n_own > 0 for form in forms])
+    unrelated = own & [not (form.rank or form.shared) for form in forms]
+    if _is_apart(first):
+        found[~unrelated] = -tuning.tie
     if _n_rows(problems, n) >= tuning.few_rows * first.prior.n_tasks:
         return found
-    own = np.array([form.n_own > 0 for form in forms])
-    unrelated = [not (form.rank or form.shared) for form in forms]
-    found[own & unrelated] = -tuning.seldom
+    found[unrelated] -= tuning.seldom
     if not own.all():
         noise = np.array(list(map(_log_noise, problems, modes)))
         best = np.argmax(np.where(own, -np.inf, plausible(problems, modes)))
         found[own & (noise < noise[best] + np.log(tuning.taken))] = -tuning.seldom_taken
     return found
+
+
+def _is_apart(problem):
+    """Whether tasks were measured at inputs that hardly overlap."""
+    X, tasks = problem.data.X, problem.data.tasks
+    return not is_dask(X) and share_overlapping(X, tasks) < problem.tuning.overlapping
 
 
 def _log_noise(problems, modes):
@@ -317,11 +327,11 @@ def preferred(evidences, by_eq_8, sizes, problem):
     -------
     position : int
     """
-    data, tuning = problem.data, problem.tuning
+    tuning = problem.tuning
     simple = simplest(evidences, sizes, tuning)
-    if share_overlapping(data.X, data.tasks) < tuning.overlapping:
+    if _is_apart(problem):
         return simple
-    enough = n_measured(data) >= tuning.rows_if_close * np.asarray(sizes)
+    enough = n_measured(problem.data) >= tuning.rows_if_close * np.asarray(sizes)
     close = _close(evidences, sizes, tuning.close, tuning) & enough
     best = int(np.argmax(np.where(close, by_eq_8, -np.inf)))
     gains = close[best] and by_eq_8[best] > by_eq_8[simple] + tuning.tie

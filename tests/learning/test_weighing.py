@@ -198,6 +198,16 @@ def test_few_rows_a_task_have_little_of_their_own(learned, n, seldom, taken):
     assert log_odds(problems[1:3], modes[1:3], n).tolist() == [seldom, 0.0]
 
 
+def test_tasks_with_inputs_of_their_own_are_unrelated(learned):
+    [[problem], *_], _ = learned
+    data = problem.data
+    apart = replace(data, X=data.X % 1.0 + data.tasks[:, None])
+    forms = [low_rank(M, 1), low_rank(M, 0, True), low_rank(M, 0, True, True)]
+    problems, modes = of_forms(problem.with_data(apart), forms)
+    assert log_odds(problems, modes).tolist() == [-1.0, 0.0, -1.0]
+    assert log_odds(problems, modes, 14)[:2].tolist() == [-1.0, -3.0]
+
+
 def test_little_of_their_own_by_eq_8(learned, monkeypatch):
     """The prior of a form counts where the evidence is not asked, too."""
     [[problem], *_], _ = learned

@@ -40,7 +40,7 @@ from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.learning.shortlisting import with_own_part
-from skmtgp.learning.weighing import log_odds, preferred
+from skmtgp.learning.weighing import is_unrelated, log_odds, preferred
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -391,8 +391,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if not (self.criterion == "auto" and criterion == "laplace"):
             return int(np.argmin(values))
         odds = log_odds(of_forms, modes)
+        forms = [of[0].prior.task_covariance for of in of_forms]
         # single tasks, the last, are as unrelated as independent ones
-        odds = np.append(odds, np.full(len(values) - len(odds), odds.min()))
+        alone = max(odds[list(map(is_unrelated, forms))], default=0.0)
+        odds = np.append(odds, np.full(len(values) - len(odds), alone))
         told = odds - 0.5 * np.array([values, table["bic"]])
         sizes = table["n_hyperparameters"] / len(modes[0])  # of an output
         return preferred(*told, sizes, of_forms[0][0])

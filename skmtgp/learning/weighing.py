@@ -262,7 +262,7 @@ def log_odds(problems, modes, n=None):
     first, forms = problems[0][0], [of[0].prior.task_covariance for of in problems]
     tuning, found = first.tuning, np.zeros(len(forms))
     own = np.array([form.n_own > 0 for form in forms])
-    unrelated = own & [not (form.rank or form.shared) for form in forms]
+    unrelated = np.array(list(map(is_unrelated, forms)))
     if _is_apart(first):
         found[~unrelated] = -tuning.tie
     if _n_rows(problems, n) >= tuning.few_rows * first.prior.n_tasks:
@@ -273,6 +273,11 @@ def log_odds(problems, modes, n=None):
         best = np.argmax(np.where(own, -np.inf, plausible(problems, modes)))
         found[own & (noise < noise[best] + np.log(tuning.taken))] = -tuning.seldom_taken
     return found
+
+
+def is_unrelated(form):
+    """Whether tasks have functions of their own alone."""
+    return form.n_own > 0 and not (form.rank or form.shared)
 
 
 def _is_apart(problem):

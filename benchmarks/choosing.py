@@ -8,7 +8,8 @@ Each criterion then chooses: how often the true rank, and how well what it has c
 predicts. "density" is the log density of new observations a row, less that of
 the best candidate in hindsight; the rows of a table are medians over the draws.
 
-"laplace" is the evidence by Laplace's method, see skmtgp/learning/evidence.py. At the
+"laplace" is the evidence by Laplace's method, see skmtgp/learning/evidence.py. "auto",
+the default, asks it and BIC, see :func:`skmtgp.learning.weighing.preferred`. At the
 end each criterion is compared with BIC, draw by draw: the mean difference of the
 density, with losses above five counted as five, and its interval by the bootstrap.
 """
@@ -40,7 +41,7 @@ PLAIN = {
     for rank in (1, 2, 3)
 }
 SAME, MOST = 0.01, 5.0  # nats a row: no difference, and the largest that counts
-CRITERIA = "bic", "aic", "hqc", "loo", "laplace"
+CRITERIA = "bic", "aic", "hqc", "loo", "laplace", "auto"
 
 
 def problem_of(name, seed):
@@ -79,7 +80,9 @@ def measured(job):
         table = search.results_.assign(setting=name, seed=seed)
         table["loo"] = [leave_out(model, drawn.y) for model in search.estimators_]
         found = [predicted(model, drawn) for model in search.estimators_]
+        best = RankSearchIC().fit(drawn.X, drawn.y).best_model_
     table["density"], table["error"] = zip(*found, strict=True)
+    table["auto"] = (table["model"] != best).astype(int)
     table["right"] = [is_right(of, drawn) for of in table["model"]]
     return table
 

@@ -25,7 +25,7 @@ BASE = {
     "n_inputs": (1, 2),
     "irrelevant": 0,  # more inputs, on which nothing depends
     "rank": (1, 2),
-    "relation": "factor",  # or "none", "one unrelated", "same"
+    "relation": "factor",  # or "none", "one unrelated", "same", "alike"
     "level": 1.0,  # deviation of the levels, in the task's unit
     "units": 1.0,  # of each task
     "noise": 0.1,  # deviation, in the task's unit
@@ -60,6 +60,7 @@ CLASSES = {
     "one-function": {"relation": "same"},
     "irrelevant-inputs": {"irrelevant": (2, 4)},
     "two-length-scales": {"rank": 2, "two_lengths": True},
+    "alike": {"n_tasks": (4, 10), "relation": "alike", "noise": (0.1, 0.3)},
     "apart": {"n_inputs": 1, "apart": True},
     "anything": {
         "n_tasks": (2.0, 40.0),
@@ -259,6 +260,8 @@ def _factor(rng, n_tasks, rank, relation):
     """Rows of lengths 0.5 to 1.5 in random directions."""
     if relation == "same":
         return np.ones((n_tasks, 1))
+    if relation == "alike":  # a function, with amplitudes around one
+        return 1.0 + 0.4 * rng.standard_normal((n_tasks, 1))
     size = rng.uniform(0.5, 1.5, n_tasks)[:, None]
     if relation == "none":
         return np.diag(size[:, 0])

@@ -419,11 +419,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     fewer than five rows for each hyperparameter, it is computed of all candidates that
     have two rows or more for each, for BIC takes a model that explains a few rows
     exactly for a good one. (A best one without noise must have fewer than two rows for
-    each, and compound symmetry must have noise.) With fewer than five rows a task on
-    average, 3 nats are taken off the evidence of unrelated tasks. BIC alone chooses if
-    the best candidates have no noise, more than 100 hyperparameters, or more than 30
-    rows for each of them, or were not learned to the end, and in sparse inference. See
-    :doc:`/guide/rank`.
+    each, and compound symmetry must have noise.) BIC decides between candidates of
+    nearly the same evidence. BIC alone chooses if the best candidates have no noise,
+    more than 100 hyperparameters, or more than 30 rows for each of them, or were not
+    learned to the end, and in sparse inference. With few rows a task some candidates
+    are unlikely from the start. See :doc:`/guide/rank`.
 
     A task of one to three rows, where two or more tasks have more, gets a row of the
     factor from its samples and the prior of `add_task`: the population of the larger

@@ -258,9 +258,12 @@ def log_odds(problems, modes, n=None):
     Returns
     -------
     log_odds : ndarray of shape (n_forms,)
+        Zeros where learning is not exact, or of several terms.
     """
     first, forms = problems[0][0], [of[0].prior.task_covariance for of in problems]
     tuning, found = first.tuning, np.zeros(len(forms))
+    if not first.engine.exact or any(isinstance(form, Forms) for form in forms):
+        return found
     own = np.array([form.n_own > 0 for form in forms])
     unrelated = np.array(list(map(is_unrelated, forms)))
     if _is_apart(first):
@@ -283,7 +286,7 @@ def is_unrelated(form):
 def _is_apart(problem):
     """Whether tasks were measured at inputs that hardly overlap."""
     X, tasks = problem.data.X, problem.data.tasks
-    return not is_dask(X) and share_overlapping(X, tasks) < problem.tuning.overlapping
+    return share_overlapping(X, tasks) < problem.tuning.overlapping
 
 
 def _log_noise(problems, modes):

@@ -10,6 +10,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, model_selection
+from skmtgp.inference.engines import Sparse
 from skmtgp.learning import weighing
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.tuning import TUNING, Tuning
@@ -206,6 +207,16 @@ def test_tasks_with_inputs_of_their_own_are_unrelated(learned):
     problems, modes = of_forms(problem.with_data(apart), forms)
     assert log_odds(problems, modes).tolist() == [-1.0, 0.0, -1.0]
     assert log_odds(problems, modes, 14)[:2].tolist() == [-1.0, -3.0]
+
+
+def test_odds_are_of_one_term_that_is_learned_exactly(learned):
+    [[problem], *_], [modes, *_] = learned
+    several = _of_terms()
+    assert log_odds([[several]], [modes], 1).tolist() == [0.0]
+    apart = problem.with_form(low_rank(M, 0, True))
+    sparse = replace(apart, engine=Sparse())
+    assert log_odds([[sparse]], [modes], 1).tolist() == [0.0]
+    assert log_odds([[apart]], [modes], 1).tolist() == [-3.0]
 
 
 def test_little_of_their_own_by_eq_8(learned, monkeypatch):

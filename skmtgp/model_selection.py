@@ -40,7 +40,7 @@ from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings
 from skmtgp.learning.shortlisting import with_own_part
-from skmtgp.learning.weighing import is_unrelated, log_odds, preferred
+from skmtgp.learning.weighing import is_unrelated, log_odds, preferred, simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import ROWS, MultiTaskGPRegressor
@@ -389,16 +389,21 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     def _best(self, table, criterion, of_forms, modes):
         """Position of what is chosen; nothing whose criterion could not be computed."""
         values = np.nan_to_num(table[criterion].astype(np.float64), nan=np.inf)
-        if not (self.criterion == "auto" and criterion == "laplace"):
+        if self.criterion != "auto":
             return int(np.argmin(values))
         odds = log_odds(of_forms, modes)
         forms = [of[0].prior.task_covariance for of in of_forms]
         # single tasks, the last, are as unrelated as independent ones
         alone = max(odds[list(map(is_unrelated, forms))], default=0.0)
         odds = np.append(odds, np.full(len(values) - len(odds), alone))
-        told = odds - 0.5 * np.array([values, table["bic"]])
+        told, by_eq_8 = odds - 0.5 * np.array([values, table["bic"]])
         sizes = table["n_hyperparameters"] / len(modes[0])  # of an output
-        return preferred(*told, sizes, of_forms[0][0])
+        if criterion == "bic":
+            return int(np.argmax(told))
+        if simplest(told, sizes) == len(of_forms):
+            return len(of_forms)
+        by_eq_8[len(of_forms) :] = -np.inf  # they do not pay for means and units
+        return preferred(told, by_eq_8, sizes, of_forms[0][0])
 
     def _learner(self):
         """A clone of the model, with the search's own parameters."""

@@ -64,7 +64,6 @@ def problem(kernel, form, observations, *, scale=1.0, noise=0.1, **changes):
             scale=scale,
             log_noise=float(np.log(noise * variance)),
             log_noise_bounds=tuple(np.log([1e-10 * variance, 1e3 * variance])),
-            usual_log_noise=float(np.log(noise * variance)),
         ),
         "budget": Budget(max_iter=200, tol=1e-3),
         "tuning": TUNING,

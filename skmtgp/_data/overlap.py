@@ -16,7 +16,8 @@ def share_overlapping(X, tasks):
     Returns
     -------
     share : float
-        Between 0 and 1, of the input for which it is least.
+        Between 0 and 1, of the input for which it is least. Inputs that vary within no
+        task do not count.
     """
     rows, n_tasks = np.arange(len(X)), tasks.max() + 1
     shares = [1.0]
@@ -24,6 +25,8 @@ def share_overlapping(X, tasks):
         least, most = np.full(n_tasks, np.inf), np.full(n_tasks, -np.inf)
         np.minimum.at(least, tasks, x)
         np.maximum.at(most, tasks, x)
+        if (least >= most).all():
+            continue
         inside = (least <= x[:, None]) & (x[:, None] <= most)
         inside[rows, tasks] = False
         shares.append(inside.any(axis=1).mean())

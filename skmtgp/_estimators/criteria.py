@@ -67,7 +67,7 @@ class Alone:
 
         Their priors are in units of each task. Where the other candidates have the same
         units for all, these count as a parameter of the task, and so does a mean that
-        has no prior. One that has is as far from the others as theirs are.
+        has no prior. One that has a prior pays for its distance from the others.
         """
         found = sum(map(evidence_of, self.estimator.estimators_))
         if training.units.per_task:

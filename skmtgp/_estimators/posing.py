@@ -130,22 +130,21 @@ def _scaled(model, prior, data, training, j):
     deviation, scale = data.deviation, data.size or 1.0
     if deviation < ROUNDING * scale:  # constant targets
         deviation = 1.0
-    usual, of_rows = deviation, (data.y, data.tasks, data.n_tasks, data.known)
-    if prior.levels and (within := deviation_within(*of_rows)) > ROUNDING * scale:
-        usual, scale = min(within, deviation), within
     start, bounds = model.noise_variance, _noise_bounds(model, data.known)
     start = max(start, NO_NOISE)
     bounds = (start,) * 2 if isinstance(bounds, str) else bounds
     least = CENTRED if training.units.per_task else prior.least_level
-    level = max(least, FIRST_LEVEL) * scale**2
+    level, within = max(least, FIRST_LEVEL) * scale**2, np.inf
     if prior.levels:
+        of_rows = data.y, data.tasks, data.n_tasks, data.known
         level = max(level, variance_of_means(*of_rows))
+        within = deviation_within(*of_rows)
     return replace(
         prior,
         scale=scale,
+        within=within if within > ROUNDING * scale else np.inf,
         log_noise=float(np.log(start * deviation**2)),
         log_noise_bounds=tuple(np.log(np.multiply(bounds, deviation**2))),
-        usual_log_noise=float(np.log(start * usual**2)),
         log_level=float(np.log(level)),
         least_level=least,
         trend=training.trends and training.trends[j],
@@ -156,8 +155,8 @@ def _log_little(model, prior):
     """Logarithm of the noise variance below which less is unlikely; -inf is none."""
     if not model._some_noise():
         return -np.inf
-    start = max(model.noise_variance, NO_NOISE)  # not above that
-    return prior.usual_log_noise + min(0.0, np.log(LITTLE / start))
+    start = max(model.noise_variance, NO_NOISE)
+    return prior.log_noise + min(0.0, np.log(LITTLE / start))  # not above the start
 
 
 def _check_memory(model, engine, prior, training, n_ranks, n_kept):

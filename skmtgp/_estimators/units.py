@@ -203,9 +203,9 @@ def variance_of_means(y, codes, n_tasks, known=None):
 
 
 def deviation_within(y, codes, n_tasks, known=None):
-    """Deviation of targets about the means of their tasks; zero if none has two.
+    """Deviation of targets about the means of their tasks, each of which takes one.
 
-    A task's mean takes one of its measurements, however few it has.
+    It is zero if tasks have fewer than two measurements on average.
     """
     where = codes, n_tasks, known
     counts, mean = count_tasks(*where), means_of_tasks(y[:, None], *where)
@@ -213,5 +213,6 @@ def deviation_within(y, codes, n_tasks, known=None):
     if known is not None:
         squares = squares + known.spread[:, None]
     [variance] = means_of_tasks(squares, *where)
-    free = counts.sum() - np.count_nonzero(counts)
-    return float(np.sqrt((counts * variance).sum() / free)) if free > 0 else 0.0
+    present = np.count_nonzero(counts)
+    free = counts.sum() - present
+    return float(np.sqrt((counts * variance).sum() / free)) if free >= present else 0.0

@@ -170,7 +170,8 @@ class Problem:
 
         Never above sigma_0^2, which holding thus leaves as it is.
         """
-        held = np.log(self.tuning.held * self.prior.scale**2)
+        scale = min(self.prior.scale, self.prior.within)  # of large levels the latter
+        held = np.log(self.tuning.held * scale**2)
         held = min(held, self.prior.log_noise)
         return float(np.clip(held, *self.prior.log_noise_bounds))
 

@@ -126,20 +126,21 @@ class Tuning:
     tie_each : float
         and for each hyperparameter more, as Laplace's method is not exact.
     close : float
-        Nats within which eq. 8 may take another form, if it gains one there,
+        Nats from the highest evidence within which eq. 8 may take another form,
     rows_if_close : int
-        if rows for each hyperparameter of that one are so many,
+        and how many rows that form has for each hyperparameter.
     overlapping : float
-        and if such a share of the rows lies in the range of another task.
+        Share of the rows in the range of another task, under which inputs do not
+        overlap.
     few_rows : int
         Measurements of a task, on average, under which a rough function of each task
         explains noise as well as functions.
     seldom : float
-        Nats taken off unrelated tasks then: "strong" evidence in the same place,
+        Nats taken off unrelated tasks then: "strong" evidence in the same place.
     taken : float
-        and of the noise that other forms have, what functions of each task may leave
+        Share of the noise of other forms, of which functions of each task leave less
     seldom_taken : float
-        before so many nats are taken off: "very strong".
+        if so many nats are taken off: "very strong".
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.

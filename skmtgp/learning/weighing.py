@@ -247,8 +247,8 @@ def log_odds(problems, modes, n=None):
       explains noise as well as functions, and hides what tasks share. So unrelated
       tasks are unlikely, and more so functions of each task that leave a fifth or less
       of the noise that the likeliest form without them has.
-    - Tasks that were measured at different inputs are unrelated rather than not: rows
-      hardly tell, and predictions at the inputs of others are safer then.
+    - Where tasks were measured at different inputs, unrelated tasks are a little
+      likelier: rows hardly tell, and their predictions there are less sure.
 
     Parameters
     ----------
@@ -264,29 +264,36 @@ def log_odds(problems, modes, n=None):
     tuning, found = first.tuning, np.zeros(len(forms))
     if not first.engine.exact or any(isinstance(form, Forms) for form in forms):
         return found
-    own = np.array([form.n_own > 0 for form in forms])
     unrelated = np.array(list(map(is_unrelated, forms)))
+    if _n_rows(problems, n) < tuning.few_rows * first.prior.n_tasks:
+        found[unrelated] = -tuning.seldom
+        found[_take_noise(problems, modes)] = -tuning.seldom_taken
     if _is_apart(first):
-        found[~unrelated] = -tuning.tie
-    if _n_rows(problems, n) >= tuning.few_rows * first.prior.n_tasks:
-        return found
-    found[unrelated] -= tuning.seldom
-    if not own.all():
-        noise = np.array(list(map(_log_noise, problems, modes)))
-        best = np.argmax(np.where(own, -np.inf, plausible(problems, modes)))
-        found[own & (noise < noise[best] + np.log(tuning.taken))] = -tuning.seldom_taken
+        found[~unrelated] -= tuning.tie
     return found
+
+
+def _take_noise(problems, modes):
+    """Which forms have functions of each task that take most of the noise."""
+    own = np.array([of[0].prior.task_covariance.n_own > 0 for of in problems])
+    if own.all():
+        return np.zeros(len(own), dtype=bool)
+    noise = np.array(list(map(_log_noise, problems, modes)))
+    best = np.argmax(np.where(own, -np.inf, plausible(problems, modes)))
+    return own & (noise < noise[best] + np.log(problems[0][0].tuning.taken))
 
 
 def is_unrelated(form):
     """Whether tasks have functions of their own alone."""
-    return form.n_own > 0 and not (form.rank or form.shared)
+    several = isinstance(form, Forms)
+    return not several and form.n_own > 0 and not (form.rank or form.shared)
 
 
 def _is_apart(problem):
-    """Whether tasks were measured at inputs that hardly overlap."""
-    X, tasks = problem.data.X, problem.data.tasks
-    return share_overlapping(X, tasks) < problem.tuning.overlapping
+    """Whether tasks, with few rows, were measured at inputs that hardly overlap."""
+    data, tuning = problem.data, problem.tuning
+    few = len(data) <= tuning.rows_weighed * tuning.most_weighed
+    return few and share_overlapping(data.X, data.tasks) < tuning.overlapping
 
 
 def _log_noise(problems, modes):
@@ -308,8 +315,7 @@ def best_of_forms(problems, modes, n_jobs=None):
         return int(np.argmax(worths_of(problems, modes) + log_odds(problems, modes)))
     if len(near) == 1:
         return near[0]
-    some = _some(problems, modes, near)
-    odds = log_odds(*some)
+    some, odds = _some(problems, modes, near), log_odds(problems, modes)[near]
     told, by_eq_8 = evidences(*some, n_jobs) + odds, worths_of(*some) + odds
     return near[preferred(told, by_eq_8, _sizes(some[0]), problems[0][0])]
 
@@ -341,7 +347,7 @@ def preferred(evidences, by_eq_8, sizes, problem):
         return simple
     enough = n_measured(problem.data) >= tuning.rows_if_close * np.asarray(sizes)
     close = _close(evidences, sizes, tuning.close, tuning) & enough
-    best = int(np.argmax(np.where(close, by_eq_8, -np.inf)))
+    best = int(np.argmax(np.where(close & ~np.isnan(by_eq_8), by_eq_8, -np.inf)))
     gains = close[best] and by_eq_8[best] > by_eq_8[simple] + tuning.tie
     return best if gains else simple
 
@@ -379,16 +385,16 @@ def corrections(problems, modes, n_jobs=None, n=None):
         evidence instead, so that it chooses among them; of those that cannot be chosen
         then it is -inf. Where eq. 8 is to choose, the prior of the form alone.
     """
-    worths, found = worths_of(problems, modes), log_odds(problems, modes, n)
+    worths, odds = worths_of(problems, modes), log_odds(problems, modes, n)
     near = weighed(problems, modes, n)
     if not near:
-        return found
-    found = found - penalties(problems, modes)
+        return odds
+    found = odds - penalties(problems, modes)
     if is_overexplained(problems, modes, n):
         found[np.setdiff1d(np.arange(len(found)), near)] = -np.inf
     if len(near) > 1:
         some = _some(problems, modes, near)
-        told = evidences(*some, n_jobs) + log_odds(*some, n)
+        told = evidences(*some, n_jobs) + odds[near]
         best = near[int(np.argmax(told))]
         found[near] = told - told.max() + worths[best] + found[best] - worths[near]
     return found

@@ -47,8 +47,7 @@ class Hyperprior:
         self.free = np.not_equal(*prior.bounds()) & ~np.asarray(held)
         self.centre = prior.centre(np.log(SHARE * prior.scale**2))
         self.centre[self.free & prior.of_length_scales] += np.log(SHORTER)
-        usual = prior.usual_log_noise + np.log(NOISIER)
-        self.centre[self.free & prior.of_noise] = usual
+        self.centre[self.free & prior.of_noise] += np.log(NOISIER)
         width = np.where(prior.of_kernel, OF_KERNEL, OF_VARIANCE)
         logarithms = self.free & ~prior.of_factor
         self.precision = np.where(logarithms, width**-2.0, 0.0)

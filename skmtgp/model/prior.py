@@ -26,7 +26,7 @@ from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 from skmtgp.model.trend import Trend
 
 MADE = "node", "_last_kernel"  # of k^x, in some milliseconds for some tens of parts
-MOST_LEVEL = 1e6  # variance, times that at the start, or the targets'
+MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
 
 class Values(NamedTuple):
@@ -87,14 +87,13 @@ class Prior:
     levels : bool, default=False
         Whether each task has its own level.
     scale : float, default=1.0
-        Root mean square of the targets or, if tasks have levels, the deviation about
-        their means, to which starts, bounds and priors are relative.
+        Root mean square of the targets, to which starts and bounds are relative.
+    within : float, default=inf
+        Deviation of the targets about the means of their tasks, if these have levels.
     log_noise : float, default=log(0.01)
         Logarithm of the starting value of the noise variance.
     log_noise_bounds : pair of floats
         Logarithms of the bounds of the noise variance.
-    usual_log_noise : float, default=log(0.01)
-        Logarithm of the noise variance around which priors of it are.
     noise_is_fixed : bool, default=False
         Whether the noise variance is not learned.
     log_level : float, default=log(0.1)
@@ -111,9 +110,9 @@ class Prior:
     n_noise: int = 1
     levels: bool = False
     scale: float = 1.0
+    within: float = np.inf
     log_noise: float = float(np.log(1e-2))
     log_noise_bounds: tuple = field(default=tuple(np.log([1e-10, 1e3])))
-    usual_log_noise: float = float(np.log(1e-2))
     noise_is_fixed: bool = False
     log_level: float = float(np.log(0.1))
     least_level: float = 1e-12
@@ -459,9 +458,7 @@ class Prior:
     @property
     def log_level_bounds(self):
         """Logarithms of the bounds of the levels' variance."""
-        square = self.scale**2
-        most = max(np.log(square), self.log_level)
-        return np.array([np.log(self.least_level * square), np.log(MOST_LEVEL) + most])
+        return np.log(np.multiply([self.least_level, MOST_LEVEL], self.scale**2))
 
     def bounds(self):
         """Lower and upper bounds of theta, of shape (2, n_theta)."""

@@ -341,7 +341,7 @@ class TestMap:
         np.testing.assert_allclose(gradient, -slope, atol=0.02)
 
     def test_many_rows_agree_with_the_mode(self):
-        rows, t = draw(rows=80)
+        rows, t = draw(rows=60)
         found = [
             MultiTaskGPRegressor(rank=1, hyperparameters=name).fit(rows, t).predict(Z)
             for name in ("mode", "map")

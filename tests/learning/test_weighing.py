@@ -19,6 +19,7 @@ from skmtgp.learning.weighing import (
     corrections,
     evidences,
     is_overexplained,
+    is_unrelated,
     is_weighed,
     log_odds,
     may_be_weighed,
@@ -209,6 +210,28 @@ def test_tasks_with_inputs_of_their_own_are_unrelated(learned):
     assert log_odds(problems, modes, 14)[:2].tolist() == [-1.0, -3.0]
 
 
+def test_odds_of_few_rows_and_of_inputs_apart_add_up(learned):
+    [[problem], *_], _ = learned
+    data = problem.data
+    apart = replace(data, X=data.X % 1.0 + data.tasks[:, None])
+    forms = [low_rank(M, 1), low_rank(M, 0, True, True)]
+    problems, modes = of_forms(problem.with_data(apart), forms)
+    [modes[1]] = without_noise([modes[1]])
+    assert log_odds(problems, modes, 14).tolist() == [-1.0, -6.0]
+
+
+def test_odds_are_those_among_all_forms(learned, monkeypatch):
+    """Also if the evidence chooses among some of them."""
+    [[problem], *_], _ = learned
+    forms = [low_rank(M, 1), low_rank(M, 0, True, True), low_rank(M, 0, True)]
+    problems, modes = of_forms(problem, forms)
+    problems = tuned(problems, few_rows=16, rows_if_close=16)
+    [modes[1]] = without_noise([modes[1]])
+    monkeypatch.setattr(weighing, "weighed", lambda *_: [1, 2])
+    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([4.0, 3.0]))
+    assert best_of_forms(problems, modes) == 2
+
+
 def test_odds_are_of_one_term_that_is_learned_exactly(learned):
     [[problem], *_], [modes, *_] = learned
     several = _of_terms()
@@ -256,12 +279,33 @@ def test_odds_of_forms_count_in_a_search(monkeypatch):
     assert search.criterion_ == "laplace"
     alike = before["chosen"].to_numpy()
     odds = np.where(alike, -1e3, 0.0)
-    # of single tasks, the last, they are those of the least likely form
+    # of single tasks, the last, they are those of independent ones
     monkeypatch.setattr(model_selection, "log_odds", lambda *_: odds[:-1])
     after = search.fit(X, y).results_
     assert after["model"][after["chosen"]].item() != before["model"][alike].item()
     assert not after["chosen"].iloc[-1]
     np.testing.assert_allclose(after["laplace"], before["laplace"])
+
+
+def test_single_tasks_have_the_odds_of_independent_ones(monkeypatch):
+    rng = np.random.default_rng(0)
+    tasks, x = np.repeat(np.arange(4), 12), rng.uniform(0.0, 6.0, 48)
+    X, y = np.column_stack([x, tasks]), np.sin(x) + 0.3 * rng.standard_normal(48)
+    told = []
+    monkeypatch.setattr(
+        model_selection,
+        "log_odds",
+        lambda problems, _: np.array(
+            [-7.0 * is_unrelated(of[0].prior.task_covariance) for of in problems]
+        ),
+    )
+    monkeypatch.setattr(
+        model_selection, "preferred", lambda values, *_: told.append(values) or 0
+    )
+    table = RankSearchIC().fit(X, y).results_
+    expected = -7.0 - 0.5 * table["laplace"].iloc[-1]
+    assert table["model"].iloc[-1] == "single tasks"
+    assert told[0][-1] == pytest.approx(expected)
 
 
 def test_several_terms():

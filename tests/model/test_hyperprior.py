@@ -94,7 +94,7 @@ def test_units_of_the_targets_cost_nothing():
             levels=True,
             scale=100.0,
             log_level=prior.log_level + 2.0 * np.log(100.0),
-            usual_log_noise=prior.usual_log_noise + 2.0 * np.log(100.0),
+            log_noise=prior.log_noise + 2.0 * np.log(100.0),
             log_noise_bounds=tuple(np.add(prior.log_noise_bounds, 2.0 * np.log(100.0))),
         )
     )

@@ -82,6 +82,7 @@ def measured(job):
         found = [predicted(model, drawn) for model in search.estimators_]
         best = RankSearchIC().fit(drawn.X, drawn.y).best_model_
     table["density"], table["error"] = zip(*found, strict=True)
+    assert best in table["model"].to_numpy()
     table["auto"] = (table["model"] != best).astype(int)
     table["right"] = [is_right(of, drawn) for of in table["model"]]
     return table

@@ -240,7 +240,8 @@ def learned(estimator, params, drawn):
 def log_density(model, theta):
     """Of theta, which is learned together with the likelihood, and its gradient.
 
-    It is that of the noise of each task, if each has its own.
+    It is that of the noise of each task, if each has its own. That of little noise is
+    left out, which counts against the fits.
     """
     prior = model._likelihoods[0].prior
     return AlikeNoise(prior, model._noise_deviation()).log_density(theta)

@@ -124,9 +124,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         within 5 nats for each output of the best, by BIC and the prior of the noise. It
         chooses among these and single tasks. A smaller model may be lower by a nat, and
         0.05 nats for each hyperparameter that it spares. BIC decides between candidates
-        within 2 nats. With fewer than five rows a task on average, or inputs that do
-        not overlap, some candidates are unlikely from the start (:doc:`/guide/rank`;
-        not in `results_`). Otherwise "auto" is "bic", as in the paper.
+        of nearly the same evidence, if rows and inputs allow. Otherwise "auto" is
+        "bic". With fewer than five rows a task on average, or inputs that do not
+        overlap, "auto" holds some candidates for unlikely from the start (not in
+        `results_`). See :doc:`/guide/rank`.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None

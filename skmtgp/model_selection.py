@@ -397,12 +397,13 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         # single tasks, the last, are as unrelated as independent ones
         alone = max(odds[list(map(is_unrelated, forms))], default=0.0)
         odds = np.append(odds, np.full(len(values) - len(odds), alone))
-        told, by_eq_8 = odds - 0.5 * np.array([values, table["bic"]])
-        sizes = table["n_hyperparameters"] / len(modes[0])  # of an output
+        told = odds - 0.5 * values
         if criterion == "bic":
             return int(np.argmax(told))
+        sizes = table["n_hyperparameters"] / len(modes[0])  # of an output
         if simplest(told, sizes) == len(of_forms):
             return len(of_forms)
+        by_eq_8 = odds - 0.5 * table["bic"]
         by_eq_8[len(of_forms) :] = -np.inf  # they do not pay for means and units
         return preferred(told, by_eq_8, sizes, of_forms[0][0])
 

@@ -53,7 +53,17 @@ class Optimum(NamedTuple):
 
 
 def minimize(
-    fun, x, lower, upper, *, metric=None, max_iter, tol, patience=PATIENCE, report=None
+    fun,
+    x,
+    lower,
+    upper,
+    *,
+    metric=None,
+    max_iter,
+    tol,
+    patience=PATIENCE,
+    rounding=0.0,
+    report=None,
 ):
     """Minimise a smooth function within bounds by BFGS steps on the free parameters.
 
@@ -76,6 +86,8 @@ def minimize(
         more than this nor the steps did.
     patience : int, default=20
         For how many iterations, unless the model is certain.
+    rounding : float, default=0.0
+        Error of the values, much less than `tol`: a step may lose as much.
     report : callable, default=None
         Called after each iteration with its number, the point and the value. It ends
         if that returns True.
@@ -86,7 +98,8 @@ def minimize(
         The best point found.
     """
     hessian = DenseHessian(metric) if len(x) <= MOST_DENSE else LimitedMemory()
-    return _BFGS(fun, x, lower, upper, hessian).run(max_iter, tol, patience, report)
+    bfgs = _BFGS(fun, x, lower, upper, hessian, rounding)
+    return bfgs.run(max_iter, tol, patience, report)
 
 
 class DenseHessian:
@@ -154,21 +167,22 @@ class LimitedMemory:
 
 
 class _BFGS:
-    def __init__(self, fun, x, lower, upper, hessian):
+    def __init__(self, fun, x, lower, upper, hessian, rounding):
         self.fun, self.lower, self.upper, self.hessian = fun, lower, upper, hessian
+        self.rounding = rounding
         self.n_evaluations, self.step = 0, 1.0
         self.x = np.clip(x, lower, upper)
         self.f, self.g = self._evaluate(self.x)
 
     def run(self, max_iter, tol, patience, report):
-        n_iter, still, stuck = 0, 0, False
+        n_iter, still, stuck, nothing = 0, 0, False, max(NOTHING * tol, self.rounding)
         running = bool(len(self.x) and np.isfinite(self.f))
         expected_gain = np.inf if running else 0.0
         if running and max_iter:
             self._restart()
         while running and n_iter < max_iter and still < patience:
             direction, expected_gain = self._direction()
-            if still >= CERTAIN and expected_gain < NOTHING * tol:
+            if still >= CERTAIN and expected_gain < nothing:
                 break
             step = self._line_search(direction)
             stuck = step is None and self.hessian.fresh
@@ -230,13 +244,14 @@ class _BFGS:
         slope = self.g @ direction
         if slope >= 0.0:
             return None
-        low, high, f_low, slope_low, best = 0.0, np.inf, self.f, slope, None
+        start = self.f + self.rounding
+        low, high, f_low, slope_low, best = 0.0, np.inf, start, slope, None
         step = min(1.0, GROWTH * self.step)
         for _ in range(MAX_LINE_SEARCH):
             x = np.clip(self.x + step * direction, self.lower, self.upper)
             f, g = self._evaluate(x)
             # clipping can turn a descent direction into one of ascent
-            enough = self.f + ARMIJO * min(self.g @ (x - self.x), 0.0)
+            enough = start + ARMIJO * min(self.g @ (x - self.x), 0.0)
             if not f < min(enough, f_low):
                 high = step
                 step = low + _shrink(step - low, f_low, slope_low, f)

@@ -1,12 +1,13 @@
 """Exact inference with the dense n x n covariance matrix."""
 
+from copy import copy
 from functools import cached_property
 from itertools import chain
 
 import numpy as np
 from scipy.linalg.blas import dsyr, dsyrk
 
-from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
+from skmtgp._numerics.linalg import Cholesky, SingleCholesky, cholesky_with_jitter
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._numerics.updates import UpdatedCholesky
 from skmtgp.exceptions import NotPositiveDefiniteError
@@ -17,6 +18,9 @@ from skmtgp.inference.tiles import TasksOfSide, TiledLikelihood, diagonal_of
 from skmtgp.model.several import BoundSeveral
 
 CALL = 4000  # pairs of samples whose product takes as long as one call more
+# Rows from which single precision saves time, and the trace of K by the least noise
+# variance up to which it is exact to about a hundredth of a nat
+MANY, WELL_CONDITIONED = 500, 2e4
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
 
 
@@ -57,6 +61,14 @@ class DenseLikelihood(TiledLikelihood):
         """
         return DensePosterior(self, theta)
 
+    def in_single(self):
+        """See Likelihood."""
+        if len(self.X) < MANY or self.basis is not None:
+            return self
+        single = copy(self)
+        single.single = True
+        return single
+
     def covariance(self, theta):
         """K: lower triangle of an ndarray of shape (n_samples, n_samples)."""
         return self._fill(*self._bind(theta), np.empty((len(self.X),) * 2))[0]
@@ -65,8 +77,8 @@ class DenseLikelihood(TiledLikelihood):
         """The value; NotPositiveDefiniteError where K cannot be factorised."""
         with limit_threads(self.side), self._workspace() as workspace:
             *of_f, noise = self._bind(theta)
-            cholesky = Cholesky(self._fill(*of_f, noise, workspace.K)[0])
-            return self.solve(cholesky, noise)[0]
+            K = self._fill(*of_f, noise, workspace.K)[0]
+            return self.solve(self._factorise(K, noise), noise)[0]
 
     def _differentiate(self, theta):
         """The value and its gradients, see TiledLikelihood."""
@@ -76,7 +88,7 @@ class DenseLikelihood(TiledLikelihood):
     def _differentiate_in(self, workspace, bound, K_rho, level, noise):
         memory = workspace.K, workspace.tiles
         K, tapes = self._fill(bound, K_rho, level, noise, *memory)
-        cholesky = Cholesky(K)
+        cholesky = self._factorise(K, noise)
         value, alpha, flat = self.solve(cholesky, noise)
         G = dsyr(-1.0, alpha, a=cholesky.invert(), lower=1, overwrite_a=1)
         if flat is not None:  # P = K^{-1} - V V^T in place of K^{-1}
@@ -89,6 +101,13 @@ class DenseLikelihood(TiledLikelihood):
             d_row = d_row / self.known.counts + slope
         d_noise = np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
         return value, *self._contract(bound, K_rho, tapes, G.T), d_noise
+
+    def _factorise(self, K, noise):
+        """The factor of K, in single precision where that is asked for and enough."""
+        if not self.single:
+            return Cholesky(K)
+        enough = np.trace(K) < WELL_CONDITIONED * self.noise_of_rows(noise).min()
+        return SingleCholesky(K) if enough else Cholesky(K)
 
     def solve(self, cholesky, noise):
         """The log density of y, K^{-1} y, and Flat if there is a trend.

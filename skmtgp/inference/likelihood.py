@@ -50,6 +50,7 @@ class Likelihood(ABC):
     """
 
     n_missing = 0  # cells without a row that it eliminates
+    single = False  # whether it has seven digits where these are enough
 
     def __init__(self, prior, X, tasks, y, known=None):
         self.prior, self.X, self.tasks, self.y = prior, X, tasks, y
@@ -110,6 +111,13 @@ class Likelihood(ABC):
     @abstractmethod
     def release(self):
         """Free the memory that is kept for the next evaluation."""
+
+    def in_single(self):
+        """The same with seven digits, if that saves time: to learn from, not to keep.
+
+        Where data have little noise, it has all digits as before.
+        """
+        return self
 
     def value(self, theta):
         """Return the log marginal likelihood, or -inf if K cannot be factorised."""

@@ -54,10 +54,11 @@ def climb(
     penalise = _penalty(problem, relaxed)
     lower, upper = _bounds(problem, theta, held)
     tol = max(budget.tol, problem.tuning.relaxed_tol) if relaxed else budget.tol
+    learned = likelihood.in_single() if tol >= problem.tuning.single_tol else likelihood
     begin, teller = perf_counter(), Teller(problem)
     teller.begin()
     best = minimize(
-        teller.told(_objective(likelihood, penalise)),
+        teller.told(_objective(learned, penalise)),
         np.clip(theta, lower, upper),
         lower,
         upper,
@@ -65,10 +66,13 @@ def climb(
         max_iter=_most_iterations(problem, held),
         tol=tol,
         patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
+        rounding=0.1 * problem.tuning.single_tol if learned.single else 0.0,
         report=_watch(problem, Rivals(problem, known, least), futile, penalise, teller),
     )
-    value, seconds = penalise(best.x)[0] - best.value, perf_counter() - begin
-    data = problem.data
+    value, data = penalise(best.x)[0] - best.value, problem.data
+    if learned.single:
+        value = likelihood.value(best.x)
+    seconds = perf_counter() - begin
     mode = Mode(best.x, value, *best[2:], seconds, len(data), data.Z)
     teller.end(mode)
     return mode

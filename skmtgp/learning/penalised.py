@@ -21,6 +21,10 @@ class Penalised:
     def __init__(self, likelihood, of_theta):
         self.likelihood, self.of_theta = likelihood, of_theta
 
+    def in_single(self):
+        """See Likelihood."""
+        return Penalised(self.likelihood.in_single(), self.of_theta)
+
     def value(self, theta):
         """Log posterior density, but for a constant; -inf where K fails."""
         return self.likelihood.value(theta) + self.of_theta.log_density(theta)[0]

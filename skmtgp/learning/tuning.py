@@ -20,6 +20,9 @@ class Tuning:
     refinement : float
         Most rows in a level for each of the coarser one: a mode of a quarter of the
         rows is near one of all.
+    single_tol : float
+        Gain in nats under which a climb may end, if likelihoods are computed in single
+        precision: their rounding is less.
     relaxed : float
         Standard deviation of the log parameters of k^x where a penalty holds them: far
         wider than what is learned, but not infinite.
@@ -214,6 +217,7 @@ class Tuning:
     coarse: int = 300
     coarse_per_task: int = 20
     refinement: float = 4.0
+    single_tol: float = 1e-2
     relaxed: float = 5.0
     relaxed_tol: float = 0.3
     relaxed_patience: int = 10

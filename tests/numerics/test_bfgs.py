@@ -466,3 +466,21 @@ def test_patience(patience, monkeypatch):
     )
     assert best.n_iter == patience
     assert best.converged
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rounding_of_values(seed):
+    """Values with errors, such as those of single precision, end a climb in time."""
+    fun, rng = LeastSquares(seed), np.random.default_rng(seed)
+
+    def rounded(x):
+        value, gradient = fun(x)
+        return value + 1e-3 * rng.uniform(-1.0, 1.0), gradient
+
+    options = {"metric": fun.hessian, "max_iter": 200, "tol": 1e-2}
+    bounds = np.full(8, -1.0), np.full(8, 1.0)
+    exact = minimize(fun, fun.x0, *bounds, **options)
+    best = minimize(rounded, fun.x0, *bounds, rounding=1e-3, **options)
+    assert best.converged
+    assert best.value == pytest.approx(fun.minimum(), abs=1e-2)
+    assert best.n_evaluations <= exact.n_evaluations + 10

@@ -4,6 +4,7 @@ import pytest
 from skmtgp._numerics.linalg import (
     HALVED,
     Cholesky,
+    SingleCholesky,
     cholesky_with_jitter,
     correlation,
     invert_triangle,
@@ -168,3 +169,45 @@ def test_svd(full, converges, monkeypatch):
 def test_svd_of_what_is_not_finite():
     with pytest.raises(NotPositiveDefiniteError, match="not finite"):
         svd(np.array([[1.0, np.nan]]))
+
+
+class TestSinglePrecision:
+    """SingleCholesky does as Cholesky, with seven digits."""
+
+    @pytest.fixture(params=[8, 150])
+    def K(self, request):
+        n = request.param
+        A = np.random.default_rng(0).standard_normal((n, 2 * n))
+        return np.asfortranarray(A @ A.T / n)
+
+    @pytest.fixture
+    def lower(self, K):
+        return np.asfortranarray(np.tril(K) + np.triu(np.full_like(K, 1e300), 1))
+
+    def test_log_det(self, K, lower):
+        found, exact = SingleCholesky(lower).log_det(), Cholesky(K).log_det()
+        assert found == pytest.approx(exact, rel=1e-5)
+        assert found != exact
+
+    @pytest.mark.parametrize("shape", [(), (1,), (3,)])
+    def test_solve(self, K, lower, shape):
+        b = np.random.default_rng(1).standard_normal((len(K), *shape))
+        x = SingleCholesky(lower).solve(b)
+        assert (x.dtype, x.shape) == (np.float64, b.shape)
+        np.testing.assert_allclose(x, np.linalg.solve(K, b), atol=1e-5)
+
+    def test_invert(self, K, lower):
+        cholesky = SingleCholesky(lower)
+        np.testing.assert_array_equal(np.tril(lower), np.tril(K))  # not overwritten
+        inverse = cholesky.invert()
+        assert inverse is lower
+        np.testing.assert_allclose(
+            np.tril(inverse), np.tril(np.linalg.inv(K)), atol=1e-5
+        )
+        with pytest.raises(RuntimeError, match="solve before `invert`"):
+            cholesky.solve(K[0])
+
+    def test_not_positive_definite(self, lower):
+        lower[-1, -1] = -1.0
+        with pytest.raises(NotPositiveDefiniteError, match="is not positive"):
+            SingleCholesky(lower)

@@ -46,7 +46,7 @@ POSITION = 0.1  # where weights of positions start: a product of as many is then
 class ARDLinear(Kernel):
     r"""Inhomogeneous linear kernel with one weight per feature.
 
-    .. math:: k(x, x') = b + \sum_d w_d x_d x'_d
+    .. math:: k(x, x') = b + \sum_d w_d (x_d - c_d) (x'_d - c_d)
 
     Parameters
     ----------
@@ -54,10 +54,14 @@ class ARDLinear(Kernel):
         Prior variances :math:`w_d` of the coefficients, in units of 1 / feature^2. All
         features share a float.
     bias : float, default=1.0
-        Prior variance b of the intercept. It is not learned if `bias_bounds` is
-        "fixed". 0 with fixed bounds gives the homogeneous linear kernel.
+        Prior variance b of the value at the centre: of the intercept, if that is zero.
+        It is not learned if `bias_bounds` is "fixed". 0 with fixed bounds gives the
+        homogeneous linear kernel.
     weights_bounds, bias_bounds : pair of floats or "fixed", default=(1e-7, 1e3)
         Bounds of the hyperparameters.
+    center : float or array-like of shape (n_features,), default=0.0
+        Where c the value and the slopes are independent beforehand. For features far
+        from zero, such as years, a mean. All features share a float.
 
     Notes
     -----
@@ -79,11 +83,13 @@ class ARDLinear(Kernel):
         bias: float = 1.0,
         weights_bounds: ArrayLike | Literal["fixed"] = (1e-7, 1e3),
         bias_bounds: ArrayLike | Literal["fixed"] = (1e-7, 1e3),
+        center: ArrayLike = 0.0,
     ) -> None:
         self.weights = weights
         self.bias = bias
         self.weights_bounds = weights_bounds
         self.bias_bounds = bias_bounds
+        self.center = center
 
     @property
     def hyperparameter_bias(self) -> Hyperparameter:
@@ -123,10 +129,10 @@ class ARDLinear(Kernel):
         K_gradient : ndarray of shape (n_samples_X, n_samples_X, n_dims)
             Its gradient. Only if `eval_gradient`.
         """
-        X = np.atleast_2d(X)
+        X = np.atleast_2d(X) - np.asarray(self.center)
         if eval_gradient and Y is not None:
             raise ValueError("The gradient can only be evaluated when Y is None.")
-        Y = X if Y is None else np.atleast_2d(Y)
+        Y = X if Y is None else np.atleast_2d(Y) - np.asarray(self.center)
         K = self.bias + (X * np.asarray(self.weights)) @ Y.T
         return (K, self._gradient(X)) if eval_gradient else K
 
@@ -142,15 +148,20 @@ class ARDLinear(Kernel):
 
     def diag(self, X: NDArray[Any]) -> NDArray[np.float64]:
         """Diagonal of ``self(X)``, of shape (n_samples_X,)."""
-        return self.bias + np.square(X) @ np.broadcast_to(self.weights, X.shape[1])
+        squares = np.square(X - np.asarray(self.center))
+        return self.bias + squares @ np.broadcast_to(self.weights, X.shape[1])
 
     def is_stationary(self) -> bool:
         """Whether the kernel depends on x - x' only: no."""
         return False
 
     def __repr__(self) -> str:
-        weights = np.array2string(np.asarray(self.weights), precision=3, threshold=10)
-        return f"ARDLinear(weights={weights}, bias={self.bias:.3g})"
+        weights, center = (
+            np.array2string(np.asarray(values), precision=3, threshold=10)
+            for values in (self.weights, self.center)
+        )
+        where = f", center={center}" if np.any(self.center) else ""
+        return f"ARDLinear(weights={weights}, bias={self.bias:.3g}{where})"
 
 
 class Columns(Kernel):

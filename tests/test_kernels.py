@@ -20,6 +20,8 @@ KERNELS = [
     ARDLinear([2.0], 0.7),
     ARDLinear([0.5, 1.5, 3.0], 0.7),
     ARDLinear(np.array([0.5, 1.5, 3.0]), 0.7, (1e-3, 1e2), (1e-2, 1e1)),
+    ARDLinear([0.5, 1.5, 3.0], 0.7, center=[0.3, -2.0, 40.0]),
+    ARDLinear(2.0, 0.7, center=1.5),
     ARDLinear([0.5, 1.5, 3.0], 0.0, bias_bounds=FIXED),
     ARDLinear([0.5, 1.5, 3.0], 0.7, weights_bounds=FIXED),
     ARDLinear(2.0, 0.7, FIXED, FIXED),
@@ -52,6 +54,19 @@ def test_linear_value(X, Z, weights):
     w = np.broadcast_to(weights, 3)
     expected = [[0.7 + sum(w * x * z) for z in Z] for x in X]
     np.testing.assert_allclose(ARDLinear(weights, 0.7)(X, Z), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("center", [1.5, [0.3, -2.0, 40.0]])
+def test_centre_of_linear(X, Z, center):
+    """It is the linear kernel of centred features."""
+    centred, plain = (ARDLinear([0.5, 1.5, 3.0], 0.7, center=c) for c in (center, 0.0))
+    X_0, Z_0 = X - np.array(center), Z - np.array(center)
+    np.testing.assert_allclose(centred(X, Z), plain(X_0, Z_0), rtol=1e-14)
+    np.testing.assert_allclose(centred.diag(X), plain.diag(X_0), rtol=1e-14)
+    pairs = zip(centred(X, None, True), plain(X_0, None, True), strict=True)
+    for found, expected in pairs:
+        np.testing.assert_allclose(found, expected, rtol=1e-14)
+    assert centred.n_dims == plain.n_dims
 
 
 def test_linear_is_dot_product(X, Z):
@@ -119,7 +134,11 @@ def test_gradient(kernel, X):
 @pytest.mark.parametrize(
     ("kernel", "n_dims"),
     list(
-        zip(KERNELS, [2, 2, 4, 4, 3, 1, 0, 1, 2, 2, 0, 2, 3, 1, 3, 0, 3], strict=True)
+        zip(
+            KERNELS,
+            [2, 2, 4, 4, 4, 2, 3, 1, 0, 1, 2, 2, 0, 2, 3, 1, 3, 0, 3],
+            strict=True,
+        )
     ),
 )
 def test_number_of_free_hyperparameters(kernel, n_dims):
@@ -184,6 +203,7 @@ def test_hyperparameters_of_columns():
         (ARDLinear(1.0), ARDLinear(2.0)),
         (ARDLinear([1.0, 2.0]), ARDLinear([1.0, 3.0])),
         (ARDLinear(bias_bounds=FIXED), ARDLinear()),
+        (ARDLinear(center=[0.0, 1.0]), ARDLinear()),
         (Columns(RBF(1.0), [0]), Columns(RBF(2.0), [0])),
         (Columns(RBF(1.0), [0]), Columns(RBF(1.0), [1])),
         (Columns(RBF(1.0), [0]), RBF(1.0)),
@@ -200,6 +220,10 @@ def test_different_kernels_are_not_equal(one, other):
     [
         (ARDLinear([0.5, 1.23456], 0.7), "ARDLinear(weights=[0.5   1.235], bias=0.7)"),
         (ARDLinear(2.0, 0.0), "ARDLinear(weights=2., bias=0)"),
+        (
+            ARDLinear(2.0, 0.5, center=[0.0, 1.5]),
+            "ARDLinear(weights=2., bias=0.5, center=[0.  1.5])",
+        ),
         (Columns(RBF(1.0), range(2)), "Columns(RBF(length_scale=1), [0, 1])"),
     ],
 )

@@ -282,14 +282,25 @@ def largest_of(values):
     return np.asarray(np.maximum(values.max(axis=0), -values.min(axis=0)))
 
 
+def mean_of(values):
+    """Mean of each column; of many rows, a part at a time."""
+    if len(values) <= AT_ONCE or is_dask(values):
+        return np.asarray(values.mean(axis=0))
+    return _scaler_of(values).mean_
+
+
 def deviation_of(values):
     """Standard deviation of each column; of many rows, a part at a time."""
     if len(values) <= AT_ONCE or is_dask(values):
         return np.asarray(values.std(axis=0))
+    return np.sqrt(_scaler_of(values).var_)
+
+
+def _scaler_of(values):
     scaler = StandardScaler()
     for rows in gen_batches(len(values), AT_ONCE):
         scaler.partial_fit(values[rows])
-    return np.sqrt(scaler.var_)
+    return scaler
 
 
 def check_theta(theta, learned):

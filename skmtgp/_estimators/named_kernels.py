@@ -6,13 +6,13 @@ from operator import mul
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
 
-from skmtgp._data.checks import deviation_of, largest_of
+from skmtgp._data.checks import deviation_of, largest_of, mean_of
 from skmtgp._data.task_column import locate_column
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.kernels import ARDLinear, Columns
 
-DEFAULT = "rbf"
+DEFAULT, LINEAR = "rbf", "linear"
 SMOOTHNESS = [DEFAULT, "matern52", "matern", "exponential"]  # ever less, default first
 BOUNDS = np.array([1e-2, 1e3])  # of a length-scale, relative to where it starts
 # A period starts at half the width of features that are spread evenly.
@@ -44,11 +44,10 @@ def _periodic(scale, features):
 
 
 def _linear(scale, features):
-    """Slopes of the size of a deviation, and what they make of it far from zero."""
-    weights = scale**-2.0
-    bias = 1.0 + float(np.square(largest_of(features) / scale).sum())
-    wide = np.array([1e-7, 1e3])
-    return ARDLinear(weights, bias, np.outer(weights, wide), tuple(bias * wide))
+    """Slopes of the size of a deviation, and a value at the mean."""
+    weights, wide = scale**-2.0, np.array([1e-7, 1e3])
+    center = mean_of(features)
+    return ARDLinear(weights, 1.0, np.outer(weights, wide), tuple(wide), center)
 
 
 KERNELS = {

@@ -6,8 +6,8 @@ from functools import partial
 import numpy as np
 
 from skmtgp._estimators.deciding import kinds_of_noise, least_gain, screened
-from skmtgp._estimators.named_kernels import DEFAULT
-from skmtgp._estimators.smoothness import as_named, rougher, smoother
+from skmtgp._estimators.named_kernels import DEFAULT, LINEAR
+from skmtgp._estimators.smoothness import as_named, may_be_linear, rougher, smoother
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
@@ -20,10 +20,17 @@ from skmtgp.learning.screening import (
     hides_noise,
     leaves_noise,
     tells_noise,
+    varies_slowly,
     with_kernel,
     with_own_noise,
 )
-from skmtgp.learning.weighing import evidences, is_weighed, may_be_weighed, summed
+from skmtgp.learning.weighing import (
+    evidences,
+    is_apart,
+    is_weighed,
+    may_be_weighed,
+    summed,
+)
 
 # Nats that noise of each task must gain where functions may have followed it.
 SURE_ANEW = 3.0
@@ -57,6 +64,7 @@ def revise(model, training, problems, modes, learn):
     if not (learned and problems[0][0].engine.exact):
         return training, problems, modes
     training, problems, modes = _with_kernel(model, training, problems, modes)
+    training, problems, modes = _with_lines(model, training, problems, modes, learn)
     return _with_noise(model, training, problems, modes, learn)
 
 
@@ -71,6 +79,25 @@ def _with_kernel(model, training, problems, modes):
     change, known = partial(_through, kernels=kernels), [{best: of} for of in found]
     problems, modes = _of_forms(change, problems, modes, n_jobs, known)
     return replace(training, kernel=names[-1]), problems, modes
+
+
+def _with_lines(model, training, problems, modes, learn):
+    """The same with linear functions, learned anew, if that is likelier.
+
+    Other forms of K^rho may be best then. Where tasks were measured at different inputs
+    it is not asked: lines go on where there are no rows.
+    """
+    best = int(np.argmax(_criteria(problems, modes)))
+    of_best = problems[best], modes[best]
+    asks = may_be_linear(model, training) and all(map(varies_slowly, *of_best))
+    several = len(training.tasks) > 1
+    if not asks or (several and is_apart(problems[best][0])):
+        return training, problems, modes
+    other = replace(training, kernel=LINEAR)
+    found = list(learn(other))
+    if _gain(of_best, found, model.n_jobs) > problems[best][0].tuning.linear:
+        return other, found[0], _spent_too(found[1], modes)
+    return training, problems, _spent_too(modes, found[1])
 
 
 def _through(problem, mode, kernels):

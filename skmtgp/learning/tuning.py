@@ -147,6 +147,11 @@ class Tuning:
     rougher : float
         Nats by which functions that are less smooth must be likelier: drawn smooth
         ones are by one now and then, real rough ones by tens.
+    long : float
+        Deviations of a feature that its length-scale must be longer than where
+        functions may be linear,
+    linear : float
+        and nats by which these must be likelier then: real functions are seldom lines.
     rounds : int
         Of choosing inducing inputs: the second has a kernel that was learned.
     telling : int
@@ -273,6 +278,8 @@ class Tuning:
     taken: float = 0.2
     seldom_taken: float = 5.0
     rougher: float = 2.0
+    long: float = 2.0
+    linear: float = 3.0
     rounds: int = 2
     telling: int = 4
     gain: float = 1e-4

@@ -268,7 +268,7 @@ def log_odds(problems, modes, n=None):
     if _n_rows(problems, n) < tuning.few_rows * first.prior.n_tasks:
         found[unrelated] = -tuning.seldom
         found[_take_noise(problems, modes)] = -tuning.seldom_taken
-    if _is_apart(first):
+    if is_apart(first):
         found[~unrelated] -= tuning.tie
     return found
 
@@ -289,7 +289,7 @@ def is_unrelated(form):
     return not several and form.n_own > 0 and not (form.rank or form.shared)
 
 
-def _is_apart(problem):
+def is_apart(problem):
     """Whether tasks, with few rows, were measured at inputs that hardly overlap."""
     data, tuning = problem.data, problem.tuning
     few = len(data) <= tuning.rows_weighed * tuning.most_weighed
@@ -343,7 +343,7 @@ def preferred(evidences, by_eq_8, sizes, problem):
     """
     tuning = problem.tuning
     simple = simplest(evidences, sizes, tuning)
-    if _is_apart(problem):
+    if is_apart(problem):
         return simple
     enough = n_measured(problem.data) >= tuning.rows_if_close * np.asarray(sizes)
     close = _close(evidences, sizes, tuning.close, tuning) & enough

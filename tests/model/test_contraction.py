@@ -28,7 +28,7 @@ from skmtgp.model._nodes.expressions import _products_of_others
 
 EPS = np.finfo(float).eps
 FIXED = "fixed"
-ARD = (0.7, 1.1, 1.9, 0.9)
+ARD, CENTER = (0.7, 1.1, 1.9, 0.9), (0.5, -3.0, 0.0, 20.0)
 
 
 class TwiceRBF(RBF):
@@ -51,6 +51,8 @@ KNOWN = {
     "linear": ARDLinear(0.6, 0.4),
     "linear, list of one": ARDLinear([0.6], 0.4),
     "linear ARD": ARDLinear(ARD, 0.4),
+    "linear ARD, centred": ARDLinear(ARD, 0.4, center=CENTER),
+    "linear, one centre": ARDLinear(0.6, 0.4, center=1.5),
     "linear ARD, fixed bias": ARDLinear(ARD, 0.0, bias_bounds=FIXED),
     "linear ARD, fixed weights": ARDLinear(ARD, 0.4, weights_bounds=FIXED),
     "dot product": DotProduct(0.8),

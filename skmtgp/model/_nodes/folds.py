@@ -50,10 +50,14 @@ def form_of(bound):
 
 
 @form_of.register(BoundConstant)
-@form_of.register(BoundLinear)
 @form_of.register(BoundWhite)
 def _(bound):
     return type(bound)
+
+
+@form_of.register
+def _(bound: BoundLinear):
+    return type(bound), *bound.center.tolist()
 
 
 @form_of.register
@@ -112,7 +116,7 @@ def _(first: BoundConstant, bounds, B):
 def _(first: BoundLinear, bounds, B):
     weights = np.stack([bound.w for bound in bounds])
     V = weights[..., None] * (first.right.T @ B)
-    return Affine(V[:, :-1], V[:, -1])
+    return Affine(V[:, :-1], V[:, -1] - first.center @ V[:, :-1])
 
 
 @_fold.register

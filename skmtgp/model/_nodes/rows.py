@@ -137,8 +137,8 @@ class LinearRow:
 
     def __init__(self, bounds):
         w = np.stack([bound.w for bound in bounds])
-        self.weights, self.bias = w[:, :-1], w[:, -1:]
         self.Z = np.ascontiguousarray(bounds[0].right[:, :-1].T)
+        self.weights, self.bias = _weights_and_bias(w, bounds[0].center, self.Z)
         self.is_affine = bool(self.bias.any())
 
     def __call__(self, z):
@@ -152,13 +152,20 @@ class LinearFactors:
     def __init__(self, factors):
         self.columns = np.array([of[0].columns for of in factors])[:, None]
         w = np.array([[bound.inner.w for bound in of] for of in factors])
-        self.weights, self.bias = w[..., :-1].copy(), w[..., -1:].copy()
         self.Z = np.stack([of[0].inner.right[:, :-1].T for of in factors])
+        center = np.array([[of[0].inner.center] for of in factors])
+        self.weights, self.bias = _weights_and_bias(w, center, self.Z)
 
     def __call__(self, z):
         rows = (self.weights * z.take(self.columns)) @ self.Z
         rows += self.bias
         return np.multiply.reduce(rows, axis=0)
+
+
+def _weights_and_bias(w, center, Z):
+    """Of inputs that are not centred; the bias of each row, if the kernel's are."""
+    weights, bias = w[..., :-1].copy(), w[..., -1:].copy()
+    return weights, bias - (weights * center) @ Z if center.any() else bias
 
 
 class StationaryRow:

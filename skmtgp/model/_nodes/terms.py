@@ -217,15 +217,17 @@ class BoundZero(Bound):
 
 
 class LinearNode(Node):
-    """k = b + sum_d w_d x_d x'_d, with one weight or one for each feature."""
+    """k = b + sum_d w_d (x - c)_d (x' - c)_d, with a weight or one for each feature."""
 
     def bind(self, theta, X):
-        return BoundLinear(self, X, **self.values(theta))
+        return BoundLinear(self, X, self.kernel.center, **self.values(theta))
 
 
 class BoundLinear(Bound):
-    def __init__(self, node, X, weights, bias):
+    def __init__(self, node, X, center, weights, bias):
         self.node, self.is_ard = node, np.ndim(weights) > 0
+        self.center = np.broadcast_to(np.asarray(center, dtype=float), X.shape[1])
+        X = X - self.center
         # the bias is the weight of a further feature, which is one
         self.w = append(np.full(X.shape[1], weights), bias)
         self.right = append(X, 1.0)
@@ -233,7 +235,7 @@ class BoundLinear(Bound):
 
     def against(self, Z):
         other = object.__new__(type(self))  # copy() asks how to make one, each time
-        vars(other).update(vars(self), left=append(Z, 1.0) * self.w)
+        vars(other).update(vars(self), left=append(Z - self.center, 1.0) * self.w)
         return other
 
     def block(self, rows, cols, new=allocate):
@@ -254,7 +256,7 @@ class DotProductNode(Node):
     """k = sigma_0^2 + x . x', scikit-learn's."""
 
     def bind(self, theta, X):
-        return BoundLinear(self, X, 1.0, self.values(theta)["sigma_0"] ** 2)
+        return BoundLinear(self, X, 0.0, 1.0, self.values(theta)["sigma_0"] ** 2)
 
     def stack(self, gradients):
         return np.full(self.n_dims, 2.0 * gradients["bias"])  # b = sigma_0^2

@@ -1,0 +1,123 @@
+"""`kernel=None` and functions that are linear: straight lines, planes."""
+
+import numpy as np
+import pytest
+from sklearn.gaussian_process.kernels import RBF
+from sklearn.linear_model import LinearRegression
+
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+)
+from skmtgp._estimators import revising
+from skmtgp.kernels import ARDLinear
+
+
+def lines(seed, *, n_tasks=8, n_each=10, d=3, alike=0.0, noise=0.4, at=0.0):
+    """Rows of planes of each task, inputs around `at`, and those that tell the truth.
+
+    The slopes of tasks are `alike` plus deviations of one.
+    """
+    rng = np.random.default_rng(seed)
+    slopes = alike + rng.standard_normal((n_tasks, d))
+    tasks = np.repeat(np.arange(n_tasks), n_each)
+
+    def rows(spread):
+        x = spread * rng.standard_normal((len(tasks), d))
+        f = (slopes[tasks] * x).sum(axis=1) + tasks
+        return np.column_stack([x + at, tasks]), f
+
+    (X, f), (Z, g) = rows(1.0), rows(3.0)
+    return X, f + noise * rng.standard_normal(len(f)), Z, g
+
+
+def is_linear(model):
+    kernel = getattr(model, "best_estimator_", model).kernel_
+    return type(getattr(kernel, "k2", kernel)) is ARDLinear
+
+
+def least_squares(X, y, Z):
+    """Predictions by a plane of each task alone."""
+    found = np.empty(len(Z))
+    for task in np.unique(Z[:, -1]):
+        own, new = X[:, -1] == task, Z[:, -1] == task
+        plane = LinearRegression().fit(X[own, :-1], y[own])
+        found[new] = plane.predict(Z[new, :-1])
+    return found
+
+
+def error(found, g):
+    return np.sqrt(np.mean((found - g) ** 2) / g.var())
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("alike", [0.0, 2.0])
+def test_planes_are_found(seed, alike):
+    """Also where there are no rows, to which they go on."""
+    X, y, Z, g = lines(seed, alike=alike)
+    model, smooth = (MultiTaskGPRegressor(of).fit(X, y) for of in (None, "rbf"))
+    assert is_linear(model)
+    found = error(model.predict(Z), g)
+    assert found < 0.9 * error(smooth.predict(Z), g)
+    assert found < 1.1 * error(least_squares(X, y, Z), g)
+    assert model.n_evaluations_ > smooth.n_evaluations_  # those are counted, too
+
+
+@pytest.mark.parametrize("cls", [IndependentGP, PooledGP, SingleTaskGP, RankSearchIC])
+def test_every_model_finds_them(cls):
+    n_tasks = 1 if cls in (PooledGP, SingleTaskGP) else 8
+    X, y, Z, g = lines(0, n_tasks=n_tasks, n_each=80 // n_tasks)
+    model = cls().fit(X, y)
+    assert is_linear(model.estimators_[0] if cls is SingleTaskGP else model)
+    assert error(model.predict(Z), g) < 0.2
+
+
+def test_far_from_zero():
+    """Years, say: it is the same model, because the kernel is centred."""
+    data = [lines(0, at=at) for at in (0.0, 2000.0)]
+    here, there = (MultiTaskGPRegressor().fit(*of[:2]) for of in data)
+    assert is_linear(there)
+    mean = data[1][0][:, :-1].mean(axis=0)
+    np.testing.assert_allclose(there.kernel_.center, mean)
+    found = there.predict(data[1][2])
+    np.testing.assert_allclose(found, here.predict(data[0][2]), rtol=1e-4, atol=1e-4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_curves_are_not_taken_for_lines(seed):
+    X, y, *_ = lines(seed, d=1, n_each=12, noise=0.1)
+    model = MultiTaskGPRegressor().fit(X, y + np.sin(2.0 * X[:, 0]))
+    assert not is_linear(model)
+
+
+def test_only_where_the_user_does_not_say():
+    X, y, *_ = lines(0)
+    for kernel in ("rbf", RBF(np.ones(3)), "matern"):
+        assert not is_linear(MultiTaskGPRegressor(kernel).fit(X, y))
+    start = MultiTaskGPRegressor(max_iter=0).fit(X, y)  # nothing is learned
+    assert not is_linear(start)
+
+
+def test_noise_of_each_task():
+    """It is decided with lines, as with any k^x."""
+    X, y, *_ = lines(0, n_tasks=4, n_each=25)
+    noise = np.random.default_rng(1).standard_normal(len(y))
+    y = y + np.where(X[:, -1] == 0.0, 6.0, 0.1) * noise
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert is_linear(model)
+    assert model.noise_ == "per_task"
+    assert model.noise_variance_.argmax() == 0
+
+
+def test_inputs_of_tasks_that_do_not_overlap(monkeypatch):
+    """Lines go on where there are no rows, so rows there would have to tell."""
+    rng = np.random.default_rng(0)
+    tasks = np.repeat(np.arange(4), 12)
+    x = tasks + rng.uniform(0.0, 0.8, len(tasks))
+    X, y = np.column_stack([x, tasks]), x + 0.2 * rng.standard_normal(len(x))
+    assert not is_linear(MultiTaskGPRegressor().fit(X, y))
+    monkeypatch.setattr(revising, "is_apart", lambda problem: False)
+    assert is_linear(MultiTaskGPRegressor().fit(X, y))

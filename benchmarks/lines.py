@@ -1,4 +1,4 @@
-"""Whether straight lines and planes are found by default, and curves not taken for them.
+"""Whether lines and planes are found by default, and curves are not taken for them.
 
 ``python benchmarks/lines.py`` draws five kinds of data, with levels and noise:
 

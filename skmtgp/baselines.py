@@ -70,7 +70,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
           5/2;
         - "periodic" and "linear".
 
-        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential". The one that was chosen is in `kernel_`.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, with a variance for
@@ -389,7 +389,7 @@ class PooledGP(_FixedTaskCovarianceGP):
           5/2;
         - "periodic" and "linear".
 
-        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential". The one that was chosen is in `kernel_`.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, with a variance for

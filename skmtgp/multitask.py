@@ -73,7 +73,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           5/2;
         - "periodic" and "linear".
 
-        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential", see Notes. The one that was chosen is in `kernel_`.
 
         A list has a kernel for each of several terms, see Notes. In it, None is "rbf".
@@ -458,8 +458,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     With ``kernel=None`` the same small model says how smooth the functions are: it is
     fitted with "rbf", then "matern52", "matern" and "exponential", as long as each is
     likelier by two nats than the one before. After exact inference the learned model is
-    asked once more. The kernels have the same parameters, so nothing is counted. A list
-    of kernels and ``max_iter=0`` keep "rbf".
+    asked once more. The kernels have the same parameters, so nothing is counted. If all
+    length-scales are then longer than two standard deviations of their feature,
+    functions may be straight lines or planes: all is learned anew with "linear", which
+    is taken if it is better by three nats (of the evidence, or of eq. 8). This is not
+    tried where the inputs of the tasks do not overlap. A list of kernels and
+    ``max_iter=0`` keep "rbf".
 
     With complete data of N inputs and M tasks, time and memory grow with :math:`N^3`
     and :math:`N^2` instead of :math:`(NM)^3` and :math:`(NM)^2`, by Kronecker algebra.

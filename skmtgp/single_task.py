@@ -64,7 +64,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
           5/2;
         - "periodic" and "linear".
 
-        None is "rbf" or, where rougher functions are likelier, "matern52", "matern" or
+        None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential". The one that was chosen is in `kernel_`.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels, which are integers or

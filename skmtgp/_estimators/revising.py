@@ -7,10 +7,11 @@ import numpy as np
 
 from skmtgp._estimators.deciding import kinds_of_noise, least_gain, screened
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR
-from skmtgp._estimators.smoothness import as_named, may_be_linear, rougher, smoother
+from skmtgp._estimators.smoothness import as_named, rougher, smoother
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.lines import may_be_lines
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.screening import (
@@ -20,7 +21,6 @@ from skmtgp.learning.screening import (
     hides_noise,
     leaves_noise,
     tells_noise,
-    varies_slowly,
     with_kernel,
     with_own_noise,
 )
@@ -89,7 +89,7 @@ def _with_lines(model, training, problems, modes, learn):
     """
     best = int(np.argmax(_criteria(problems, modes)))
     of_best = problems[best], modes[best]
-    asks = may_be_linear(model, training) and all(map(varies_slowly, *of_best))
+    asks = _asks_for_lines(model, training) and all(map(may_be_lines, *of_best))
     several = len(training.tasks) > 1
     if not asks or (several and is_apart(problems[best][0])):
         return training, problems, modes
@@ -98,6 +98,12 @@ def _with_lines(model, training, problems, modes, learn):
     if _gain(of_best, found, model.n_jobs) > problems[best][0].tuning.linear:
         return other, found[0], _spent_too(found[1], modes)
     return training, problems, _spent_too(modes, found[1])
+
+
+def _asks_for_lines(model, training):
+    """Whether the user leaves k^x to the data, and the smoothest was taken."""
+    asks = model._kernels() == [None] and model.max_iter > 0
+    return asks and training.kernel == DEFAULT
 
 
 def _through(problem, mode, kernels):

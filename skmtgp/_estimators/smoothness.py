@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import partial
 
-from skmtgp._estimators.named_kernels import DEFAULT, SMOOTHNESS
+from skmtgp._estimators.named_kernels import SMOOTHNESS
 from skmtgp._estimators.posing import kernels_of
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.screening import with_kernel
@@ -52,12 +52,6 @@ def smoother(model, training, found, n_jobs=None):
             return names, _counting(found, others)
         names, found = [*names, name], others
     return names, found
-
-
-def may_be_linear(model, training):
-    """Whether k^x may be linear: the user does not say, and the smoothest was taken."""
-    asks = model._kernels() == [None] and model.max_iter > 0
-    return asks and training.kernel == DEFAULT
 
 
 def as_named(model, training, name):

@@ -271,15 +271,6 @@ def with_kernel(problem, mode, kernel, *, gain=None):
     return problem, mode.then(climb(problem, mode.theta, known=[mode], least=least))
 
 
-def varies_slowly(problem, mode):
-    """Whether no length-scale of k^x is near the deviation of its feature."""
-    X, kernel = problem.data.X, problem.prior.kernel_at(mode.theta)
-    named = kernel.get_params().items()
-    scales = [of for name, of in named if name.endswith("length_scale")]
-    least = problem.tuning.long * np.asarray(X.std(axis=0))
-    return all((scale > least).all() for scale in scales)
-
-
 def tells_noise(problem, mode):
     """Whether the rows tell all noise variances: none vanished by following them."""
     likelihood = problem.likelihood()

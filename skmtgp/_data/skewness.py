@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.stats import skew
 
-LARGE = 1.5  # skewness, of which logarithms must take away half
+LARGE = 1.1  # skewness, of which logarithms must take away half
 FEWEST = 5  # values that differ
 
 

@@ -10,7 +10,7 @@ from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC, multitask
+from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, multitask
 from skmtgp.exceptions import PrecisionWarning
 from skmtgp.learning import ranks
 from skmtgp.learning.ranks import learn_ranks
@@ -252,3 +252,32 @@ def test_without_iterations_the_start_is_kept(noise):
     np.testing.assert_allclose(model.noise_variance_, expected)
     assert np.shape(model.noise_variance_) == expected.shape
     assert model.n_iter_ == 0
+
+
+NO, YES = np.bool_(False), np.bool_(True)
+BOOLS = {
+    "no levels": (MultiTaskGPRegressor, {"rank": 1, "task_levels": NO}),
+    "levels": (MultiTaskGPRegressor, {"rank": 1, "task_levels": YES}),
+    "independent": (IndependentGP, {"task_levels": NO, "diagonal": NO}),
+    "diagonal": (MultiTaskGPRegressor, {"rank": 1, "diagonal": YES}),
+    "shared": (MultiTaskGPRegressor, {"rank": 1, "shared": YES, "diagonal": NO}),
+    "of terms": (
+        MultiTaskGPRegressor,
+        {"kernel": ["rbf"] * 2, "rank": 1, "diagonal": [YES, NO], "shared": [NO, YES]},
+    ),
+}
+
+
+@pytest.mark.parametrize(("cls", "params"), BOOLS.values(), ids=BOOLS)
+def test_bools_of_numpy_are_bools(cls, params):
+    plain = {name: np.array(of).tolist() for name, of in params.items()}
+    numpys, plains = (
+        cls(**of, **SHARED, max_iter=2).fit(*draw()) for of in (params, plain)
+    )
+    np.testing.assert_array_equal(numpys.theta_, plains.theta_)
+
+
+def test_a_search_takes_bools_of_numpy():
+    model = MultiTaskGPRegressor(task_levels=NO, diagonal=YES, **SHARED, max_iter=2)
+    search = RankSearchIC(model, ranks=(1, 2), simpler=False).fit(*draw())
+    assert search.best_estimator_.diagonal_ is True

@@ -233,7 +233,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
 
     def _has_levels(self):
         """Whether each task has a level of its own."""
-        return getattr(self, "task_levels", False)
+        return bool(getattr(self, "task_levels", False))  # False of NumPy too
 
 
 def side(problems):

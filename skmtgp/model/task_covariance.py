@@ -569,7 +569,7 @@ def low_rank(n_tasks, rank, diagonal=False, shared=False):
 def enlarged(form, diagonal=False, shared=False):
     """The form with a function that all share and a diagonal, if asked for."""
     form = WithShared(form) if shared else form
-    return WithDiagonal(form, diagonal == "equal") if diagonal else form
+    return WithDiagonal(form, isinstance(diagonal, str)) if diagonal else form
 
 
 def leading_eigenvectors(K, rank):

@@ -859,15 +859,18 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _full(self):
         """For each term whether its task covariance is as general as it can be."""
         ranks = self.rank_ if isinstance(self.rank_, list) else [self.rank_]
-        return [
-            not has_descriptors(self) and term.rank is None and rank == len(self.tasks_)
-            for term, rank in zip(self._terms(), ranks, strict=True)
-        ]
+        pairs = zip(self._free, ranks, strict=True)
+        return [free and rank == len(self.tasks_) for free, rank in pairs]
 
     def _settled(self, problems, modes):
         if self.learning != "annealed":  # the paper's, by maximum likelihood
             return modes
         return list(map(settled, problems, modes))
+
+    def _store(self, training, problems, modes, lower=()):
+        super()._store(training, problems, modes, lower)
+        described = has_descriptors(self)  # parameters may be others when tasks join
+        self._free = [not described and term.rank is None for term in self._terms()]
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
         super()._store_learned(training, engine, likelihoods, modes, posteriors)

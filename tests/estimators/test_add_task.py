@@ -296,8 +296,8 @@ def test_one_task_after_another(rank, prior):
     X, y, X_new, y_new, _ = related(n_tasks=5, per_task=12, n_new=48)
     negative = 2.0 * y.mean() - y_new
     Z = np.column_stack([X_new[:, :2], np.full(48, 7)])
-    model = MultiTaskGPRegressor(rank=rank or 5, **PAPER).fit(X, y)
-    model.set_params(rank=rank)  # None as if full rank had been chosen
+    learning = "annealed" if rank else "staged"  # which takes full rank without asking
+    model = MultiTaskGPRegressor(rank=rank, learning=learning, **PAPER).fit(X, y)
     first, second = (X_new[::2], y_new[::2]), (Z[::2], negative[::2])
     one, other = (
         model.add_task(*a, prior=prior).add_task(*b, prior=prior)

@@ -103,6 +103,31 @@ def test_bad_data(model, X, y, match):
         model.add_task(X, y)
 
 
+@pytest.mark.parametrize("n_terms", [1, 2])
+@pytest.mark.parametrize(
+    "params",
+    [
+        {"kernel": ["rbf", "matern", "rbf"]},
+        {"kernel": "matern"},
+        {"kernel": "unknown"},
+        {"rank": [1, 1, 1]},
+        {"rank": None},
+        {"diagonal": [True] * 3},
+        {"task_descriptors": [0]},
+    ],
+    ids=str,
+)
+def test_parameters_that_were_set_after_the_fit_do_not_matter(params, n_terms):
+    kernel = ["rbf"] * n_terms if n_terms > 1 else "rbf"
+    settings = {"normalize_y": "shared", "noise": "shared", "max_iter": 2}
+    model = MultiTaskGPRegressor(kernel, rank=2, **settings).fit(X_OLD, Y_OLD)
+    expected = model.add_task(X_NEW, Y_NEW).predict(X_NEW)
+    model.set_params(**params)
+    np.testing.assert_array_equal(model.add_task(X_NEW, Y_NEW).predict(X_NEW), expected)
+    joined = model.partial_fit(X_NEW, Y_NEW)
+    np.testing.assert_array_equal(joined.predict(X_NEW), expected)
+
+
 def test_no_targets(model):
     with pytest.raises((ValueError, TypeError)):
         model.add_task(X_NEW, None)

@@ -13,6 +13,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
+from skmtgp._data.checks import FEW_ROWS as ALL_FEW
 from skmtgp._data.checks import check_theta, check_training, locate, name_tasks
 from skmtgp._data.data import Data
 from skmtgp._data.known import read_known, weighed_rows
@@ -20,7 +21,7 @@ from skmtgp._data.labels import rows_by_code
 from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.deciding import decide
-from skmtgp._estimators.doubts import warn_of_duration
+from skmtgp._estimators.doubts import warn_of_constants_alone, warn_of_duration
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
@@ -30,12 +31,13 @@ from skmtgp._estimators.reading import gathered
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
+from skmtgp._estimators.training import FEW_ROWS, equal_in_tasks
 from skmtgp._numerics.parallel import at_a_time, run
 from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
-from skmtgp.exceptions import LongFitWarning
+from skmtgp.exceptions import ConstantTargetWarning, LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.engines import alone, of_one_task, repeats_rows
 from skmtgp.inference.memory import TileMemory
@@ -319,6 +321,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         model = self._of_one_task(self._columns(features, rows))
         X = np.column_stack([features, np.zeros(len(features))])
         self._check_tasks(model, features, rows, Y)
+        self._tell_constants(model, rows, Y, known)
         self._foretell(model, rows, features, Y, known)
         names = [self._in_words(m) for m in range(len(rows))]
         results = run(
@@ -374,6 +377,18 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         n_coefficients = 0 if model.trend is None else len(model.trend.columns)
         self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles, n_coefficients)
 
+    def _tell_constants(self, model, rows, Y, known):
+        """Warn of tasks whose targets do not vary, unless they are few rows."""
+        Y, counts = Y.reshape(len(Y), -1), np.array(list(map(len, rows)))
+        same = equal_in_tasks(Y, self.tasks_train_, counts, known)
+        many = (counts > FEW_ROWS)[:, None]
+        # as of other models: all of y, where each task has few rows
+        many = many | ((len(Y) > ALL_FEW) & (np.ptp(Y, axis=0) == 0.0))
+        # without normalize_y one that is not zero has a size, if nothing else
+        sized = not self.normalize_y and model._learns_amplitude()
+        first = Y[[r[0] for r in rows]]
+        warn_of_constants_alone(self.tasks_, many & same & ~(sized & (first != 0.0)))
+
     def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""
         n = max(map(len, rows))
@@ -403,7 +418,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             for warning in dict.fromkeys(warned):
                 tasks[warning].append(m)
         for (category, message), of in tasks.items():
-            if category is LongFitWarning:  # said before, of all tasks
+            if category in (LongFitWarning, ConstantTargetWarning):  # said before
                 continue
             names = name_tasks(self.tasks_[of])
             warn(f"T{names[1:]}: {message}", category)

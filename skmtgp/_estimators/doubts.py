@@ -12,6 +12,7 @@ from skmtgp._estimators.units import count_tasks
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     AmbiguousFitWarning,
+    ConstantTargetWarning,
     CorrelatedResidualsWarning,
     LongFitWarning,
     SkewedInputWarning,
@@ -36,6 +37,27 @@ def warn_of_duration(learning, seconds):
         "fewer rows take less time.",
         LongFitWarning,
     )
+
+
+def warn_of_constants_alone(tasks, constant):
+    """Say which tasks, each learned alone, have targets that do not vary.
+
+    Parameters
+    ----------
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    constant : ndarray of bool of shape (n_tasks, n_outputs)
+        Whether each has the same y in all rows.
+    """
+    for j, same in enumerate(constant.T, 1):
+        if same.any():
+            which = f" of output {j}" * (constant.shape[1] > 1)
+            warn(
+                f"T{name_tasks(tasks[same])[1:]}: all targets{which} are equal: the "
+                "standard deviations of predictions there mean nothing. Check y, or "
+                "leave these rows out.",
+                ConstantTargetWarning,
+            )
 
 
 def warn_of_small_tasks(training, form):

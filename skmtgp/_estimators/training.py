@@ -104,14 +104,9 @@ class Training:
         """
         if is_dask(self.Y):
             return np.zeros(len(self.tasks), dtype=bool)
-        starts = np.append(0, np.cumsum(self.counts)[:-1])
-        order = np.argsort(self.codes, kind="stable")
-        Y = self.Y[order]
-        same = np.minimum.reduceat(Y, starts) == np.maximum.reduceat(Y, starts)
-        if self.known is not None:  # means of measurements that differ
-            spread = np.reshape(self.known.spread, Y.shape)
-            same &= ~np.logical_or.reduceat(spread[order] > 0.0, starts)
-        return (self.counts > FEW_ROWS) & same[:, np.ptp(Y, axis=0) > 0.0].any(axis=1)
+        same = equal_in_tasks(self.Y, self.codes, self.counts, self.known)
+        varies = np.ptp(self.Y, axis=0) > 0.0
+        return (self.counts > FEW_ROWS) & same[:, varies].any(axis=1)
 
     @property
     def measured(self):
@@ -284,3 +279,18 @@ class Training:
             trends=trends,
         )
         return training, position
+
+
+def equal_in_tasks(Y, codes, counts, known=None):
+    """Whether all rows of a task have the same y, of shape (n_tasks, n_outputs).
+
+    Means of measurements that differ are not the same.
+    """
+    starts = np.append(0, np.cumsum(counts)[:-1])
+    order = np.argsort(codes, kind="stable")
+    Y = Y[order]
+    same = np.minimum.reduceat(Y, starts) == np.maximum.reduceat(Y, starts)
+    if known is not None:
+        spread = np.reshape(known.spread, Y.shape)
+        same &= ~np.logical_or.reduceat(spread[order] > 0.0, starts)
+    return same

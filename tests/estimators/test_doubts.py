@@ -17,6 +17,7 @@ from skmtgp import (
 from skmtgp._estimators import doubts
 from skmtgp.exceptions import (
     AmbiguousFitWarning,
+    ConstantTargetWarning,
     CorrelatedResidualsWarning,
     RepeatedRowsWarning,
     SmallTaskWarning,
@@ -205,3 +206,43 @@ class TestCopies:
         MultiTaskGPRegressor(rank=1, max_iter=0).fit(X, y)
         options = {"noise_variance": 0.1, "noise_variance_bounds": "fixed"}
         MultiTaskGPRegressor(rank=1, learning="staged", **options).fit(X, y)
+
+
+class TestConstantsAlone:
+    """Tasks that SingleTaskGP learns alone are told of as by the other models."""
+
+    def told(self, n, *, y=None, of="hill", **params):
+        rng = np.random.default_rng(0)
+        x, task = rng.uniform(0.0, 5.0, 3 * n), np.repeat(["dale", "hill", "moor"], n)
+        Y = rng.standard_normal((3 * n, 2)) if y is None else np.full(3 * n, y)
+        Y[task == of] *= [1.0, 0.0] if y is None else 1.0
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            SingleTaskGP(max_iter=0, **params).fit(
+                np.column_stack([x.astype(object), task]), Y
+            )
+        found = [of for of in caught if of.category is ConstantTargetWarning]
+        return [str(of.message).partition(": the")[0] for of in found]
+
+    @pytest.mark.parametrize("n", [6, 20, 30])
+    def test_the_task_and_the_output_are_told(self, n):
+        assert self.told(n) == ["Task 'hill': all targets of output 2 are equal"]
+
+    def test_nothing_is_told_of_few_rows(self):
+        assert self.told(5) == []
+
+    @pytest.mark.parametrize("n", [6, 7, 24])
+    def test_all_may_be_constant(self, n):
+        every = "Tasks 'dale', 'hill', 'moor': all targets are equal"
+        assert self.told(n, y=2.0) == [every]
+
+    def test_a_size_is_something_without_normalize_y(self):
+        assert self.told(9, y=2.0, normalize_y=False) == []
+        assert len(self.told(9, y=0.0, normalize_y=False)) == 1
+
+    def test_means_of_measurements_that_differ_are_no_constant(self):
+        X = np.column_stack([np.linspace(0.0, 5.0, 12), np.repeat([0, 1], 6)])
+        known = {"sample_weight": np.full(12, 2), "repeat_variance": np.ones(12)}
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", ConstantTargetWarning)
+            SingleTaskGP(max_iter=0).fit(X, np.ones(12), **known)

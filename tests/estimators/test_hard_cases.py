@@ -95,12 +95,13 @@ class TestFewRows:
 class TestTargets:
     @each_gp
     def test_constants_are_told(self, model):
-        start = "Task 0: Output" if isinstance(model, SingleTaskGP) else "Output"
-        one_task = columns(F, np.zeros(24))
-        one = rf"^{start} is constant in training: the standard deviations"
+        one_task, alone = columns(F, np.zeros(24)), isinstance(model, SingleTaskGP)
+        one = r"^Output is constant in training: the standard deviations"
+        one = "^Task 0: all targets are equal: the standard" if alone else one
         with pytest.warns(ConstantTargetWarning, match=one):
             fitted(model, one_task, np.full(24, 3.0), max_iter=0)
-        second = rf"^{start} \[2\] is constant in training"
+        second = r"^Output \[2\] is constant in training"
+        second = "^Task 0: all targets of output 2 are equal" if alone else second
         with pytest.warns(ConstantTargetWarning, match=second):
             fitted(model, one_task, np.column_stack([Y, 0.0 * Y]), max_iter=0)
         fitted(model, X[:9], np.full(9, 3.0), max_iter=0)  # may well be by chance

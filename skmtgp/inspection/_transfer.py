@@ -348,12 +348,13 @@ def _alone(model, y):
         )
     alone = alone_like(model, model.X_train_)
     alone.set_params(task_feature=-1, target_transform=None)  # y is transformed
-    X = np.column_stack([model.X_train_, model.tasks_train_])
+    labels = model.tasks_[model.tasks_train_]  # warnings name them
+    X = np.column_stack([model.X_train_.astype(object), labels])
     with collect_warnings() as collected:
         alone.fit(X, y, *(() if model._known is None else model._known.arguments()))
     for category, message in collected:
         if category is not UnidentifiedNoiseWarning:  # others make up for few rows
-            warn(message, category)
+            warn(f"Of the models of each task alone: {message}", category)
     found = np.stack(alone.loo_predict(include_noise=True))
     counts = np.bincount(model.tasks_train_)
     found[:, counts[model.tasks_train_] == 1] = np.nan  # their own mean was taken off

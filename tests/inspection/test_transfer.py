@@ -10,6 +10,8 @@ from sklearn.pipeline import make_pipeline
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 from skmtgp._estimators.posing import kernel_made
+from skmtgp.datasets import make_sites
+from skmtgp.exceptions import SamplingWarning
 from skmtgp.inspection import TransferDisplay
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -182,6 +184,19 @@ class TestPicture:
         assert display.transfer.index.tolist() == ["u", "v"]
         labels = texts(display.ax_.get_legend().get_texts())
         assert "not related" not in labels
+
+
+class TestWarnings:
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning")
+    def test_name_the_tasks_that_were_learned_alone(self):
+        X, y = make_sites()
+        X, y = X.groupby("site").head(4), y[X.groupby("site").head(4).index]
+        sampled = {"hyperparameters": "sampled", "n_draws": 4}
+        model = MultiTaskGPRegressor("rbf", rank=1, task_feature="site", **sampled)
+        model.fit(X, y)
+        match = "^Of the models of each task alone: Task '[a-z]+': The draws of"
+        with pytest.warns(SamplingWarning, match=match):
+            TransferDisplay.from_estimator(model)
 
 
 class TestErrors:

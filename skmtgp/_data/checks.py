@@ -487,7 +487,7 @@ def warn_of_copies(n_copies):
         )
 
 
-def warn_of_noise(told, tasks=None):
+def warn_of_noise(told, tasks=None, lower=""):
     """Say which noise variances were learned from next to nothing.
 
     Parameters
@@ -496,6 +496,8 @@ def warn_of_noise(told, tasks=None):
         Whether the rows tell each.
     tasks : ndarray of shape (n_noise,), default=None
         Labels of the tasks, if they have one each.
+    lower : str, default=""
+        A lower rank, in words; none without one.
     """
     if told.all():
         return
@@ -509,9 +511,9 @@ def warn_of_noise(told, tasks=None):
         f"The rows do not tell the noise variance{which}: the model follows them so "
         "closely that a variance many times as large would be as likely. The learned "
         "variance may be far too small, and so may the standard deviations of "
-        f"predictions. Give more rows, {same}choose a lower rank, raise the lower "
-        "bound in noise_variance_bounds, a share of the variance of y, or fix the "
-        f"noise variance if you know it. {NOISE}",
+        f"predictions. Give more rows, {same}{lower and f'choose {lower}, '}raise the "
+        "lower bound in noise_variance_bounds, a share of the variance of y, or fix "
+        f"the noise variance if you know it. {NOISE}",
         UnidentifiedNoiseWarning,
     )
 

@@ -80,7 +80,7 @@ def warn_of_small_tasks(training, form):
             f"T{names[1:]}: at most {FEW} rows. So few rows do not determine how a "
             "task is related to the others: its predictions may be off, and their "
             "intervals too narrow. hyperparameters='sampled' has wider ones. rank=0 "
-            "relates all tasks alike.",
+            "with shared=True relates all tasks alike.",
             SmallTaskWarning,
         )
 

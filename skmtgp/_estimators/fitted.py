@@ -10,6 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_theta, warn_of_noise
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.forms import lower_rank
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.sampled import SampledMixin
 from skmtgp._estimators.summary import SummaryMixin
@@ -470,7 +471,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             )
         ]
         tasks = self.tasks_ if self.noise_ == "per_task" else None
-        warn_of_noise(np.array(told), tasks)
+        warn_of_noise(np.array(told), tasks, lower_rank(self))
 
 
 def evidence_of(model):

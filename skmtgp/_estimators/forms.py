@@ -1,5 +1,7 @@
 """Forms of K^rho: those that a user asks for, and those to choose from."""
 
+import numpy as np
+
 from skmtgp.model.described import task_covariance
 
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
@@ -62,3 +64,11 @@ def candidates(term, data, highest):
 def diagonal_of(form):
     """Which diagonal a form of K^rho has, as the user's parameter."""
     return "equal" if getattr(form, "equal", False) else bool(getattr(form, "n_own", 0))
+
+
+def lower_rank(model):
+    """A rank below the learned one, in words to the user; none where there is none."""
+    rank = np.max(getattr(model, "rank_", 0))  # of several terms, the highest
+    if rank > 1:
+        return "a lower rank"
+    return "rank=0 with shared=True" if rank else ""

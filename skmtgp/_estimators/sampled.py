@@ -12,6 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
+from skmtgp._estimators.forms import lower_rank
 from skmtgp._numerics.linalg import correlation
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
@@ -189,7 +190,7 @@ class SampledMixin:
                 n_jobs=self.n_jobs,
                 tell=partial(self._tell_of_chains, name, n - j + 1),
             )
-            _warn_of_sample(name, sample)
+            _warn_of_sample(name, sample, lower_rank(self))
             samples.append(sample)
         self._store_draws([sample.theta for sample in samples])
         self.effective_sample_size_ = min(_least(sample) for sample in samples)
@@ -249,8 +250,8 @@ def _largest(sample):
     return float(np.nanmax(sample.r_hat, initial=1.0))
 
 
-def _warn_of_sample(name, sample):
-    """Say that the chains did not mix, or that their steps failed."""
+def _warn_of_sample(name, sample, lower):
+    """Say that the chains did not mix, or their steps failed; a lower rank may help."""
     least, largest = _least(sample), _largest(sample)
     diverged = sample.n_divergent / (THINNED * len(sample.theta))
     if least >= FEWEST and largest <= LARGEST and diverged <= MOST_DIVERGENT:
@@ -260,8 +261,8 @@ def _warn_of_sample(name, sample):
         f"posterior: the smallest effective sample size is {least:.0f} ({FEWEST} or "
         f"more is good), the largest R-hat is {largest:.2f} ({LARGEST} or less is "
         f"good), and {diverged:.0%} of the trajectories diverged "
-        f"({MOST_DIVERGENT:.0%} or less is good). Intervals may be too narrow. A lower "
-        "rank, narrower bounds of the kernel and more rows help. A larger n_draws "
-        "makes the chains longer.",
+        f"({MOST_DIVERGENT:.0%} or less is good). Intervals may be too narrow. This "
+        f"helps: {lower and f'{lower}, '}narrower bounds of the kernel, more rows, or "
+        "a larger n_draws, which makes the chains longer.",
         SamplingWarning,
     )

@@ -126,7 +126,8 @@ class TestSmallTasks:
         model = self.model()
         model = RankSearchIC(model, ranks=[1]) if search else model
         X, y = with_small_tasks(1, 4, 3)
-        with pytest.warns(SmallTaskWarning, match="^Tasks 'site 2', 'site 4': at most"):
+        match = "^Tasks 'site 2', 'site 4': at most.*rank=0 with shared=True relates"
+        with pytest.warns(SmallTaskWarning, match=match):
             model.fit(X, y)
 
     @pytest.mark.parametrize(

@@ -306,6 +306,13 @@ class TestWarning:
         ) as caught:
             few.fit(X, y)
         assert "R-hat" in str(caught[0].message)
+        assert "helps: a lower rank, narrower" in str(caught[0].message)
+
+    @pytest.mark.parametrize("model", [IndependentGP(), SingleTaskGP()])
+    def test_advises_no_rank_to_models_without_one(self, model):
+        few = clone(model).set_params(hyperparameters="sampled", n_draws=4)
+        with pytest.warns(SamplingWarning, match="helps: narrower bounds"):
+            few.fit(X, y)
 
     def test_none_where_they_are_good(self):
         rows, t = draw(rows=30)

@@ -116,6 +116,21 @@ class TestWarning:
         advised = "set noise='shared' if all tasks are measured" in messages[0]
         assert advised == (noise == "per_task")
 
+    @pytest.mark.parametrize(
+        ("model", "advised"),
+        [
+            (STAGED, "choose a lower rank, "),
+            (clone(STAGED).set_params(rank=1), "choose rank=0 with shared=True, "),
+            (clone(STAGED).set_params(rank=0, shared=True), ""),
+            (IndependentGP(noise="shared"), ""),
+        ],
+        ids=["rank 2", "rank 1", "rank 0", "independent"],
+    )
+    def test_a_lower_rank_is_advised_where_there_is_one(self, model, advised):
+        X, y = draw(3, 3, 1)
+        messages = fitted(clone(model).set_params(noise_variance=1e-6), X, y)[1]
+        assert f"Give more rows, {advised}raise the lower bound" in messages[0]
+
     @each
     @pytest.mark.parametrize("per_task", [5, 20])
     def test_noise_that_is_found(self, model, per_task):

@@ -177,6 +177,8 @@ class CoverageDisplay(Display):
         ------
         NotFittedError
             If the estimator was not fitted.
+        TypeError
+            If the model is none of this package.
         ValueError
             If there is no such output, if a level is not between 0 and 1, or if the
             task column is not known.

@@ -20,7 +20,7 @@ from sklearn.utils import check_array
 
 from skmtgp._data.task_column import locate_task_column
 from skmtgp.inspection._drawing import Display, label_positions, style
-from skmtgp.inspection._models import check_output, model_with
+from skmtgp.inspection._models import check_output, model_of_tasks, model_with
 from skmtgp.kernels import ARDLinear, Columns, Spherical
 
 NAMES = {Matern: "Matern", Spherical: "spherical"}
@@ -186,13 +186,14 @@ class KernelRelevanceDisplay(Display):
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the model has no kernel, or a kernel for each task.
+            If the model has no kernel, or a kernel for each task, or is none of this
+            package.
         ValueError
             If there is no such output, if the kernel has no part with relevances, or if
             there are too many or too few names.
         """
         instead = "pass a Gaussian process; of a SingleTaskGP one of its estimators_."
-        model = model_with("kernel_", estimator, instead)
+        model = model_with("kernel_", model_of_tasks(estimator), instead)
         n_outputs = len(model.log_marginal_likelihoods_)
         kernels = [model.kernel_] if model._single_output else model.kernel_
         check_output(output, n_outputs)

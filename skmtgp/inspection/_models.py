@@ -16,6 +16,8 @@ from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.wide import WideRegressor
 
+PREDICTED = ", or give its predictions to from_predictions"
+
 
 def fitted_model(estimator):
     """The model at the end of a pipeline, inside a search, or of stacked columns.
@@ -62,6 +64,15 @@ def _refuse_wide(estimator):
         )
     elif hasattr(estimator, "estimator"):
         _refuse_wide(estimator.estimator)
+
+
+def model_of_tasks(estimator, instead=""):
+    """The fitted model, which must be one of skmtgp; `instead` tells what else."""
+    model = fitted_model(estimator)
+    if not hasattr(model, "tasks_"):
+        name = type(model).__name__
+        raise TypeError(f"{name} is no model of skmtgp: pass one that is{instead}.")
+    return model
 
 
 def model_with(attribute, estimator, instead):
@@ -146,11 +157,13 @@ def predictions(estimator, X, y, output, *, learned=False):
     ------
     NotFittedError
         If the estimator was not fitted.
+    TypeError
+        If it is no model of this package.
     ValueError
         If y has not the outputs of the model, or not this one.
     """
     _refuse_wide(estimator)
-    target = fitted_model(estimator)._target
+    target = model_of_tasks(estimator, PREDICTED)._target
     # A search's own predict may not pass return_std on.
     model = getattr(estimator, "best_estimator_", estimator)
     if learned and target is not AS_GIVEN:

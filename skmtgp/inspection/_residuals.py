@@ -192,6 +192,8 @@ class TaskResidualsDisplay(Display):
         ------
         NotFittedError
             If the estimator was not fitted.
+        TypeError
+            If the model is none of this package.
         ValueError
             If there is no such output or kind, or if the task column is not known.
         """

@@ -22,7 +22,7 @@ from sklearn.gaussian_process.kernels import (
 )
 
 from skmtgp.inspection._kernel_relevance import _feature_names
-from skmtgp.inspection._models import check_output, fitted_model
+from skmtgp.inspection._models import check_output, model_of_tasks
 from skmtgp.kernels import Columns, Spherical
 from skmtgp.single_task import SingleTaskGP
 
@@ -116,7 +116,7 @@ def variogram_table(estimator: BaseEstimator, *, output: int = 0) -> pd.DataFram
     >>> print(f"{ratio:.3f}, {np.log(20.0):.3f}")
     2.996, 2.996
     """
-    model = fitted_model(estimator)
+    model = model_of_tasks(estimator)
     names = [f"range_{name}" for name in _feature_names(estimator, model)]
     if isinstance(model, SingleTaskGP):
         check_output(output, model._n_outputs)

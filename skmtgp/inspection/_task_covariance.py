@@ -26,6 +26,7 @@ from skmtgp.inspection._drawing import (
 from skmtgp.inspection._models import (
     check_output,
     has_own_units,
+    model_of_tasks,
     model_with,
     select_output,
 )
@@ -243,12 +244,13 @@ class TaskCovarianceDisplay(Display):
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the model has no task covariance.
+            If the model has no task covariance, or is none of this package.
         ValueError
             If there is no such output or term, or an option cannot be used.
         """
         instead = "its tasks are learned alone, so that there is nothing to show."
-        model = model_with("task_covariance_", estimator, instead)
+        model = model_of_tasks(estimator)
+        model = model_with("task_covariance_", model, instead)
         n_outputs, n_tasks = len(model.log_marginal_likelihoods_), len(model.tasks_)
         K = model.task_covariance_.reshape(n_outputs, -1, n_tasks, n_tasks)
         of_terms = select_output(K, output, axis=0)

@@ -192,6 +192,8 @@ class TrajectoryDisplay(Display):
         ------
         NotFittedError
             If the estimator was not fitted.
+        TypeError
+            If the model is none of this package.
         ValueError
             If X has several tasks, whose sequences would run into one another. If there
             is no such output, or if the data do not fit together.

@@ -22,9 +22,11 @@ from skmtgp.inspection._drawing import (
     label_positions,
 )
 from skmtgp.inspection._models import (
+    PREDICTED,
     check_output,
     check_tasks,
     check_vector,
+    model_of_tasks,
     model_with,
 )
 from skmtgp.model.several import terms_of
@@ -241,13 +243,14 @@ class TransferDisplay(Display):
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the model learned its tasks separately.
+            If the model learned its tasks separately, or is none of this package.
         ValueError
             If there is no such output or kind, or if the model has not kept its rows,
             as with Dask collections.
         """
         instead = "its tasks are learned alone, so that there is nothing to compare."
-        model = model_with("task_covariance_", estimator, instead)
+        model = model_of_tasks(estimator, PREDICTED)
+        model = model_with("task_covariance_", model, instead)
         check_output(output, len(model.log_marginal_likelihoods_))
         check_option("kind", kind, ("gain", "error"))
         of_model = _output(model._leave_out(include_noise=True), output)

@@ -9,6 +9,7 @@ from numpy.testing import assert_array_equal
 from pictured import FRAME, MODELS, QUICK, TASKS, X, Y, texts, y
 from sklearn.compose import make_column_transformer
 from sklearn.exceptions import ConvergenceWarning, NotFittedError
+from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
@@ -69,6 +70,18 @@ class TestAllDisplays:
     def test_models_without_them(self, fitted, display, name):
         with pytest.raises(TypeError, match=rf"{name} has no (task_cov|kernel).*its"):
             display.from_estimator(fitted[name])
+
+    @pytest.mark.parametrize("display", [*OF_DATA, *OF_MODELS])
+    @pytest.mark.parametrize("search", [False, True])
+    def test_models_of_other_packages(self, display, search):
+        model = make_pipeline(StandardScaler(), GaussianProcessRegressor(alpha=0.1))
+        model = GridSearchCV(model, {}, cv=2) if search else model
+        data = (X[ONE], y[ONE]) if display in OF_DATA else ()
+        match = "GaussianProcessRegressor is no model of skmtgp: pass one that is"
+        if display in (*OF_DATA, TransferDisplay):
+            match += ", or give its predictions to from_predictions"
+        with pytest.raises(TypeError, match=match):
+            display.from_estimator(model.fit(X, y), *data)
 
     def test_columns_of_tasks(self):
         """What the model is, is shown; data need rows with a task."""

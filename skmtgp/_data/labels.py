@@ -142,7 +142,7 @@ def _refuse_objects(labels):
         if not isinstance(label, (str, numbers.Real))
     )
     raise TypeError(  # in the words that scikit-learn's checks ask for
-        "A task label as an argument must be a string or a number, not "
+        "Task labels in an argument must be all strings or all numbers, not "
         f"{type(label).__name__}, such as {label!r} in row {row}. {CONVERT}"
     )
 

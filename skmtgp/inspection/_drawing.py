@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Integral
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -58,6 +59,14 @@ def check_option(name, value, allowed):
         raise ValueError(
             f"{name}={value!r} must be one of {', '.join(map(repr, allowed))}."
         )
+
+
+def check_count(name, value):
+    """Raise an error unless the value is an integer of 1 or more."""
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise TypeError(f"{name}={value!r} must be an integer, such as 10.")
+    if value < 1:
+        raise ValueError(f"{name}={value!r} must be 1 or more.")
 
 
 def color_of(model: BaseEstimator) -> str:

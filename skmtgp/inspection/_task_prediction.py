@@ -14,7 +14,7 @@ from sklearn.utils import check_consistent_length
 
 from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
-from skmtgp.inspection._drawing import Display, color_of, pyplot
+from skmtgp.inspection._drawing import Display, check_count, color_of, pyplot
 from skmtgp.inspection._models import (
     columns_of_descriptors,
     intervals,
@@ -131,10 +131,13 @@ class TaskPredictionDisplay(Display):
 
         Raises
         ------
+        TypeError
+            If `n_cols` is no integer.
         ValueError
-            If there are too many tasks for panels, or if there are not as many axes as
-            tasks.
+            If `n_cols` is below 1, if there are too many tasks for panels, or if there
+            are not as many axes as tasks.
         """
+        check_count("n_cols", 1 if n_cols is None else n_cols)
         tasks = self.curves["task"].drop_duplicates().tolist()
         if len(tasks) > MOST:
             raise ValueError(
@@ -261,11 +264,14 @@ class TaskPredictionDisplay(Display):
         NotFittedError
             If the estimator was not fitted.
         TypeError
-            If the model cannot predict intervals.
+            If the model cannot predict intervals, or `n_points` or `n_cols` is no
+            integer.
         ValueError
-            If there is no such feature, task or output, or if X and y do not fit
-            together.
+            If there is no such feature, task or output, if `n_points` or `n_cols` is
+            below 1, or if X and y do not fit together.
         """
+        check_count("n_points", n_points)
+        check_count("n_cols", 1 if n_cols is None else n_cols)
         table = _Table.of(estimator, X, feature, task_feature)
         points = table.points(y, output)
         grid = table.grid(_chosen(tasks, table.labels), at or {}, n_points)

@@ -249,7 +249,7 @@ NEITHER = {
 
 @pytest.mark.parametrize(("label", "what"), NEITHER.values(), ids=NEITHER)
 def test_labels_that_are_neither_text_nor_numbers(label, what):
-    match = rf"a string or a number, not {what}.* in row 1\. .*\.astype\(str\)"
+    match = rf"all strings or all numbers, not {what}.* in row 1\. .*\.astype\(str\)"
     with pytest.raises(TypeError, match=match):
         check_labels(objects(["a", label]))
     table = pd.DataFrame(

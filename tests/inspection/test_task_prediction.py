@@ -230,6 +230,24 @@ def test_what_cannot_be_drawn(named, options, match):
         TaskPredictionDisplay.from_estimator(named, FRAME, y, **options)
 
 
+@pytest.mark.parametrize("name", ["n_points", "n_cols"])
+@pytest.mark.parametrize("value", [0, -1, "a", 1.5, True])
+def test_what_is_no_number_of_points_or_panels(simple, name, value):
+    kind, rest = TypeError, "an integer, such as 10"
+    if value in (0, -1):
+        kind, rest = ValueError, "1 or more"
+    with pytest.raises(kind, match=f"{name}={value!r} must be {rest}"):
+        TaskPredictionDisplay.from_estimator(simple, SIMPLE, y, **{name: value})
+
+
+def test_integers_of_numpy_are_numbers_of_points_and_panels(simple):
+    numbers = {"n_points": np.int64(2), "n_cols": np.int8(1)}
+    shown = TaskPredictionDisplay.from_estimator(simple, SIMPLE, y, **numbers)
+    assert len(shown.lines_[0].get_xdata()) == 2
+    with pytest.raises(ValueError, match="n_cols=0 must be 1 or more"):
+        shown.plot(n_cols=0)
+
+
 def test_axes_that_do_not_fit(simple):
     _, axes = plt.subplots(1, 2)
     with pytest.raises(ValueError, match="ax has 2 axes, but there are 3 tasks"):

@@ -66,6 +66,8 @@ def normalized_mean_squared_error(
 
     Raises
     ------
+    TypeError
+        If `y_var` is no mapping.
     ValueError
         If the targets of a task are constant or a single sample, which cannot be
         normalised, or if `y_var` has no positive variance for a task.
@@ -82,6 +84,7 @@ def normalized_mean_squared_error(
     ...                               tasks=["a", "a", "b", "b"])
     0.25
     """
+    _check_y_var(y_var)
     if y_var is not None and tasks is None:
         raise ValueError("y_var is of each task, but tasks is None: give both.")
     y_true, y_pred, by_task = _check(y_true, y_pred, tasks)
@@ -235,6 +238,11 @@ def make_normalized_mse_scorer(
         of ``estimator.predict(X)``. Greater is better and 0 is perfect. Pass it as
         `scoring`.
 
+    Raises
+    ------
+    TypeError
+        If `y_var` is no mapping.
+
     Notes
     -----
     Without `y_var`, every task in a test fold must have at least two different targets.
@@ -263,6 +271,7 @@ def make_normalized_mse_scorer(
     >>> bool(np.all(scores > -1e-12))
     True
     """
+    _check_y_var(y_var)
     return partial(_minus_nmse, task_feature=task_feature, y_var=y_var)
 
 
@@ -382,6 +391,14 @@ def _refuse_constant(by_task, position):
         "errors cannot be normalised by their variance. Leave that task out."
         f"{advice}"
     )
+
+
+def _check_y_var(y_var):
+    if y_var is not None and not hasattr(y_var, "items"):
+        raise TypeError(
+            f"y_var={reprlib.repr(y_var)} must be a mapping of task to variance, such "
+            "as the Series y.groupby(tasks).var(ddof=0)."
+        )
 
 
 def _given_variances(y_var, by_task, n_outputs):

@@ -444,3 +444,11 @@ class TestGivenVariances:
     def test_without_tasks(self):
         with pytest.raises(ValueError, match="tasks is None: give both"):
             normalized_mean_squared_error([0, 1], [0, 1], y_var={"a": 1.0})
+
+    @pytest.mark.parametrize("y_var", [1.0, [1.0] * 2, np.ones(2), "a"])
+    def test_no_mapping(self, y_var):
+        match = r"^y_var=.* must be a mapping of task to variance, such as the Series"
+        with pytest.raises(TypeError, match=match):
+            make_normalized_mse_scorer("machine", y_var=y_var)
+        with pytest.raises(TypeError, match=match):
+            normalized_mean_squared_error([0, 1], [0, 1], tasks=["a", "b"], y_var=y_var)

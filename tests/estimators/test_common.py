@@ -2,7 +2,10 @@
 
 import pytest
 from checks import checks_of
-from sklearn.utils.estimator_checks import check_regressors_train
+from sklearn.utils.estimator_checks import (
+    check_regressors_train,
+    check_sample_weight_equivalence_on_dense_data,
+)
 
 from skmtgp import (
     BayesianLinearRegression,
@@ -63,6 +66,13 @@ pytestmark = [
 @checks_of(LAST_COLUMN)
 def test_task_in_the_last_column(estimator, check):
     check(estimator)
+
+
+@pytest.mark.parametrize("cls", [*ALONE, RankSearchIC])
+def test_one_check_has_no_labels_of_tasks(cls):
+    """So it is expected to fail, as README and CONTRIBUTING say."""
+    with pytest.raises(ValueError, match=r"Task labels must be .* fractional numbers"):
+        check_sample_weight_equivalence_on_dense_data(cls.__name__, cls())
 
 
 @pytest.mark.long

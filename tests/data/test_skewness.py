@@ -22,6 +22,9 @@ LOGNORMAL = np.exp(1.5 * np.random.default_rng(0).standard_normal(200))
     [
         (DOSES, True),
         (np.append(0.0, DOSES), True),  # a control without any
+        (np.repeat([1.0, 3.0, 10.0, 30.0, 100.0], 6), True),  # series of doses
+        (np.repeat(2.0 ** np.arange(-2, 6), 3), True),
+        (np.repeat([1.0, 2.0, 3.0, 5.0, 8.0], 6), False),
         (LOGNORMAL, True),
         (np.log(LOGNORMAL), False),
         (-LOGNORMAL, False),

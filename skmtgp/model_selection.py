@@ -22,7 +22,7 @@ from skmtgp._estimators.base import side
 from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.estimator import Estimator
-from skmtgp._estimators.forms import SIMPLER
+from skmtgp._estimators.forms import ROWS, SIMPLER, rows_for
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
@@ -43,7 +43,7 @@ from skmtgp.learning.shortlisting import with_own_part
 from skmtgp.learning.weighing import is_unrelated, log_odds, preferred, simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
-from skmtgp.multitask import ROWS, MultiTaskGPRegressor
+from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
 
 __all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
@@ -88,8 +88,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         tasks, ``rank=0, shared=True``.
 
         None tries 0, 1, 2, ... up to 6 or the number of tasks, as long as there are
-        four samples for each free parameter of the task covariance, or two if the
-        estimator's `hyperparameters` are "sampled", or "auto" with at most 500 samples.
+        four samples for each free parameter of the task covariance. Two are enough for
+        up to 100 parameters of rank 2, and if the estimator's `hyperparameters` are
+        "sampled", or "auto" with at most 500 samples.
         Sparse inference stops when two ranks in a row are worse than a lower one. The
         paper has (2, 4, 5, 6, 8, 10).
 
@@ -421,11 +422,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         n_rows = training.n_told
         if self.ranks is None:
             ranks = range(min(n_rows, MOST_RANK) + 1)
-            free = [low_rank(n_rows, rank).n_free for rank in ranks]
             n, asked = len(training.Y), model.hyperparameters
             drawn = asked == "sampled" or (asked == "auto" and n <= MOST_ROWS)
-            rows = ROWS_IF_DRAWN if drawn else ROWS
-            return [r for r in ranks if r < 2 or rows * free[r] <= n]
+            if drawn:
+                free = [low_rank(n_rows, rank).n_free for rank in ranks]
+                return [r for r in ranks if r < 2 or ROWS_IF_DRAWN * free[r] <= n]
+            return [rank for rank in ranks if rows_for(n_rows, rank) <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":

@@ -17,7 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._estimators.forms import candidates, diagonal_of, form_of
+from skmtgp._estimators.forms import candidates, diagonal_of, form_of, rows_for
 from skmtgp._estimators.named_kernels import KERNEL
 from skmtgp._estimators.reading import has_descriptors
 from skmtgp._estimators.slopes import TrendOf
@@ -35,10 +35,8 @@ from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
 from skmtgp.model.described import describes
 from skmtgp.model.several import Forms, terms_of
-from skmtgp.model.task_covariance import low_rank
 
 Diagonal = Literal["equal"] | bool
-ROWS = 4  # for each number of the task covariance, of a rank that nobody asked for
 FEW = 8  # rows of a task on average: fewer may tell no more than what all share
 
 
@@ -89,13 +87,13 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           symmetry (see `diagonal`);
         - ranks 1, 2, 3, ..., until two in a row are worse than the best. A task
           covariance of rank r has about r M parameters for M tasks, and needs four rows
-          for each;
+          for each; two rows are enough for each of up to 100 parameters of rank 2;
         - if the data have noise: a rank less than the best one, with a diagonal. One
           task may have a function to itself. Variances of the diagonal that vanish do
           not count.
 
         With ``max_iter=0``, sparse inference, `task_descriptors` or another `learning`,
-        None is the highest rank that has enough rows. For sparse inference the
+        None is the highest rank that has four rows for each. For sparse inference the
         `n_exact` rows count. If tasks then have fewer than eight rows on average, and
         `max_iter` is not 0, BIC compares this rank with rank 0.
 
@@ -610,7 +608,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if not self._compares(problem.engine):
             few = n < FEW * data.n_told
             return [form_of(term, data, 0), *of_terms] if few else of_terms
-        return candidates(term, data, ranks[0])
+        two = data.n_told > 1 and rows_for(data.n_told, 2) <= n
+        return candidates(term, data, max(ranks[0], 1 + two))
 
     def _terms(self):
         """What the user asks for in each term."""
@@ -632,9 +631,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _ranks(self, n_tasks, n):
         """The rank of each term; of those not given the highest that rows tell."""
         terms = self._terms()
-        ranks = range(n_tasks, 1, -1)
-        free = {rank: len(terms) * low_rank(n_tasks, rank).n_free for rank in ranks}
-        highest = next((rank for rank in ranks if ROWS * free[rank] <= n), 1)
+        ranks, n_terms = range(n_tasks, 1, -1), len(terms)
+        rows = (n_terms * rows_for(n_tasks, rank, compared=False) for rank in ranks)
+        told = (rank for rank, least in zip(ranks, rows, strict=True) if least <= n)
+        highest = next(told, 1)
         return [highest if term.rank is None else term.rank for term in terms]
 
     def _some_noise(self):

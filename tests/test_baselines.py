@@ -165,8 +165,8 @@ def test_single_with_one_sample_of_a_task():
 
 def test_outputs_are_learned_separately():
     options = {"noise": "shared", "normalize_y": "shared"}  # else outputs decide
-    models = IndependentGP(**options), PooledGP(**options), SingleTaskGP()
-    for model in models:
+    joint = (cls("rbf", **options) for cls in (IndependentGP, PooledGP))
+    for model in (*joint, SingleTaskGP("rbf")):
         both = clone(model).fit(X, Y).predict(Z)
         for j in range(2):
             alone = clone(model).fit(X, Y[:, j]).predict(Z)

@@ -86,7 +86,7 @@ KERNELS = {
     "Matern 0.8": Matern(1.0, nu=0.8),
     "rational quadratic": RationalQuadratic(1.0, 0.5),
     "linear": ARDLinear([1.0, 2.0], 0.5),
-    "linear, centred": ARDLinear([1.0, 2.0], 0.5, center=[3.0, -20.0]),
+    "linear, centred": ARDLinear([1.0, 2.0], 0.5, center=[0.5, -1.5]),
     "dot product": DotProduct(),
     "white": RBF() + WhiteKernel(0.1),
     "columns": ConstantKernel(2.0) * Columns(RBF(), [1]) + Columns(ARDLinear(), [0]),

@@ -2,8 +2,14 @@
 
 import numpy as np
 
+from skmtgp.learning.tuning import TUNING
 from skmtgp.model.described import task_covariance
+from skmtgp.model.task_covariance import low_rank
 
+# Rows for each number of K^rho, of a rank that nobody asked for. Two functions are
+# worth a look with fewer, unless they are too many numbers to ask for the evidence.
+# Three explain few rows without any noise.
+ROWS, ROWS_OF_TWO = 4, 2
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
@@ -32,6 +38,27 @@ def form_of(term, data, rank):
     shared = bool(term.shared) or (rank == 0 and not alone)
     options = {"diagonal": term.diagonal, "shared": shared}
     return task_covariance(data.n_tasks, rank, data.Q, **options)
+
+
+def rows_for(n_tasks, rank, *, compared=True):
+    """Rows that tell a rank of K^rho that nobody asked for: with fewer it is not tried.
+
+    Parameters
+    ----------
+    n_tasks : int
+        Tasks.
+    rank : int
+        Rank.
+    compared : bool, default=True
+        Whether it is compared with lower ones.
+
+    Returns
+    -------
+    rows : int
+    """
+    n_free = low_rank(n_tasks, rank).n_free if rank > 1 else 0
+    few = compared and rank == 2 and n_free <= TUNING.most_weighed
+    return (ROWS_OF_TWO if few else ROWS) * n_free
 
 
 def candidates(term, data, highest):

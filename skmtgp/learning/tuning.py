@@ -128,6 +128,8 @@ class Tuning:
         1995),
     tie_each : float
         and for each hyperparameter more, as Laplace's method is not exact.
+    most_charged : float
+        Nats for each hyperparameter that the evidence may be below eq. 8.
     close : float
         Nats from the highest evidence within which eq. 8 may take another form,
     rows_if_close : int
@@ -270,6 +272,7 @@ class Tuning:
     rows_weighed: int = 30
     tie: float = 1.0
     tie_each: float = 0.05
+    most_charged: float = 1.5
     close: float = 2.0
     rows_if_close: int = 6
     overlapping: float = 0.5

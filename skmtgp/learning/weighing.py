@@ -231,8 +231,15 @@ def summed(density, problems, modes, n_jobs=None):
 
 
 def evidence_of_form(problem, mode):
-    """The log evidence of a problem around a mode, in the problem's units."""
-    return evidence_around(problem.likelihood_at(mode), mode.theta)
+    """The log evidence of a problem around a mode, in the problem's units.
+
+    With little noise rows tell hyperparameters to many more digits than the prior, which
+    hardly knows how large a second function is, and each costs the logarithm of that.
+    So the evidence is at most some nats for each below eq. 8.
+    """
+    found = evidence_around(problem.likelihood_at(mode), mode.theta)
+    most = problem.tuning.most_charged * problem.prior.n_hyperparameters
+    return max(found, worth(problem, mode) - most)
 
 
 def evidences(problems, modes, n_jobs=None):

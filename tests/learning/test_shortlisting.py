@@ -6,10 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.special import gammaln
+from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._data.data import Data
+from skmtgp._estimators.forms import rows_for
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
 from skmtgp.learning.problem import Budget, Problem
@@ -386,3 +388,33 @@ def test_an_output_may_hide_what_another_does_not(order, told):
     lines = [line for line in told() if line.endswith("once noise was explained")]
     assert lines
     assert all(f"output {order.index(0) + 1} of 2" in line for line in lines)
+
+
+def cooled(seed):
+    """Eight things at the same seven times."""
+    rng = np.random.default_rng([seed, 77])
+    rate, size = rng.uniform(0.03, 0.12, 8), rng.normal(64.0, 4.0, 8)
+    x, task = (
+        np.tile([0.0, 5.0, 10.0, 20.0, 30.0, 45.0, 60.0], 8),
+        np.repeat(range(8), 7),
+    )
+    y = size[task] * np.exp(-rate[task] * x) + 0.5 * rng.standard_normal(len(x))
+    return np.column_stack([x, task]), y
+
+
+@pytest.mark.parametrize("model", [MultiTaskGPRegressor(), RankSearchIC()])
+def test_two_functions_of_few_rows(model):
+    """Rank 2 has 15 numbers, for which two rows each are enough.
+
+    It is some sixty nats likelier than compound symmetry.
+    """
+    fits = [clone(model).fit(*cooled(seed)) for seed in range(5)]
+    ranks = [getattr(fit, "best_estimator_", fit).rank_ for fit in fits]
+    assert ranks.count(2) >= 4
+
+
+def test_ranks_that_nobody_asked_for():
+    assert [rows_for(8, rank) for rank in range(4)] == [0, 0, 2 * 15, 4 * 21]
+    assert rows_for(8, 2, compared=False) == 4 * 15
+    assert rows_for(50, 2) == 2 * 99
+    assert rows_for(51, 2) == 4 * 101  # too many to ask for their evidence

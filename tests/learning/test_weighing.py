@@ -13,6 +13,7 @@ from skmtgp import MultiTaskGPRegressor, RankSearchIC, model_selection
 from skmtgp.inference.engines import Sparse
 from skmtgp.learning import weighing
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.learning.weighing import (
     best_of_forms,
@@ -81,6 +82,22 @@ def test_weak_priors_have_it_already(learned):
     weak = [[replace(of, weak_priors=True)] for [of] in problems]
     assert penalties(weak, without_noise(modes)).tolist() == [0.0] * 3
     assert (penalties(problems, without_noise(modes)) > 10.0).all()
+
+
+@pytest.mark.parametrize("noise", [1e-1, 1e-7])
+def test_evidence_is_not_far_below_eq_8(noise):
+    """With little noise each number costs some six nats by Laplace's method."""
+    rng, tasks = np.random.default_rng(0), np.repeat(np.arange(M), 12)
+    X, F = rng.uniform(0.0, 6.0, (len(tasks), 1)), rng.standard_normal((M, 2))
+    K = textbook.covariance(KERNEL, F @ F.T, noise, X, tasks)
+    y = np.linalg.cholesky(K) @ rng.standard_normal(len(tasks))
+    data = building.data(X, tasks, y, M)
+    problem = building.problem(KERNEL, low_rank(M, 2), data, noise=noise)
+    mode = climb(problem, problem.theta(K_rho=F @ F.T))
+    least = weighing.worth(problem, mode) - 1.5 * problem.prior.n_hyperparameters
+    found = evidence_around(problem.likelihood(), mode.theta)
+    assert (found < least) == (noise < 1e-3)
+    assert weighing.evidence_of_form(problem, mode) == max(found, least)
 
 
 def test_only_those_near_the_best_have_their_evidence(learned):

@@ -116,7 +116,7 @@ def _(first: BoundConstant, bounds, B):
 def _(first: BoundLinear, bounds, B):
     weights = np.stack([bound.w for bound in bounds])
     V = weights[..., None] * (first.right.T @ B)
-    return Affine(V[:, :-1], V[:, -1] - first.center @ V[:, :-1])
+    return Affine(V[:, :-1], V[:, -1], first.center)
 
 
 @_fold.register
@@ -149,14 +149,18 @@ def _(first: BoundProduct, bounds, B):
 
 
 class Affine:
-    """z V + c of each kernel; without V the constant c."""
+    """(z - center) V + c of each kernel; without V the constant c."""
 
-    def __init__(self, V, c):
-        self.c = c
+    def __init__(self, V, c, center=0.0):
+        self.c, self.center = c, center if np.any(center) else None
         self.V = None if V is None else np.hstack(V)
 
     def __call__(self, z):
-        return self.c if self.V is None else (z @ self.V).reshape(self.c.shape) + self.c
+        if self.V is None:
+            return self.c
+        if self.center is not None:
+            z = z - self.center
+        return (z @ self.V).reshape(self.c.shape) + self.c
 
 
 class FoldedRow:

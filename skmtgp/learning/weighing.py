@@ -233,7 +233,7 @@ def summed(density, problems, modes, n_jobs=None):
 def evidence_of_form(problem, mode):
     """The log evidence of a problem around a mode, in the problem's units.
 
-    With little noise rows tell hyperparameters to many more digits than the prior, which
+    With little noise rows tell hyperparameters to many more digits than the prior. It
     hardly knows how large a second function is, and each costs the logarithm of that.
     So the evidence is at most some nats for each below eq. 8.
     """

@@ -25,6 +25,8 @@ from skmtgp.learning.problem import best_of, spent_on
 from skmtgp.learning.stages import Start, augmented_task_covariance
 from skmtgp.model.task_covariance import identity, ones
 
+ROUNDING = 1e-9  # of the trace of A over the noise
+
 
 def reveal(problem, mode):
     """The better of a mode and those that explain what it may take for noise.
@@ -93,7 +95,10 @@ def _scores(problem, mode):
             for A in (K_x, K_x * of_each):
                 WA = W @ A
                 slope = 0.5 * (alpha @ A @ alpha - np.trace(WA))
-                yield slope / np.sqrt(0.5 * np.sum(WA * WA.T) + 1e-300)
+                deviation = np.sqrt(0.5 * max(np.sum(WA * WA.T), 0.0))
+                # of what a trend explains, such as lines, rounding alone is left
+                least = ROUNDING * np.sum(np.diagonal(A) / noise)
+                yield slope / max(deviation, least, 1e-150)
 
 
 def _hidden_starts(problem):

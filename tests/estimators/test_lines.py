@@ -121,3 +121,12 @@ def test_inputs_of_tasks_that_do_not_overlap(monkeypatch):
     assert not is_linear(MultiTaskGPRegressor().fit(X, y))
     monkeypatch.setattr(revising, "is_apart", lambda problem: False)
     assert is_linear(MultiTaskGPRegressor().fit(X, y))
+
+
+@pytest.mark.parametrize("per_task", [False, True])
+@pytest.mark.parametrize("kernel", [None, "linear"])
+def test_beside_a_trend_of_lines(per_task, kernel):
+    """Nothing but rounding is left to the kernel of what a trend explains."""
+    X, y, Z, g = lines(0, alike=2.0)
+    model = MultiTaskGPRegressor(kernel, trend="linear", trend_per_task=per_task)
+    assert error(model.fit(X, y).predict(Z), g) < 0.2

@@ -9,7 +9,7 @@ from skmtgp.model.task_covariance import low_rank
 # Rows for each number of K^rho, of a rank that nobody asked for. Two functions are
 # worth a look with fewer, unless they are too many numbers to ask for the evidence.
 # Three explain few rows without any noise.
-ROWS, ROWS_OF_TWO = 4, 2
+ROWS, ROWS_OF_TWO = 4, 3
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)

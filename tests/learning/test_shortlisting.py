@@ -404,7 +404,7 @@ def cooled(seed):
 
 @pytest.mark.parametrize("model", [MultiTaskGPRegressor(), RankSearchIC()])
 def test_two_functions_of_few_rows(model):
-    """Rank 2 has 15 numbers, for which two rows each are enough.
+    """Rank 2 has 15 numbers, for which three rows each are enough.
 
     It is some sixty nats likelier than compound symmetry.
     """
@@ -414,7 +414,7 @@ def test_two_functions_of_few_rows(model):
 
 
 def test_ranks_that_nobody_asked_for():
-    assert [rows_for(8, rank) for rank in range(4)] == [0, 0, 2 * 15, 4 * 21]
+    assert [rows_for(8, rank) for rank in range(4)] == [0, 0, 3 * 15, 4 * 21]
     assert rows_for(8, 2, compared=False) == 4 * 15
-    assert rows_for(50, 2) == 2 * 99
+    assert rows_for(50, 2) == 3 * 99
     assert rows_for(51, 2) == 4 * 101  # too many to ask for their evidence

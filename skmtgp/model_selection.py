@@ -89,8 +89,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         None tries 0, 1, 2, ... up to 6 or the number of tasks, as long as there are
         four samples for each free parameter of the task covariance. Three are enough
-        for up to 100 parameters of rank 2, and two if the estimator's `hyperparameters`
-        are "sampled", or "auto" with at most 500 samples.
+        for up to 80 parameters of rank 2 if the evidence may choose (`criterion` "auto"
+        or "laplace", exact inference), and two for any rank if the estimator's
+        `hyperparameters` are "sampled", or "auto" with at most 500 samples.
         Sparse inference stops when two ranks in a row are worse than a lower one. The
         paper has (2, 4, 5, 6, 8, 10).
 
@@ -427,7 +428,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             if drawn:
                 free = [low_rank(n_rows, rank).n_free for rank in ranks]
                 return [r for r in ranks if r < 2 or ROWS_IF_DRAWN * free[r] <= n]
-            return [rank for rank in ranks if rows_for(n_rows, rank) <= n]
+            told = self._is_told(model, training)
+            return [r for r in ranks if rows_for(n_rows, r, compared=told) <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
@@ -439,6 +441,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if ranks.min() < 0:
             raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")
         return np.unique(np.minimum(ranks, n_rows)).tolist()
+
+    def _is_told(self, model, training):
+        """Whether the evidence may choose, which few rows of a rank mislead less."""
+        exact = getattr(model.inference, "exact", model.inference != "sparse")
+        may = self.criterion in ("auto", "laplace")
+        return may and exact and not is_dask(training.features)
 
     def _model(self):
         return self.best_estimator_

@@ -25,6 +25,8 @@ from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
 from skmtgp.learning.laplace import with_leeway
+from skmtgp.learning.screening import price
+from skmtgp.learning.tuning import TUNING
 from skmtgp.model.kernel_check import check_covariance, sample_rows
 from skmtgp.model.several import Kernels
 
@@ -475,10 +477,20 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
 
 def evidence_of(model):
-    """The log evidence of a fitted model by Laplace's method, in units of y."""
+    """The log evidence of a fitted model by Laplace's method, in units of y.
+
+    As that of forms, it is at most some nats for each hyperparameter below eq. 8.
+    """
     parts = np.split(model.theta_, len(model._likelihoods))
-    found = map(evidence_around, model._likelihoods, parts)
+    found = map(_evidence_at, model._likelihoods, parts)
     return sum(found) + float(model._log_jacobian.sum())
+
+
+def _evidence_at(likelihood, theta):
+    n = len(likelihood.y) if likelihood.known is None else likelihood.known.counts.sum()
+    k = likelihood.prior.n_hyperparameters
+    eq_8 = likelihood.value(theta) - price(k, n)
+    return max(evidence_around(likelihood, theta), eq_8 - TUNING.most_charged * k)
 
 
 def starts_of(problems, modes):

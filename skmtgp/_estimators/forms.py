@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from skmtgp.learning.tuning import TUNING
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
 
 # Rows for each number of K^rho, of a rank that nobody asked for. Two functions are
-# worth a look with fewer, unless they are too many numbers to ask for the evidence.
-# Three explain few rows without any noise.
-ROWS, ROWS_OF_TWO = 4, 3
+# worth a look with fewer, if the evidence chooses, and if they are not so many numbers
+# that it cannot be had with those of k^x. Three explain few rows without any noise.
+ROWS, ROWS_OF_TWO, MOST_OF_TWO = 4, 3, 80
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
@@ -50,14 +49,14 @@ def rows_for(n_tasks, rank, *, compared=True):
     rank : int
         Rank.
     compared : bool, default=True
-        Whether it is compared with lower ones.
+        Whether it is compared with lower ones by the evidence.
 
     Returns
     -------
     rows : int
     """
     n_free = low_rank(n_tasks, rank).n_free if rank > 1 else 0
-    few = compared and rank == 2 and n_free <= TUNING.most_weighed
+    few = compared and rank == 2 and n_free <= MOST_OF_TWO
     return (ROWS_OF_TWO if few else ROWS) * n_free
 
 

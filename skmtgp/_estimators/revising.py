@@ -89,10 +89,11 @@ def _with_lines(model, training, problems, modes, learn):
     """
     best = int(np.argmax(_criteria(problems, modes)))
     of_best = problems[best], modes[best]
-    asks = _asks_for_lines(model, training) and all(map(may_be_lines, *of_best))
-    several = len(training.tasks) > 1
-    if not asks or (several and is_apart(problems[best][0])):
+    asks = _asks_for_lines(model, training, problems[best][0])
+    if not (asks and all(map(may_be_lines, *of_best))):
         return training, problems, modes
+    if model.verbose:
+        say("functions may be straight lines: learned anew with kernel='linear'")
     other = replace(training, kernel=LINEAR)
     found = list(learn(other))
     if _gain(of_best, found, model.n_jobs) > problems[best][0].tuning.linear:
@@ -100,10 +101,20 @@ def _with_lines(model, training, problems, modes, learn):
     return training, problems, _spent_too(modes, found[1])
 
 
-def _asks_for_lines(model, training):
-    """Whether the user leaves k^x to the data, and the smoothest was taken."""
+def _asks_for_lines(model, training, problem):
+    """Whether the user leaves k^x to the data, of which the smoothest was taken."""
     asks = model._kernels() == [None] and model.max_iter > 0
-    return asks and training.kernel == DEFAULT
+    if not asks or training.kernel != DEFAULT:
+        return False
+    if len(training.tasks) > 1 and is_apart(problem):
+        return False
+    kernel = as_named(model, training, LINEAR)
+    try:
+        prior = replace(problem.prior, kernel=kernel)
+        problem.engine.check(prior, problem.data, training.tasks)
+    except ValueError:  # an engine of the user's
+        return False
+    return True
 
 
 def _through(problem, mode, kernels):

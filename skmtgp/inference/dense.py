@@ -18,9 +18,10 @@ from skmtgp.inference.tiles import TasksOfSide, TiledLikelihood, diagonal_of
 from skmtgp.model.several import BoundSeveral
 
 CALL = 4000  # pairs of samples whose product takes as long as one call more
-# Rows from which single precision saves time, and the trace of K by the least noise
-# variance up to which it is exact to about a hundredth of a nat
-MANY, WELL_CONDITIONED = 500, 2e4
+# Rows for which single precision saves time (of more the trace is seldom so small), and
+# the trace of K by the least noise variance up to which it is exact to about a
+# hundredth of a nat
+MANY, MOST, WELL_CONDITIONED = 500, 5000, 2e4
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
 
 
@@ -63,7 +64,7 @@ class DenseLikelihood(TiledLikelihood):
 
     def in_single(self):
         """See Likelihood."""
-        if len(self.X) < MANY or self.basis is not None:
+        if not MANY <= len(self.X) <= MOST or self.basis is not None:
             return self
         single = copy(self)
         single.single = True

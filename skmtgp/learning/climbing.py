@@ -54,7 +54,8 @@ def climb(
     penalise = _penalty(problem, relaxed)
     lower, upper = _bounds(problem, theta, held)
     tol = max(budget.tol, problem.tuning.relaxed_tol) if relaxed else budget.tol
-    learned = likelihood.in_single() if tol >= problem.tuning.single_tol else likelihood
+    exactly = budget.tol < problem.tuning.single_tol
+    learned = likelihood if exactly else likelihood.in_single()
     begin, teller = perf_counter(), Teller(problem)
     teller.begin()
     best = minimize(

@@ -26,7 +26,8 @@ def may_be_lines(problem, mode):
     least = problem.tuning.long * X.std(axis=0)
     if not all((scale > least).all() for scale in scales):
         return False
-    return len(X) < MANY or _planes_explain(problem, mode)
+    plain = problem.data.known is None and problem.prior.trend is None
+    return len(X) < MANY or not plain or _planes_explain(problem, mode)
 
 
 def _planes_explain(problem, mode):
@@ -35,7 +36,9 @@ def _planes_explain(problem, mode):
     noise = problem.likelihood_at(mode).noise_of_rows(
         np.atleast_1d(problem.prior.values(mode.theta).noise)
     )
-    columns = np.column_stack([np.ones(len(data)), data.X - data.X.mean(axis=0)])
+    deviation = data.X.std(axis=0)
+    x = (data.X - data.X.mean(axis=0)) / np.where(deviation > 0.0, deviation, 1.0)
+    columns = np.column_stack([np.ones(len(data)), x])
     for task in range(data.n_tasks):
         own = data.tasks == task
         H, y = (

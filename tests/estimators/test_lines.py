@@ -13,6 +13,7 @@ from skmtgp import (
     SingleTaskGP,
 )
 from skmtgp._estimators import revising
+from skmtgp.inference.engines import Dense
 from skmtgp.kernels import ARDLinear
 
 
@@ -99,6 +100,29 @@ def test_only_where_the_user_does_not_say():
         assert not is_linear(MultiTaskGPRegressor(kernel).fit(X, y))
     start = MultiTaskGPRegressor(max_iter=0).fit(X, y)  # nothing is learned
     assert not is_linear(start)
+
+
+def test_an_engine_that_takes_no_lines():
+    """It is asked before anything is learned."""
+
+    class Stationary(Dense):
+        def check(self, prior, data, tasks):
+            if not prior.kernel.is_stationary():
+                raise ValueError("stationary kernels only")
+
+    X, y, *_ = lines(0)
+    model = MultiTaskGPRegressor(inference=Stationary()).fit(X, y)
+    assert not is_linear(model)
+
+
+def test_many_rows_that_are_means():
+    """Least squares of plain rows would not know how much noise means have."""
+    X, y, *_ = lines(0, n_tasks=6, n_each=90, noise=0.0)
+    counts = np.random.default_rng(0).integers(1, 4, len(y))
+    y += 0.4 / np.sqrt(counts) * np.random.default_rng(1).standard_normal(len(y))
+    known = {"sample_weight": counts, "repeat_variance": 0.16 * (1.0 - 1.0 / counts)}
+    model = MultiTaskGPRegressor(rank=0, shared=True, diagonal="equal")
+    assert is_linear(model.fit(X, y, **known))
 
 
 def test_noise_of_each_task():

@@ -416,5 +416,14 @@ def test_two_functions_of_few_rows(model):
 def test_ranks_that_nobody_asked_for():
     assert [rows_for(8, rank) for rank in range(4)] == [0, 0, 3 * 15, 4 * 21]
     assert rows_for(8, 2, compared=False) == 4 * 15
-    assert rows_for(50, 2) == 3 * 99
-    assert rows_for(51, 2) == 4 * 101  # too many to ask for their evidence
+    assert rows_for(40, 2) == 3 * 79
+    assert rows_for(41, 2) == 4 * 81  # too many to ask for their evidence
+
+
+@pytest.mark.parametrize("criterion", ["bic", "loo"])
+def test_other_criteria_need_four_rows(criterion):
+    """By them rank 2 of few rows would be taken without any noise."""
+    X, y = cooled(0)
+    assert 2 in RankSearchIC().fit(X, y).results_["rank"].tolist()
+    ranks = RankSearchIC(criterion=criterion).fit(X, y).results_["rank"].tolist()
+    assert 2 not in ranks

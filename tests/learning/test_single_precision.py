@@ -79,6 +79,12 @@ def test_few_rows_take_double_precision():
     assert few.in_single() is few
 
 
+def test_many_rows_take_double_precision(data, monkeypatch):
+    """Of which a copy in single precision takes memory that is not foreseen."""
+    monkeypatch.setattr(dense, "MOST", len(data) - 1)
+    assert not likelihood(data).in_single().single
+
+
 @pytest.mark.parametrize("relaxed", [False, True])
 def test_climb(data, relaxed, factorised, monkeypatch):
     problem = pose(data, low_rank(M, 2), tol=1e-2)
@@ -94,9 +100,10 @@ def test_climb(data, relaxed, factorised, monkeypatch):
     assert found.value == pytest.approx(expected.value, abs=0.5 if relaxed else 0.02)
 
 
-def test_exact_climbs_take_double_precision(data, factorised):
+@pytest.mark.parametrize("relaxed", [False, True])
+def test_exact_climbs_take_double_precision(data, factorised, relaxed):
     problem = pose(data, low_rank(M, 2), tol=1e-5)
-    climb(problem, start_of(problem))
+    climb(problem, start_of(problem), relaxed=relaxed)
     assert not factorised
 
 

@@ -18,10 +18,11 @@ from skmtgp.inference.tiles import TasksOfSide, TiledLikelihood, diagonal_of
 from skmtgp.model.several import BoundSeveral
 
 CALL = 4000  # pairs of samples whose product takes as long as one call more
-# Rows for which single precision saves time (of more the trace is seldom so small), and
-# the trace of K by the least noise variance up to which it is exact to about a
+# Rows for which single precision saves time; of more the trace is seldom so small
+IN_SINGLE = range(500, 4001)
+# The trace of K by the least noise variance, up to which it is exact to about a
 # hundredth of a nat
-MANY, MOST, WELL_CONDITIONED = 500, 5000, 2e4
+WELL_CONDITIONED = 2e4
 UNTOLD = 1e-9  # of the precision of a row that alone tells a coefficient: rounding
 
 
@@ -64,7 +65,7 @@ class DenseLikelihood(TiledLikelihood):
 
     def in_single(self):
         """See Likelihood."""
-        if not MANY <= len(self.X) <= MOST or self.basis is not None:
+        if len(self.X) not in IN_SINGLE or self.basis is not None:
             return self
         single = copy(self)
         single.single = True

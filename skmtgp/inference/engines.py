@@ -14,8 +14,7 @@ from skmtgp._numerics.linalg import HALVED
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import IncompleteDataWarning
-from skmtgp.inference.dense import MOST as MOST_SINGLE
-from skmtgp.inference.dense import DenseLikelihood, DensePosterior
+from skmtgp.inference.dense import IN_SINGLE, DenseLikelihood, DensePosterior
 from skmtgp.inference.engine import (
     Engine,
     refuse_own_noise,
@@ -55,7 +54,7 @@ class Dense(Engine):
         Warns of data that are all but complete, and many.
         """
         n = demand.n_samples
-        needed = 1.5 if n in HALVED or n <= MOST_SINGLE else 1.0
+        needed = 1.5 if n in HALVED or n in IN_SINGLE else 1.0
         check_memory(demand, tiles, n, rows="samples", n_matrices=needed, why=self.why)
         if self.why and n > MANY:
             warn(

@@ -15,7 +15,7 @@ from skmtgp.model.task_covariance import low_rank
 
 @pytest.fixture(autouse=True)
 def few_are_many(monkeypatch):
-    monkeypatch.setattr(dense, "MANY", 30)
+    monkeypatch.setattr(dense, "IN_SINGLE", range(30, 4001))
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def test_few_rows_take_double_precision():
 
 def test_many_rows_take_double_precision(data, monkeypatch):
     """Of which a copy in single precision takes memory that is not foreseen."""
-    monkeypatch.setattr(dense, "MOST", len(data) - 1)
+    monkeypatch.setattr(dense, "IN_SINGLE", range(30, len(data)))
     assert not likelihood(data).in_single().single
 
 

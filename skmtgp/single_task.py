@@ -613,7 +613,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         check_is_fitted(self)
         if theta is None and not eval_gradient:
             return self.log_marginal_likelihood_value_
-        parts = np.split(check_theta(theta, self.theta_), len(self.estimators_))
+        stops = np.cumsum([len(of.theta_) for of in self.estimators_])
+        parts = np.split(check_theta(theta, self.theta_), stops[:-1])
         results = [
             estimator.log_marginal_likelihood(part, eval_gradient)
             for estimator, part in zip(self.estimators_, parts, strict=True)

@@ -11,6 +11,7 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
+    compile_predictor,
 )
 from skmtgp._estimators import revising
 from skmtgp.inference.engines import Dense
@@ -154,3 +155,19 @@ def test_beside_a_trend_of_lines(per_task, kernel):
     X, y, Z, g = lines(0, alike=2.0)
     model = MultiTaskGPRegressor(kernel, trend="linear", trend_per_task=per_task)
     assert error(model.fit(X, y).predict(Z), g) < 0.2
+
+
+def test_single_tasks_of_which_one_is_a_line():
+    """Their kernels have different numbers of parameters."""
+    rng = np.random.default_rng(0)
+    tasks, x = np.repeat([0, 1], 25), rng.uniform(-2.0, 2.0, 50)
+    f = np.where(tasks, 2.0 * x, np.sin(4.0 * x))
+    X, y = np.column_stack([x, tasks]), f + 0.2 * rng.standard_normal(50)
+    model = SingleTaskGP().fit(X, y)
+    assert [is_linear(of) for of in model.estimators_] == [False, True]
+    value, gradient = model.log_marginal_likelihood(model.theta_, eval_gradient=True)
+    assert value == pytest.approx(model.log_marginal_likelihood_value_)
+    assert gradient.shape == model.theta_.shape
+    predictor = compile_predictor(model)
+    found = [predictor(row[:-1], int(row[-1])) for row in X[::9]]
+    np.testing.assert_allclose(np.ravel(found), model.predict(X[::9]), rtol=1e-9)

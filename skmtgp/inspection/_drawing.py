@@ -36,6 +36,7 @@ class Display:
 
     def _set_axes(self, ax, figsize=None):
         """The axes to draw on, new ones if None."""
+        check_axes(ax)
         if ax is None:
             _, ax = pyplot().subplots(figsize=figsize, layout="constrained")
         self.ax_, self.figure_ = ax, ax.figure
@@ -51,6 +52,12 @@ def pyplot():
             'Drawing needs matplotlib: pip install "skmtgp[plot]".'
         ) from error
     return matplotlib.pyplot
+
+
+def check_axes(ax):
+    """Raise a TypeError unless this is a matplotlib Axes, or None."""
+    if ax is not None and not hasattr(ax, "get_subplotspec"):
+        raise TypeError(f"ax={ax!r} must be an Axes of matplotlib, or None.")
 
 
 def check_option(name, value, allowed):

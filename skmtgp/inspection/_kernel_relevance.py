@@ -141,11 +141,17 @@ class KernelRelevanceDisplay(Display):
     def _checked(self):
         """Relevances that fit the parts, and the names of the features."""
         relevances = check_array(self.relevances, ensure_all_finite="allow-nan")
-        names = [str(name) for name in self.feature_names]
+        names = self.feature_names
+        if isinstance(names, str) or not np.iterable(names):
+            raise TypeError(
+                f"feature_names={names!r} must be a list of {relevances.shape[1]} "
+                "names, one for each feature."
+            )
+        names = [str(name) for name in names]
         if relevances.shape != (len(self.parts), len(names)):
             raise ValueError(
-                f"relevances has shape {relevances.shape}; {len(self.parts)} parts and "
-                f"{len(names)} features need {(len(self.parts), len(names))}."
+                f"relevances has shape {relevances.shape}, but there are "
+                f"{len(self.parts)} parts and {len(names)} feature_names."
             )
         if not (relevances > 0.0).any():
             raise ValueError("No relevance is positive, so there is nothing to draw.")
@@ -202,7 +208,7 @@ class KernelRelevanceDisplay(Display):
             names = _feature_names(estimator, model)
         n_inputs = model.n_features_in_ - 1 - len(_descriptors(model))
         parts, relevances = _relevances(kernels[output], n_inputs)
-        display = cls(relevances=relevances, parts=parts, feature_names=list(names))
+        display = cls(relevances=relevances, parts=parts, feature_names=names)
         return display.plot(ax=ax)
 
 

@@ -16,7 +16,7 @@ from sklearn.model_selection import BaseCrossValidator, check_cv, cross_validate
 from skmtgp._data.numbers import check_numbers
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._data.task_column import task_labels
-from skmtgp.inspection._drawing import Display, pyplot, style
+from skmtgp.inspection._drawing import Display, check_axes, pyplot, style
 from skmtgp.inspection._models import task_column
 from skmtgp.metrics import make_normalized_mse_scorer
 
@@ -178,6 +178,7 @@ class TaskLearningCurveDisplay(Display):
             fewer samples than `train_sizes` asks for.
         """
         pyplot()  # not after hours of fits
+        check_axes(ax)
         models = estimator
         if not isinstance(models, Mapping):
             models = {type(estimator).__name__: estimator}
@@ -253,8 +254,9 @@ def _sizes(train_sizes, largest):
     """Numbers of training samples, of which shares are made."""
     sizes = np.asarray(train_sizes)
     are_shares = sizes.dtype.kind == "f"
-    possible = (sizes > 0) & (sizes <= (1 if are_shares else largest))
-    if not sizes.size or not possible.all():
+    most = 1 if are_shares else largest
+    numbers = sizes.ndim == 1 and sizes.dtype.kind in "iuf" and sizes.size > 0
+    if not (numbers and ((sizes > 0) & (sizes <= most)).all()):
         raise ValueError(
             f"train_sizes={train_sizes!r} must be numbers of training samples, from 1 "
             f"to {largest}, or shares of {largest}, above 0 and up to 1."

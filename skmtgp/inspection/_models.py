@@ -11,6 +11,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.labels import Labels, check_labels
 from skmtgp._data.numbers import check_numbers
+from skmtgp._data.order import refuse_another_order
 from skmtgp._data.task_column import task_labels
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -160,7 +161,8 @@ def predictions(estimator, X, y, output, *, learned=False):
     TypeError
         If it is no model of this package.
     ValueError
-        If y has not the outputs of the model, or not this one.
+        If y has not the outputs of the model, or not this one, or if it has the index
+        labels of X in another order.
     """
     _refuse_wide(estimator)
     target = model_of_tasks(estimator, PREDICTED)._target
@@ -168,6 +170,7 @@ def predictions(estimator, X, y, output, *, learned=False):
     model = getattr(estimator, "best_estimator_", estimator)
     if learned and target is not AS_GIVEN:
         model = _as_learned(model)
+    refuse_another_order(X, y)
     mean, std = model.predict(X, return_std=True, include_noise=True)
     y = check_numbers(y, "y")
     if y.shape != mean.shape:

@@ -14,7 +14,13 @@ from sklearn.utils import check_consistent_length
 
 from skmtgp._data.numbers import as_frame, check_numbers
 from skmtgp._data.task_column import locate_task_column
-from skmtgp.inspection._drawing import Display, check_count, color_of, pyplot
+from skmtgp.inspection._drawing import (
+    Display,
+    check_axes,
+    check_count,
+    color_of,
+    pyplot,
+)
 from skmtgp.inspection._models import (
     columns_of_descriptors,
     intervals,
@@ -283,6 +289,7 @@ class TaskPredictionDisplay(Display):
         if callable(truth):
             true = grid.points(truth(grid.values()), output)
         elif truth is not None:
+            _check_pair(truth)
             of = _Table.of(estimator, truth[0], feature, task_feature)
             true = of.points(truth[1], output).sort_values("x", kind="stable")
         display = cls(
@@ -407,6 +414,15 @@ def _chosen(tasks, labels):
     return list(tasks)
 
 
+def _check_pair(truth):
+    """Raise a TypeError unless the truth is inputs and targets."""
+    if not isinstance(truth, (tuple, list)) or len(truth) != 2:
+        raise TypeError(
+            f"truth={truth!r} must be a function of inputs such as X, or a pair of "
+            "inputs and targets."
+        )
+
+
 def _of(frame, task):
     """Rows of a task."""
     return frame[[label == task for label in frame["task"]]]
@@ -427,6 +443,7 @@ def _panels(ax, n, n_cols, sharey):
             raise ValueError(f"ax has {len(axes)} axes, but there are {n} tasks.")
         return axes
     else:
+        check_axes(ax)
         if ax.get_subplotspec() is None:
             raise ValueError(
                 "ax has no place in a grid that panels could take. Make it by "

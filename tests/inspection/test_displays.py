@@ -172,6 +172,33 @@ class TestAllDisplays:
         assert len(plt.get_fignums()) == 1
         assert dict(matplotlib.rcParams) == before
 
+    @pytest.mark.parametrize("ax", ["left", [1]])
+    def test_axes_must_be_axes(self, fitted, ax):
+        match = r"ax=.* must be an Axes of matplotlib, or None"
+        with pytest.raises(TypeError, match=match):
+            TaskCovarianceDisplay.from_estimator(fitted["PooledGP"], ax=ax)
+        with pytest.raises(TypeError, match=match):  # before it fits
+            TaskLearningCurveDisplay.from_estimator(None, None, None, ax=ax)
+
+    @pytest.mark.parametrize("display", OF_DATA)
+    def test_targets_in_another_order(self, display):
+        model = PooledGP(task_feature="load", **QUICK).fit(FRAME, y)
+        rows = FRAME[ONE]
+        shuffled = pd.Series(y[ONE], rows.index)[::-1]
+        with pytest.raises(ValueError, match="labels of X in another order"):
+            display.from_estimator(model, rows, shuffled)
+
+    def test_truth_and_names_of_features_are_checked(self, fitted):
+        model = fitted["PooledGP"]
+        for truth in (3, [1, 2, 3]):
+            with pytest.raises(TypeError, match=r"truth=.* a pair of inputs and targ"):
+                TaskPredictionDisplay.from_estimator(
+                    model, X, Y, feature=0, truth=truth
+                )
+        for names in (3, "ab"):
+            with pytest.raises(TypeError, match=r"feature_names=.* list of 2 names"):
+                KernelRelevanceDisplay.from_estimator(model, feature_names=names)
+
     def test_figure_of_its_own_fits(self, fitted):
         shown = TaskCovarianceDisplay.from_estimator(fitted["PooledGP"])
         shown.figure_.draw_without_rendering()

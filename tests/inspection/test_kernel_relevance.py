@@ -89,7 +89,7 @@ class TestKernelRelevance:
         assert display.feature_names == ["x0", "x1"]
 
     def test_another_number_of_names(self, fitted):
-        message = r"shape \(1, 2\); 1 parts and 1 features need \(1, 1\)"
+        message = r"shape \(1, 2\), but there are 1 parts and 1 feature_names"
         with pytest.raises(ValueError, match=message):
             KernelRelevanceDisplay.from_estimator(
                 fitted["PooledGP"], feature_names=["a"]

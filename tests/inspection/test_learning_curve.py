@@ -125,7 +125,8 @@ class TestTaskLearningCurve:
         pd.testing.assert_frame_equal(*found)
 
     @pytest.mark.parametrize(
-        "sizes", [[0, 3], [3, 10], [0.0, 1.0], [0.5, 1.1], [1.5], []]
+        "sizes",
+        [[0, 3], [3, 10], [0.0, 1.0], [0.5, 1.1], [1.5], [], "a", None, [[0.5]]],
     )
     def test_training_sets_that_there_are_not(self, sizes):
         with pytest.raises(ValueError, match=r"train_sizes=.* from 1 to 9, or share"):

@@ -205,7 +205,7 @@ class KernelRelevanceDisplay(Display):
         check_output(output, n_outputs)
         names = feature_names
         if names is None:
-            names = _feature_names(estimator, model)
+            names = list(_feature_names(estimator, model))
         n_inputs = model.n_features_in_ - 1 - len(_descriptors(model))
         parts, relevances = _relevances(kernels[output], n_inputs)
         display = cls(relevances=relevances, parts=parts, feature_names=names)

@@ -11,7 +11,7 @@ from scipy.sparse import issparse
 from sklearn.utils import check_array
 
 MOST = 5  # columns that an error names
-DATES = date, timedelta, np.datetime64, np.timedelta64
+DATES = date, timedelta, pd.Period, np.datetime64, np.timedelta64
 # Text that is no number: a date, with the year first or last, and 1,5
 DATE = re.compile(r"\s*(\d{4}([-/.])\d\d?\2\d\d?|\d\d?([-/.])\d\d?\3\d{4})\b")
 DECIMAL_COMMA = re.compile(r"\s*[-+]?\d+,\d+\s*")
@@ -22,16 +22,34 @@ SINCE = (  # a day that is the same in fit and predict
 
 
 def as_frame(values):
-    """A frame of another library as one of pandas; anything else as it is.
+    """A frame as one of pandas with dense columns; anything else as it is.
 
     As one array its columns would get a common type: dates become integers, and
     integers floats.
+
+    Raises
+    ------
+    TypeError
+        If its rows are still to be computed.
     """
-    if isinstance(values, pd.DataFrame) or not hasattr(values, "columns"):
+    if type(values).__name__ == "LazyFrame":
+        raise TypeError("A LazyFrame has no rows yet: pass what its .collect() gives.")
+    if isinstance(values, pd.DataFrame):
+        return _dense(values)
+    if not hasattr(values, "columns"):
         return values
     if type(values).__module__.startswith("pyarrow"):  # its columns have no names
         return values.to_pandas()
     return pd.DataFrame({name: as_array(values[name]) for name in values.columns})
+
+
+def _dense(frame):
+    """The frame without sparse columns, as one-hot codes may be."""
+    kinds = frame.dtypes.items()
+    sparse = {
+        of: kind.subtype for of, kind in kinds if isinstance(kind, pd.SparseDtype)
+    }
+    return frame.astype(sparse) if sparse else frame
 
 
 def as_array(column):
@@ -193,6 +211,9 @@ def _check_value(value, name, column, advise):
     what = f"{subject} must be numbers, but{where} holds"
     if isinstance(value, (timedelta, np.timedelta64)):
         _refuse_dates(what, pd.Timedelta(value), "to days for example: durations")
+    if isinstance(value, pd.Period):
+        how = SINCE.replace("pd.to_datetime(dates)", "periods.dt.to_timestamp()")
+        _refuse_dates(what, value, how)
     if isinstance(value, DATES):
         _refuse_dates(what, value)
     try:

@@ -6,6 +6,7 @@ from decimal import Decimal
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.testing import assert_array_equal
 
 from skmtgp import (
     BayesianLinearRegression,
@@ -246,3 +247,24 @@ def test_what_has_no_rows_is_named(kind):
         WideRegressor().fit(kind(few), columns[:0])
     with pytest.raises(ValueError, match=r"^X has 0 sample"):
         PooledGP(max_iter=0).fit(kind(frame), y).predict(kind(few))
+
+
+def test_periods_are_dates():
+    when = pd.DataFrame({"when": pd.period_range("2020-01", periods=2, freq="M")})
+    match = r"'when' holds dates or times such as 2020-01\..*periods\.dt\.to_timestamp"
+    with pytest.raises(ValueError, match=match):
+        check_numbers(when, "X")
+
+
+@pytest.mark.parametrize("fill", [0.0, 1.0])
+def test_sparse_columns_are_dense(fill):
+    codes = pd.arrays.SparseArray([0.0, 1.0, 1.0], fill_value=fill)
+    frame = as_frame(pd.DataFrame({"a": codes, "b": ["u", "v", "w"]}))
+    assert_array_equal(check_numbers(frame[["a"]], "X"), [[0.0], [1.0], [1.0]])
+    assert frame["b"].tolist() == ["u", "v", "w"]
+
+
+def test_lazy_frames_are_refused():
+    polars = pytest.importorskip("polars")
+    with pytest.raises(TypeError, match=r"no rows yet: pass what its \.collect"):
+        as_frame(polars.DataFrame({"a": [1.0]}).lazy())

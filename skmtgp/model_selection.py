@@ -288,23 +288,23 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return self
 
     def _fit(self, model, X, y, progress, given):
-        training = decide(model, read(model, X, y, given), progress)
+        training = read(model, X, y, given)
         if len(model._terms()) > 1:
-            self._fit_terms(model, training, progress)
+            self._fit_terms(model, decide(model, training, progress), progress)
             return
         self._check_criterion(training)
         ranks = self._check_ranks(model, training)
         simpler = len(training.tasks) > 1 and self._asks_simpler()
         n_forms = len(ranks) + (len(SIMPLER) + 1) * simpler  # and a diagonal
-        n_kept = n_forms if self.keep_estimators else 1
+        foretell = partial(model._foretell, n_forms=n_forms)
+        training = decide(model, training, progress, foretell)
         model.set_params(rank=ranks[-1])
-        problems = pose(model, training, n_forms, n_kept)
-        exact = problems[0].engine.exact  # without, likelihoods of each task take long
+        problems = pose(model, training, n_forms, self._n_kept(n_forms))
+        exact, data = problems[0].engine.exact, problems[0].data  # else it takes long
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
-        data = problems[0].data
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
-        problems = model._foretell(problems, len(forms))
+        problems = model._foretell(problems, len(forms), training.foretold)
         described = training.descriptors is not None or training.trends is not None
         asks = simpler and exact and not described
         alone = _alone(model, training, X, y, given) if asks else None
@@ -318,6 +318,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             again = partial(_learn_again, model, learned[0], progress)
             decided = revise(model, training, *learned, again)
             self._keep(model, settings, alone, *model._tell(training, *decided))
+
+    def _n_kept(self, n_forms):
+        """How many of the candidates have a posterior in the end."""
+        return n_forms if self.keep_estimators else 1
 
     def _check_criterion(self, training):
         if self.criterion == "loo" and is_dask(training.features):
@@ -345,10 +349,10 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         else:
             ranks = ranks_to_compare(self.ranks, n_terms, n_tasks)
         settings = [settings_of_terms(model, of_terms) for of_terms in ranks]
-        n_kept = len(settings) if self.keep_estimators else 1
+        n_forms = len(settings)
         model.set_params(**settings[-1])
-        problems = pose(model, training, len(settings), n_kept)
-        model._foretell(problems, len(settings))
+        problems = pose(model, training, n_forms, self._n_kept(n_forms))
+        model._foretell(problems, n_forms)
         with limit_threads(side(problems)):
             learn = partial(learn_candidates, model, settings, progress)
             decided = revise(model, training, *learn(training), learn)

@@ -650,8 +650,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
         return starts * self._n_likely(n_ranks)
 
-    def _foretell(self, problems, n_forms=1):
-        return super()._foretell(problems, self._n_likely(n_forms))
+    def _foretell(self, problems, n_forms=1, told=False):
+        return super()._foretell(problems, self._n_likely(n_forms), told)
 
     def _n_likely(self, n_forms):
         """How many forms of K^rho are learned, of which it may compare more."""

@@ -137,9 +137,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             training = read(self, X, y, (alpha, sample_weight, repeat_variance))
-            training = decide(self, training, progress)
-            problems = pose(self, training)
-            problems = self._foretell(problems, problems[0].prior.n_terms)
+            foretell = partial(self._foretell, n_forms=len(self._kernels()))
+            training = decide(self, training, progress, foretell)
+            problems = foretell(pose(self, training), told=training.foretold)
             with limit_threads(side(problems)):
                 learned = ([of] for of in self._learn(problems, progress))
                 learn = partial(self._learn_again, problems[0].budget, progress)
@@ -174,8 +174,11 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
                 say(f"{name}{in_words(problem, mode.theta, mode.value)}")
         return training, problems, modes
 
-    def _foretell(self, problems, n_forms=1):
-        """The problems with the pace of learning; where it is slow, that is said."""
+    def _foretell(self, problems, n_forms=1, told=False):
+        """The problems with the pace of learning; where it is slow, that is said.
+
+        Unless it was `told` before.
+        """
         if self.max_iter == 0 or not problems[0].engine.exact:
             return problems
         forecast = foresee(problems, n_forms)
@@ -183,9 +186,10 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             f"Learning from {len(problems[0].data)} rows by {problems[0].engine.name} "
             "inference will take"
         )
-        if self.verbose and forecast.rows:
+        if self.verbose and forecast.rows and not told:
             say(f"{learning} very roughly {forecast}, on one processor")
-        warn_of_duration(learning, forecast.seconds)
+        if not told:
+            warn_of_duration(learning, forecast.seconds)
         budget = replace(problems[0].budget, pace=forecast.pace)
         return [replace(problem, budget=budget) for problem in problems]
 

@@ -9,6 +9,7 @@ from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.learning.forecast import FEW
 from skmtgp.learning.screening import (
     as_large,
     criterion,
@@ -31,7 +32,7 @@ SURE, FEW_ROWS = 8.0, 20.0
 NOTHING = 1e-8  # variances of the targets
 
 
-def decide(model, training, progress=None):
+def decide(model, training, progress=None, foretell=None):
     """The training data with the units, noise and k^x that are to be learned with.
 
     Parameters
@@ -43,6 +44,8 @@ def decide(model, training, progress=None):
         Checked.
     progress : callable, default=None
         Is told what the data say, see `fitting`.
+    foretell : callable, default=None
+        Says of problems how long learning will take; before, where this takes long.
 
     Returns
     -------
@@ -51,7 +54,7 @@ def decide(model, training, progress=None):
     """
     constant = training.tasks[training.constant]
     warn_of_constant_tasks(constant, own_noise=model.noise == "per_task")
-    training = _decided(model, training)
+    training = _decided(model, training, foretell)
     report = progress and "auto" in (model.normalize_y, model.noise)
     report = report and progress(
         "units", 1, lambda _, chosen: f"chosen from the data: {chosen}"
@@ -61,7 +64,7 @@ def decide(model, training, progress=None):
     return training
 
 
-def _decided(model, training):
+def _decided(model, training, foretell):
     noises = kinds_of_noise(model, training)
     with limit_threads(len(training.Y)):
         units = _units(model, training)
@@ -69,6 +72,9 @@ def _decided(model, training):
     candidates = [training.with_units(of) for of in units]
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
+    if foretell is not None and len(training.Y) >= FEW:
+        foretell(pose(model, candidates[0]))
+        candidates = [replace(of, foretold=True) for of in candidates]
     with limit_threads(len(training.Y)):
         found = [screened(model, candidate, noises) for candidate in candidates]
         scores = np.array([score for score, *_ in found])

@@ -200,7 +200,8 @@ class SampledMixin:
 
     def _tell_of_chains(self, name, n_outputs, n_modes, seconds):
         """Say how long sampling takes; what reports its chains, or None."""
-        warn_of_duration(f"Sampling the hyperparameters of {name}", seconds * n_outputs)
+        sampling = f"Sampling the hyperparameters of {name} will take"
+        warn_of_duration(sampling, seconds * n_outputs)
         if not self.verbose:
             return None
         modes = "one mode" if n_modes == 1 else f"{n_modes} modes"

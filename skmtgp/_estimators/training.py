@@ -57,6 +57,8 @@ class Training:
         Whether it is not known already that the data are not complete.
     kernel : str
         Name of k^x where the user gives none.
+    foretold : bool, default=False
+        Whether it was said how long learning will take.
     """
 
     features: np.ndarray
@@ -73,6 +75,7 @@ class Training:
     known: Known | None = None
     looks_for_design: bool = True
     kernel: str = DEFAULT
+    foretold: bool = False
 
     @cached_property
     def design(self):

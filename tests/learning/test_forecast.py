@@ -8,7 +8,7 @@ from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP, single_task
-from skmtgp._estimators import base, doubts
+from skmtgp._estimators import base, deciding, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
 from skmtgp.learning.forecast import Forecast, foresee
@@ -75,6 +75,20 @@ def test_with_verbose_it_is_said_how_much_there_is_to_do(few, make, told):
         "Learning from 36 rows by dense inference will take very roughly "
         f"{250 * n_forms} evaluations of 36 rows at "
     )
+
+
+@pytest.mark.parametrize("make", [lambda of: of, RankSearchIC])
+def test_it_is_said_once_and_before_units_are_chosen(few, make, told, monkeypatch):
+    monkeypatch.setattr(deciding, "FEW", 30)
+    monkeypatch.setattr(doubts, "LONG", 1e-3)
+    data = draw(np.eye(3))
+    gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, max_iter=3, verbose=1)
+    with pytest.warns() as caught:
+        make(gp).fit(np.column_stack([data.X, data.tasks]), data.y)
+    assert sum(of.category is LongFitWarning for of in caught) == 1
+    lines = told()
+    assert lines[0].startswith("Learning from 36 rows by dense inference")
+    assert sum("Learning from 36 rows" in line for line in lines) == 1
 
 
 @pytest.mark.parametrize("verbose", [0, 1])

@@ -608,8 +608,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if not self._compares(problem.engine):
             few = n < FEW * data.n_told
             return [form_of(term, data, 0), *of_terms] if few else of_terms
-        two = data.n_told > 1 and rows_for(data.n_told, 2) <= n
-        return candidates(term, data, max(ranks[0], 1 + two))
+        low = range(1, 1 + min(2, data.n_told))
+        told = [rank for rank in low if rows_for(data.n_told, rank) <= n]
+        highest = max(ranks[0], *told) if told else 0
+        return candidates(term, data, highest)
 
     def _terms(self):
         """What the user asks for in each term."""

@@ -7,8 +7,9 @@ from skmtgp.model.task_covariance import low_rank
 
 # Rows for each number of K^rho, of a rank that nobody asked for. Two functions are
 # worth a look with fewer, if the evidence chooses, and if they are not so many numbers
-# that it cannot be had with those of k^x. Three explain few rows without any noise.
-ROWS, ROWS_OF_TWO, MOST_OF_TWO = 4, 3, 80
+# that it cannot be had with those of k^x. Three explain few rows without any noise, and
+# so does one where each task has a single row.
+ROWS, ROWS_OF_TWO, MOST_OF_TWO, ROWS_OF_ONE = 4, 3, 80, 1.5
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
@@ -53,9 +54,11 @@ def rows_for(n_tasks, rank, *, compared=True):
 
     Returns
     -------
-    rows : int
+    rows : float
     """
-    n_free = low_rank(n_tasks, rank).n_free if rank > 1 else 0
+    n_free = low_rank(n_tasks, rank).n_free if rank else 0
+    if rank == 1:
+        return ROWS_OF_ONE * n_free
     few = compared and rank == 2 and n_free <= MOST_OF_TWO
     return (ROWS_OF_TWO if few else ROWS) * n_free
 

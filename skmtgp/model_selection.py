@@ -133,7 +133,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None
-        Number of outputs and ranks learned at the same time, see :term:`n_jobs`.
+        Number of outputs and ranks learned at the same time, or of chains if the
+        estimator's hyperparameters are sampled, see :term:`n_jobs`. None is the
+        estimator's. Its `random_state` gives other chains.
     verbose : int, default=0
         With 1, learning prints a line for each output and rank, and every few seconds
         how far a long one is. With 2 it prints more of these. Lines go to the logger

@@ -232,15 +232,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes ten to a hundred times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "laplace" otherwise; "mode" with sparse inference or
-          several kernels.
+          hyperparameter, with sparse inference, too. With more rows it is "laplace",
+          or "mode" with sparse inference. With several kernels it is "mode".
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
     n_draws : int, default=100
         Number of draws that predictions average over, only if hyperparameters are
-        sampled. Ten times as many are drawn and thinned. Each takes as much memory as a
-        fitted model.
+        sampled. Five times as many are drawn, and one of five is kept. Each takes as
+        much memory as a fitted model.
     max_iter : int, default=2000
         Maximum number of iterations of each maximisation. 0 keeps the starting values.
     tol : float, default=1e-2
@@ -248,10 +248,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
         nats.
     n_jobs : int, default=None
-        Number of outputs learned at the same time, see :term:`n_jobs`.
+        Number of outputs learned at the same time, or of chains if hyperparameters are
+        sampled, see :term:`n_jobs`.
     random_state : int, RandomState instance or None, default=None
-        Source of the random starts. Used only if `n_restarts_optimizer` is not 0 or
-        `learning` is "simultaneous".
+        Source of the random starts, if `n_restarts_optimizer` is not 0 or `learning` is
+        "simultaneous", and of the chains, if hyperparameters are sampled. With None the
+        chains are the same in each fit.
     verbose : int, default=0
         With 1, learning prints a line for each output and stage, and every few seconds
         how far a long stage is. With 2 it prints more of these. Lines go to the logger
@@ -270,7 +272,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     task_correlation_ : DataFrame of n_tasks rows and columns
         Correlations of the tasks in `task_covariance_`, with their labels. With several
         outputs ``task_correlation_.loc[j]`` is that of output j. With several terms
-        ``task_correlation_.loc[q]`` is that of term q.
+        ``task_correlation_.loc[q]`` is that of term q. With rank 1 and no functions of
+        each task's own all are -1 or 1, whatever the rows say.
     task_descriptors_ : DataFrame of n_tasks rows
         Descriptors of each task. Only with `task_descriptors`.
     task_factor_ : ndarray of shape ([n_outputs,] n_tasks, rank)
@@ -344,7 +347,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Draws of `theta_`. This and the next three exist only if hyperparameters are
         sampled.
     effective_sample_size_ : float
-        Number of independent draws that are worth as much as all draws made, ten for
+        Number of independent draws that are worth as much as all draws made, five for
         each that is kept. It is that of the hyperparameter with the smallest number.
     r_hat_ : float
         How much the chains disagree, for the hyperparameter where they disagree most. 1

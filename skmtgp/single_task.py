@@ -142,16 +142,16 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
           uncertain. It takes ten to a hundred times as long.
-        - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
-          hyperparameter, and "laplace" otherwise; "mode" with sparse inference or
-          several kernels.
+        - "auto" is "sampled" for a task with at most 500 rows and at most 16 rows for
+          each hyperparameter, with sparse inference, too. With more rows it is
+          "laplace", or "mode" with sparse inference. With several kernels it is "mode".
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.
     n_draws : int, default=100
         Number of draws that predictions average over, only if hyperparameters are
-        sampled. Ten times as many are drawn and thinned. Each takes as much memory as a
-        fitted model.
+        sampled. Five times as many are drawn, and one of five is kept. Each takes as
+        much memory as a fitted model.
     max_iter : int, default=2000
         Maximum number of iterations of each maximisation. 0 keeps the starting values.
     tol : float, default=1e-2
@@ -159,7 +159,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
         nats.
     n_jobs : int, default=None
-        Number of tasks learned at the same time, see :term:`n_jobs`.
+        Number of tasks learned at the same time, see :term:`n_jobs`. The chains of a
+        task run one after another if hyperparameters are sampled.
     verbose : int, default=0
         With 1, learning prints a line for each task, and every few seconds how far a
         long maximisation is. With 2 it prints more of these. Lines go to the logger

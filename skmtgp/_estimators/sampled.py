@@ -53,7 +53,8 @@ class SampledMixin:
     ) -> tuple[pd.DataFrame, pd.DataFrame]:
         """Return intervals of the tasks' correlations.
 
-        If an interval does not contain zero, the two tasks are related.
+        If an interval does not contain zero, the two tasks are related, given the form
+        of the task covariance, see Notes.
 
         Parameters
         ----------
@@ -73,6 +74,13 @@ class SampledMixin:
         ValueError
             If the model has no draws of its hyperparameters, or if `level` is not
             between 0 and 1.
+
+        Notes
+        -----
+        The intervals are conditional on the form of the task covariance. Three forms
+        fix all correlations: independent tasks have 0, rank 1 has -1 or 1, and one
+        function of all tasks has 1. Pass ``rank=2`` or more, or ``diagonal=True``, to
+        learn them.
 
         Examples
         --------

@@ -81,6 +81,10 @@ class SummaryMixin:
 
         Notes
         -----
+        With rank 1 and no functions of each task's own every correlation is -1 or 1,
+        whatever the rows say. :class:`~skmtgp.inspection.TransferDisplay` says whether
+        a task gains from the others.
+
         The column "explained" needs `loo_predict`, which takes about a third of a
         decomposition of the covariance of all samples for each output.
 

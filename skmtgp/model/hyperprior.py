@@ -16,7 +16,7 @@ from scipy.special import gammaln, ndtr, ndtri
 
 # Deviations of logarithms, around the centres below. In 95 of 100 cases length-scales
 # are within a factor of twenty, variances of fifty, so that noise may be more than the
-# rest or next to none, and the amplitude within eight times the targets' deviation.
+# rest or almost none, and the amplitude within seven times the targets' deviation.
 OF_KERNEL, OF_VARIANCE, OF_AMPLITUDE = 1.5, 2.0, 1.0
 # Times where learning starts: it finds its way from smooth functions and little noise,
 # but few rows by themselves take both to be so too easily (benchmarks/intervals.py).

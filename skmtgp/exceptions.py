@@ -8,6 +8,7 @@ __all__ = [
     "ConstantTargetWarning",
     "CorrelatedResidualsWarning",
     "DescriptorWarning",
+    "FixedCorrelationWarning",
     "IncompleteDataWarning",
     "InsufficientMemoryError",
     "JitterWarning",
@@ -134,6 +135,21 @@ class DescriptorWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import DescriptorWarning
     >>> warnings.simplefilter("error", DescriptorWarning)
+    """
+
+
+class FixedCorrelationWarning(UserWarning):
+    """The form of the task covariance fixes the correlations of all tasks.
+
+    Independent tasks have correlation 0, one function of all tasks has 1, and rank 1
+    has -1 or 1, whatever the rows say. An interval of a correlation then tells nothing
+    of the tasks. A rank of 2 or more, or ``diagonal=True``, lets rows tell.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import FixedCorrelationWarning
+    >>> warnings.simplefilter("error", FixedCorrelationWarning)
     """
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.model_selection import StratifiedGroupKFold
 from sklearn.utils import check_random_state
 
+from skmtgp._data.order import refuse_another_order
 from skmtgp._data.splitting import check_most, naming, sets, tasks_of_rows
 
 __all__ = ["TaskStratifiedGroupKFold"]
@@ -106,11 +107,13 @@ class TaskStratifiedGroupKFold(StratifiedGroupKFold):
         ------
         ValueError
             If there is no such column, or a label cannot be used. If `groups` is not
-            given, or is missing in some rows. If a task has only one group, all tasks
+            given, is missing in some rows, or has the index labels of X in another
+            order. If a task has only one group, all tasks
             have fewer than `n_splits`, or groups with several tasks leave a training
             set without a task.
         """
         tasks, codes = tasks_of_rows(self, X, y)
+        refuse_another_order(X, groups, "groups")
         group = _codes_of_groups(groups, len(codes))
         size = group.max(initial=-1) + 1, len(tasks)
         counts = np.bincount(group * size[1] + codes, minlength=np.prod(size))

@@ -5,8 +5,10 @@ import pandas as pd
 PANDAS = pd.Series, pd.DataFrame
 
 
-def refuse_another_order(X, y):
+def refuse_another_order(X, y, name="y"):
     """Raise a ValueError where X and y have the same labels in another order.
+
+    `name` is what y is called.
 
     Labels that are not the same rows' say nothing: features that were scaled have often
     another index.
@@ -18,9 +20,9 @@ def refuse_another_order(X, y):
         return
     if are_of_the_same_rows(of_X, of_y):
         raise ValueError(
-            "y has the index labels of X in another order: X begins with "
-            f"{of_X[0]}, y with {of_y[0]}, and rows belong together by position. "
-            "Give y.loc[X.index], or reset_index(drop=True) of both if they go "
+            f"{name} has the index labels of X in another order: X begins with "
+            f"{of_X[0]}, {name} with {of_y[0]}, and rows belong together by position. "
+            f"Give {name}.loc[X.index], or reset_index(drop=True) of both if they go "
             "together by position."
         )
 

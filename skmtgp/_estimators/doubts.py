@@ -170,10 +170,13 @@ def _warn_of_rivals(problem, mode):
     doubt = doubt_about(problem, mode) if problem.engine.exact else None
     if doubt:
         # more, where that is too little to take another one
-        nats = f"{abs(doubt.nats):.1f} nats {'less' if doubt.nats >= 0.0 else 'more'}"
+        more = "less" if doubt.nats >= 0.0 else "more"
+        nats = f"{abs(doubt.nats):.1f} nats {more} likely than"
+        if nats.startswith("0.0"):
+            nats = "as likely as"
         warn(
-            f"Another mode of {problem.name} is {nats} likely than the one that was "
-            "learned, and predicts differently. The root mean square difference is "
+            f"Another mode of {problem.name} is {nats} the one that was learned, and "
+            "predicts differently. The root mean square difference is "
             f"{doubt.apart:.1f} standard deviations of the targets within tasks, and "
             "more than two standard deviations of either prediction. The rows do not "
             "tell which mode is right. hyperparameters='sampled' averages over both. "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from numbers import Real
 
 import numpy as np
 import pandas as pd
@@ -17,7 +18,7 @@ from skmtgp._numerics.linalg import correlation
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
-from skmtgp.exceptions import SamplingWarning
+from skmtgp.exceptions import FixedCorrelationWarning, SamplingWarning
 from skmtgp.inference.mixture import Mixture
 from skmtgp.learning.sampling import N_CHAINS, THINNED, sample_hyperparameters
 
@@ -29,6 +30,7 @@ FEWEST, LARGEST, MOST_DIVERGENT = 25, 1.2, 0.05
 # intervals of the mode are too narrow (benchmarks/results/intervals.txt), of as many
 # rows in all as take seconds.
 FEW_ROWS_EACH, MOST_ROWS = 16, 500
+FIXED = 1e-9  # how near to 0, 1 or -1 a correlation is that cannot be another
 CHAINS = "effective_sample_size_", "r_hat_", "n_divergences_"
 
 
@@ -75,6 +77,11 @@ class SampledMixin:
             If the model has no draws of its hyperparameters, or if `level` is not
             between 0 and 1.
 
+        Warns
+        -----
+        FixedCorrelationWarning
+            If the form of the task covariance fixes the correlations of all tasks.
+
         Notes
         -----
         The intervals are conditional on the form of the task covariance. Three forms
@@ -98,8 +105,10 @@ class SampledMixin:
         (True, False)
         """
         check_is_fitted(self)
-        if not 0.0 < level < 1.0:
-            raise ValueError(f"level={level} must be between 0 and 1, such as 0.95.")
+        if not isinstance(level, Real) or not 0.0 < level < 1.0:
+            raise ValueError(
+                f"level={level!r} must be one number between 0 and 1, such as 0.95."
+            )
         if not self._is_sampled():
             raise ValueError(
                 "task_correlation_interval needs draws of the hyperparameters, and "
@@ -108,10 +117,12 @@ class SampledMixin:
             )
         tails = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
         parts = np.split(self.theta_samples_, len(self._likelihoods), axis=1)
-        found = [
-            np.quantile(_correlations(likelihood.prior, thetas), tails, axis=0)
+        drawn = [
+            _correlations(likelihood.prior, thetas)
             for likelihood, thetas in zip(self._likelihoods, parts, strict=True)
         ]
+        _warn_of_fixed(drawn)
+        found = [np.quantile(of, tails, axis=0) for of in drawn]
         lower, upper = (
             self._by_output([self._frame(R, self._tasks()) for R in of])
             for of in zip(*found, strict=True)
@@ -245,6 +256,19 @@ class SampledMixin:
         """Predict by the mode."""
         for name in ("theta_samples_", *CHAINS):
             vars(self).pop(name, None)
+
+
+def _warn_of_fixed(drawn):
+    """Say where correlations are 0, 1 or -1 in all draws, as the form has them."""
+    sizes = np.abs(drawn)
+    if sizes.shape[-1] > 1 and (np.minimum(sizes, 1.0 - sizes) < FIXED).all():
+        warn(
+            "The form of the task covariance fixes all correlations of tasks: they are "
+            "0 for independent tasks, 1 for one function, and -1 or 1 for rank 1. "
+            "These intervals say nothing of the tasks. Pass rank=2 or more, or "
+            "diagonal=True, to learn correlations.",
+            FixedCorrelationWarning,
+        )
 
 
 def _correlations(prior, thetas):

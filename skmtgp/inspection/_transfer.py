@@ -385,6 +385,8 @@ def _table(y, of_model, of_alone, codes):
     errors = ["error", "error_alone"]
     table[errors] = np.sqrt(table[errors])
     edge = _edge(table)
+    if len(table) == 1:  # there are no others
+        edge = np.inf
     helped, harmed = table["gain"] > edge, table["gain"] < -edge
     table["verdict"] = np.select([helped, harmed], ["helped", "harmed"], "neither")
     return table

@@ -52,6 +52,16 @@ def test_every_fold_trains_on_every_task(sizes, n_splits, shuffle):
     assert tests.tolist() == [min(n_splits, len(of)) for of in sizes]
 
 
+def test_groups_in_another_order_are_refused():
+    X, groups = table_of([3] * 4, [2] * 4)
+    frame = pd.DataFrame(X, columns=["x", "site"])
+    cv = TaskStratifiedGroupKFold(2, task_feature="site")
+    shuffled = pd.Series(groups).sample(frac=1.0, random_state=0)
+    with pytest.raises(ValueError, match=r"groups has the index .* groups\.loc\[X\.in"):
+        folds(cv, frame, shuffled)
+    assert folds(cv, frame, shuffled.sort_index()) == folds(cv, frame, groups)
+
+
 def test_groups_of_one_size_are_dealt_evenly():
     X, groups = table_of([3] * 11, [2] * 8)
     for _, test in TaskStratifiedGroupKFold(4).split(X, groups=groups):

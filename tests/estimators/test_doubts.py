@@ -93,14 +93,17 @@ def test_another_mode(search):
         model.fit(*apart())
 
 
-@pytest.mark.parametrize("less", ["less", "more"])
-def test_a_mode_that_gained_too_little_is_more_likely(monkeypatch, less):
-    doubt = Doubt(0.4 if less == "less" else -0.4, 0.5)
+@pytest.mark.parametrize(
+    ("nats", "less"),
+    [(0.4, "0.4 nats less"), (-0.4, "0.4 nats more"), (0.01, "as"), (-0.01, "as")],
+)
+def test_a_mode_that_gained_too_little_is_more_likely(monkeypatch, nats, less):
+    doubt = Doubt(nats, 0.5)
     monkeypatch.setattr(doubts, "doubt_about", lambda *of: doubt)
     x = np.linspace(0.0, 6.0, 20)
     X = np.column_stack([np.tile(x, 2), np.repeat([0, 1], 20)])
     # it has no rank, and no restarts: the message says whose they are
-    match = f"is 0.4 nats {less} likely .* of a MultiTaskGPRegressor, whose n_restarts"
+    match = f"is {less} likely .* of a MultiTaskGPRegressor, whose n_restarts"
     with pytest.warns(AmbiguousFitWarning, match=match):
         PooledGP().fit(X, np.tile(np.sin(x), 2) + 0.1 * np.cos(40.0 * X[:, 0]))
 

@@ -18,7 +18,11 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp.exceptions import InsufficientMemoryError, SamplingWarning
+from skmtgp.exceptions import (
+    FixedCorrelationWarning,
+    InsufficientMemoryError,
+    SamplingWarning,
+)
 from skmtgp.learning import sampling
 from skmtgp.learning.sampling import N_CHAINS
 
@@ -196,7 +200,9 @@ def test_several_outputs():
     mean, std = model.predict(Z, return_std=True, include_noise=True)
     assert mean.shape == std.shape == (6, 2)
     assert model.theta_samples_.shape == (8, len(model.theta_))
-    lower, upper = model.task_correlation_interval()
+    with pytest.warns(FixedCorrelationWarning, match="-1 or 1 for rank 1.*rank=2"):
+        lower, upper = model.task_correlation_interval()
+    assert np.isin(np.round([lower, upper], 6), [-1.0, 1.0]).all()
     assert lower.index.names == ["output", "task"]
     assert (lower <= upper).all(axis=None)
     mean, std = model.predict(Z, return_std=True)
@@ -240,9 +246,9 @@ class TestCorrelationInterval:
         with pytest.raises(ValueError, match="hyperparameters='sampled'"):
             mode.task_correlation_interval()
 
-    @pytest.mark.parametrize("level", [0.0, 1.0, 95])
+    @pytest.mark.parametrize("level", [0.0, 1.0, 95, "a", None])
     def test_level(self, model, level):
-        with pytest.raises(ValueError, match=f"level={level} must be between 0 and 1"):
+        with pytest.raises(ValueError, match=f"level={level!r} must be one number"):
             model.task_correlation_interval(level)
 
 
@@ -256,7 +262,8 @@ class TestSearch:
             mode.results_.drop(columns="fit_time"),
         )
         assert search.best_estimator_.theta_samples_.shape[0] == 8
-        assert len(search.task_correlation_interval()) == 2
+        with pytest.warns(FixedCorrelationWarning):
+            assert len(search.task_correlation_interval()) == 2
 
     def test_single_tasks_are_drawn_if_chosen(self):
         """By tasks that differ in length-scale, and in nothing alike."""

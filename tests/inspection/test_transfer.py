@@ -44,6 +44,12 @@ def compared():
 
 
 class TestTable:
+    def test_one_task_has_no_others_to_help_it(self):
+        X, _ = related()
+        X[:, -1] = 0.0
+        display = TransferDisplay.from_estimator(PooledGP().fit(X, np.sin(2 * X[:, 0])))
+        assert display.transfer["verdict"].tolist() == ["neither"]
+
     def test_is_that_of_the_predictions(self, compared):
         model, display = compared
         X, y = related()

@@ -3,6 +3,7 @@
 import building
 import numpy as np
 import pytest
+from quadrature import Grid
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp._numerics.hmc import diagnose, sample
@@ -27,23 +28,6 @@ def likelihood_of(form, *, n=16, kernel=None, seed=0, **options):
     return building.dense(kernel or RBF(1.0), form, X, tasks, y, **options)
 
 
-def on_a_grid(likelihood, n=81):
-    """Means and variances of two logarithms, by the rule of Simpson and prior."""
-    hyperprior = Hyperprior(likelihood.prior)
-    lower, upper = likelihood.prior.bounds()
-    deviation = hyperprior.precision**-0.5
-    axes = [
-        np.linspace(max(a, c - 5 * d), min(b, c + 5 * d), n)
-        for a, b, c, d in zip(lower, upper, hyperprior.centre, deviation, strict=True)
-    ]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
-    logs = [likelihood.value(t) + hyperprior.log_density(t)[0] for t in grid]
-    weights = np.exp(logs - np.max(logs))
-    weights /= weights.sum()
-    mean = weights @ grid
-    return mean, weights @ np.square(grid - mean)
-
-
 def long_run(likelihood, n_draws):
     """A chain, by the same steps as `sample_hyperparameters`, of any length."""
     peak = climb_posterior(likelihood, likelihood.prior.theta())
@@ -55,24 +39,13 @@ def long_run(likelihood, n_draws):
 
 def test_moments_are_those_of_the_posterior():
     likelihood = likelihood_of(ones(2), n=40)
-    mean, variance = on_a_grid(likelihood)
+    mean, variance = Grid(likelihood, 41).moments()
     draws = long_run(likelihood, 1500)
     effective = diagnose(draws[None])[0]
     assert effective.min() > 300
     error = (draws.mean(axis=0) - mean) / np.sqrt(variance / effective)
     assert np.abs(error).max() < 4.0
     np.testing.assert_allclose(draws.var(axis=0), variance, rtol=0.25)
-
-
-@pytest.mark.long
-def test_a_long_run_agrees_within_a_percent():
-    likelihood = likelihood_of(ones(2), n=40)
-    mean, variance = on_a_grid(likelihood, 161)
-    draws = long_run(likelihood, 40_000)
-    deviation = np.sqrt(variance)
-    away = (draws.mean(axis=0) - mean) / deviation
-    np.testing.assert_allclose(away, 0.0, atol=0.02)  # two or three standard errors
-    np.testing.assert_allclose(draws.std(axis=0), deviation, rtol=0.015)
 
 
 def test_draws_of_a_flat_likelihood_are_those_of_the_prior():

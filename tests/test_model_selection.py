@@ -172,7 +172,7 @@ def test_default_ranks_are_capped():
     ("per_task", "most"), [(12, 3), (10, 2), (6, 2), (5, 1), (2, 1), (1, 0)]
 )
 def test_default_ranks_leave_rows_for_each_parameter(per_task, most):
-    """Four; three are enough for rank 2, which has 15 of 8 tasks, 1.5 for rank 1."""
+    """Four; three are enough for rank 2, which has 15 of 8 tasks; two for rank 1."""
     model = clone(MODEL).set_params(max_iter=0)
     search = RankSearchIC(model, simpler=False)
     found = search.fit(*draw(n_tasks=8, per_task=per_task)).results_["rank"]

@@ -8,8 +8,8 @@ from skmtgp.model.task_covariance import low_rank
 # Rows for each number of K^rho, of a rank that nobody asked for. Two functions are
 # worth a look with fewer, if the evidence chooses, and if they are not so many numbers
 # that it cannot be had with those of k^x. Three explain few rows without any noise, and
-# so does one where each task has a single row.
-ROWS, ROWS_OF_TWO, MOST_OF_TWO, ROWS_OF_ONE = 4, 3, 80, 1.5
+# so does one where most tasks have a single row.
+ROWS, ROWS_OF_TWO, MOST_OF_TWO, ROWS_OF_ONE = 4, 3, 80, 2
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
@@ -54,7 +54,7 @@ def rows_for(n_tasks, rank, *, compared=True):
 
     Returns
     -------
-    rows : float
+    rows : int
     """
     n_free = low_rank(n_tasks, rank).n_free if rank else 0
     if rank == 1:

@@ -78,6 +78,14 @@ class TestFewRows:
         mean, std = assert_sound(fitted(model, one, Y[:5]), one)
         assert (np.abs(mean - Y[:5]) <= 5.0 * std).all()
 
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.TaskColumnWarning")
+    def test_one_row_of_each_task_shows_no_rank(self):
+        """Its number in rank 1 would explain it, whatever the function."""
+        x, new = np.random.default_rng(0).uniform(0.0, 6.0, (2, 12))
+        model = MultiTaskGPRegressor().fit(columns(x, np.arange(12)), np.sin(x))
+        mean = model.predict(columns(new, np.arange(12)))
+        np.testing.assert_allclose(mean, np.sin(new), atol=0.05)
+
     @each
     def test_a_task_with_one_row_among_large_ones(self, model):
         tasks = np.where(np.arange(24) == 0, 2, TASKS % 2)

@@ -233,7 +233,19 @@ def fit_target(transform, Y):
         )
     if isinstance(transform, tuple):
         transform = FunctionTransformer(*check_pair(transform), check_inverse=False)
-    return Transformed([Column(transform, y) for y in Y.T])
+    n = Y.shape[1]
+    columns = [_column_of(transform, y, j, n) for j, y in enumerate(Y.T, 1)]
+    return Transformed(columns)
+
+
+def _column_of(transform, y, j, n):
+    """The j-th of n outputs; an error says which it is of."""
+    try:
+        return Column(transform, y)
+    except ValueError as error:
+        if n == 1:
+            raise
+        raise ValueError(f"Output {j} of {n}: {error}") from error
 
 
 def check_pair(transform):

@@ -207,6 +207,13 @@ def test_draws_of_hyperparameters(kind):
     np.testing.assert_allclose(std, deviation_of_mixture(means, variances), rtol=1e-3)
 
 
+def test_errors_name_one_of_several_outputs():
+    Y = np.column_stack([np.ones(30), SIGNED])
+    Y[:, 0] += np.arange(30)
+    with pytest.raises(ValueError, match=r"^Output 2 of 2: .* nan of y\[0\] = -1\.0"):
+        PooledGP(target_transform=LOG).fit(X[:30], Y)
+
+
 def test_add_task():
     own, plain = of_logs("multi-task")
     rows, y = np.array([[1.0, 3], [4.0, 3]]), Y[:2]

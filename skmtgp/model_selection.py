@@ -302,7 +302,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         training = decide(model, training, progress, foretell)
         model.set_params(rank=ranks[-1])
         problems = pose(model, training, n_forms, self._n_kept(n_forms))
-        exact, data = problems[0].engine.exact, problems[0].data  # else it takes long
+        exact, data = problems[0].engine.exact, problems[0].data
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = _settings(model, ranks, simpler=simpler)
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
@@ -361,6 +361,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             self._keep(model, settings, None, *model._tell(training, *decided))
 
     def _asks_simpler(self):
+        """Whether simpler models are tried; "auto" does not where they take long."""
         return self.ranks is None if isinstance(self.simpler, str) else self.simpler
 
     def _keep(self, model, settings, alone, training, of_forms, modes):

@@ -86,8 +86,8 @@ class SampledMixin:
         -----
         The intervals are conditional on the form of the task covariance. Three forms
         fix all correlations: independent tasks have 0, rank 1 has -1 or 1, and one
-        function of all tasks has 1. Pass ``rank=2`` or more, or ``diagonal=True``, to
-        learn them.
+        function of all tasks has 1. A `MultiTaskGPRegressor` with ``rank=2`` or more,
+        or with ``diagonal=True``, learns them.
 
         Examples
         --------
@@ -265,8 +265,8 @@ def _warn_of_fixed(drawn):
         warn(
             "The form of the task covariance fixes all correlations of tasks: they are "
             "0 for independent tasks, 1 for one function, and -1 or 1 for rank 1. "
-            "These intervals say nothing of the tasks. Pass rank=2 or more, or "
-            "diagonal=True, to learn correlations.",
+            "These intervals say nothing of the tasks. A MultiTaskGPRegressor with "
+            "rank=2 or more, or with diagonal=True, learns correlations.",
             FixedCorrelationWarning,
         )
 

@@ -45,7 +45,8 @@ def decide(model, training, progress=None, foretell=None):
     progress : callable, default=None
         Is told what the data say, see `fitting`.
     foretell : callable, default=None
-        Says of problems how long learning will take; before, where this takes long.
+        Is called with problems of many rows before anything is compared. It says how
+        long learning will take.
 
     Returns
     -------

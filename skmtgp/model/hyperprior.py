@@ -3,6 +3,8 @@ r"""Weak priors of the hyperparameters, relative to the scales of the data.
 Logarithms of length-scales, of other parameters of k^x and of variances are normal
 around where learning starts, which is where the user, or the size of the data, puts it;
 those of length-scales around half, and those of noise around three times that value.
+Where each feature has its own length-scale, it may not be needed: with a probability
+the logarithm is normal around a length-scale that is far longer.
 The factor F of K^rho has a direction and an amplitude: the direction is uniform, so
 that no rotation of F is preferred, and the logarithm of the amplitude, the root mean
 square over tasks of the deviation :math:`\sqrt{K^\rho_{mm}}`, is normal around that of
@@ -21,6 +23,10 @@ OF_KERNEL, OF_VARIANCE, OF_AMPLITUDE = 1.5, 2.0, 1.0
 # Times where learning starts: it finds its way from smooth functions and little noise,
 # but few rows by themselves take both to be so too easily (benchmarks/intervals.py).
 SHORTER, NOISIER = 0.5, 3.0
+# Of d features with a length-scale each, this share of d - 1 may not be needed. Their
+# length-scales are longer, by two deviations, so that the sum of both densities has one
+# top. Otherwise many features that tell nothing would make functions rough.
+NOT_NEEDED, LONGER = 0.5, 2.0 * OF_KERNEL
 SHARE = 0.3  # of the targets' variance, around which parts of K^rho are
 
 
@@ -38,6 +44,8 @@ class Hyperprior:
     ----------
     centre, precision : ndarray of shape (n_theta,)
         Of the logarithms; the precision is 0 where theta is a factor, or held.
+    not_needed : ndarray of shape (n_theta,)
+        Probability that the logarithm is around the centre plus `LONGER` instead.
     free : ndarray of bool of shape (n_theta,)
         Whether a parameter is learned.
     """
@@ -51,14 +59,20 @@ class Hyperprior:
         width = np.where(prior.of_kernel, OF_KERNEL, OF_VARIANCE)
         logarithms = self.free & ~prior.of_factor
         self.precision = np.where(logarithms, width**-2.0, 0.0)
+        others = 1.0 - 1.0 / np.maximum(prior.n_length_scales, 1)
+        self.not_needed = NOT_NEEDED * others * logarithms
 
     @cached_property
     def log_constant(self):
         """Of the density with respect to logarithms and directions on the sphere."""
         logs = self.precision > 0.0
         root, ends = np.sqrt(self.precision[logs]), self.prior.bounds()[:, logs]
-        lower, upper = ndtr(root * (ends - self.centre[logs]))
-        constant = np.log(root / np.sqrt(2.0 * np.pi) / (upper - lower)).sum()
+        away, share = ends - self.centre[logs], self.not_needed[logs]
+        near, far = (
+            np.diff(ndtr(root * of), axis=0)[0] for of in (away, away - LONGER)
+        )
+        inside = near + share * (far - near)
+        constant = np.log(root / np.sqrt(2.0 * np.pi) / inside).sum()
         size = self.prior.of_factor.sum()
         if size:
             sphere = np.log(2.0) + 0.5 * size * np.log(np.pi) - gammaln(0.5 * size)
@@ -84,6 +98,8 @@ class Hyperprior:
         away = theta - self.centre
         gradient = -self.precision * away
         value = 0.5 * float(gradient @ away)
+        of_longer, slope = self._longer(away)
+        value, gradient = value + of_longer, gradient + slope
         of_factor = self.prior.of_factor
         if of_factor.any():
             square = float(np.square(theta[of_factor]).sum())
@@ -96,6 +112,18 @@ class Hyperprior:
                 -log_amplitude / OF_AMPLITUDE / square * theta[of_factor]
             )
         return value, gradient
+
+    def _longer(self, away):
+        """What features that may not be needed add to the log density, and its slope.
+
+        It is the logarithm of a mixture of two normal densities over the first of them.
+        """
+        slope, mixed = np.zeros(len(away)), self.not_needed > 0.0
+        share, precision = self.not_needed[mixed], self.precision[mixed]
+        odds = np.log(share) + precision * LONGER * (away[mixed] - 0.5 * LONGER)
+        both = np.logaddexp(np.log1p(-share), odds)
+        slope[mixed] = precision * LONGER * np.exp(odds - both)
+        return float(both.sum()), slope
 
     def information(self):
         """Its precision, of shape (n_theta, n_theta), but for that of F."""
@@ -125,7 +153,8 @@ class Hyperprior:
         moved = (self.precision > 0.0) & among
         reach = deviations / np.sqrt(self.precision[moved])
         near, centre = theta.copy(), self.centre[moved]
-        near[moved] = np.clip(theta[moved], centre - reach, centre + reach)
+        farthest = centre + reach + LONGER * (self.not_needed[moved] > 0.0)
+        near[moved] = np.clip(theta[moved], centre - reach, farthest)
         return np.clip(near, *self.prior.bounds())
 
     def draw(self, rng, share=1.0):
@@ -144,7 +173,10 @@ class Hyperprior:
         """
         lower, upper = self.prior.bounds()
         theta, logs = self.centre.copy(), self.precision > 0.0
-        centre, deviation = self.centre[logs], share * self.precision[logs] ** -0.5
+        deviation = share * self.precision[logs] ** -0.5
+        centre, chance = self.centre[logs], self.not_needed[logs]
+        mixed = chance > 0.0
+        centre[mixed] += LONGER * (rng.uniform(size=mixed.sum()) < chance[mixed])
         ends = np.array([lower[logs], upper[logs]])
         least, most = ndtr((ends - centre) / deviation)
         drawn = centre + deviation * ndtri(rng.uniform(least, most))

@@ -477,17 +477,24 @@ class Prior:
         return np.arange(self.n_theta) < self.kernel.n_dims
 
     @cached_property
-    def of_length_scales(self):
-        """Which are logarithms of length-scales of k^x; a mask."""
-        mask = np.zeros(self.n_theta, dtype=bool)
+    def n_length_scales(self):
+        """Of how many length-scales of k^x each element is one; 0 if it is none."""
+        counts = np.zeros(self.n_theta, dtype=int)
         found = [
-            np.full(part.n_elements, part.name.endswith("length_scale"))
+            np.full(
+                part.n_elements, part.n_elements * part.name.endswith("length_scale")
+            )
             for kernel in self.kernels
             for part in kernel.hyperparameters
             if not part.fixed
         ]
-        mask[self.of_kernel] = np.concatenate(found) if found else False
-        return mask
+        counts[self.of_kernel] = np.concatenate(found) if found else 0
+        return counts
+
+    @property
+    def of_length_scales(self):
+        """Which are logarithms of length-scales of k^x; a mask."""
+        return self.n_length_scales > 0
 
     @property
     def factor_shape(self):

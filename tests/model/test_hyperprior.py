@@ -9,7 +9,7 @@ from scipy.stats import norm
 from sklearn.gaussian_process.kernels import RBF, RationalQuadratic
 
 from skmtgp.model.described import task_covariance
-from skmtgp.model.hyperprior import OF_KERNEL, OF_VARIANCE, Hyperprior
+from skmtgp.model.hyperprior import LONGER, OF_KERNEL, OF_VARIANCE, Hyperprior
 from skmtgp.model.task_covariance import identity, low_rank
 
 FORMS = {
@@ -106,7 +106,7 @@ def test_units_of_the_targets_cost_nothing():
 
 
 def test_draws_have_the_spread_that_is_documented():
-    hyperprior = hyperprior_of(low_rank(3, 1))
+    hyperprior = Hyperprior(building.prior(RBF(1.0), low_rank(3, 1), levels=True))
     rng = np.random.default_rng(0)
     draws = np.array([hyperprior.draw(rng) for _ in range(4000)])
     prior = hyperprior.prior
@@ -116,6 +116,72 @@ def test_draws_have_the_spread_that_is_documented():
     sizes = np.log(np.linalg.norm(draws[:, prior.of_factor], axis=1) / np.sqrt(3))
     assert sizes.mean() == pytest.approx(0.0, abs=0.05)
     assert sizes.std() == pytest.approx(1.0, rel=0.05)
+
+
+def length_scales_of(d, bounds=(1e-20, 1e20)):
+    return Hyperprior(building.prior(RBF(np.ones(d), bounds), identity(2)))
+
+
+def mixture(d, u):
+    """Density of the logarithm of one of d length-scales, of which half may be long."""
+    share, centre = 0.5 * (1.0 - 1.0 / d), np.log(0.5)
+    near, far = (norm.pdf(u, centre + of, OF_KERNEL) for of in (0.0, LONGER))
+    return (1.0 - share) * near + share * far
+
+
+@pytest.mark.parametrize("d", [1, 2, 18])
+@pytest.mark.parametrize("bounds", [(1e-20, 1e20), (0.3, 4.0)])
+def test_length_scales_of_several_features_may_be_long(d, bounds):
+    """The density is that of the definition, and normalised within the bounds."""
+    hyperprior = length_scales_of(d, bounds)
+    theta = hyperprior.centre
+    inside = quad(lambda u: mixture(d, u), *np.log(bounds), points=[0.0, 3.0])[0]
+    # The noise, at its centre, and the other length-scales, as the first:
+    noise = hyperprior.prior.bounds()[:, -1]
+    of_noise = norm.pdf(0.0, 0.0, OF_VARIANCE)
+    of_noise /= np.diff(norm.cdf(noise, theta[-1], OF_VARIANCE))[0]
+    for u in (-1.0, 0.3, 1.3):
+        at = np.where(hyperprior.prior.of_length_scales, u, theta)
+        found = hyperprior.log_density(at)[0] + hyperprior.log_constant
+        expected = d * np.log(mixture(d, u) / inside) + np.log(of_noise)
+        assert found == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("d", [1, 2, 18])
+def test_draws_of_length_scales_are_of_the_mixture(d):
+    hyperprior, rng = length_scales_of(d), np.random.default_rng(0)
+    draws = np.array([hyperprior.draw(rng)[:d] for _ in range(6000 // d)]).ravel()
+
+    def below(u):
+        return quad(lambda v: mixture(d, v), -15.0, u, points=[-1.0, 2.0])[0]
+
+    at = [-2.0, 0.0, 2.0, 4.0]
+    found = np.mean(draws[:, None] < at, axis=0)
+    np.testing.assert_allclose(found, [below(u) for u in at], atol=0.03)
+
+
+def test_a_feature_that_tells_nothing_costs_little_more_with_a_longer_scale():
+    """The density has one top, and falls by a nat at most up to 40 times the centre."""
+    hyperprior = length_scales_of(18)
+    theta = hyperprior.centre.copy()
+    values = []
+    for times in np.geomspace(1.0, 40.0, 20):
+        theta[0] = hyperprior.centre[0] + np.log(times)
+        values.append(hyperprior.log_density(theta)[0])
+    assert values[0] - min(values) < 1.0
+    top = int(np.argmax(values))
+    assert (np.diff(values[: top + 1]) > 0.0).all()
+    assert (np.diff(values[top:]) < 0.0).all()
+
+
+def test_near_leaves_a_long_length_scale():
+    hyperprior = length_scales_of(2)
+    theta = hyperprior.centre.copy()
+    theta[0] += LONGER + 3.0 * OF_KERNEL
+    theta[1] += LONGER + 5.0 * OF_KERNEL
+    near = hyperprior.near(theta, 3.0, hyperprior.prior.of_length_scales)
+    assert near[0] == theta[0]
+    assert near[1] == pytest.approx(theta[0])
 
 
 def test_draws_are_within_the_bounds():

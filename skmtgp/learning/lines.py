@@ -2,7 +2,7 @@
 
 import numpy as np
 
-MANY = 500  # rows, which tell noise from curves
+MANY = 500  # rows, which tell noise from curves; fewer take little to be learned
 BY_CHANCE = 5.0  # standard deviations of a variance
 
 
@@ -26,25 +26,43 @@ def may_be_lines(problem, mode):
     least = problem.tuning.long * X.std(axis=0)
     if not all((scale > least).all() for scale in scales):
         return False
-    plain = problem.data.known is None and problem.prior.trend is None
-    return len(X) < MANY or not plain or _planes_explain(problem, mode)
+    if problem.data.known is not None or problem.prior.trend is not None:
+        return True
+    asks = _planes_explain if len(X) >= MANY else _planes_may_be_likelier
+    return asks(problem, mode)
 
 
 def _planes_explain(problem, mode):
     """Whether a plane of each task leaves no more than the noise that was learned."""
-    data, rest, freedom = problem.data, 0.0, 0
     noise = problem.likelihood_at(mode).noise_of_rows(
         np.atleast_1d(problem.prior.values(mode.theta).noise)
     )
+    left = _left_by_planes(problem.data, noise)
+    rest, freedom = left[:, 0].sum(), (left[:, 1] - left[:, 2]).sum()
+    return rest <= freedom + BY_CHANCE * np.sqrt(2.0 * freedom)
+
+
+def _planes_may_be_likelier(problem, mode):
+    """Whether a plane of each task is at least as likely as the curves are.
+
+    Its coefficients and noise are the likeliest, so no model of lines is likelier.
+    """
+    left = _left_by_planes(problem.data, np.ones(len(problem.data)))
+    squares, counts, _ = left.T if problem.prior.n_noise > 1 else left.sum(axis=0)
+    with np.errstate(divide="ignore"):  # planes through all rows
+        logs = counts * np.log(2.0 * np.pi * np.e * squares / counts)
+    return -0.5 * logs.sum() >= problem.log_likelihood(mode)
+
+
+def _left_by_planes(data, noise):
+    """Of each task what the likeliest plane leaves, squared, rows, and coefficients."""
     deviation = data.X.std(axis=0)
     x = (data.X - data.X.mean(axis=0)) / np.where(deviation > 0.0, deviation, 1.0)
-    columns = np.column_stack([np.ones(len(data)), x])
-    for task in range(data.n_tasks):
-        own = data.tasks == task
+    columns, left = np.column_stack([np.ones(len(data)), x]), []
+    for own in (data.tasks == task for task in range(data.n_tasks)):
         H, y = (
             of[own] / np.sqrt(noise[own, None]) for of in (columns, data.y[:, None])
         )
         coefficients, _, rank, _ = np.linalg.lstsq(H, y)
-        rest += np.square(y - H @ coefficients).sum()
-        freedom += own.sum() - rank
-    return rest <= freedom + BY_CHANCE * np.sqrt(2.0 * freedom)
+        left.append((np.square(y - H @ coefficients).sum(), own.sum(), rank))
+    return np.array(left)

@@ -1,11 +1,16 @@
 """Functions that may be straight lines."""
 
+from dataclasses import replace
+
 import building
 import numpy as np
 import pytest
 from drawn import mode_at
+from scipy.stats import norm
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
+from sklearn.linear_model import LinearRegression
 
+from skmtgp.kernels import ARDLinear
 from skmtgp.learning import lines
 from skmtgp.learning.lines import may_be_lines
 from skmtgp.model.task_covariance import identity
@@ -14,13 +19,14 @@ M = 3
 PLAIN, SCALED = RBF([1.0, 1.0]), ConstantKernel() * RBF(1.0)
 
 
-def learned(curve=0.0, *, scale=8.0, kernel=PLAIN, seed=0):
+def learned(curve=0.0, *, scale=8.0, kernel=PLAIN, seed=0, n_noise=1):
     """A problem of planes and a curve, and a mode with noise of 0.1, the truth."""
     rng = np.random.default_rng(seed)
     tasks, x = np.repeat(np.arange(M), 40), rng.standard_normal((120, 2))
     y = (rng.standard_normal((M, 2))[tasks] * x).sum(axis=1) + tasks
     y += curve * x[:, 0] ** 2 + np.sqrt(0.1) * rng.standard_normal(len(y))
-    problem = building.problem(kernel, identity(M), building.data(x, tasks, y, M))
+    data = building.data(x, tasks, y, M)
+    problem = building.problem(kernel, identity(M), data, n_noise=n_noise)
     theta = problem.theta()
     theta[problem.prior.of_kernel] = np.log(scale)
     theta[problem.prior.of_noise] = np.log(0.1)
@@ -36,6 +42,51 @@ def test_length_scales_are_long(scale, kernel):
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("curve", [0.0, 0.5])
 def test_of_many_rows_planes_must_leave_noise(curve, seed, monkeypatch):
-    assert may_be_lines(*learned(curve, seed=seed))
     monkeypatch.setattr(lines, "MANY", 100)
     assert may_be_lines(*learned(curve, seed=seed)) == (curve == 0.0)
+
+
+@pytest.mark.parametrize("n_noise", [1, M])
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("curve", [0.0, 0.5])
+def test_of_few_rows_planes_must_be_as_likely_as_curves(curve, seed, n_noise):
+    """The likelihood of planes is that of scikit-learn's least squares and their noise.
+
+    It is a bound to that of lines with any prior.
+    """
+    problem, mode = learned(curve, seed=seed, n_noise=n_noise)
+    data, variances = problem.data, np.empty(M)
+    for task in range(M):
+        X, y = data.X[data.tasks == task], data.y[data.tasks == task]
+        rest = y - LinearRegression().fit(X, y).predict(X)
+        variances[task] = np.mean(rest**2)
+    variances = variances if n_noise > 1 else np.full(M, variances.mean())
+    bound = 40 * (norm.logpdf(0.0, scale=np.sqrt(variances)) - 0.5).sum()
+    at = [mode_with(mode, problem, value) for value in (bound - 0.01, bound + 0.01)]
+    assert [may_be_lines(problem, of) for of in at] == [True, False]
+    lines_of = with_lines(problem)
+    theta = lines_of.theta()
+    theta[lines_of.prior.of_noise] = np.log(variances[:n_noise])
+    assert lines_of.likelihood().value(theta) < bound
+
+
+def mode_with(mode, problem, likelihood):
+    """The mode as if it had another likelihood."""
+    return mode._replace(value=likelihood + problem.log_density(mode.theta))
+
+
+def with_lines(problem):
+    """The same with a linear kernel."""
+    kernel = ARDLinear(np.ones(2), 1.0)
+    return replace(problem, prior=replace(problem.prior, kernel=kernel))
+
+
+def test_planes_through_all_rows_may_be_likelier():
+    """Each task has as many rows as a plane has coefficients."""
+    rng = np.random.default_rng(0)
+    tasks, x = np.repeat(np.arange(M), 3), rng.standard_normal((9, 2))
+    data = building.data(x, tasks, rng.standard_normal(9), M)
+    problem = building.problem(PLAIN, identity(M), data)
+    theta = problem.theta()
+    theta[problem.prior.of_kernel] = np.log(8.0)
+    assert may_be_lines(problem, mode_at(problem, theta))

@@ -30,6 +30,7 @@ CHOICES = [
     {"rank": 1, "diagonal": True},
     {"noise_variance_bounds": (1e-2, 1e3)},
     {"n_restarts_optimizer": 2},
+    {"hyperparameters": "map"},
 ]
 
 

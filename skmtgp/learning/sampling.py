@@ -26,11 +26,11 @@ from skmtgp.learning.evidence import climb_posterior, log_evidence
 N_CHAINS = 4  # as many agree by chance seldom enough
 N_WARM = 100  # trajectories of each, half of them for the metric, half with it
 THINNED = 5  # trajectories of which one is kept for predictions
-# Half a turn around a normal density. A quarter of a turn is enough for that, but not
-# for the curved density of few rows, where chains then disagree (R-hat, as
-# benchmarks/intervals.py prints it).
-LENGTH = 3.2
-LEAPS = 12  # steps of a trajectory, about
+# Most of a turn around a normal density. A quarter is enough for that, but not for the
+# curved density of few rows: there half a turn has half the effective sample size of
+# this, and chains disagree more often (R-hat; benchmarks/samplers.py).
+LENGTH = 5.0
+LEAPS = 20  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new
 NARROWER = 0.5  # deviations of these, of the prior's: its tails lead nowhere
 SAME = 0.3  # of logarithms and correlations, between modes that are one

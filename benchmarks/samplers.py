@@ -1,17 +1,17 @@
 """Draws of hyperparameters: this package's sampler beside those of other libraries.
 
-``python benchmarks/samplers.py`` draws data as intervals.py does, learns the mode at the
-true rank, and draws from the same posterior with
+``python benchmarks/samplers.py`` draws data as intervals.py does, learns the mode at
+the true rank, and draws from the same posterior with
 
-- "skmtgp": Hamiltonian Monte Carlo, 4 chains, which start from all modes that are found;
+- "skmtgp": Hamiltonian Monte Carlo, 4 chains that start from all modes that are found;
 - "nutpie": NUTS, 4 chains, with the log density as a Python function;
 - "emcee": an ensemble of walkers, which needs no gradient.
 
-The others move in the same coordinates, divided by the deviations of Laplace's method at
-the likeliest mode, and start from draws of its normal density. They are left out where
-they are not installed. For each it prints seconds, evaluations of the density, the
-effective sample size of the hyperparameter or correlation for which it is least, the
-largest R-hat, and the effective size for 1000 evaluations: medians over the draws.
+The others move in the same coordinates, divided by the deviations of Laplace's method
+at the likeliest mode, and start from draws of its normal density. They are left out
+where they are not installed. For each it prints seconds, evaluations of the density,
+the effective sample size of the hyperparameter or correlation for which it is least,
+the largest R-hat, and the effective size for 1000 evaluations: medians over the draws.
 """
 
 import argparse
@@ -37,8 +37,8 @@ class Whitened:
     """The log posterior, in deviations around its likeliest mode."""
 
     def __init__(self, likelihood, theta):
-        self.density, self.middle, *_ = climb_posterior(likelihood, theta)
         peak = climb_posterior(likelihood, theta)
+        self.density, self.middle = peak.density, peak.x
         values, vectors = peak.curvature()
         self.scale = vectors / np.sqrt(values)
         self.size, self.n_evaluations = len(self.middle), 0

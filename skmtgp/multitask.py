@@ -230,7 +230,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes ten to a hundred times as long.
+          uncertain. It takes ten to 200 times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, with sparse inference, too. With more rows it is "laplace",
           or "mode" with sparse inference. With several kernels it is "mode".

@@ -97,7 +97,7 @@ class SampledMixin:
         >>> x, task = rng.uniform(0, 6, 45), np.repeat([0, 1, 2], 15)
         >>> y = np.array([1, -2, 0.5])[task] * np.sin(x + (task == 2))
         >>> y += 0.1 * rng.standard_normal(45)
-        >>> options = {"hyperparameters": "sampled", "n_draws": 32}
+        >>> options = {"hyperparameters": "sampled", "n_draws": 60}
         >>> model = MultiTaskGPRegressor(rank=2, **options)
         >>> model = model.fit(np.column_stack([x, task]), y)
         >>> lower, upper = model.task_correlation_interval(0.9)

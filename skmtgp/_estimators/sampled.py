@@ -95,7 +95,7 @@ class SampledMixin:
         >>> from skmtgp import MultiTaskGPRegressor
         >>> rng = np.random.default_rng(3)
         >>> x, task = rng.uniform(0, 6, 45), np.repeat([0, 1, 2], 15)
-        >>> y = np.array([1, -2, 0.5])[task] * np.sin(x + (task == 2))
+        >>> y = np.array([1, -2, 0.5])[task] * np.sin(x + 1.5 * (task == 2))
         >>> y += 0.1 * rng.standard_normal(45)
         >>> options = {"hyperparameters": "sampled", "n_draws": 60}
         >>> model = MultiTaskGPRegressor(rank=2, **options)

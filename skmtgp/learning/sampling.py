@@ -27,8 +27,8 @@ N_CHAINS = 4  # as many agree by chance seldom enough
 N_WARM = 100  # trajectories of each, half of them for the metric, half with it
 THINNED = 5  # trajectories of which one is kept for predictions
 # Most of a turn around a normal density. A quarter is enough for that, but not for the
-# curved density of few rows: there half a turn has half the effective sample size of
-# this, and chains disagree more often (R-hat; benchmarks/samplers.py).
+# curved density of few rows: there half a turn had half the effective sample size of
+# this, and chains disagreed more often. benchmarks/samplers.py prints both.
 LENGTH = 5.0
 LEAPS = 20  # steps of a trajectory, about
 MOST_STARTS, ENOUGH = 8, 3  # from the prior; so many in a row that find nothing new

@@ -17,7 +17,7 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test test-long coverage test-oldest fuzz lint docs \
+.PHONY: help demo demo-short test test-long test-longest coverage test-oldest fuzz lint docs \
     test-pages dist release-check \
     bench bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
     paper-page clean
@@ -27,6 +27,7 @@ help:
 	@echo 'make demo-short   the same, smaller'
 	@echo 'make test         run all tests but the long ones: minutes'
 	@echo 'make test-long    the long ones: clusters, whole data, hard modes'
+	@echo 'make test-longest  draws against sums over grids and draws of the priors: minutes'
 	@echo 'make coverage     all tests, and which lines and branches they miss'
 	@echo 'make test-oldest  make test with the oldest supported versions, on Python 3.11'
 	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
@@ -62,6 +63,9 @@ test: $(VENV)/ready-to-test
 test-long: $(VENV)/ready-to-test
 	$(PYTEST) -m long $(PYTESTFLAGS)
 
+test-longest: $(VENV)/ready-to-test
+	$(PYTEST) -m longest $(PYTESTFLAGS)
+
 # coverage's own percentage counts lines and branches together.
 PERCENT := import json, sys; t = json.load(sys.stdin)["totals"]; \
     print("Covered: {:.1%} of lines, {:.1%} of branches".format( \
@@ -69,7 +73,7 @@ PERCENT := import json, sys; t = json.load(sys.stdin)["totals"]; \
         t["covered_branches"] / t["num_branches"]))
 
 coverage: $(VENV)/ready-to-test
-	$(PYTEST) -m 'long or not long' --cov --cov-report= $(PYTESTFLAGS)
+	$(PYTEST) -m 'not longest' --cov --cov-report= $(PYTESTFLAGS)
 	@$(BIN)/coverage json -q -o - | $(BIN)/python -c '$(PERCENT)'
 	$(BIN)/coverage report --fail-under=95
 
@@ -129,7 +133,7 @@ dist: $(VENV)/ready-to-build
 
 # In this order, also with make -j: the first failure ends it. What is left to fill in
 # is said when all else has passed. Less of it: make release-check RELEASE="lint dist".
-RELEASE ?= lint dist test docs test-pages test-long
+RELEASE ?= lint dist test docs test-pages test-long test-longest
 release-check:
 	@for target in $(RELEASE); do \
 	    echo "make $$target"; $(MAKE) --no-print-directory $$target || exit 1; done

@@ -4,7 +4,7 @@ import numpy as np
 
 from skmtgp.model.hyperprior import Hyperprior
 
-OUTSIDE = 20.0  # nats below the top, where a grid ends
+OUTSIDE = 17.0  # nats below the top, where a grid ends
 
 
 class Grid:

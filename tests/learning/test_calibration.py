@@ -1,5 +1,7 @@
 """Simulation-based calibration of the draws of hyperparameters (Talts et al., 2018)."""
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 from joblib import Parallel, delayed
@@ -13,16 +15,13 @@ from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.longest
 N_SETS, N_ROWS, N_TASKS, N_BINS = 200, 5, 2, 5
+SHORT = {"N_WARM": 40, "THINNED": 2, "LENGTH": 3.2, "LEAPS": 12}  # there are many sets
 
 
 def share_below(seed):
-    """Share of the draws below the true quantities, of a data set of true draws.
-
-    Chains are short, for there are many data sets. It runs in a process of its own.
-    """
-    sampling.N_WARM, sampling.THINNED, sampling.LENGTH = 40, 2, 3.2
+    """Share of the draws below the true quantities, of a data set of true draws."""
     rng = np.random.default_rng(seed)
     prior = Prior(RBF([1.0, 1.0]), low_rank(N_TASKS, 2))
     hyperprior = Hyperprior(prior)
@@ -35,7 +34,8 @@ def share_below(seed):
     y = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(K)))
     likelihood = DenseLikelihood(prior, X, tasks, y)
     start = [(likelihood, hyperprior.draw(rng, 0.1))]
-    drawn = sample_hyperparameters(start, n_draws=40, seed=[seed])
+    with patch.multiple(sampling, **SHORT):
+        drawn = sample_hyperparameters(start, n_draws=40, seed=[seed])
     found = np.array([quantities(prior, draw) for draw in drawn.theta])
     return np.mean(found < quantities(prior, theta), axis=0)
 

@@ -9,7 +9,7 @@ from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.learning.forecast import FEW
+from skmtgp.learning.forecast import are_many
 from skmtgp.learning.screening import (
     as_large,
     criterion,
@@ -73,7 +73,7 @@ def _decided(model, training, foretell):
     candidates = [training.with_units(of) for of in units]
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
-    if foretell is not None and len(training.Y) >= FEW:
+    if foretell is not None and are_many(*training.Y.shape):
         foretell(pose(model, candidates[0]))
         candidates = [replace(of, foretold=True) for of in candidates]
     with limit_threads(len(training.Y)):

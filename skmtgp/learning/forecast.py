@@ -7,7 +7,7 @@ import numpy as np
 
 from skmtgp._numerics.parallel import limit_threads
 
-FEW = 1500  # rows: what fewer take is not worth saying
+FEW = 1500  # rows: what one model of fewer takes is not worth saying
 SAMPLE, TIMED = 500, 2  # rows of the evaluations that are timed, and how many are
 COARSE, FINE = 250, 120  # evaluations that a model takes at each level, roughly
 
@@ -49,13 +49,19 @@ class Forecast(NamedTuple):
         )
 
 
-def is_large(problem):
-    """Whether likelihoods take so long that a user should know.
+def are_many(n_rows, n_models=1):
+    """Whether learning so many models of so many rows may take long."""
+    return n_rows * np.cbrt(n_models) >= FEW
+
+
+def is_large(problem, n_models=1):
+    """Whether likelihoods of so many models take so long that a user should know.
 
     Exact ones take it with the side of their matrices, bounds with all rows.
     """
     engine, data = problem.engine, problem.data
-    return (engine.side(data) if engine.exact else len(data)) >= FEW
+    n_rows = engine.side(data) if engine.exact else len(data)
+    return are_many(n_rows, n_models)
 
 
 def foresee(problems, n_forms=1):
@@ -76,11 +82,10 @@ def foresee(problems, n_forms=1):
     forecast : Forecast
         Nothing where there are few rows.
     """
-    problem = problems[0]
-    if not is_large(problem):
+    problem, n_models = problems[0], len(problems) * n_forms
+    if not is_large(problem, n_models):
         return Forecast([], [], 0.0)
     sides = [problem.engine.side(of.data) for of in problem.coarse_to_fine()]
-    n_models = len(problems) * n_forms
     counts = [COARSE] + [FINE] * (len(sides) - 1)
     return Forecast(sides, [n * n_models for n in counts], _pace(problem))
 

@@ -8,7 +8,7 @@ from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP, single_task
-from skmtgp._estimators import base, deciding, doubts
+from skmtgp._estimators import base, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
 from skmtgp.learning.forecast import Forecast, foresee
@@ -30,6 +30,14 @@ def test_more_models_take_longer(few):
 
 def test_few_rows_are_not_foreseen():
     assert foresee([pose(draw(np.eye(3)))]).seconds == 0.0
+
+
+def test_few_rows_of_many_models_are(monkeypatch):
+    problem = pose(draw(np.eye(3)))  # of 36 rows
+    monkeypatch.setattr(forecast, "FEW", 71)
+    monkeypatch.setattr(forecast, "SAMPLE", 12)
+    assert foresee([problem] * 7).seconds == 0.0
+    assert foresee([problem] * 2, 4).seconds > 0.0  # eight: as one of 72 rows
 
 
 def test_it_grows_with_the_cube_of_the_rows(few, monkeypatch):
@@ -79,7 +87,6 @@ def test_with_verbose_it_is_said_how_much_there_is_to_do(few, make, told):
 
 @pytest.mark.parametrize("make", [lambda of: of, RankSearchIC])
 def test_it_is_said_once_and_before_units_are_chosen(few, make, told, monkeypatch):
-    monkeypatch.setattr(deciding, "FEW", 30)
     monkeypatch.setattr(doubts, "LONG", 1e-3)
     data = draw(np.eye(3))
     gp = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, max_iter=3, verbose=1)

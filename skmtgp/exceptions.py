@@ -5,6 +5,7 @@ import numpy as np
 __all__ = [
     "AmbiguousFitWarning",
     "AngleUnitWarning",
+    "BinaryTargetWarning",
     "ConstantTargetWarning",
     "CorrelatedResidualsWarning",
     "DescriptorWarning",
@@ -83,6 +84,21 @@ class AngleUnitWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import AngleUnitWarning
     >>> warnings.simplefilter("error", AngleUnitWarning)
+    """
+
+
+class BinaryTargetWarning(UserWarning):
+    """The targets of an output have only two values, such as 0 and 1.
+
+    A Gaussian process takes noise for normal, and here it is not. Predictions are of
+    the mean, which may be below 0 or above 1. All tasks have the same noise: that of a
+    task with one step from one value to the other would be learned as zero.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import BinaryTargetWarning
+    >>> warnings.simplefilter("ignore", BinaryTargetWarning)
     """
 
 

@@ -88,10 +88,11 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         tasks, ``rank=0, shared=True``.
 
         None tries 0, 1, 2, ... up to 6 or the number of tasks, as long as there are
-        four samples for each free parameter of the task covariance. Three are enough
-        for up to 80 parameters of rank 2 if the evidence may choose (`criterion` "auto"
-        or "laplace", exact inference), and two for any rank if the estimator's
-        `hyperparameters` are "sampled", or "auto" with at most 500 samples.
+        four samples for each free parameter of the task covariance. Two are enough for
+        rank 1. Three are enough for up to 80 parameters of rank 2 if the evidence may
+        choose (`criterion` "auto" or "laplace", exact inference), and two for any rank
+        if the estimator's `hyperparameters` are "sampled", or "auto" with at most 500
+        samples.
         Sparse inference stops when two ranks in a row are worse than a lower one. The
         paper has (2, 4, 5, 6, 8, 10).
 

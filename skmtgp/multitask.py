@@ -87,7 +87,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           symmetry (see `diagonal`);
         - ranks 1, 2, 3, ..., until two in a row are worse than the best. A task
           covariance of rank r has about r M parameters for M tasks, and needs four rows
-          for each; three are enough for each of up to 80 parameters of rank 2;
+          for each. Two are enough for rank 1, and three for up to 80 parameters of
+          rank 2;
         - if the data have noise: a rank less than the best one, with a diagonal. One
           task may have a function to itself. Variances of the diagonal that vanish do
           not count.

@@ -21,6 +21,7 @@ from skmtgp._data.task_column import locate_task_column, read_table, split_table
 from skmtgp._support.guide import NOISE, PARALLEL
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
+    BinaryTargetWarning,
     ConstantTargetWarning,
     RepeatedRowsWarning,
     TaskColumnWarning,
@@ -459,6 +460,19 @@ def warn_of_constants(constant):
             f"Output{which} is constant in training: the standard deviations of its "
             "predictions mean nothing. Check y, or leave it out.",
             ConstantTargetWarning,
+        )
+
+
+def warn_of_binary(binary):
+    """Say which outputs have two values alone, from whether each has."""
+    if binary.any():
+        which = f" {(np.flatnonzero(binary) + 1).tolist()}" * (len(binary) > 1)
+        warn(
+            f"Output{which} has only two values in training. Its noise is not normal: "
+            "predictions are of the mean, and intervals may go beyond both values. For "
+            "probabilities of a class take a classifier, such as scikit-learn's "
+            "GaussianProcessClassifier.",
+            BinaryTargetWarning,
         )
 
 

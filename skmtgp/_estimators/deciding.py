@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp._data.checks import warn_of_constant_tasks
+from skmtgp._data.checks import warn_of_binary, warn_of_constant_tasks
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import shared_units, units_of_tasks
@@ -55,6 +55,7 @@ def decide(model, training, progress=None, foretell=None):
     """
     constant = training.tasks[training.constant]
     warn_of_constant_tasks(constant, own_noise=model.noise == "per_task")
+    warn_of_binary(training.binary)
     training = _decided(model, training, foretell)
     report = progress and "auto" in (model.normalize_y, model.noise)
     report = report and progress(
@@ -115,6 +116,8 @@ def kinds_of_noise(model, training):
     if fixed or len(training.tasks) == 1 or model.max_iter == 0:
         return ["shared"]
     if training.constant.any():  # its own noise would vanish, and k^x follow it alone
+        return ["shared"]
+    if training.binary.any():  # so would that of a task with one step
         return ["shared"]
     return ["shared", "per_task"]
 

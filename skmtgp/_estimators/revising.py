@@ -30,6 +30,7 @@ from skmtgp.learning.weighing import (
     is_weighed,
     may_be_weighed,
     summed,
+    weighed,
 )
 
 # Nats that noise of each task must gain where functions may have followed it.
@@ -70,7 +71,7 @@ def revise(model, training, problems, modes, learn):
 
 def _with_kernel(model, training, problems, modes):
     """The same with the k^x that is best for the best form of K^rho."""
-    best, n_jobs = int(np.argmax(_criteria(problems, modes))), model.n_jobs
+    best, n_jobs = _best(problems, modes), model.n_jobs
     found = list(zip(problems[best], modes[best], strict=True))
     names, found = rougher(model, training, found, n_jobs)
     if len(names) == 1:
@@ -87,7 +88,7 @@ def _with_lines(model, training, problems, modes, learn):
     Other forms of K^rho may be best then. Where tasks were measured at different inputs
     it is not asked: lines go on where there are no rows.
     """
-    best = int(np.argmax(_criteria(problems, modes)))
+    best = _best(problems, modes)
     of_best = problems[best], modes[best]
     asks = _asks_for_lines(model, training, problems[best][0])
     if not (asks and all(map(may_be_lines, *of_best))):
@@ -128,8 +129,7 @@ def _with_noise(model, training, problems, modes, learn):
     """The same with noise for each task if that is worth it."""
     if len(kinds_of_noise(model, training)) == 1 or training.noise != "shared":
         return training, problems, modes
-    before = _criteria(problems, modes)
-    best = int(np.argmax(before))
+    best = _best(problems, modes)
     of_best = problems[best], modes[best]
     if any(map(hides_noise, *of_best)):
         other, *found = _anew(model, training, learn)
@@ -137,7 +137,7 @@ def _with_noise(model, training, problems, modes, learn):
             return other, found[0], _spent_too(found[1], modes)
         modes = _spent_too(modes, found[1])
     if all(map(leaves_noise, *of_best)) and any(map(differ_in_noise, *of_best)):
-        least = before[best] + least_gain(problems[best])
+        least = _criteria(problems, modes)[best] + least_gain(problems[best])
         found = _learned_on(problems, modes, least, model.n_jobs)
         if _is_taken(*found, least):
             return replace(training, noise="per_task"), *found
@@ -160,7 +160,7 @@ def _gain(of_best, found, n_jobs):
     cannot be had, eq. 8 does; without any noise it is that of the likelihood alone,
     because one task may be exact.
     """
-    best = int(np.argmax(_criteria(*found)))
+    best = _best(*found)
     problems, modes = zip(of_best, [of[best] for of in found], strict=True)
     if may_be_weighed(problems) and is_weighed(problems, modes):
         values = evidences(problems, modes, n_jobs)
@@ -193,12 +193,13 @@ def _learned_on(problems, modes, least, n_jobs):
 
 def _is_taken(problems, modes, least):
     """Whether the best form with noise of each task gains enough, and rows tell it."""
-    return _criteria(problems, modes).max() > least and _tells_all(problems, modes)
+    gained = _criteria(problems, modes)[_best(problems, modes)] > least
+    return gained and _tells_all(problems, modes)
 
 
 def _tells_all(problems, modes):
     """Whether the rows tell all noise variances of the best form."""
-    best = int(np.argmax(_criteria(problems, modes)))
+    best = _best(problems, modes)
     return all(map(tells_noise, problems[best], modes[best]))
 
 
@@ -231,6 +232,18 @@ def _of_all_forms(change, problems, modes, known):
     found = [known[k] if k in known else change(*of) for k, of in pairs]
     problems = [problem for problem, _ in found]
     return problems, nest(problems, [mode for _, mode in found])
+
+
+def _best(problems, modes):
+    """Position of the best form by eq. 8, of those that may be chosen in the end.
+
+    Others explain few rows without noise, and do so with any k^x.
+    """
+    if len(problems) == 1:  # perhaps of a user's
+        return 0
+    values = _criteria(problems, modes)
+    among = weighed(problems, modes) or range(len(values))
+    return max(among, key=values.__getitem__)
 
 
 def _criteria(problems, modes):

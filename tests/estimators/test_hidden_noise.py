@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._estimators import revising
+from skmtgp.exceptions import BinaryTargetWarning
 
 
 def drawn(seed):
@@ -106,3 +108,24 @@ def test_nothing_is_learned_anew_where_it_gains_nothing(monkeypatch):
     assert model.n_evaluations_ > plain.n_evaluations_  # both count
     value = plain.log_marginal_likelihood_value_
     assert model.log_marginal_likelihood_value_ == pytest.approx(value, abs=1e-6)
+
+
+def test_targets_of_two_values_have_one_noise():
+    """A task with one step had none of its own, and was certain elsewhere."""
+    rng = np.random.default_rng(8)
+    x, task = rng.uniform(0.0, 8.0, 450), np.arange(450) % 5
+    chance = 1.0 / (1.0 + np.exp(8.0 - task - 2.0 * x))
+    X, y = np.column_stack([x, task]), np.float64(rng.random(450) < chance)
+    model = MultiTaskGPRegressor()
+    with pytest.warns(BinaryTargetWarning, match="^Output has only two values"):
+        model.fit(X[:150], y[:150])
+    assert model.noise_ == "shared"
+    mean, std = model.predict(X[150:], return_std=True, include_noise=True)
+    assert norm.logpdf(y[150:], mean, std).mean() > -0.5
+    with pytest.warns(BinaryTargetWarning, match=r"^Output \[2\] has only two"):
+        model.set_params(max_iter=0).fit(X, np.column_stack([x, x > 4.0]))
+
+
+def test_few_targets_may_have_two_values():
+    X = np.column_stack([np.arange(20.0), np.arange(20) % 2])
+    MultiTaskGPRegressor(max_iter=0).fit(X, np.arange(20) // 10)

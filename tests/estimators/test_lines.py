@@ -171,3 +171,19 @@ def test_single_tasks_of_which_one_is_a_line():
     predictor = compile_predictor(model)
     found = [predictor(row[:-1], int(row[-1])) for row in X[::9]]
     np.testing.assert_allclose(np.ravel(found), model.predict(X[::9]), rtol=1e-9)
+
+
+def test_a_form_without_noise_does_not_decide():
+    """Two rows a task: rank 1 explains them all, and so do lines."""
+    rng = np.random.default_rng(901)
+    tasks, x = np.repeat(np.arange(40), 2), rng.uniform(0.0, 6.0, 80)
+    y = 2.0 * rng.standard_normal(40)[tasks] + np.sin(x)
+    y += 0.15 * rng.standard_normal(80)
+    search = RankSearchIC(ranks=(0, 1), simpler=True).fit(
+        np.column_stack([x, tasks]), y
+    )
+    table = search.results_.set_index("model")
+    assert table["bic"].idxmin() == "rank 1"
+    assert table.loc["rank 1", "log_marginal_likelihood"] > 100.0
+    assert search.best_rank_ == 0
+    assert not is_linear(search)

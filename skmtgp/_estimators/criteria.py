@@ -13,6 +13,7 @@ from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.weighing import (
     evidence_of_form,
+    log_density_left_out,
     summed,
     uncounted,
     weighed,
@@ -193,15 +194,8 @@ def _of_output(j):
     return f"output{j}_log_marginal_likelihood"
 
 
-def _leave_out(problem, mode):
-    """Log density of each target given the others, in the problem's units, summed."""
-    posterior = problem.likelihood_at(mode).posterior(mode.theta)
-    residual, variance = posterior.leave_one_out(include_noise=True)
-    return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
-
-
 # Log densities of y: of a form of the multi-task model, and of single tasks.
 DENSITIES = {
-    "loo": (_leave_out, Alone.leave_out),
+    "loo": (log_density_left_out, Alone.leave_out),
     "laplace": (evidence_of_form, Alone.evidence),
 }

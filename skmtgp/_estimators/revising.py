@@ -28,6 +28,7 @@ from skmtgp.learning.weighing import (
     evidences,
     is_apart,
     is_weighed,
+    log_density_left_out,
     may_be_weighed,
     summed,
     weighed,
@@ -96,8 +97,9 @@ def _with_lines(model, training, problems, modes, learn):
     if model.verbose:
         say("functions may be straight lines: learned anew with kernel='linear'")
     other = replace(training, kernel=LINEAR)
-    found = list(learn(other))
-    if _gain(of_best, found, model.n_jobs) > problems[best][0].tuning.linear:
+    found, least = list(learn(other)), problems[best][0].tuning.linear
+    gain = _gain(of_best, found, model.n_jobs)
+    if gain > max(least, _loss_left_out(problems, modes, found, model.n_jobs)):
         return other, found[0], _spent_too(found[1], modes)
     return training, problems, _spent_too(modes, found[1])
 
@@ -169,6 +171,21 @@ def _gain(of_best, found, n_jobs):
     else:
         values = summed(by_likelihood, problems, modes)
     return (values[1] - values[0]) / len(problems[0])
+
+
+def _loss_left_out(problems, modes, found, n_jobs):
+    """Nats an output that the best of some forms predicts rows worse by, left out.
+
+    It is compared with its own form among the others, or with their best. Where curves
+    bend little beside steep slopes, lines take them for noise. That costs predictions
+    much, and the evidence of few rows little.
+    """
+    best, names = _best(*found), [str(of[0].prior.task_covariance) for of in problems]
+    name = str(found[0][best][0].prior.task_covariance)
+    other = names.index(name) if name in names else _best(problems, modes)
+    pairs = [problems[other], found[0][best]], [modes[other], found[1][best]]
+    values = summed(log_density_left_out, *pairs, n_jobs)
+    return (values[0] - values[1]) / len(problems[0])
 
 
 def _spent_too(modes, others):

@@ -242,6 +242,13 @@ def evidence_of_form(problem, mode):
     return max(found, worth(problem, mode) - most)
 
 
+def log_density_left_out(problem, mode):
+    """Log density of each target given the others, in the problem's units, summed."""
+    posterior = problem.likelihood_at(mode).posterior(mode.theta)
+    residual, variance = posterior.leave_one_out(include_noise=True)
+    return -0.5 * float((residual**2 / variance + np.log(2.0 * np.pi * variance)).sum())
+
+
 def evidences(problems, modes, n_jobs=None):
     """`summed` of the log evidence; see :mod:`.evidence`."""
     return summed(evidence_of_form, problems, modes, n_jobs)

@@ -98,8 +98,8 @@ def _with_lines(model, training, problems, modes, learn):
         say("functions may be straight lines: learned anew with kernel='linear'")
     other = replace(training, kernel=LINEAR)
     found, least = list(learn(other)), problems[best][0].tuning.linear
-    gain = _gain(of_best, found, model.n_jobs)
-    if gain > max(least, _loss_left_out(problems, modes, found, model.n_jobs)):
+    gain, every = _gain(of_best, found, model.n_jobs), (problems, modes, found)
+    if gain > least and gain > _loss_left_out(*every, model.n_jobs):
         return other, found[0], _spent_too(found[1], modes)
     return training, problems, _spent_too(modes, found[1])
 
@@ -176,13 +176,16 @@ def _gain(of_best, found, n_jobs):
 def _loss_left_out(problems, modes, found, n_jobs):
     """Nats an output that the best of some forms predicts rows worse by, left out.
 
-    It is compared with its own form among the others, or with their best. Where curves
-    bend little beside steep slopes, lines take them for noise. That costs predictions
-    much, and the evidence of few rows little.
+    Where curves bend little beside steep slopes, lines take them for noise. That costs
+    predictions much, and the evidence of few rows little. Only the same form among the
+    others is compared, for more hyperparameters seem to predict better than they do;
+    -inf if it is not there.
     """
     best, names = _best(*found), [str(of[0].prior.task_covariance) for of in problems]
     name = str(found[0][best][0].prior.task_covariance)
-    other = names.index(name) if name in names else _best(problems, modes)
+    if name not in names:
+        return -np.inf
+    other = names.index(name)
     pairs = [problems[other], found[0][best]], [modes[other], found[1][best]]
     values = summed(log_density_left_out, *pairs, n_jobs)
     return (values[0] - values[1]) / len(problems[0])

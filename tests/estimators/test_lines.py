@@ -14,6 +14,7 @@ from skmtgp import (
     compile_predictor,
 )
 from skmtgp._estimators import revising
+from skmtgp.exceptions import CorrelatedResidualsWarning
 from skmtgp.inference.engines import Dense
 from skmtgp.kernels import ARDLinear
 
@@ -93,6 +94,28 @@ def test_curves_are_not_taken_for_lines(seed):
     X, y, *_ = lines(seed, d=1, n_each=12, noise=0.1)
     model = MultiTaskGPRegressor().fit(X, y + np.sin(2.0 * X[:, 0]))
     assert not is_linear(model)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4])
+def test_steep_curves_that_bend_little_are_none(seed):
+    """Lines are likelier, but take the bend for noise."""
+    rng = np.random.default_rng(seed)
+    levels, slopes = rng.normal(0.0, 2.0, 5), rng.normal(1.0, 0.05, 5)
+    bends, waves = rng.normal(0.0, 3e-4, 5), rng.normal(0.0, 0.2, 5)
+
+    def rows(x, task):
+        f = levels[task] + slopes[task] * x + bends[task] * x**2
+        return np.column_stack([x, task]), f + waves[task] * np.sin(x / 12.0)
+
+    grid = np.tile(np.linspace(0.0, 100.0, 8), 5) + rng.uniform(-3.0, 3.0, 40)
+    X, f = rows(grid, np.repeat(np.arange(5), 8))
+    Z, g = rows(rng.uniform(0.0, 100.0, 200), np.repeat(np.arange(5), 40))
+    y = f + 0.1 * rng.standard_normal(40)
+    model = MultiTaskGPRegressor().fit(X, y)
+    assert not is_linear(model)
+    with pytest.warns(CorrelatedResidualsWarning):
+        straight = MultiTaskGPRegressor("linear").fit(X, y)
+    assert error(model.predict(Z), g) < 0.7 * error(straight.predict(Z), g)
 
 
 def test_only_where_the_user_does_not_say():

@@ -14,7 +14,14 @@ from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import FEW_ROWS as ALL_FEW
-from skmtgp._data.checks import check_theta, check_training, locate, name_tasks
+from skmtgp._data.checks import (
+    check_theta,
+    check_training,
+    is_binary,
+    locate,
+    name_tasks,
+    warn_of_binary,
+)
 from skmtgp._data.data import Data
 from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import rows_by_code
@@ -37,7 +44,7 @@ from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
-from skmtgp.exceptions import ConstantTargetWarning, LongFitWarning
+from skmtgp.exceptions import BinaryTargetWarning, ConstantTargetWarning, LongFitWarning
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.engines import alone, of_one_task, repeats_rows
 from skmtgp.inference.memory import TileMemory
@@ -45,6 +52,9 @@ from skmtgp.learning.forecast import FEW, foresee
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import ones
+
+# What is said of all tasks before they are learned.
+SAID_BEFORE = BinaryTargetWarning, ConstantTargetWarning, LongFitWarning
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
@@ -379,7 +389,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self._check_room(engine, max(map(len, rows)), Y[:1].size, tiles, n_coefficients)
 
     def _tell_constants(self, model, rows, Y, known):
-        """Warn of tasks whose targets do not vary, unless they are few rows."""
+        """Warn of tasks whose targets do not vary, unless they are few rows.
+
+        Also of outputs with two values, in all tasks.
+        """
         Y, counts = Y.reshape(len(Y), -1), np.array(list(map(len, rows)))
         same = equal_in_tasks(Y, self.tasks_train_, counts, known)
         many = (counts > FEW_ROWS)[:, None]
@@ -389,6 +402,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         sized = not self.normalize_y and model._learns_amplitude()
         first = Y[[r[0] for r in rows]]
         warn_of_constants_alone(self.tasks_, many & same & ~(sized & (first != 0.0)))
+        warn_of_binary(is_binary(Y))
 
     def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""
@@ -419,7 +433,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             for warning in dict.fromkeys(warned):
                 tasks[warning].append(m)
         for (category, message), of in tasks.items():
-            if category in (LongFitWarning, ConstantTargetWarning):  # said before
+            if category in SAID_BEFORE:
                 continue
             names = name_tasks(self.tasks_[of])
             warn(f"T{names[1:]}: {message}", category)

@@ -463,6 +463,13 @@ def warn_of_constants(constant):
         )
 
 
+def is_binary(Y):
+    """Whether each output has two values alone, if rows are not few."""
+    lowest, highest = Y.min(axis=0), Y.max(axis=0)
+    between = (lowest < Y) & (highest > Y)
+    return (len(Y) > FEW_ROWS) & (lowest < highest) & ~between.any(axis=0)
+
+
 def warn_of_binary(binary):
     """Say which outputs have two values alone, from whether each has."""
     if binary.any():

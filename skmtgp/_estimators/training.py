@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from skmtgp._data.checks import FEW_ROWS as ALL_FEW
+from skmtgp._data.checks import is_binary
 from skmtgp._data.complete import count_missing, design_of
 from skmtgp._data.dask import held, is_dask
 from skmtgp._data.data import Data
@@ -114,15 +114,10 @@ class Training:
 
     @cached_property
     def binary(self):
-        """Whether each output has two values alone, if rows are not few.
-
-        It is not asked of Dask collections.
-        """
-        if is_dask(self.Y) or len(self.Y) <= ALL_FEW:
+        """Whether each output has two values alone. Dask collections are not asked."""
+        if is_dask(self.Y):
             return np.zeros(self.Y.shape[1], dtype=bool)
-        lowest, highest = self.Y.min(axis=0), self.Y.max(axis=0)
-        between = (lowest < self.Y) & (highest > self.Y)
-        return (lowest < highest) & ~between.any(axis=0)
+        return is_binary(self.Y)
 
     @property
     def measured(self):

@@ -1,10 +1,12 @@
 """Noise of a task that functions have followed: it is learned with its own noise."""
 
+import warnings
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 from skmtgp._estimators import revising
 from skmtgp.exceptions import BinaryTargetWarning
 
@@ -124,6 +126,18 @@ def test_targets_of_two_values_have_one_noise():
     assert norm.logpdf(y[150:], mean, std).mean() > -0.5
     with pytest.warns(BinaryTargetWarning, match=r"^Output \[2\] has only two"):
         model.set_params(max_iter=0).fit(X, np.column_stack([x, x > 4.0]))
+
+
+@pytest.mark.parametrize("make", [SingleTaskGP, RankSearchIC])
+def test_tasks_alone_are_asked_together(make):
+    x, task = np.arange(60.0), np.repeat([0, 1, 2], 20)
+    X, y = np.column_stack([x, task]), np.float64(np.arange(60) % 4 == 0)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        make().fit(X, y)
+    told = [w.message for w in caught if w.category is BinaryTargetWarning]
+    assert [str(of)[:10] for of in told] == ["Output has"]
+    SingleTaskGP(max_iter=0).fit(X, y + task)  # the tasks have other values
 
 
 def test_few_targets_may_have_two_values():

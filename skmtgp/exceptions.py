@@ -91,8 +91,9 @@ class BinaryTargetWarning(UserWarning):
     """The targets of an output have only two values, such as 0 and 1.
 
     A Gaussian process takes noise for normal, and here it is not. Predictions are of
-    the mean, which may be below 0 or above 1. All tasks have the same noise: that of a
-    task with one step from one value to the other would be learned as zero.
+    the mean, which may be below 0 or above 1. With ``noise="auto"`` all tasks have the
+    same noise: that of a task with one step from one value to the other would be
+    learned as zero.
 
     Examples
     --------

@@ -55,6 +55,7 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:Task:skmtgp.exceptions.ConstantTargetWarning"),
     pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.RepeatedRowsWarning"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.BinaryTargetWarning"),
     # targets that are sorted
     pytest.mark.filterwarnings(
         "ignore:Task:skmtgp.exceptions.CorrelatedResidualsWarning"

@@ -17,8 +17,8 @@ ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1
 
 unexport PYTHONPATH PYTHONHOME VIRTUAL_ENV
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-short test test-long test-longest coverage test-oldest fuzz lint docs \
-    test-pages dist release-check \
+.PHONY: help demo demo-short test test-long test-longest coverage test-oldest fuzz lint \
+    docs test-pages dist release-check \
     bench bench-own bench-sparse bench-short bench-envs bench-page paper paper-short \
     paper-page clean
 
@@ -28,7 +28,7 @@ help:
 	@echo 'make test         run all tests but the long ones: minutes'
 	@echo 'make test-long    the long ones: clusters, whole data, hard modes'
 	@echo 'make test-longest  draws against sums over grids and draws of the priors: minutes'
-	@echo 'make coverage     all tests, and which lines and branches they miss'
+	@echo 'make coverage     all tests but the longest, and which lines and branches they miss'
 	@echo 'make test-oldest  make test with the oldest supported versions, on Python 3.11'
 	@echo 'make fuzz         2,000 random cases: minutes (fewer: FUZZFLAGS="--cases 100")'
 	@echo 'make lint         check style, formatting and phrases'

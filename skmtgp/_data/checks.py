@@ -464,7 +464,7 @@ def warn_of_constants(constant):
 
 
 def is_binary(Y):
-    """Whether each output has two values alone, if rows are not few."""
+    """Whether each column of Y has two values alone. Few rows are not asked."""
     lowest, highest = Y.min(axis=0), Y.max(axis=0)
     between = (lowest < Y) & (highest > Y)
     return (len(Y) > FEW_ROWS) & (lowest < highest) & ~between.any(axis=0)

@@ -462,8 +462,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     likelier by two nats than the one before. After exact inference the learned model is
     asked once more. The kernels have the same parameters, so nothing is counted. If all
     length-scales are then longer than two standard deviations of their feature,
-    functions may be straight lines or planes: all is learned anew with "linear", which
-    is taken if it is better by three nats (of the evidence, or of eq. 8). This is not
+    functions may be straight lines or planes: learning goes on with "linear", which is
+    taken if it is better by three nats (of the evidence, or of eq. 8). This is not
     tried where the inputs of the tasks do not overlap. A list of kernels and
     ``max_iter=0`` keep "rbf".
 

@@ -7,13 +7,19 @@ import numpy as np
 
 from skmtgp._estimators.deciding import kinds_of_noise, least_gain, screened
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR
-from skmtgp._estimators.smoothness import as_named, rougher, smoother
+from skmtgp._estimators.smoothness import (
+    as_named,
+    counting,
+    log_likelihood,
+    rougher,
+    smoother,
+)
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.lines import may_be_lines
+from skmtgp.learning.lines import as_lines, may_be_lines
 from skmtgp.learning.nesting import nest
-from skmtgp.learning.problem import Problem
+from skmtgp.learning.problem import Mode, Problem
 from skmtgp.learning.screening import (
     by_likelihood,
     criterion,
@@ -66,7 +72,7 @@ def revise(model, training, problems, modes, learn):
     if not (learned and problems[0][0].engine.exact):
         return training, problems, modes
     training, problems, modes = _with_kernel(model, training, problems, modes)
-    training, problems, modes = _with_lines(model, training, problems, modes, learn)
+    training, problems, modes = _with_lines(model, training, problems, modes)
     return _with_noise(model, training, problems, modes, learn)
 
 
@@ -83,11 +89,11 @@ def _with_kernel(model, training, problems, modes):
     return replace(training, kernel=names[-1]), problems, modes
 
 
-def _with_lines(model, training, problems, modes, learn):
-    """The same with linear functions, learned anew, if that is likelier.
+def _with_lines(model, training, problems, modes):
+    """The same with linear functions, learned on from curves, if that is likelier.
 
-    Other forms of K^rho may be best then. Where tasks were measured at different inputs
-    it is not asked: lines go on where there are no rows.
+    Where tasks were measured at different inputs it is not asked: lines go on where
+    there are no rows.
     """
     best = _best(problems, modes)
     of_best = problems[best], modes[best]
@@ -95,13 +101,19 @@ def _with_lines(model, training, problems, modes, learn):
     if not (asks and all(map(may_be_lines, *of_best))):
         return training, problems, modes
     if model.verbose:
-        say("functions may be straight lines: learned anew with kernel='linear'")
-    other = replace(training, kernel=LINEAR)
-    found, least = list(learn(other)), problems[best][0].tuning.linear
-    gain, every = _gain(of_best, found, model.n_jobs), (problems, modes, found)
-    if gain > least and gain > _loss_left_out(*every, model.n_jobs):
-        return other, found[0], _spent_too(found[1], modes)
-    return training, problems, _spent_too(modes, found[1])
+        say("functions may be straight lines: learned on with kernel='linear'")
+    change = partial(as_lines, kernel=as_named(model, training, LINEAR))
+    curves, n_jobs = list(zip(*of_best, strict=True)), model.n_jobs
+    lines, least = run(change, curves, n_jobs=n_jobs), curves[0][0].tuning.linear
+    if log_likelihood(lines) < log_likelihood(curves) - least * len(curves):
+        spent = [mode for _, mode in counting(curves, lines)]
+        return training, problems, [*modes[:best], spent, *modes[best + 1 :]]
+    known = [{best: of} for of in lines]
+    found = _of_forms(change, problems, modes, n_jobs, known)
+    gain = _gain(of_best, found, n_jobs)
+    if gain > least and gain > _loss_left_out(problems, modes, *found, n_jobs):
+        return replace(training, kernel=LINEAR), *found
+    return training, problems, _of_each(Mode.spending, modes, found[1])
 
 
 def _asks_for_lines(model, training, problem):
@@ -173,30 +185,27 @@ def _gain(of_best, found, n_jobs):
     return (values[1] - values[0]) / len(problems[0])
 
 
-def _loss_left_out(problems, modes, found, n_jobs):
-    """Nats an output that the best of some forms predicts rows worse by, left out.
+def _loss_left_out(problems, modes, others, of_others, n_jobs):
+    """Nats an output that the best of the others predicts rows worse by, left out.
 
     Where curves bend little beside steep slopes, lines take them for noise. That costs
-    predictions much, and the evidence of few rows little. Only the same form among the
-    others is compared, for more hyperparameters seem to predict better than they do;
-    -inf if it is not there.
+    predictions much, and the evidence of few rows little. The same form is compared,
+    for more hyperparameters seem to predict better than they do.
     """
-    best, names = _best(*found), [str(of[0].prior.task_covariance) for of in problems]
-    name = str(found[0][best][0].prior.task_covariance)
-    if name not in names:
-        return -np.inf
-    other = names.index(name)
-    pairs = [problems[other], found[0][best]], [modes[other], found[1][best]]
+    best = _best(others, of_others)
+    pairs = [problems[best], others[best]], [modes[best], of_others[best]]
     values = summed(log_density_left_out, *pairs, n_jobs)
     return (values[0] - values[1]) / len(problems[0])
 
 
 def _spent_too(modes, others):
     """Modes of each form and output, with what was spent on others."""
-    return [
-        [mode.counting([other]) for mode, other in zip(*of, strict=True)]
-        for of in zip(modes, others, strict=True)
-    ]
+    return _of_each(lambda mode, other: mode.counting([other]), modes, others)
+
+
+def _of_each(function, modes, others):
+    """What a function makes of two modes of each form and output."""
+    return [list(map(function, *of)) for of in zip(modes, others, strict=True)]
 
 
 def _learned_on(problems, modes, least, n_jobs):

@@ -37,7 +37,7 @@ def rougher(model, training, found, n_jobs=None):
         change = partial(with_kernel, kernel=kernel, gain=of_output)
         others = run(change, found, n_jobs=n_jobs)
         if log_likelihood(others) < log_likelihood(found) + least:
-            return names, _counting(found, others)
+            return names, counting(found, others)
         names, found = [*names, name], others
     return names, found
 
@@ -49,7 +49,7 @@ def smoother(model, training, found, n_jobs=None):
         kernel = as_named(model, training, name)
         others = run(partial(with_kernel, kernel=kernel), found, n_jobs=n_jobs)
         if log_likelihood(others) < least:
-            return names, _counting(found, others)
+            return names, counting(found, others)
         names, found = [*names, name], others
     return names, found
 
@@ -72,13 +72,7 @@ def log_likelihood(found):
     return sum(mode.value for _, mode in found)
 
 
-def _counting(found, others):
+def counting(found, others):
     """What was found, with what the others took on from there."""
     pairs = zip(found, others, strict=True)
-    return [
-        (
-            problem,
-            mode._replace(n_evaluations=other.n_evaluations, seconds=other.seconds),
-        )
-        for (problem, mode), (_, other) in pairs
-    ]
+    return [(problem, mode.spending(other)) for (problem, mode), (_, other) in pairs]

@@ -1,8 +1,14 @@
 """Whether functions that were learned as curves may be straight lines, or planes."""
 
+from dataclasses import replace
+
 import numpy as np
+from sklearn.base import clone
+
+from skmtgp.learning.climbing import climb
 
 MANY = 500  # rows, which tell noise from curves; fewer take little to be learned
+LENGTH, AMPLITUDE = "length_scale", "constant_value"  # parameters of kernels
 BY_CHANCE = 5.0  # standard deviations of a variance
 
 
@@ -22,7 +28,7 @@ def may_be_lines(problem, mode):
     """
     X, kernel = problem.data.X, problem.prior.kernel_at(mode.theta)
     named = kernel.get_params().items()
-    scales = [of for name, of in named if name.endswith("length_scale")]
+    scales = [of for name, of in named if name.endswith(LENGTH)]
     least = problem.tuning.long * X.std(axis=0)
     if not all((scale > least).all() for scale in scales):
         return False
@@ -30,6 +36,48 @@ def may_be_lines(problem, mode):
         return True
     asks = _planes_explain if len(X) >= MANY else _planes_may_be_likelier
     return asks(problem, mode)
+
+
+def as_lines(problem, mode, kernel):
+    """The problem with linear functions, learned on from curves.
+
+    The weights begin at the variance of the curves' slopes: of a length-scale l it is
+    1 / l^2 of that of the values. So far apart values of nearly straight curves explain
+    levels, too, which lines need not do: values begin as large as slopes, and levels as
+    usual.
+
+    Parameters
+    ----------
+    problem, mode
+        See :func:`may_be_lines`.
+    kernel : Kernel
+        Linear k^x, with an amplitude if the problem's has one.
+
+    Returns
+    -------
+    problem : Problem
+        With that kernel.
+    mode : Mode
+        Its own.
+    """
+    prior = replace(problem.prior, kernel=kernel)
+    [(_, rho)] = problem.prior.theta_of_terms(mode.theta)
+    start = _slopes_of(problem.prior.kernel_at(mode.theta), kernel)
+    theta = prior.with_theta_of_terms(mode.theta, [(start, rho)])
+    problem = replace(problem, prior=prior)
+    return problem, mode.then(climb(problem, prior.with_usual_levels(theta)))
+
+
+def _slopes_of(curves, kernel):
+    """Theta of a linear k^x with the slopes of curves, and a value to match."""
+    usual, curves = kernel.get_params(), curves.get_params()
+    values = {name: of for name, of in curves.items() if name.endswith(AMPLITUDE)}
+    for name in (name for name in curves if name.endswith(LENGTH)):
+        weights, bias = name.replace(LENGTH, "weights"), name.replace(LENGTH, "bias")
+        values[weights] = curves[name] ** -2.0
+        ratio = np.log(values[weights] / usual[weights]).mean()
+        values[bias] = usual[bias] * np.exp(ratio)
+    return np.clip(clone(kernel).set_params(**values).theta, *kernel.bounds.T)
 
 
 def _planes_explain(problem, mode):

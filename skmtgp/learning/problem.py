@@ -261,6 +261,11 @@ class Mode(NamedTuple):
             seconds=self.seconds + later.seconds,
         )
 
+    def spending(self, later):
+        """The same, with what was spent on a later mode that began at it in vain."""
+        spent = {"n_evaluations": later.n_evaluations, "seconds": later.seconds}
+        return self._replace(**spent)
+
     def counting(self, others):
         """The same, with what others took counted, too."""
         return self._replace(

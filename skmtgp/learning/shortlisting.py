@@ -233,17 +233,18 @@ def _sketch(problem, starts, before):
     Without noise both would miss modes that are far better. A rank that is hardly
     better than all forms before begins at the likeliest start, too: the rank below may
     have taken fast functions for noise, or be a mode that no column leads away from.
+    If that rank was hardly better, too, it has been tried already.
     Compound symmetry and rank 1 are learned from all starts, for one may tell them
     independent tasks alone, or one function.
     """
     start, below = likeliest(starts), before[-1] if before else None
     if not start.is_noisy:
         return Sketch(problem, follow(problem, start, below))
-    if below is not None and has_columns_more(below.problem, problem):
+    if _has_below(before, problem):
         theta = with_columns(below.problem, problem, below.ascent.mode)
-        found = _quick(problem, theta)
-        best = max(of.ascent.mode.value for of in before)
-        if found.ascent.mode.value > best + problem.tuning.doubt:
+        found, lower = _quick(problem, theta), before[:-1]
+        tried = _has_below(lower, below.problem) and not _is_better(below, lower)
+        if tried or _is_better(found, before):
             return found
         return _quick(problem, start.theta(problem), [found.ascent.mode])
     found = _quick(problem, start.theta(problem))
@@ -252,6 +253,17 @@ def _sketch(problem, starts, before):
         if other is not start:
             found = _quick(problem, other.theta(problem), [found.ascent.mode])
     return found
+
+
+def _has_below(before, problem):
+    """Whether the last sketch is of a form that has a column less, and nothing else."""
+    return bool(before) and has_columns_more(before[-1].problem, problem)
+
+
+def _is_better(sketch, before):
+    """Whether a sketch is likelier than all before, beyond doubt."""
+    best = max(of.ascent.mode.value for of in before)
+    return sketch.ascent.mode.value > best + sketch.problem.tuning.doubt
 
 
 def _quick(problem, theta, known=()):
@@ -357,13 +369,15 @@ def _likely(problems, coarse, sketches, n_jobs):
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
-    likely = set()
+    likely, behind = set(), []
     for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
         found = np.sum([[of.worth(times) for of in each] for each in sketches], axis=0)
         found += correction
-        near = found >= found.max() - margin
-        likely |= set(np.flatnonzero(near).tolist())
-    return sorted(_with_lower(likely, sketches))
+        behind.append(found.max() - found)
+        likely |= set(np.flatnonzero(behind[-1] <= margin).tolist())
+    poor = np.min(behind, axis=0) > tuning.poorer * len(problems)
+    lower = _with_lower(likely, sketches) - set(np.flatnonzero(poor).tolist())
+    return sorted(likely | lower)
 
 
 def _with_lower(likely, sketches):

@@ -48,8 +48,8 @@ class Tuning:
     creeping : float
         where there is noise; without, climbs creep along valleys, and sometimes leap.
     poorer : float
-        Nats by which a climb with the noise held up may end below another one: beyond,
-        it is not gone on with.
+        Nats by which a climb with the noise held up may end below another one, or a
+        rank of noisy data be worse than the next: beyond, it is not gone on with.
     vanished : float
         Of the noise that all tasks had: where that of a task is less, it may follow its
         rows.

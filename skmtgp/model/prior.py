@@ -445,6 +445,13 @@ class Prior:
         """Theta with levels as small as can be, from that of the prior without."""
         return np.insert(theta, len(theta) - self.n_noise, self.log_level_bounds[0])
 
+    def with_usual_levels(self, theta):
+        """Theta whose levels, if there are any, are no smaller than they begin."""
+        theta, levels = theta.copy(), slice(-1 - self.n_noise, -self.n_noise)
+        if self.levels:
+            theta[levels] = np.maximum(theta[levels], self.log_level)
+        return theta
+
     def less_levels(self, theta):
         """Theta of the prior without levels."""
         return np.delete(theta, len(theta) - self.n_noise - 1)

@@ -67,6 +67,10 @@ def test_planes_are_found(seed, alike):
     assert found < 0.9 * error(smooth.predict(Z), g)
     assert found < 1.1 * error(least_squares(X, y, Z), g)
     assert model.n_evaluations_ > smooth.n_evaluations_  # those are counted, too
+    form = {name: getattr(model, f"{name}_") for name in ("rank", "shared", "diagonal")}
+    alone = MultiTaskGPRegressor("linear", **form).fit(X, y)
+    value = alone.log_marginal_likelihood_value_
+    assert model.log_marginal_likelihood_value_ == pytest.approx(value, abs=0.05)
 
 
 @pytest.mark.parametrize("cls", [IndependentGP, PooledGP, SingleTaskGP, RankSearchIC])
@@ -116,6 +120,22 @@ def test_steep_curves_that_bend_little_are_none(seed):
     with pytest.warns(CorrelatedResidualsWarning):
         straight = MultiTaskGPRegressor("linear").fit(X, y)
     assert error(model.predict(Z), g) < 0.7 * error(straight.predict(Z), g)
+
+
+@pytest.mark.parametrize("cls", [MultiTaskGPRegressor, IndependentGP])
+def test_lines_that_are_far_worse_are_not_learned_on(cls, monkeypatch):
+    """One climb tells."""
+    X, y, *_ = lines(0, n_tasks=4, n_each=20, d=1, noise=0.1)
+    y += 0.02 * X[:, 0] ** 3 + 0.2 * X[:, 0] ** 2
+    asked = cls("rbf").fit(X, y)
+    monkeypatch.setattr(revising, "may_be_lines", lambda problem, mode: True)
+    monkeypatch.setattr(revising, "_loss_left_out", None)  # not reached
+    model = cls().fit(X, y)
+    assert type(model.kernel_) is type(asked.kernel_)
+    more = model.n_evaluations_ - asked.n_evaluations_
+    assert 0 < more < 200
+    value = asked.log_marginal_likelihood_value_
+    assert model.log_marginal_likelihood_value_ == pytest.approx(value, abs=0.1)
 
 
 def test_only_where_the_user_does_not_say():

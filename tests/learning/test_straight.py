@@ -12,7 +12,7 @@ from sklearn.linear_model import LinearRegression
 
 from skmtgp.kernels import ARDLinear
 from skmtgp.learning import lines
-from skmtgp.learning.lines import may_be_lines
+from skmtgp.learning.lines import as_lines, may_be_lines
 from skmtgp.model.task_covariance import identity
 
 M = 3
@@ -90,3 +90,38 @@ def test_planes_through_all_rows_may_be_likelier():
     theta = problem.theta()
     theta[problem.prior.of_kernel] = np.log(8.0)
     assert may_be_lines(problem, mode_at(problem, theta))
+
+
+def mixed(kernel, at, step=1e-4):
+    """Covariance of the slopes along each feature, by central differences."""
+    steps = step * np.eye(len(at))
+    above, below = kernel(at + steps), kernel(at + steps, at - steps)
+    others = kernel(at - steps)
+    return np.diagonal(above - below - below.T + others) / (4.0 * step**2)
+
+
+@pytest.mark.parametrize("kernel", [PLAIN, SCALED])
+def test_lines_begin_with_the_slopes_of_curves(kernel, monkeypatch):
+    """And with the same tasks and noise; the climb ends no lower."""
+    problem, mode = learned(kernel=kernel)
+    linear = ARDLinear(np.ones(2), center=[0.5, -1.0])
+    amplitude = hasattr(kernel, "k1")
+    if amplitude:
+        linear = ConstantKernel() * ARDLinear(1.0, center=[0.5, -1.0])
+    climbs, climb = [], lines.climb
+
+    def told(problem, theta):
+        climbs.append((problem.prior.kernel_at(theta), theta))
+        return climb(problem, theta)
+
+    monkeypatch.setattr(lines, "climb", told)
+    straight, found = as_lines(problem, mode, linear)
+    [(begun, theta)] = climbs
+    curves = problem.prior.kernel_at(mode.theta)
+    at = np.array([0.5, -1.0])
+    np.testing.assert_allclose(mixed(begun, at), mixed(curves, at), rtol=1e-5)
+    n_tail = problem.prior.n_theta - problem.prior.kernel.n_dims
+    np.testing.assert_array_equal(theta[-n_tail:], mode.theta[-n_tail:])
+    value = straight.likelihood().value(theta)
+    assert found.value >= value
+    assert found.value == pytest.approx(straight.likelihood().value(found.theta))

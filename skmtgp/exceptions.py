@@ -22,6 +22,7 @@ __all__ = [
     "SamplingWarning",
     "SkewedInputWarning",
     "SmallTaskWarning",
+    "TargetScaleWarning",
     "TaskColumnWarning",
     "UnderflowWarning",
     "UnidentifiedNoiseWarning",
@@ -305,6 +306,22 @@ class SmallTaskWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import SmallTaskWarning
     >>> warnings.simplefilter("error", SmallTaskWarning)
+    """
+
+
+class TargetScaleWarning(UserWarning):
+    """Positive targets are far likelier on another scale, such as as logarithms.
+
+    Noise or functions grow with the targets: prices, concentrations and counts often do
+    so. A model of them has intervals that are too narrow where targets are large and
+    too wide where they are small, down to below zero. Parameter `target_transform`
+    takes a function and its inverse, and predictions stay in the units of the targets.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import TargetScaleWarning
+    >>> warnings.simplefilter("error", TargetScaleWarning)
     """
 
 

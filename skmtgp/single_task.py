@@ -25,16 +25,22 @@ from skmtgp._data.checks import (
 from skmtgp._data.data import Data
 from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import rows_by_code
+from skmtgp._data.skewness import is_skewed
 from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.deciding import decide
-from skmtgp._estimators.doubts import warn_of_constants_alone, warn_of_duration
+from skmtgp._estimators.doubts import (
+    inputs_far_apart,
+    tell_skewed,
+    warn_of_constants_alone,
+    warn_of_duration,
+)
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
 from skmtgp._estimators.posing import kernel_made, pose
 from skmtgp._estimators.predicting import PosteriorMixin
-from skmtgp._estimators.reading import gathered
+from skmtgp._estimators.reading import gathered, tell_copies
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
@@ -44,7 +50,14 @@ from skmtgp._support.progress import fitting, part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP
-from skmtgp.exceptions import BinaryTargetWarning, ConstantTargetWarning, LongFitWarning
+from skmtgp.exceptions import (
+    BinaryTargetWarning,
+    ConstantTargetWarning,
+    LongFitWarning,
+    RepeatedRowsWarning,
+    SkewedInputWarning,
+    TargetScaleWarning,
+)
 from skmtgp.inference.engine import Demand, Engine
 from skmtgp.inference.engines import alone, of_one_task, repeats_rows
 from skmtgp.inference.memory import TileMemory
@@ -53,8 +66,14 @@ from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import ones
 
-# What is said of all tasks before they are learned.
-SAID_BEFORE = BinaryTargetWarning, ConstantTargetWarning, LongFitWarning
+# What is said once of all tasks, and not of each.
+OF_ALL = (
+    BinaryTargetWarning,
+    ConstantTargetWarning,
+    LongFitWarning,
+    RepeatedRowsWarning,
+    SkewedInputWarning,
+)
 
 
 class SingleTaskGP(PosteriorMixin, Estimator):
@@ -333,6 +352,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         X = np.column_stack([features, np.zeros(len(features))])
         self._check_tasks(model, features, rows, Y)
         self._tell_constants(model, rows, Y, known)
+        tell_copies(model, features, codes, Y)
         self._foretell(model, rows, features, Y, known)
         names = [self._in_words(m) for m in range(len(rows))]
         results = run(
@@ -345,6 +365,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             report=progress("learning", len(rows), self._describe),
         )
         self._warn([caught for _, caught in results])
+        self._tell_skewed(features, rows, [estimator for estimator, _ in results])
         self._store([estimator for estimator, _ in results])
         self._store_target(target)
 
@@ -404,6 +425,18 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         warn_of_constants_alone(self.tasks_, many & same & ~(sized & (first != 0.0)))
         warn_of_binary(is_binary(Y))
 
+    def _tell_skewed(self, features, rows, estimators):
+        """Warn of inputs whose logarithms might be better.
+
+        Few rows of one task are skewed by chance, so those of all tasks decide.
+        """
+        far = set()
+        for r, estimator in zip(rows, estimators, strict=True):
+            thetas = estimator._thetas() if estimator.n_iter_ else ()
+            for of, theta in zip(estimator._likelihoods, thetas, strict=False):
+                far |= set(inputs_far_apart(of.prior, theta, features[r]))
+        tell_skewed({k for k in far if is_skewed(features[:, k])}, self._names())
+
     def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""
         n = max(map(len, rows))
@@ -428,12 +461,14 @@ class SingleTaskGP(PosteriorMixin, Estimator):
 
         `caught` has the categories and messages of each task.
         """
-        tasks = defaultdict(list)
+        tasks, said = defaultdict(list), set(OF_ALL)
+        if self.target_transform is not None:  # of which the tasks know nothing
+            said.add(TargetScaleWarning)
         for m, warned in enumerate(caught):
             for warning in dict.fromkeys(warned):
                 tasks[warning].append(m)
         for (category, message), of in tasks.items():
-            if category in SAID_BEFORE:
+            if category in said:
                 continue
             names = name_tasks(self.tasks_[of])
             warn(f"T{names[1:]}: {message}", category)

@@ -28,6 +28,7 @@ WARNINGS = (
     exceptions.SamplingWarning,
     exceptions.SkewedInputWarning,
     exceptions.SmallTaskWarning,
+    exceptions.TargetScaleWarning,
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,
     exceptions.UnidentifiedNoiseWarning,

@@ -162,7 +162,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
         warn_of_skew(problems, modes, names_of_inputs(self))
-        warn_of_doubts(problems, modes, sampled=sampled)
+        warn_of_doubts(training, problems, modes, sampled=sampled)
 
     def _tell(self, before, training, problems, modes):
         """The same; says if the noise is another than learning began with."""

@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Produc
 from skmtgp._data.checks import name_tasks
 from skmtgp._data.dask import is_dask
 from skmtgp._data.skewness import is_skewed, share_far
+from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
@@ -17,10 +18,12 @@ from skmtgp.exceptions import (
     LongFitWarning,
     SkewedInputWarning,
     SmallTaskWarning,
+    TargetScaleWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
 from skmtgp.learning.settling import FEW
+from skmtgp.learning.transformed import SURE, likelier_scale
 
 MUCH = 0.2  # of the range of an input, that is far from all rows
 LONG = 120.0  # seconds of learning that a user wants to know of before
@@ -97,15 +100,23 @@ def warn_of_skew(problems, modes, names):
     """
     skewed = set()
     for problem, mode in zip(problems, modes, strict=True):
-        X, scales = problem.data.X, _length_scales(problem, mode)
-        if scales is not None and mode.converged and not is_dask(X):
-            skewed |= {
-                k
-                for k, (x, scale) in enumerate(
-                    zip(np.asarray(X).T, scales, strict=True)
-                )
-                if is_skewed(x) and share_far(x, scale) > MUCH
-            }
+        X = problem.data.X
+        if mode.converged and mode.n_iter and not is_dask(X):
+            far = inputs_far_apart(problem.prior, mode.theta, X)
+            skewed |= {k for k in far if is_skewed(X[:, k])}
+    tell_skewed(skewed, names)
+
+
+def tell_skewed(skewed, names):
+    """Say that the logarithms of these inputs might be better.
+
+    Parameters
+    ----------
+    skewed : set of int
+        Positions.
+    names : list of str or None
+        Of the inputs.
+    """
     for k in sorted(skewed):
         name = f"column {k} of the inputs" if names is None else repr(names[k])
         warn(
@@ -117,25 +128,53 @@ def warn_of_skew(problems, modes, names):
         )
 
 
-def _length_scales(problem, mode):
+def inputs_far_apart(prior, theta, X):
+    """Inputs of which much of the range is farther than a length-scale from all rows.
+
+    Parameters
+    ----------
+    prior : Prior
+        The model. If its k^x has no length-scales, or a trend goes on, there are none.
+    theta : ndarray of shape (n_theta,)
+        Its parameters.
+    X : ndarray of shape (n_samples, n_features)
+        Training inputs.
+
+    Returns
+    -------
+    far : list of int
+        Their positions.
+    """
+    scales = _length_scales(prior, theta, X.shape[1])
+    if scales is None:
+        return []
+    return [
+        k
+        for k, (x, scale) in enumerate(zip(X.T, scales, strict=True))
+        if np.ptp(x) > 0.0 and share_far(x, scale) > MUCH
+    ]
+
+
+def _length_scales(prior, theta, n_features):
     """Of each input; None where k^x has no such numbers, or a trend goes on."""
-    prior = problem.prior
-    if prior.n_terms > 1 or prior.trend is not None or not mode.n_iter:
+    if prior.n_terms > 1 or prior.trend is not None:
         return None
-    kernel = prior.kernel_at(mode.theta)
+    kernel = prior.kernel_at(theta)
     if isinstance(kernel, Product):
         for amplitude, other in permutations((kernel.k1, kernel.k2)):
             kernel = other if isinstance(amplitude, ConstantKernel) else kernel
     if type(kernel) not in (RBF, Matern):
         return None
-    return np.broadcast_to(kernel.length_scale, problem.data.X.shape[1])
+    return np.broadcast_to(kernel.length_scale, n_features)
 
 
-def warn_of_doubts(problems, modes, *, sampled=False):
+def warn_of_doubts(training, problems, modes, *, sampled=False):
     """Say what the modes that were learned leave in doubt.
 
     Parameters
     ----------
+    training : Training
+        What was learned from.
     problems : sequence of Problem
         Of each output.
     modes : sequence of Mode
@@ -143,11 +182,35 @@ def warn_of_doubts(problems, modes, *, sampled=False):
     sampled : bool, default=False
         Whether predictions average over draws, which are of other modes too.
     """
-    for problem, mode in zip(problems, modes, strict=True):
+    for j, (problem, mode) in enumerate(zip(problems, modes, strict=True)):
         if mode.n_iter and mode.converged and not is_dask(problem.data.X):
-            _warn_of_neighbours(problem, mode)
+            # what grows with the targets looks correlated where these do
+            if not _warn_of_scale(training, problem, mode, j):
+                _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
+
+
+def _warn_of_scale(training, problem, mode, j):
+    """Say if an output might better be its logarithms or roots; whether it was said.
+
+    Where noise is known, or the user has chosen a scale, it is not asked.
+    """
+    if training.known is not None or training.target is not AS_GIVEN:
+        return False
+    data, units = problem.data, training.units
+    y = units.unscaled(data.y[:, None], data.tasks)[:, j]
+    groups = data.tasks if units.per_task else np.zeros(len(y), dtype=int)
+    scale = likelier_scale(problem, mode, y, groups)
+    if scale:
+        warn(
+            f"The targets of {problem.name} are positive, and likelier by more than "
+            f"{SURE:.0f} nats on another scale: noise or functions grow with them. So "
+            "intervals may be too narrow where targets are large and too wide where "
+            f"they are small. Try target_transform={scale}.",
+            TargetScaleWarning,
+        )
+    return bool(scale)
 
 
 def _warn_of_neighbours(problem, mode):

@@ -62,7 +62,7 @@ def read(model, X, y, given=NOTHING):
     check = check_partitions if stay else check_training
     training = gathered(model, *check(model, X, y), given)
     if plain and not stay:
-        _tell_copies(model, training)
+        tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
     return training
 
@@ -116,12 +116,11 @@ def gathered(model, features, codes, tasks, Y, given=NOTHING):
     )
 
 
-def _tell_copies(model, training):
+def tell_copies(model, features, codes, Y):
     """Warn of rows that are there twice, where noise is learned."""
     fixed = isinstance(model.noise_variance_bounds, str)
-    if model.max_iter and not fixed and len(training.Y) <= MOST_ROWS:
-        rows = training.features, training.codes, training.Y
-        warn_of_copies(count_copies(*rows))
+    if model.max_iter and not fixed and len(Y) <= MOST_ROWS:
+        warn_of_copies(count_copies(features, codes, Y))
 
 
 def _tell_outliers(training):

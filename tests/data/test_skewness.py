@@ -118,7 +118,19 @@ def test_models_of_each_task_warn_once():
         warnings.simplefilter("always")
         SingleTaskGP(task_feature="drug").fit(X, y)
     [text] = [str(of.message) for of in caught if of.category is SkewedInputWarning]
-    assert text.startswith("Tasks ")
+    assert text.endswith("Try the logarithm of 'dose'.")
+
+
+def test_rows_of_all_tasks_say_whether_inputs_are_skewed():
+    """Six rows of one task may be by chance."""
+    rng = np.random.default_rng(0)
+    task, x = np.repeat(np.arange(30), 6), rng.uniform(0.0, 10.0, 180)
+    x[:6] = [0.1, 0.2, 0.4, 1.0, 3.0, 9.0]
+    assert is_skewed(x[:6])
+    y = np.sin(3.0 * x) + 0.1 * rng.standard_normal(180)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SkewedInputWarning)
+        SingleTaskGP(RBF(0.3, "fixed")).fit(np.column_stack([x, task]), y)
 
 
 def test_long_length_scales_bridge_gaps():

@@ -1,0 +1,110 @@
+"""Positive targets that are likelier on another scale."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
+from skmtgp.exceptions import TargetScaleWarning
+from skmtgp.learning import transformed
+
+LOGARITHM = r"target_transform=\(np.log, np.exp\)"
+ROOT = r"target_transform=\(np.sqrt, np.square\)"
+
+
+def drawn(back, noise=0.3, seed=0):
+    """Normal targets of three tasks, of which `back` is a function."""
+    rng = np.random.default_rng(seed)
+    task, x = np.repeat(np.arange(3), 25), rng.uniform(0.0, 6.0, 75)
+    z = 4.0 + np.sin(x) + 0.5 * task + noise * rng.standard_normal(75)
+    return np.column_stack([x, task]), back(z)
+
+
+def told(model, X, y):
+    """What was said of scales."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model.fit(X, y)
+    return [str(of.message) for of in caught if of.category is TargetScaleWarning]
+
+
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize(
+    ("back", "advice"), [(np.exp, LOGARITHM), (lambda z: (z - 2.0) ** 2, ROOT)]
+)
+def test_the_scale_is_found(back, advice, unit):
+    X, y = drawn(back)
+    with pytest.warns(TargetScaleWarning, match=advice):
+        MultiTaskGPRegressor().fit(X, unit * y)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "back", [np.asarray, lambda z: np.exp(z) + 500.0, lambda z: np.exp(z) - 60.0]
+)
+def test_nothing_is_said(back, seed):
+    """Normal targets; of a small range; not positive."""
+    X, y = drawn(back, noise=0.8, seed=seed)
+    assert told(MultiTaskGPRegressor(), X, y) == []
+
+
+@pytest.mark.parametrize("per_task", [False, True])
+def test_the_gain_is_that_of_models_that_are_fitted(per_task, monkeypatch):
+    """Both densities are of the targets themselves."""
+    gains, gain = [], transformed._gain
+
+    def kept(problem, mode, y, *given):
+        gains.append(gain(problem, mode, y, *given))
+        np.testing.assert_allclose(np.sort(y), np.sort(target))
+        return gains[-1]
+
+    monkeypatch.setattr(transformed, "_gain", kept)
+    X, target = drawn(np.exp)
+    options = {"rank": 1, "kernel": "rbf", "noise": "shared", "task_levels": False}
+    options["normalize_y"] = "per_task" if per_task else "shared"
+    with pytest.warns(TargetScaleWarning):
+        plain = MultiTaskGPRegressor(**options).fit(X, target)
+    options["target_transform"] = (np.log, np.exp)
+    moved = MultiTaskGPRegressor(**options).fit(X, target)
+    values = [of.log_marginal_likelihood_value_ for of in (plain, moved)]
+    expected = values[1] - np.log(target).sum() - values[0]
+    assert gains[0] == pytest.approx(expected, abs=0.5)
+    assert expected > transformed.SURE
+
+
+def test_another_unit_gains_nothing(monkeypatch):
+    X, y = drawn(np.exp, noise=0.5)
+    found = []
+
+    def asked(problem, mode, *given):
+        scale = lambda y: 3.0 * y - 5.0, lambda y: np.full(len(y), np.log(3.0))
+        found.append(transformed._gain(problem, mode, *given, *scale))
+        return ""
+
+    monkeypatch.setattr("skmtgp._estimators.doubts.likelier_scale", asked)
+    MultiTaskGPRegressor(normalize_y="per_task").fit(X, y)
+    assert found[0] == pytest.approx(0.0, abs=0.2)
+
+
+def test_models_and_outputs():
+    X, y = drawn(np.exp)
+    _, other = drawn(np.asarray)
+    [text] = told(MultiTaskGPRegressor(), X, np.column_stack([other, y]))
+    assert text.startswith("The targets of output 2 of 2 are positive")
+    for model in (IndependentGP(), RankSearchIC(), SingleTaskGP()):
+        [text] = told(model, X, y)
+        assert "(np.log, np.exp)" in text
+    assert text.startswith("Tasks 0, 1, 2: ") or text.startswith("Task")
+
+
+def test_where_nothing_is_asked(monkeypatch):
+    X, y = drawn(np.exp)
+    for cls in (MultiTaskGPRegressor, SingleTaskGP):
+        assert told(cls(target_transform=(np.sqrt, np.square)), X, y) == []
+    assert told(MultiTaskGPRegressor(max_iter=0), X, y) == []
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", TargetScaleWarning)
+        MultiTaskGPRegressor().fit(X, y, sample_weight=np.full(len(y), 2.0))
+    monkeypatch.setattr(transformed, "MOST", len(y) - 1)
+    assert told(MultiTaskGPRegressor(), X, y) == []

@@ -31,6 +31,7 @@ from skmtgp.learning.screening import (
     with_own_noise,
 )
 from skmtgp.learning.weighing import (
+    best_of_forms,
     evidences,
     is_apart,
     is_weighed,
@@ -95,23 +96,28 @@ def _with_lines(model, training, problems, modes):
     Where tasks were measured at different inputs it is not asked: lines go on where
     there are no rows.
     """
-    best = _best(problems, modes)
-    of_best = problems[best], modes[best]
-    asks = _asks_for_lines(model, training, problems[best][0])
-    if not (asks and all(map(may_be_lines, *of_best))):
+    asks, n_jobs = _asks_for_lines(model, training, problems[0][0]), model.n_jobs
+    may_be = [
+        asks and all(map(may_be_lines, *of)) for of in zip(problems, modes, strict=True)
+    ]
+    best = best_of_forms(problems, modes, n_jobs) if any(may_be) else 0
+    if not may_be[best]:
         return training, problems, modes
+    of_best = problems[best], modes[best]
     if model.verbose:
         say("functions may be straight lines: learned on with kernel='linear'")
     change = partial(as_lines, kernel=as_named(model, training, LINEAR))
-    curves, n_jobs = list(zip(*of_best, strict=True)), model.n_jobs
+    curves = list(zip(*of_best, strict=True))
     lines, least = run(change, curves, n_jobs=n_jobs), curves[0][0].tuning.linear
     if log_likelihood(lines) < log_likelihood(curves) - least * len(curves):
         spent = [mode for _, mode in counting(curves, lines)]
         return training, problems, [*modes[:best], spent, *modes[best + 1 :]]
     known = [{best: of} for of in lines]
     found = _of_forms(change, problems, modes, n_jobs, known)
-    gain = _gain(of_best, found, n_jobs)
-    if gain > least and gain > _loss_left_out(problems, modes, *found, n_jobs):
+    k = best_of_forms(*found, n_jobs)
+    gain = _gain(of_best, [[of[k]] for of in found], n_jobs)
+    pair = [problems[k], found[0][k]], [modes[k], found[1][k]]
+    if gain > least and gain > _loss_left_out(*pair, n_jobs):
         return replace(training, kernel=LINEAR), *found
     return training, problems, _of_each(Mode.spending, modes, found[1])
 
@@ -185,16 +191,14 @@ def _gain(of_best, found, n_jobs):
     return (values[1] - values[0]) / len(problems[0])
 
 
-def _loss_left_out(problems, modes, others, of_others, n_jobs):
-    """Nats an output that the best of the others predicts rows worse by, left out.
+def _loss_left_out(problems, modes, n_jobs):
+    """Nats an output that the second of two k^x predicts rows worse by, left out.
 
     Where curves bend little beside steep slopes, lines take them for noise. That costs
-    predictions much, and the evidence of few rows little. The same form is compared,
-    for more hyperparameters seem to predict better than they do.
+    predictions much, and the evidence of few rows little. Both have the same form of
+    K^rho, for more hyperparameters seem to predict better than they do.
     """
-    best = _best(others, of_others)
-    pairs = [problems[best], others[best]], [modes[best], of_others[best]]
-    values = summed(log_density_left_out, *pairs, n_jobs)
+    values = summed(log_density_left_out, problems, modes, n_jobs)
     return (values[0] - values[1]) / len(problems[0])
 
 

@@ -72,13 +72,16 @@ class VariogramDisplay(Display):
     Examples
     --------
     >>> import matplotlib.pyplot as plt
+    >>> import numpy as np
     >>> from sklearn.gaussian_process.kernels import Matern
     >>> from skmtgp import MultiTaskGPRegressor, stack_tasks
     >>> from skmtgp.datasets import make_soil
     >>> from skmtgp.inspection import VariogramDisplay
     >>> soil = make_soil(random_state=2).drop(columns="nickel")
     >>> X, y = stack_tasks(soil, ["cadmium", "zinc"])
-    >>> model = MultiTaskGPRegressor(Matern(nu=0.5), rank=1, max_iter=5).fit(X, y)
+    >>> model = MultiTaskGPRegressor(
+    ...     Matern(nu=0.5), rank=1, max_iter=5, target_transform=(np.log, np.exp)
+    ... ).fit(X, y)
     >>> VariogramDisplay.from_estimator(model)
     <...>
     >>> plt.show()

@@ -369,13 +369,12 @@ def _likely(problems, coarse, sketches, n_jobs):
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
-    likely, behind = set(), []
+    likely, poor = set(), np.ones(len(correction), dtype=bool)
     for times in np.geomspace(1.0, most, tuning.foreseen if most > 1.0 else 1):
         found = np.sum([[of.worth(times) for of in each] for each in sketches], axis=0)
         found += correction
-        behind.append(found.max() - found)
-        likely |= set(np.flatnonzero(behind[-1] <= margin).tolist())
-    poor = np.min(behind, axis=0) > tuning.poorer * len(problems)
+        likely |= set(np.flatnonzero(found >= found.max() - margin).tolist())
+        poor &= found < found.max() - tuning.poorer * len(problems)
     lower = _with_lower(likely, sketches) - set(np.flatnonzero(poor).tolist())
     return sorted(likely | lower)
 

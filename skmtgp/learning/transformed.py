@@ -6,7 +6,7 @@ import numpy as np
 
 from skmtgp.learning.climbing import climb
 
-MOST = 2000  # rows that are asked
+LEAST, MOST = 30, 2000  # rows that are asked: few gain as much by chance
 SPAN = 4.0  # of the largest target over the smallest, beyond which it can matter
 SURE = 10.0  # nats that another scale must gain to be told of
 # How to give them to `target_transform`, functions, and logarithms of derivatives.
@@ -35,7 +35,8 @@ def likelier_scale(problem, mode, y, groups):
     scale : str
         For `target_transform`. Empty if none is far likelier.
     """
-    if len(y) > MOST or not (y.min() > 0.0 and y.max() > SPAN * y.min()):
+    asks = problem.engine.exact and LEAST <= len(y) <= MOST and np.isfinite(mode.value)
+    if not (asks and y.min() > 0.0 and y.max() > SPAN * y.min()):
         return ""
     gains = {
         name: _gain(problem, mode, y, groups, *scale) for name, scale in SCALES.items()

@@ -13,11 +13,11 @@ LOGARITHM = r"target_transform=\(np.log, np.exp\)"
 ROOT = r"target_transform=\(np.sqrt, np.square\)"
 
 
-def drawn(back, noise=0.3, seed=0):
+def drawn(back, noise=0.3, seed=0, n_each=25):
     """Normal targets of three tasks, of which `back` is a function."""
     rng = np.random.default_rng(seed)
-    task, x = np.repeat(np.arange(3), 25), rng.uniform(0.0, 6.0, 75)
-    z = 4.0 + np.sin(x) + 0.5 * task + noise * rng.standard_normal(75)
+    task, x = np.repeat(np.arange(3), n_each), rng.uniform(0.0, 6.0, 3 * n_each)
+    z = 4.0 + np.sin(x) + 0.5 * task + noise * rng.standard_normal(3 * n_each)
     return np.column_stack([x, task]), back(z)
 
 
@@ -92,10 +92,16 @@ def test_models_and_outputs():
     _, other = drawn(np.asarray)
     [text] = told(MultiTaskGPRegressor(), X, np.column_stack([other, y]))
     assert text.startswith("The targets of output 2 of 2 are positive")
-    for model in (IndependentGP(), RankSearchIC(), SingleTaskGP()):
+    for model in (IndependentGP(), RankSearchIC()):
         [text] = told(model, X, y)
         assert "(np.log, np.exp)" in text
-    assert text.startswith("Tasks 0, 1, 2: ") or text.startswith("Task")
+
+
+def test_tasks_that_are_learned_alone_are_named():
+    X, y = drawn(np.exp, n_each=40)
+    [text] = told(SingleTaskGP(), X, y)
+    assert text.startswith("Tasks 0, 1, 2: The targets of")
+    assert "(np.log, np.exp)" in text
 
 
 def test_where_nothing_is_asked(monkeypatch):
@@ -106,5 +112,8 @@ def test_where_nothing_is_asked(monkeypatch):
     with warnings.catch_warnings():
         warnings.simplefilter("error", TargetScaleWarning)
         MultiTaskGPRegressor().fit(X, y, sample_weight=np.full(len(y), 2.0))
-    monkeypatch.setattr(transformed, "MOST", len(y) - 1)
-    assert told(MultiTaskGPRegressor(), X, y) == []
+    assert told(MultiTaskGPRegressor(inference="sparse"), X, y) == []
+    for name, value in (("MOST", len(y) - 1), ("LEAST", len(y) + 1)):
+        with monkeypatch.context() as patch:
+            patch.setattr(transformed, name, value)
+            assert told(MultiTaskGPRegressor(), X, y) == []

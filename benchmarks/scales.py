@@ -71,7 +71,7 @@ def compared(X, y, train):
 def main():
     """Run and print the tables."""
     argparse.ArgumentParser(description=__doc__.splitlines()[0]).parse_args()
-    with threadpool_limits(1):
+    with threadpool_limits(1), np.errstate(divide="ignore"):
         table = pd.DataFrame(rows())
     print(table.round(3).to_string(index=False))
     known = table.dropna(subset="error")

@@ -310,7 +310,7 @@ class SmallTaskWarning(UserWarning):
 
 
 class TargetScaleWarning(UserWarning):
-    """Positive targets are far likelier on another scale, such as as logarithms.
+    """Targets that are never negative are far likelier on another scale.
 
     Noise or functions grow with the targets: prices, concentrations and counts often do
     so. A model of them has intervals that are too narrow where targets are large and

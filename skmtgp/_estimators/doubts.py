@@ -183,31 +183,36 @@ def warn_of_doubts(training, problems, modes, *, sampled=False):
         Whether predictions average over draws, which are of other modes too.
     """
     for j, (problem, mode) in enumerate(zip(problems, modes, strict=True)):
-        if mode.n_iter and mode.converged and not is_dask(problem.data.X):
-            # what grows with the targets looks correlated where these do
-            if not _warn_of_scale(training, problem, mode, j):
+        if not mode.n_iter or is_dask(problem.data.X):
+            continue
+        told = (mode.converged or mode.stalled) and _warn_of_scale(
+            training, problem, mode, j
+        )
+        if mode.converged:
+            if not told:  # what grows with the targets looks correlated where these do
                 _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
 
 
 def _warn_of_scale(training, problem, mode, j):
-    """Say if an output might better be its logarithms or roots; whether it was said.
+    """Say if an output might better be on another scale; whether it was said.
 
-    Where noise is known, or the user has chosen a scale, it is not asked.
+    Where noise is known, or the user has chosen a scale or a trend, it is not asked.
+    Nor is it of two values, which are as far apart on any scale.
     """
-    if training.known is not None or training.target is not AS_GIVEN:
+    given = training.known is not None or training.trends is not None
+    if given or training.target is not AS_GIVEN or training.binary[j]:
         return False
-    data, units = problem.data, training.units
-    y = units.unscaled(data.y[:, None], data.tasks)[:, j]
-    groups = data.tasks if units.per_task else np.zeros(len(y), dtype=int)
+    data, y = problem.data, training.targets(problem.engine)[:, j]
+    groups = data.tasks if training.units.per_task else np.zeros(len(y), dtype=int)
     scale = likelier_scale(problem, mode, y, groups)
     if scale:
         warn(
-            f"The targets of {problem.name} are positive, and likelier by more than "
-            f"{SURE:.0f} nats on another scale: noise or functions grow with them. So "
-            "intervals may be too narrow where targets are large and too wide where "
-            f"they are small. Try target_transform={scale}.",
+            f"The targets of {problem.name} are never negative, and likelier by more "
+            f"than {SURE:.0f} nats on another scale: noise or functions grow with "
+            "them. So intervals may be too narrow where targets are large and too wide "
+            f"where they are small. Try target_transform={scale}.",
             TargetScaleWarning,
         )
     return bool(scale)

@@ -208,6 +208,10 @@ class Training:
             for y, known in zip(of_outputs, knowns, strict=True)
         ]
 
+    def targets(self, engine):
+        """Targets in the units of y, rows and outputs in the order of `data`."""
+        return self.Y[self.order(engine)]
+
     def _knowns(self, order, n_outputs):
         """What is known of the noise of the rows of each output, scaled."""
         if self.known is None:

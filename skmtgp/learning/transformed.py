@@ -1,4 +1,4 @@
-"""Whether positive targets are likelier by their logarithms or square roots."""
+"""Whether targets that are never negative are likelier on another scale."""
 
 from dataclasses import replace
 
@@ -10,10 +10,11 @@ LEAST, MOST = 30, 2000  # rows that are asked: few gain as much by chance
 SPAN = 4.0  # of the largest target over the smallest, beyond which it can matter
 SURE = 10.0  # nats that another scale must gain to be told of
 # How to give them to `target_transform`, functions, and logarithms of derivatives.
-SCALES = {
+POSITIVE = {
     "(np.log, np.exp)": (np.log, lambda y: -np.log(y)),
     "(np.sqrt, np.square)": (np.sqrt, lambda y: -0.5 * np.log(4.0 * y)),
 }
+WITH_ZEROS = {"(np.log1p, np.expm1)": (np.log1p, lambda y: -np.log1p(y))}
 
 
 def likelier_scale(problem, mode, y, groups):
@@ -36,10 +37,11 @@ def likelier_scale(problem, mode, y, groups):
         For `target_transform`. Empty if none is far likelier.
     """
     asks = problem.engine.exact and LEAST <= len(y) <= MOST and np.isfinite(mode.value)
-    if not (asks and y.min() > 0.0 and y.max() > SPAN * y.min()):
+    if not (asks and y.min() >= 0.0 and y.max() > SPAN * y.min()):
         return ""
+    scales = POSITIVE if y.min() > 0.0 else WITH_ZEROS
     gains = {
-        name: _gain(problem, mode, y, groups, *scale) for name, scale in SCALES.items()
+        name: _gain(problem, mode, y, groups, *scale) for name, scale in scales.items()
     }
     best = max(gains, key=gains.get)
     return best if gains[best] > SURE else ""

@@ -39,6 +39,14 @@ def test_the_scale_is_found(back, advice, unit):
         MultiTaskGPRegressor().fit(X, unit * y)
 
 
+def test_counts_with_zeros():
+    X, z = drawn(lambda z: np.exp(2.0 * z - 7.0), n_each=40)
+    y = np.random.default_rng(0).poisson(z)
+    assert y.min() == 0
+    with pytest.warns(TargetScaleWarning, match=r"transform=\(np.log1p, np.expm1\)"):
+        MultiTaskGPRegressor().fit(X, y)
+
+
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(
     "back", [np.asarray, lambda z: np.exp(z) + 500.0, lambda z: np.exp(z) - 60.0]
@@ -91,7 +99,7 @@ def test_models_and_outputs():
     X, y = drawn(np.exp)
     _, other = drawn(np.asarray)
     [text] = told(MultiTaskGPRegressor(), X, np.column_stack([other, y]))
-    assert text.startswith("The targets of output 2 of 2 are positive")
+    assert text.startswith("The targets of output 2 of 2 are never")
     for model in (IndependentGP(), RankSearchIC()):
         [text] = told(model, X, y)
         assert "(np.log, np.exp)" in text
@@ -108,7 +116,8 @@ def test_where_nothing_is_asked(monkeypatch):
     X, y = drawn(np.exp)
     for cls in (MultiTaskGPRegressor, SingleTaskGP):
         assert told(cls(target_transform=(np.sqrt, np.square)), X, y) == []
-    assert told(MultiTaskGPRegressor(max_iter=0), X, y) == []
+    for params in ({"max_iter": 0}, {"trend": "linear"}):
+        assert told(MultiTaskGPRegressor(**params), X, y) == []
     with warnings.catch_warnings():
         warnings.simplefilter("error", TargetScaleWarning)
         MultiTaskGPRegressor().fit(X, y, sample_weight=np.full(len(y), 2.0))

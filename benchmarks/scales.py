@@ -21,8 +21,12 @@ from threadpoolctl import threadpool_limits
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.exceptions import TargetScaleWarning
 
-SCALES = {"logarithms": (np.log, np.exp), "roots": (np.sqrt, np.square)}
-NAMED = {"np.log": "logarithms", "np.sqrt": "roots"}
+SCALES = {
+    "logarithms": (np.log, np.exp),
+    "roots": (np.sqrt, np.square),
+    "log(1 + y)": (np.log1p, np.expm1),
+}
+NAMED = {"np.log": "logarithms", "np.sqrt": "roots", "np.log1p": "log(1 + y)"}
 LIMIT, SPAN, LEVEL = 200.0, 4.0, 0.95
 
 
@@ -33,7 +37,7 @@ def fitted(X, y, transform=None):
         model = MultiTaskGPRegressor(task_feature="task", target_transform=transform)
         model.fit(X, y)
     told = [str(of.message) for of in caught if of.category is TargetScaleWarning]
-    return model, next((NAMED[of] for of in NAMED if told and f"({of}" in told[0]), "")
+    return model, next((NAMED[of] for of in NAMED if told and f"({of}," in told[0]), "")
 
 
 def scores(model, X, y):
@@ -51,7 +55,7 @@ def rows():
         X, y, _ = grouped = load(name)
         for split, train in splits_of(grouped, 1).items():
             low, high = y[train].min(), y[train].max()
-            if low > 0.0 and high > SPAN * low:
+            if low >= 0.0 and high > SPAN * low:
                 yield {"set": name, "split": split} | compared(X, y, train)
 
 
@@ -60,7 +64,8 @@ def compared(X, y, train):
     test = X[~train], y[~train]
     try:
         model, named = fitted(X[train], y[train])
-        moved, _ = fitted(X[train], y[train], SCALES[named or "logarithms"])
+        usual = "logarithms" if y[train].min() > 0.0 else "log(1 + y)"
+        moved, _ = fitted(X[train], y[train], SCALES[named or usual])
         before, after = scores(model, *test), scores(moved, *test)
     except Exception as error:  # the others go on, and it is told
         return {"named": f"failed: {error}"[:60]}

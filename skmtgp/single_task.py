@@ -352,7 +352,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         X = np.column_stack([features, np.zeros(len(features))])
         self._check_tasks(model, features, rows, Y)
         self._tell_constants(model, rows, Y, known)
-        tell_copies(model, features, codes, Y)
+        if known is None:
+            tell_copies(model, features, codes, Y)
         self._foretell(model, rows, features, Y, known)
         names = [self._in_words(m) for m in range(len(rows))]
         results = run(
@@ -428,14 +429,18 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def _tell_skewed(self, features, rows, estimators):
         """Warn of inputs whose logarithms might be better.
 
-        Few rows of one task are skewed by chance, so those of all tasks decide.
+        Few rows of one task are skewed by chance, or leave gaps. So the rows of all
+        tasks must be skewed, and half of the tasks must have gaps.
         """
-        far = set()
+        far = np.zeros(features.shape[1])
         for r, estimator in zip(rows, estimators, strict=True):
             thetas = estimator._thetas() if estimator.n_iter_ else ()
             for of, theta in zip(estimator._likelihoods, thetas, strict=False):
-                far |= set(inputs_far_apart(of.prior, theta, features[r]))
-        tell_skewed({k for k in far if is_skewed(features[:, k])}, self._names())
+                far[inputs_far_apart(of.prior, theta, features[r])] += 1.0
+        most = np.flatnonzero(
+            far >= 0.5 * sum(len(of._likelihoods) for of in estimators)
+        )
+        tell_skewed({k for k in most if is_skewed(features[:, k])}, self._names())
 
     def _foretell(self, model, rows, X, Y, known):
         """Say before it begins that learning all tasks will take minutes."""

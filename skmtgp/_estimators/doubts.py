@@ -202,7 +202,12 @@ def _warn_of_scale(training, problem, mode, j):
     Nor is it of two values, which are as far apart on any scale.
     """
     given = training.known is not None or training.trends is not None
-    if given or training.target is not AS_GIVEN or training.binary[j]:
+    if (
+        given
+        or problem.prior.noise_is_fixed
+        or training.target is not AS_GIVEN
+        or training.binary[j]
+    ):
         return False
     data, y = problem.data, training.targets(problem.engine)[:, j]
     groups = data.tasks if training.units.per_task else np.zeros(len(y), dtype=int)

@@ -75,8 +75,7 @@ def _slopes_of(curves, kernel):
     for name in (name for name in curves if name.endswith(LENGTH)):
         weights, bias = name.replace(LENGTH, "weights"), name.replace(LENGTH, "bias")
         values[weights] = curves[name] ** -2.0
-        ratio = np.log(values[weights] / usual[weights]).mean()
-        values[bias] = usual[bias] * np.exp(ratio)
+        values[bias] = usual[bias] * np.max(values[weights] / usual[weights])
     return np.clip(clone(kernel).set_params(**values).theta, *kernel.bounds.T)
 
 

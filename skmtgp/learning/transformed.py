@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skmtgp._numerics.linalg import RESOLVED
 from skmtgp.learning.climbing import climb
 
 LEAST, MOST = 30, 2000  # rows that are asked: few gain as much by chance
@@ -39,7 +40,9 @@ def likelier_scale(problem, mode, y, groups):
     asks = problem.engine.exact and LEAST <= len(y) <= MOST and np.isfinite(mode.value)
     if not (asks and y.min() >= 0.0 and y.max() > SPAN * y.min()):
         return ""
-    scales = POSITIVE if y.min() > 0.0 else WITH_ZEROS
+    scales = WITH_ZEROS
+    if y.min() > 0.0:
+        y, scales = y / y.max(), POSITIVE  # their squares do not vanish
     gains = {
         name: _gain(problem, mode, y, groups, *scale) for name, scale in scales.items()
     }
@@ -50,13 +53,25 @@ def likelier_scale(problem, mode, y, groups):
 def _gain(problem, mode, y, groups, function, log_derivative):
     """Nats that a function of the targets gains, learned on from a mode.
 
-    Each group keeps its mean and its deviation. The density is that of y.
+    Each group keeps its mean and its deviation. The density is that of y. Equal targets
+    of a group have none, and stay as they are; so does the target of a group with one.
     """
-    moved, log_jacobian = problem.data.y.copy(), log_derivative(y)
+    z, before, moved = function(y), problem.data.y, problem.data.y.copy()
+    log_jacobian, log_ratio = log_derivative(y), np.full(len(y), np.nan)
     for own in (groups == group for group in np.unique(groups)):
-        before, z = moved[own], function(y[own])
-        if z.std() > 0.0:
-            moved[own] = before.mean() + before.std() / z.std() * (z - z.mean())
-            log_jacobian[own] += np.log(y[own].std() / z.std())
+        if min(_spread(y[own]), _spread(z[own])) > RESOLVED:
+            ratio = before[own].std() / z[own].std()
+            moved[own] = before[own].mean() + ratio * (z[own] - z[own].mean())
+            log_ratio[own] = np.log(y[own].std() / z[own].std())
+        elif own.sum() > 1:
+            log_jacobian[own] = log_ratio[own] = 0.0
+    if np.isnan(log_ratio).all():
+        return -np.inf
+    log_jacobian += np.where(np.isnan(log_ratio), np.nanmean(log_ratio), log_ratio)
     other = problem.with_data(replace(problem.data, y=moved)).quickly()
     return climb(other, mode.theta).value - mode.value + log_jacobian.sum()
+
+
+def _spread(values):
+    """Their range, relative to the largest."""
+    return np.ptp(values) / max(np.abs(values).max(), np.finfo(np.float64).tiny)

@@ -133,6 +133,17 @@ def test_rows_of_all_tasks_say_whether_inputs_are_skewed():
         SingleTaskGP(RBF(0.3, "fixed")).fit(np.column_stack([x, task]), y)
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_gaps_of_a_few_rows_are_none(seed):
+    """Of six rows of a skewed input nearly any leave some."""
+    rng = np.random.default_rng(seed)
+    task, x = np.repeat(np.arange(20), 6), np.exp(rng.standard_normal(120))
+    y = x * rng.normal(2.0, 0.3, 20)[task] + 0.5 * rng.standard_normal(120)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SkewedInputWarning)
+        SingleTaskGP().fit(np.column_stack([x, task]), y)
+
+
 def test_long_length_scales_bridge_gaps():
     X, _ = measured()
     y = 0.1 * X["dose"] + np.random.default_rng(0).standard_normal(len(X))

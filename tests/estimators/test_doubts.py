@@ -194,6 +194,14 @@ class TestCopies:
             model.fit(*self.twice(8))
 
     @quick
+    @pytest.mark.parametrize("cls", [MultiTaskGPRegressor, SingleTaskGP])
+    def test_of_known_noise_are_not(self, cls):
+        X, y = self.twice(8)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RepeatedRowsWarning)
+            cls(**self.FEW).fit(X, y, alpha=np.full(len(y), 0.1))
+
+    @quick
     @pytest.mark.parametrize("n", [0, 2])
     def test_a_few_are_not(self, n):
         MultiTaskGPRegressor(rank=1, **self.FEW).fit(*self.twice(n))

@@ -64,7 +64,7 @@ def test_the_gain_is_that_of_models_that_are_fitted(per_task, monkeypatch):
 
     def kept(problem, mode, y, *given):
         gains.append(gain(problem, mode, y, *given))
-        np.testing.assert_allclose(np.sort(y), np.sort(target))
+        np.testing.assert_allclose(np.sort(y), np.sort(target) / target.max())
         return gains[-1]
 
     monkeypatch.setattr(transformed, "_gain", kept)
@@ -126,3 +126,41 @@ def test_where_nothing_is_asked(monkeypatch):
         with monkeypatch.context() as patch:
             patch.setattr(transformed, name, value)
             assert told(MultiTaskGPRegressor(), X, y) == []
+
+
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SmallTaskWarning")
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.ConstantTargetWarning")
+@pytest.mark.parametrize("tasks", ["single rows", "constant", "none"])
+@pytest.mark.parametrize("back", [np.asarray, np.exp])
+def test_units_do_not_matter(back, tasks, monkeypatch):
+    """Also of tasks that have none of their own; tiny ones do not underflow."""
+    X, y = drawn(back, n_each=20)
+    rng = np.random.default_rng(1)
+    if tasks == "single rows":
+        more = np.column_stack([rng.uniform(0.0, 6.0, 6), np.arange(3, 9)])
+        X, y = np.vstack([X, more]), np.append(y, rng.choice(y, 6))
+    elif tasks == "constant":
+        more = np.column_stack([rng.uniform(0.0, 6.0, 12), np.full(12, 3.0)])
+        X, y = np.vstack([X, more]), np.append(y, np.full(12, 1.7))
+    y, found, gain = y - y.min() + 0.3, [], transformed._gain
+
+    def kept(*given):
+        found[-1].append(gain(*given))
+        return found[-1][-1]
+
+    monkeypatch.setattr(transformed, "_gain", kept)
+    for unit in (1.0, 1e-120, 1e-6, 1e6):
+        found.append([])
+        told(MultiTaskGPRegressor("rbf", rank=1, normalize_y="per_task"), X, unit * y)
+        assert len(found[-1]) == 2
+        np.testing.assert_allclose(found[-1], found[0], rtol=0, atol=0.1)
+    assert np.isfinite(found).all()
+    assert (max(found[0]) > transformed.SURE) == (back is np.exp)
+
+
+@pytest.mark.parametrize("seed", [16, 46])
+def test_zeros_stay_zeros(seed):
+    """Their logarithms would be minus infinity."""
+    X, y = drawn(np.asarray, n_each=16, seed=seed)
+    y = np.maximum(y - y.mean(), 0.0)
+    assert not any("np.log," in text for text in told(MultiTaskGPRegressor(), X, y))

@@ -57,17 +57,18 @@ def _gain(problem, mode, y, groups, function, log_derivative):
     of a group have none, and stay as they are; so does the target of a group with one.
     """
     z, before, moved = function(y), problem.data.y, problem.data.y.copy()
-    log_jacobian, log_ratio = log_derivative(y), np.full(len(y), np.nan)
+    log_ratio, equal = np.full(len(y), np.nan), np.zeros(len(y), dtype=bool)
     for own in (groups == group for group in np.unique(groups)):
         if min(_spread(y[own]), _spread(z[own])) > RESOLVED:
             ratio = before[own].std() / z[own].std()
             moved[own] = before[own].mean() + ratio * (z[own] - z[own].mean())
             log_ratio[own] = np.log(y[own].std() / z[own].std())
-        elif own.sum() > 1:
-            log_jacobian[own] = log_ratio[own] = 0.0
+        else:
+            equal[own] = own.sum() > 1
     if np.isnan(log_ratio).all():
         return -np.inf
-    log_jacobian += np.where(np.isnan(log_ratio), np.nanmean(log_ratio), log_ratio)
+    log_ratio[np.isnan(log_ratio)] = np.nanmean(log_ratio)  # as units of tasks are
+    log_jacobian = np.where(equal, 0.0, log_derivative(y) + log_ratio)
     other = problem.with_data(replace(problem.data, y=moved)).quickly()
     return climb(other, mode.theta).value - mode.value + log_jacobian.sum()
 

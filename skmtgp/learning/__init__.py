@@ -16,7 +16,9 @@ grows several terms one after another. What goes beyond the paper:
 
 ``agreement`` ends climbs that lead nowhere new, ``hidden`` finds functions that were
 taken for noise. ``forecast`` and ``telling`` say how long it takes and how far it is,
-``ambiguity`` and ``neighbours`` what a mode leaves in doubt. ``penalised`` adds weak
-priors, ``sampling`` draws hyperparameters, ``evidence`` integrates them out.
+``ambiguity`` and ``neighbours`` what a mode leaves in doubt, ``transformed`` which
+scale of the targets is likelier, and ``lines`` whether curves may be straight.
+``penalised`` adds weak priors, ``sampling`` draws hyperparameters, ``evidence``
+integrates them out.
 ``shortlisting`` learns the best of several forms, which ``weighing`` compares.
 """

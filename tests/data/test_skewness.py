@@ -133,6 +133,15 @@ def test_rows_of_all_tasks_say_whether_inputs_are_skewed():
         SingleTaskGP(RBF(0.3, "fixed")).fit(np.column_stack([x, task]), y)
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.parametrize("cls", [MultiTaskGPRegressor, SingleTaskGP])
+def test_climbs_that_did_not_end_say_nothing(cls):
+    X, y = measured()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SkewedInputWarning)
+        cls(task_feature="drug", max_iter=1).fit(X, y)
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_gaps_of_a_few_rows_are_none(seed):
     """Of six rows of a skewed input nearly any leave some."""

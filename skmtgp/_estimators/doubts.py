@@ -185,9 +185,8 @@ def warn_of_doubts(training, problems, modes, *, sampled=False):
     for j, (problem, mode) in enumerate(zip(problems, modes, strict=True)):
         if not mode.n_iter or is_dask(problem.data.X):
             continue
-        told = (mode.converged or mode.stalled) and _warn_of_scale(
-            training, problem, mode, j
-        )
+        ended = mode.converged or mode.stalled
+        told = ended and _warn_of_scale(training, problem, mode, j)
         if mode.converged:
             if not told:  # what grows with the targets looks correlated where these do
                 _warn_of_neighbours(problem, mode)
@@ -202,12 +201,8 @@ def _warn_of_scale(training, problem, mode, j):
     Nor is it of two values, which are as far apart on any scale.
     """
     given = training.known is not None or training.trends is not None
-    if (
-        given
-        or problem.prior.noise_is_fixed
-        or training.target is not AS_GIVEN
-        or training.binary[j]
-    ):
+    given |= problem.prior.noise_is_fixed or training.target is not AS_GIVEN
+    if given or training.binary[j]:
         return False
     data, y = problem.data, training.targets(problem.engine)[:, j]
     groups = data.tasks if training.units.per_task else np.zeros(len(y), dtype=int)

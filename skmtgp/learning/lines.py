@@ -42,9 +42,9 @@ def as_lines(problem, mode, kernel):
     """The problem with linear functions, learned on from curves.
 
     The weights begin at the variance of the curves' slopes: of a length-scale l it is
-    1 / l^2 of that of the values. So far apart values of nearly straight curves explain
-    levels, too, which lines need not do: values begin as large as slopes, and levels as
-    usual.
+    1 / l^2 of that of the values. The values of nearly straight curves vary so much
+    that they explain levels, too. Lines need not do that, so their values begin as
+    large as their slopes, and levels as usual.
 
     Parameters
     ----------

@@ -26,6 +26,7 @@ __all__ = [
     "TaskColumnWarning",
     "UnderflowWarning",
     "UnidentifiedNoiseWarning",
+    "UnrelatedTasksWarning",
 ]
 
 
@@ -385,4 +386,20 @@ class UnidentifiedNoiseWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import UnidentifiedNoiseWarning
     >>> warnings.simplefilter("error", UnidentifiedNoiseWarning)
+    """
+
+
+class UnrelatedTasksWarning(UserWarning):
+    """A model of each task by itself is likelier than the one that was learned.
+
+    All tasks have the same kernel, and this one does not suit all of them: their
+    functions depend on different inputs, or some vary faster than others. No two tasks
+    are closely related. :class:`~skmtgp.SingleTaskGP` learns each task by itself, and
+    :class:`~skmtgp.RankSearchIC` compares both.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import UnrelatedTasksWarning
+    >>> warnings.simplefilter("error", UnrelatedTasksWarning)
     """

@@ -392,7 +392,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         if best < len(modes):
             rank = settings[best]["rank"]
             self.best_rank_ = tuple(rank) if isinstance(rank, list) else rank
-            self.best_estimator_._warn_of_fit(training, *learned[highest][1:])
+            of_best, compared = learned[highest][1:], alone is not None
+            self.best_estimator_._warn_of_fit(training, *of_best, compared=compared)
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
             self.estimators_ = kept

@@ -32,6 +32,7 @@ WARNINGS = (
     exceptions.TaskColumnWarning,
     exceptions.UnderflowWarning,
     exceptions.UnidentifiedNoiseWarning,
+    exceptions.UnrelatedTasksWarning,
 )
 
 

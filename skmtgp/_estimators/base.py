@@ -155,14 +155,15 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         problems = [replace(of, budget=budget) for of in pose(self, training)]
         return ([of] for of in self._learn(problems, progress))
 
-    def _warn_of_fit(self, training, problems, modes):
-        """Say what the fit leaves in doubt."""
+    def _warn_of_fit(self, training, problems, modes, *, compared=False):
+        """Say what the fit leaves in doubt, see `warn_of_doubts`."""
         sampled = self._is_sampled()
         self._warn_of_noise(problems, modes)
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
         warn_of_skew(problems, modes, names_of_inputs(self))
-        warn_of_doubts(training, problems, modes, sampled=sampled)
+        options = {"sampled": sampled, "compared": compared}
+        warn_of_doubts(training, problems, modes, **options)
 
     def _tell(self, before, training, problems, modes):
         """The same; says if the noise is another than learning began with."""

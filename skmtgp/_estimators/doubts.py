@@ -19,9 +19,11 @@ from skmtgp.exceptions import (
     SkewedInputWarning,
     SmallTaskWarning,
     TargetScaleWarning,
+    UnrelatedTasksWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
+from skmtgp.learning.separate import TELLING, gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
 
@@ -168,7 +170,7 @@ def _length_scales(prior, theta, n_features):
     return np.broadcast_to(kernel.length_scale, n_features)
 
 
-def warn_of_doubts(training, problems, modes, *, sampled=False):
+def warn_of_doubts(training, problems, modes, *, sampled=False, compared=False):
     """Say what the modes that were learned leave in doubt.
 
     Parameters
@@ -181,6 +183,8 @@ def warn_of_doubts(training, problems, modes, *, sampled=False):
         Their modes.
     sampled : bool, default=False
         Whether predictions average over draws, which are of other modes too.
+    compared : bool, default=False
+        Whether models of each task were compared with the one that was learned.
     """
     for j, (problem, mode) in enumerate(zip(problems, modes, strict=True)):
         if not mode.n_iter or is_dask(problem.data.X):
@@ -192,6 +196,8 @@ def warn_of_doubts(training, problems, modes, *, sampled=False):
                 _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
+            if not compared:
+                _warn_of_unrelated(problem, mode)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -252,4 +258,17 @@ def _warn_of_rivals(problem, mode):
             "noise, or a lower rank of a MultiTaskGPRegressor, whose "
             "n_restarts_optimizer also searches for a still better mode.",
             AmbiguousFitWarning,
+        )
+
+
+def _warn_of_unrelated(problem, mode):
+    gain = gain_of_separate_models(problem, mode)
+    if gain > TELLING:
+        warn(
+            f"No two tasks of {problem.name} are closely related, and a model of each "
+            f"task by itself is likelier by {gain:.0f} nats (BIC). One kernel does not "
+            "suit all tasks: their functions may depend on different inputs, or some "
+            "may vary faster than others. SingleTaskGP learns each task by itself, and "
+            "RankSearchIC compares both.",
+            UnrelatedTasksWarning,
         )

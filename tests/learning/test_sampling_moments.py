@@ -158,7 +158,7 @@ def test_draws_that_are_kept_agree_within_their_errors(problem):
     assert np.abs((drawn.var(axis=0) / variance - 1.0) / of_variance).max() < 4.0
 
 
-@pytest.mark.long
+@pytest.mark.longest
 @pytest.mark.parametrize("n_noise", [1, 2])  # four parameters, five
 def test_a_factor_agrees_with_weighted_draws_of_the_prior(n_noise):
     likelihood, rng = of_a_factor(n_noise), np.random.default_rng(0)

@@ -6,6 +6,7 @@ from copy import copy
 import numpy as np
 import pytest
 from rigid import rnea, states, two_joints
+from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
 
 from skmtgp import (
@@ -72,8 +73,10 @@ def test_with_processes(rest, joint):
 
 def test_a_pipeline_of_a_robot(puma):
     made = make_puma560(n_samples=8, n_loads=2, stribeck=0.5, noise=0.01)
-    X, Y = made.data[::2], made.target[::2]
-    model = make_inverse_dynamics_regressor(kernel="rigid-body", robot=puma)
+    X, Y = made.data[::4], made.target[::4]
+    options = {"kernel": "rigid-body", "robot": puma}
+    quick = clone(PROCESS).set_params(max_iter=3)
+    model = make_inverse_dynamics_regressor(quick, **options)
     predictor = check(model.fit(X, Y), X[:4])
     assert predictor.outputs == list(range(6))
     assert predictor.predict_tasks(X[0, :-1]).shape == (2, 6)

@@ -310,7 +310,6 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         problems = model._foretell(problems, len(forms), training.foretold)
         described = training.descriptors is not None or training.trends is not None
         asks = simpler and exact and not described
-        alone = _alone(model, training, X, y, given) if asks else None
         with limit_threads(side(problems)):
             growing = {"until_worse": self.ranks is None}
             modes = model._learn_ranks(problems, forms, progress, **growing)
@@ -319,8 +318,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             if asks and self.ranks is None and not model.diagonal:
                 settings, *learned = _with_own_part(settings, *learned, model.n_jobs)
             again = partial(_learn_again, model, learned[0], progress)
-            decided = revise(model, training, *learned, again)
-            self._keep(model, settings, alone, *model._tell(training, *decided))
+            told = model._tell(training, *revise(model, training, *learned, again))
+            alone = _alone(model, *told[:2], X, y, given) if asks else None
+            self._keep(model, settings, alone, *told)
 
     def _n_kept(self, n_forms):
         """How many of the candidates have a posterior in the end."""
@@ -799,9 +799,9 @@ def _fitted(model, training, settings, problems, modes, lower=()):
     return model
 
 
-def _alone(model, training, X, y, given):
+def _alone(model, training, of_forms, X, y, given):
     """The tasks learned alone, or None where their rows cannot tell as much."""
-    alone = alone_like(model, training.features)
+    alone = alone_like(model, of_forms[0][0].prior.kernels)
     learned = 0 if isinstance(model.noise_variance_bounds, str) else 1
     if training.constant.any():  # certain of y, a model of it alone would decide
         return None

@@ -693,29 +693,25 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self.estimators_[0]._single_output
 
 
-def alone_like(model, features):
+def alone_like(model, kernels):
     """Models of the tasks alone that are comparable to a multi-task model.
 
     Parameters
     ----------
     model : BaseMultiTaskGP
         Fitted or not.
-    features : ndarray of shape (n_samples, n_features - 1)
-        Training inputs, to which a default kernel is scaled.
+    kernels : sequence of Kernel
+        k^x of each of its terms, with their starting values.
 
     Returns
     -------
     alone : SingleTaskGP
-        Not fitted: with the model's parameters and kernel, which gets an amplitude,
-        of several terms each of theirs, and, if the model has levels, a level around
+        Not fitted: with the model's parameters and these kernels, each of which gets
+        an amplitude, and, if the model has levels, a level around
         the mean of the task. The level has the variance of the task's targets, which is
         the prior of unit information.
     """
-    kernels = [
-        ConstantKernel(1.0, (1e-3, 1e3)) * kernel_made(model, kernel, features)
-        for kernel in model._kernels()
-    ]
-    kernel = reduce(add, kernels)
+    kernel = reduce(add, (ConstantKernel(1.0, (1e-3, 1e3)) * of for of in kernels))
     if model._has_levels():
         kernel += ConstantKernel(1.0, "fixed")
     given = SingleTaskGP().get_params().keys() & model.get_params(deep=False).keys()

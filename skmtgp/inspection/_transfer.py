@@ -260,7 +260,7 @@ class TransferDisplay(Display):
         of_model = _output(model._leave_out(include_noise=True), output)
         y = model.y_train_.reshape(len(of_model[0]), -1)[:, output]
         tasks = model.tasks_train_
-        of_alone = _alone(model, y)
+        of_alone = _alone(model, y, model._likelihoods[output].prior.kernels)
         table = _table(y, of_model, of_alone, tasks)
         table.index = pd.Index(model.tasks_, name="task")
         table["evidence"] = evidence_of_relations(model, output)
@@ -345,7 +345,7 @@ def _output(columns, output):
     return [values.reshape(len(values), -1)[:, output] for values in columns]
 
 
-def _alone(model, y):
+def _alone(model, y, kernels):
     """Means and deviations by a model of each task's other rows; NaN without any."""
     if model._trends() is not None:
         raise ValueError(
@@ -353,7 +353,7 @@ def _alone(model, y):
             "takes no trend. Fit it without one, or give predictions of both to "
             "from_predictions."
         )
-    alone = alone_like(model, model.X_train_)
+    alone = alone_like(model, kernels)
     alone.set_params(task_feature=-1, target_transform=None)  # y is transformed
     labels = model.tasks_[model.tasks_train_]  # warnings name them
     X = np.column_stack([model.X_train_.astype(object), labels])

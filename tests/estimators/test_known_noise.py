@@ -307,7 +307,8 @@ def test_which_tasks_help(model):
     """The models of single tasks that it is compared with know the noise, too."""
     pytest.importorskip("matplotlib")
     display = TransferDisplay.from_estimator(model)
-    alone = alone_like(model, X[:, :1]).set_params(task_feature=-1)
+    kernels = model._likelihoods[0].prior.kernels
+    alone = alone_like(model, kernels).set_params(task_feature=-1)
     told = alone.fit(X, Y, alpha=ALPHA).loo_predict(include_noise=True)
     density = pd.Series(norm.logpdf(Y, *told)).groupby(TASK).mean()
     found = display.transfer["log_density_alone"]

@@ -15,6 +15,7 @@ from sklearn.base import MetaEstimatorMixin, clone
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_stream
+from skmtgp._data.complete import count_copies
 from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
@@ -108,7 +109,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         - "compound symmetry": a function of all tasks and an independent deviation of
           each, ``rank=0, shared=True, diagonal="equal"``.
         - "single tasks": a SingleTaskGP, if inference is exact and each task has at
-          least twice as many samples as hyperparameters, and targets that vary.
+          least twice as many samples as hyperparameters, and targets that vary. They
+          are left out if rows of one task repeat others with their targets, those of
+          other tasks do not, and that task would have no noise: counts do so by chance.
         - "rank r and diagonal": the best rank with a diagonal in place of its last
           function, which one task may have to itself. It is tried if `ranks` is None,
           inference is exact and the data have noise. Criteria do not count variances of
@@ -810,4 +813,6 @@ def _alone(model, training, of_forms, X, y, given):
     names = "alpha", "sample_weight", "repeat_variance"
     known = dict(zip(names, given, strict=True))
     levels = model._has_levels()
-    return Alone(alone.set_params(verbose=0), X, y, levels=levels, **known)
+    alone = Alone(alone.set_params(verbose=0), X, y, levels=levels, **known)
+    copies = count_copies(training.features, training.codes, training.Y)
+    return None if not copies and alone.is_exact_by_chance() else alone

@@ -6,11 +6,13 @@ import numpy as np
 from scipy.stats import norm
 from sklearn.base import clone
 
+from skmtgp._data.complete import count_copies
 from skmtgp._estimators.fitted import evidence_of
 from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning.problem import Problem
+from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.weighing import (
     evidence_of_form,
     log_density_left_out,
@@ -59,6 +61,14 @@ class Alone:
                 warn(message, category)
         return self.estimator
 
+    def is_exact_by_chance(self):
+        """Whether a task has no noise as rows repeat others, with their targets.
+
+        Where those of other tasks do not, that is by chance: y has few values. Its
+        likelihood is as high as the least noise lets it be.
+        """
+        return any(map(_exact_copies, self.estimator.estimators_))
+
     def leave_out(self, _):
         """Log density of each target given the others of its task, summed."""
         return sum(map(_density_of_others, self.estimator.estimators_))
@@ -88,6 +98,14 @@ class Alone:
         with np.errstate(divide="ignore"):
             nats = 0.5 * (1.0 + np.log(means.var(axis=0) / scales**2))
         return float(np.maximum(nats, 0.0).sum())
+
+
+def _exact_copies(estimator):
+    variance = np.ravel(estimator.noise_variance_ / np.square(estimator.y_scale_))
+    if variance.min() > TUNING.held:
+        return False
+    Y = estimator.y_train_.reshape(len(estimator.y_train_), -1)
+    return count_copies(estimator.X_train_, estimator.tasks_train_, Y) > 0
 
 
 def _density_of_others(estimator):

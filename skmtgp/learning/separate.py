@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from skmtgp._data.complete import count_copies
 from skmtgp._data.data import Data
 from skmtgp._numerics.linalg import correlation
 from skmtgp._numerics.parallel import limit_threads
@@ -33,21 +34,27 @@ def gain_of_separate_models(problem, mode):
     -------
     gain : float
         Minus infinity where it is not asked: the tasks are surely related, or many, or
-        their rows are too few or too many.
+        their rows are too few or too many. Also where rows of a task repeat others with
+        their targets, and noise of the task alone vanishes. With few values of y that
+        is by chance, and the likelihood is as high as the least noise lets it be.
     """
     if not (_can_be_asked(problem) and _may_be_unrelated(problem.prior, mode.theta)):
         return -np.inf
     data, prior = problem.data, problem.prior
     gain = 0.5 * prior.n_hyperparameters * np.log(len(data))
     gain -= problem.log_likelihood(mode)
-    noisy = problem.is_noisy(mode)
     for task in range(data.n_tasks):
         of_task, found = _learned(problem, mode, data.tasks == task)
-        if noisy and not of_task.is_noisy(found):
-            return -np.inf  # by chance: rows that are alike
+        if not of_task.is_noisy(found) and _has_copies(of_task.data):
+            return -np.inf
         n_parameters = of_task.prior.n_hyperparameters + 1  # the mean
         gain += found.value - 0.5 * n_parameters * np.log(len(of_task.data))
     return float(gain)
+
+
+def _has_copies(data):
+    """Whether rows repeat others, with their targets, so that noise may vanish."""
+    return count_copies(data.X, data.tasks, data.y[:, None]) > 0
 
 
 def _can_be_asked(problem):

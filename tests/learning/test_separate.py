@@ -136,3 +136,18 @@ def test_rows_that_are_alike_by_chance(monkeypatch):
     model = MultiTaskGPRegressor(**UNRELATED)
     assert gains(monkeypatch, model, X, y) == [-np.inf]
     assert model.noise_variance_ > 1e-2
+
+
+def test_a_search_leaves_out_models_that_are_exact_by_chance():
+    """Counts of one task are the same wherever its inputs are."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([np.tile(np.arange(10.0), 6), np.repeat([0, 1, 2], 20)])
+    y = rng.poisson(2.0, 60).astype(float)
+    compared = []
+    for repeats in (False, True):
+        if repeats:
+            y[10:20] = y[:10]
+        search = RankSearchIC(criterion="bic", simpler=True, ranks=(0, 1))
+        said(search, X, y)
+        compared.append("single tasks" in search.results_["model"].tolist())
+    assert compared == [True, False]

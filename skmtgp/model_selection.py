@@ -203,8 +203,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     For single tasks the mean of each task's samples is subtracted. With `task_levels` a
     task has a level around this mean, with the prior of unit information. Without
     levels the mean does not count as a parameter. All other hyperparameters of the
-    tasks count. If single tasks are chosen, `summary`, `add_task` and the displays of
-    how tasks are related raise an error.
+    tasks count. If single tasks are chosen, `add_task` and the displays of how tasks
+    are related raise an error.
 
     With "loo" the hyperparameters have seen the observation that is left out, so it may
     choose a larger rank than needed. If several ranks predict nearly equally well, BIC
@@ -558,10 +558,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         ------
         NotFittedError
             If the search was not fitted.
-        TypeError
-            If single tasks were chosen.
         """
-        return self._joint("summary").summary()
+        check_is_fitted(self)
+        return self.best_estimator_.summary()
 
     def task_correlation_interval(
         self, level: float = 0.95

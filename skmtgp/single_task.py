@@ -8,6 +8,7 @@ from operator import add
 from typing import Literal, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import clone
 from sklearn.exceptions import ConvergenceWarning
@@ -643,6 +644,50 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         for rows, model in self._parts(self.tasks_train_):
             mean[rows], std[rows] = model._leave_out(include_noise)
         return mean, std
+
+    def summary(self) -> pd.DataFrame:
+        """Return what was learned of each task, as a table in units of y.
+
+        With `target_transform` the table is in units of the transformed targets.
+
+        Returns
+        -------
+        summary : DataFrame of n_tasks rows
+            The task labels are the index. With several outputs the tables follow each
+            other, and ``summary().loc[j]`` is that of output j. The columns are those
+            of :meth:`MultiTaskGPRegressor.summary`: rows, level, level_std, noise_std,
+            explained, closest and correlation. The level is the mean of the task's
+            targets. No task is close to another, as each is learned by itself.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import SingleTaskGP
+        >>> x, task = np.tile(np.linspace(0, 6, 20), 2), np.repeat(["a", "b"], 20)
+        >>> X = np.column_stack([x.astype(object), task])
+        >>> y = np.where(task == "a", np.sin(x), np.cos(2 * x))
+        >>> y += 0.1 * np.random.default_rng(0).standard_normal(40)
+        >>> summary = SingleTaskGP().fit(X, y).summary()
+        >>> summary[["rows", "noise_std", "explained"]].round(1)
+              rows  noise_std  explained
+        task
+        a       20        0.1        1.0
+        b       20        0.1        1.0
+        """
+        check_is_fitted(self)
+        tables = [estimator.summary() for estimator in self.estimators_]
+        if self._single_output:
+            return pd.concat(tables).set_axis(pd.Index(self.tasks_, name="task"))
+        outputs = range(self._n_outputs)
+        of_outputs = [pd.concat([of.loc[j] for of in tables]) for j in outputs]
+        names = ["output", "task"]
+        index = pd.MultiIndex.from_product([outputs, self.tasks_], names=names)
+        return pd.concat(of_outputs).set_axis(index)
 
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False

@@ -137,6 +137,28 @@ def test_closest_tasks_of_fixed_forms():
     assert (together["correlation"] == 1.0).all()
 
 
+def test_tasks_that_are_learned_alone(data):
+    X, y = data
+    model = SingleTaskGP(task_feature="task", max_iter=3).fit(X, y)
+    assert model.summary().columns.tolist() == COLUMNS
+    mean, _ = model.loo_predict()
+    for j, table in of_outputs(model.summary(), model):
+        assert table.index.tolist() == ["u", "v", "w"]
+        assert table.index.name == "task"
+        truth, found = y.reshape(len(y), -1)[:, j], mean.reshape(len(y), -1)[:, j]
+        for name, alone in zip("uvw", model.estimators_, strict=True):
+            row, rows = table.loc[name], X["task"] == name
+            assert row["rows"] == rows.sum()
+            assert row["level"] == pytest.approx(truth[rows].mean())
+            noise = np.ravel(alone.noise_variance_)[j]
+            assert row["noise_std"] == pytest.approx(np.sqrt(noise))
+            nmse = normalized_mean_squared_error(truth[rows], found[rows])
+            assert row["explained"] == pytest.approx(1.0 - nmse)
+            assert (row["closest"], row["correlation"]) == (None, 0.0)
+    with pytest.raises(NotFittedError):
+        SingleTaskGP().summary()
+
+
 def test_one_task():
     X, y = draw(n_tasks=1)
     summary = MultiTaskGPRegressor(max_iter=0).fit(X, y).summary()
@@ -186,4 +208,4 @@ def test_not_fitted(model):
 
 
 def test_models_of_tasks_alone_have_no_relations():
-    assert not hasattr(SingleTaskGP(), "summary")
+    assert not hasattr(SingleTaskGP(), "task_covariance_")

@@ -208,4 +208,4 @@ def test_not_fitted(model):
 
 
 def test_models_of_tasks_alone_have_no_relations():
-    assert not hasattr(SingleTaskGP(), "task_covariance_")
+    assert not hasattr(SingleTaskGP, "task_correlation_")

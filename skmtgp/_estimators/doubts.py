@@ -218,7 +218,8 @@ def _warn_of_scale(training, problem, mode, j):
             f"The targets of {problem.name} are never negative, and likelier by more "
             f"than {SURE:.0f} nats on another scale: noise or functions grow with "
             "them. So intervals may be too narrow where targets are large and too wide "
-            f"where they are small. Try target_transform={scale}.",
+            f"where they are small. Try target_transform={scale}. Then `predict` gives "
+            "medians, in units of y.",
             TargetScaleWarning,
         )
     return bool(scale)
@@ -268,7 +269,7 @@ def _warn_of_unrelated(problem, mode):
             f"No two tasks of {problem.name} are closely related, and a model of each "
             f"task by itself is likelier by {gain:.0f} nats (BIC). One kernel does not "
             "suit all tasks: their functions may depend on different inputs, or some "
-            "may vary faster than others. SingleTaskGP learns each task by itself, and "
-            "RankSearchIC compares both.",
+            "may vary faster than others. RankSearchIC compares both models, and "
+            "SingleTaskGP learns each task by itself.",
             UnrelatedTasksWarning,
         )

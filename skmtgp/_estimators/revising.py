@@ -43,6 +43,7 @@ from skmtgp.learning.weighing import (
 
 # Nats that noise of each task must gain where functions may have followed it.
 SURE_ANEW = 3.0
+FEW_ROWS = 5  # for each number of k^x
 
 
 def revise(model, training, problems, modes, learn):
@@ -109,7 +110,8 @@ def _with_lines(model, training, problems, modes):
     change = partial(as_lines, kernel=as_named(model, training, LINEAR))
     curves = list(zip(*of_best, strict=True))
     lines, least = run(change, curves, n_jobs=n_jobs), curves[0][0].tuning.linear
-    if log_likelihood(lines) < log_likelihood(curves) - least * len(curves):
+    by_chance = sum(least + 0.5 * of.prior.kernel.n_dims for of, _ in curves)
+    if log_likelihood(lines) < log_likelihood(curves) - by_chance:
         spent = [mode for _, mode in counting(curves, lines)]
         return training, problems, [*modes[:best], spent, *modes[best + 1 :]]
     known = [{best: of} for of in lines]
@@ -191,13 +193,25 @@ def _gain(of_best, found, n_jobs):
     return (values[1] - values[0]) / len(problems[0])
 
 
+def _is_wide(problem):
+    """Whether rows are so few beside the inputs that some matter by chance.
+
+    Curves that follow noise along some of them predict rows well that are left out, by
+    hyperparameters that have seen these rows.
+    """
+    return len(problem.data) < FEW_ROWS * problem.prior.kernel.n_dims
+
+
 def _loss_left_out(problems, modes, n_jobs):
     """Nats an output that the second of two k^x predicts rows worse by, left out.
 
     Where curves bend little beside steep slopes, lines take them for noise. That costs
     predictions much, and the evidence of few rows little. Both have the same form of
-    K^rho, for more hyperparameters seem to predict better than they do.
+    K^rho, for more hyperparameters seem to predict better than they do. Of wide data
+    nothing is lost.
     """
+    if _is_wide(problems[0][0]):
+        return -np.inf
     values = summed(log_density_left_out, problems, modes, n_jobs)
     return (values[0] - values[1]) / len(problems[0])
 

@@ -15,6 +15,8 @@ BY_CHANCE = 5.0  # standard deviations of a variance
 def may_be_lines(problem, mode):
     """Whether k^x bends little where there are rows, and planes explain the rows.
 
+    Along an input of two values nothing bends.
+
     Parameters
     ----------
     problem : Problem
@@ -29,7 +31,8 @@ def may_be_lines(problem, mode):
     X, kernel = problem.data.X, problem.prior.kernel_at(mode.theta)
     named = kernel.get_params().items()
     scales = [of for name, of in named if name.endswith(LENGTH)]
-    least = problem.tuning.long * X.std(axis=0)
+    bends = np.array([len(np.unique(x)) > 2 for x in X.T])
+    least = problem.tuning.long * X.std(axis=0) * bends
     if not all((scale > least).all() for scale in scales):
         return False
     if problem.data.known is not None or problem.prior.trend is not None:

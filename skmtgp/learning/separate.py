@@ -44,7 +44,7 @@ def gain_of_separate_models(problem, mode):
     gain = 0.5 * prior.n_hyperparameters * np.log(len(data))
     gain -= problem.log_likelihood(mode)
     for task in range(data.n_tasks):
-        of_task, found = _learned(problem, mode, data.tasks == task)
+        of_task, found = _learned(problem, data.tasks == task)
         if not of_task.is_noisy(found) and _has_copies(of_task.data):
             return -np.inf
         n_parameters = of_task.prior.n_hyperparameters + 1  # the mean
@@ -74,7 +74,7 @@ def _may_be_unrelated(prior, theta):
     return np.abs(among).max() < CLOSE
 
 
-def _learned(problem, mode, own):
+def _learned(problem, own):
     """The problem of some rows as one task, and its mode."""
     y, X = problem.data.y[own], problem.data.X[own]
     data = Data(X, np.zeros(len(y), dtype=int), y - y.mean(), 1)
@@ -92,6 +92,6 @@ def _learned(problem, mode, own):
     )
     alone = replace(problem, data=data, prior=prior, engine=Dense()).quickly()
     alone = replace(alone, log_little=problem.log_little + unit)
-    kernel, K_rho = mode.theta[of_all.of_kernel], np.full((1, 1), prior.scale**2)
+    theta = alone.theta(K_rho=np.full((1, 1), prior.scale**2))
     with limit_threads(len(y)):
-        return alone, climb(alone, alone.theta(kernel=kernel, K_rho=K_rho))
+        return alone, climb(alone, theta)

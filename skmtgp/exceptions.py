@@ -20,6 +20,7 @@ __all__ = [
     "PrecisionWarning",
     "RepeatedRowsWarning",
     "SamplingWarning",
+    "SeveralKernelsWarning",
     "SkewedInputWarning",
     "SmallTaskWarning",
     "TargetScaleWarning",
@@ -274,6 +275,21 @@ class SamplingWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import SamplingWarning
     >>> warnings.simplefilter("error", SamplingWarning)
+    """
+
+
+class SeveralKernelsWarning(UserWarning):
+    """Two kernels are likelier than the one that was learned.
+
+    Functions that the tasks share vary at different speeds, or depend on different
+    inputs. A list of kernels has length-scales for each, see `kernel` and `rank` of
+    :class:`~skmtgp.MultiTaskGPRegressor`. The message names the ranks to try.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import SeveralKernelsWarning
+    >>> warnings.simplefilter("error", SeveralKernelsWarning)
     """
 
 

@@ -26,6 +26,7 @@ WARNINGS = (
     exceptions.PrecisionWarning,
     exceptions.RepeatedRowsWarning,
     exceptions.SamplingWarning,
+    exceptions.SeveralKernelsWarning,
     exceptions.SkewedInputWarning,
     exceptions.SmallTaskWarning,
     exceptions.TargetScaleWarning,

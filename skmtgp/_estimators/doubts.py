@@ -16,6 +16,7 @@ from skmtgp.exceptions import (
     ConstantTargetWarning,
     CorrelatedResidualsWarning,
     LongFitWarning,
+    SeveralKernelsWarning,
     SkewedInputWarning,
     SmallTaskWarning,
     TargetScaleWarning,
@@ -23,11 +24,13 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
-from skmtgp.learning.separate import TELLING, gain_of_separate_models
+from skmtgp.learning.own_kernels import gain_of_own_kernels
+from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
 
 MUCH = 0.2  # of the range of an input, that is far from all rows
+TELLING = 10.0  # nats of BIC that another model must gain to be told of
 LONG = 120.0  # seconds of learning that a user wants to know of before
 
 
@@ -196,8 +199,8 @@ def warn_of_doubts(training, problems, modes, *, sampled=False, compared=False):
                 _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
-            if not compared:
-                _warn_of_unrelated(problem, mode)
+            if compared or not _warn_of_unrelated(problem, mode):
+                _warn_of_own_kernels(problem, mode)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -263,6 +266,7 @@ def _warn_of_rivals(problem, mode):
 
 
 def _warn_of_unrelated(problem, mode):
+    """Say if a model of each task is likelier; whether it was said."""
     gain = gain_of_separate_models(problem, mode)
     if gain > TELLING:
         warn(
@@ -272,4 +276,18 @@ def _warn_of_unrelated(problem, mode):
             "may vary faster than others. RankSearchIC compares both models, and "
             "SingleTaskGP learns each task by itself.",
             UnrelatedTasksWarning,
+        )
+    return gain > TELLING
+
+
+def _warn_of_own_kernels(problem, mode):
+    gain = gain_of_own_kernels(problem, mode)
+    if gain > TELLING:
+        ranks = [problem.prior.task_covariance.rank - 1, 1]
+        warn(
+            f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
+            "(BIC): functions that the tasks share vary at different speeds, or depend "
+            f"on different inputs. Try kernel=[None, None] and rank={ranks}, or a list "
+            "of two kernels of your own. This takes longer.",
+            SeveralKernelsWarning,
         )

@@ -15,7 +15,6 @@ from skmtgp.model.task_covariance import LowRank
 MOST_TASKS, MOST_ROWS = 12, 2000  # that are asked: of more it would take long
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it by itself
 CLOSE = 0.9  # correlation from which tasks are surely related
-TELLING = 10.0  # nats that must be gained to be told of
 
 
 def gain_of_separate_models(problem, mode):

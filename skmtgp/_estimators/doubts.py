@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Produc
 from skmtgp._data.checks import name_tasks
 from skmtgp._data.dask import is_dask
 from skmtgp._data.skewness import is_skewed, share_far
+from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks
 from skmtgp._support.warnings import warn
@@ -200,7 +201,7 @@ def warn_of_doubts(training, problems, modes, *, sampled=False, compared=False):
             if not sampled:
                 _warn_of_rivals(problem, mode)
             if compared or not _warn_of_unrelated(problem, mode):
-                _warn_of_own_kernels(problem, mode)
+                _warn_of_own_kernels(training, problem, mode)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -280,14 +281,22 @@ def _warn_of_unrelated(problem, mode):
     return gain > TELLING
 
 
-def _warn_of_own_kernels(problem, mode):
+def _warn_of_own_kernels(training, problem, mode):
+    """Say if two kernels are likelier, beside the units and the noise of this fit."""
     gain = gain_of_own_kernels(problem, mode)
     if gain > TELLING:
-        ranks = [problem.prior.task_covariance.rank - 1, 1]
+        name = None if training.kernel == DEFAULT else training.kernel
+        units = "per_task" if training.units.per_task else "shared"
+        options = {
+            "kernel": [name] * 2,
+            "rank": [problem.prior.task_covariance.rank - 1, 1],
+            "noise": training.noise,
+            "normalize_y": units,
+        }
+        named = ", ".join(f"{key}={value!r}" for key, value in options.items())
         warn(
             f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
             "(BIC): functions that the tasks share vary at different speeds, or depend "
-            f"on different inputs. Try kernel=[None, None] and rank={ranks}, or a list "
-            "of two kernels of your own. This takes longer.",
+            f"on different inputs. Try {named}. This takes longer.",
             SeveralKernelsWarning,
         )

@@ -39,16 +39,34 @@ def gain_of_own_kernels(problem, mode):
     if not _can_be_asked(problem):
         return -np.inf
     prior, data = problem.prior, problem.data
-    (kernel, form), rank = *prior.terms, prior.task_covariance.rank
-    forms = LowRank(form.n_tasks, rank - 1), LowRank(form.n_tasks, 1)
+    [(kernel, form)] = prior.terms
+    forms = LowRank(form.n_tasks, form.rank - 1), LowRank(form.n_tasks, 1)
     both = replace(problem, prior=prior.with_terms([(kernel, of) for of in forms]))
     both = replace(both, engine=Dense())
     price = both.prior.n_hyperparameters - prior.n_hyperparameters
-    least = mode.value + 0.5 * price * np.log(len(data))
-    with limit_threads(len(data)):
-        start = _likeliest_start(both, problem, mode)
-        found = climb(both, start)
-    return float(found.value - least)
+    found = split(both, problem, mode)
+    return float(found.value - mode.value - 0.5 * price * np.log(len(data)))
+
+
+def split(both, problem, mode):
+    """The mode of two kernels that one leads to.
+
+    Parameters
+    ----------
+    both : Problem
+        With two terms of the same kind, the second of rank one.
+    problem : Problem
+        With one term, of the rank of both.
+    mode : Mode
+        Its mode.
+
+    Returns
+    -------
+    mode : Mode
+        Of both.
+    """
+    with limit_threads(len(both.data)):
+        return climb(both, _likeliest_start(both, problem, mode))
 
 
 def _can_be_asked(problem):

@@ -23,10 +23,12 @@ from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.progress import say, silent
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.learning.climbing import climb, refine, shake
+from skmtgp.learning.own_kernels import split
 from skmtgp.learning.problem import Mode, Problem, best_of
 from skmtgp.learning.summarised import exact_part, learn_rest
 from skmtgp.learning.telling import about, in_words
 from skmtgp.model.several import terms_of
+from skmtgp.model.task_covariance import LowRank
 
 
 class Grown(NamedTuple):
@@ -87,7 +89,35 @@ def _learn(learn, problems, n_jobs):
         [modes] = learn(of_term, [of_term[0].prior.task_covariance])
         alone.append(list(map(Grown, of_term, modes, [(q,)] * len(modes))))
     firsts = list(map(_likeliest, zip(*alone, strict=True)))
-    return run(_grow_all, list(zip(problems, firsts, strict=True)), n_jobs=n_jobs)
+    modes = run(_grow_all, list(zip(problems, firsts, strict=True)), n_jobs=n_jobs)
+    one = [_as_one(problem) for problem in problems]
+    if None in one:
+        return modes
+    [of_one] = learn(one, [one[0].prior.task_covariance])
+    jobs = list(zip(problems, modes, one, of_one, strict=True))
+    return run(_or_split, jobs, n_jobs=n_jobs)
+
+
+def _as_one(problem):
+    """The problem of two terms that begin alike as one of their ranks together.
+
+    None where there are others, or the second is not of rank one.
+    """
+    terms = problem.prior.terms
+    (kernel, form), (other, last) = terms[0], terms[-1]
+    alike = len(terms) == 2 and str(kernel.get_params()) == str(other.get_params())
+    if not alike or {type(form), type(last)} != {LowRank} or last.rank != 1:
+        return None
+    if form.rank + 1 > form.n_tasks:
+        return None
+    one = kernel, LowRank(form.n_tasks, form.rank + 1)
+    return replace(problem, prior=problem.prior.with_terms([one]))
+
+
+def _or_split(problem, mode, one, of_one):
+    """The better of a mode of two terms, and of one that is split in two."""
+    other = split(problem, one, of_one).counting([of_one])
+    return best_of([mode, other])
 
 
 def _likeliest(alone):

@@ -167,6 +167,7 @@ def test_a_model_of_one_term_has_terms_too(data):
         np.testing.assert_allclose(terms.sum(axis=1), model.predict(NEW), rtol=1e-9)
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
 @pytest.mark.parametrize("params", [{}, {"rank": [1]}, {"shared": [True], "rank": 1}])
 def test_a_list_of_one_is_no_list(data, params):
     X, y, *_ = data

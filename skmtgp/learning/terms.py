@@ -106,9 +106,8 @@ def _as_one(problem):
     terms = problem.prior.terms
     (kernel, form), (other, last) = terms[0], terms[-1]
     alike = len(terms) == 2 and str(kernel.get_params()) == str(other.get_params())
-    if not alike or {type(form), type(last)} != {LowRank} or last.rank != 1:
-        return None
-    if form.rank + 1 > form.n_tasks:
+    low = problem.data.Q is None and {type(form), type(last)} == {LowRank}
+    if not (alike and low) or last.rank != 1 or form.rank + 1 > form.n_tasks:
         return None
     one = kernel, LowRank(form.n_tasks, form.rank + 1)
     return replace(problem, prior=problem.prior.with_terms([one]))
@@ -116,8 +115,7 @@ def _as_one(problem):
 
 def _or_split(problem, mode, one, of_one):
     """The better of a mode of two terms, and of one that is split in two."""
-    other = split(problem, one, of_one).counting([of_one])
-    return best_of([mode, other])
+    return best_of([mode, of_one.then(split(problem, one, of_one))])
 
 
 def _likeliest(alone):

@@ -9,6 +9,7 @@ from dataclasses import replace
 from operator import itemgetter
 
 import numpy as np
+from sklearn.gaussian_process.kernels import RBF, Matern
 
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.engines import Dense
@@ -34,7 +35,8 @@ def gain_of_own_kernels(problem, mode):
     -------
     gain : float
         Minus infinity where it is not asked: K^rho is not of rank two or more, or has
-        functions of another kind beside these, or rows are many.
+        functions of another kind beside these, k^x has no length-scales alone, or rows
+        are many.
     """
     if not _can_be_asked(problem):
         return -np.inf
@@ -75,8 +77,10 @@ def _can_be_asked(problem):
         return False
     if prior.n_terms > 1 or prior.trend or data.known:
         return False
+    if type(prior.kernel) not in (RBF, Matern) or not prior.kernel.n_dims:
+        return False
     form = prior.task_covariance
-    return prior.n_length_scales.any() and type(form) is LowRank and form.rank > 1
+    return type(form) is LowRank and form.rank > 1
 
 
 def _likeliest_start(both, problem, mode):
@@ -91,6 +95,7 @@ def _likeliest_start(both, problem, mode):
         for scale in SCALES:
             terms = (kernel, rest.ravel()), (kernel + scale * is_scale, F @ u)
             theta = both.prior.with_theta_of_terms(mode.theta, terms)
+            theta = np.clip(theta, *both.prior.bounds())
             found.append((likelihood.value(theta), theta))
     return max(found, key=itemgetter(0))[1]
 

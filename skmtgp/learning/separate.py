@@ -6,7 +6,7 @@ import numpy as np
 
 from skmtgp._data.complete import count_copies
 from skmtgp._data.data import Data
-from skmtgp._numerics.linalg import correlation
+from skmtgp._numerics.linalg import RESOLVED, correlation
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.engines import Dense
 from skmtgp.learning.climbing import climb
@@ -33,17 +33,21 @@ def gain_of_separate_models(problem, mode):
     -------
     gain : float
         Minus infinity where it is not asked: the tasks are surely related, or many, or
-        their rows are too few or too many. Also where rows of a task repeat others with
-        their targets, and noise of the task alone vanishes. With few values of y that
-        is by chance, and the likelihood is as high as the least noise lets it be.
+        their rows are too few or too many, or one of them is constant. Also where rows
+        of a task repeat others with their targets, and noise of the task alone
+        vanishes. With few values of y that is by chance, and the likelihood is as high
+        as the least noise lets it be.
     """
     if not (_can_be_asked(problem) and _may_be_unrelated(problem.prior, mode.theta)):
         return -np.inf
     data, prior = problem.data, problem.prior
     gain = 0.5 * prior.n_hyperparameters * np.log(len(data))
     gain -= problem.log_likelihood(mode)
-    for task in range(data.n_tasks):
-        of_task, found = _learned(problem, data.tasks == task)
+    owns = [data.tasks == task for task in range(data.n_tasks)]
+    if min(np.ptp(data.y[own]) for own in owns) <= RESOLVED * np.abs(data.y).max():
+        return -np.inf  # a constant alone is certain
+    for own in owns:
+        of_task, found = _learned(problem, own)
         if not of_task.is_noisy(found) and _has_copies(of_task.data):
             return -np.inf
         n_parameters = of_task.prior.n_hyperparameters + 1  # the mean

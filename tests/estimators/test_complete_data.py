@@ -14,7 +14,10 @@ from skmtgp.inference.extended import ExtendedLikelihood
 from skmtgp.inference.kronecker import KroneckerLikelihood
 from skmtgp.kernels import inverse_dynamics_kernel
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning"),
+]
 
 
 def close(found, expected, digits=8):

@@ -47,7 +47,10 @@ from skmtgp.exceptions import (
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.kernels import Columns
 
-pytestmark = pytest.mark.usefixtures("nothing_is_printed")
+pytestmark = [
+    pytest.mark.usefixtures("nothing_is_printed"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning"),
+]
 
 each = pytest.mark.parametrize("model", ALL.values(), ids=ALL)
 each_shared = pytest.mark.parametrize("model", SHARED.values(), ids=SHARED)

@@ -15,7 +15,10 @@ from skmtgp.learning.problem import Problem
 from skmtgp.learning.tuning import Tuning
 from skmtgp.model.task_covariance import low_rank
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning"),
+]
 
 
 SMALL = {"coarse": 8, "refinement": 2.0}

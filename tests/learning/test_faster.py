@@ -79,6 +79,7 @@ def test_nothing_is_asked_without_noise(monkeypatch):
     assert with_faster(problem, problem.theta(), mode) is mode
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
 @pytest.mark.parametrize("seed", range(2))
 def test_estimators_begin_there_by_themselves(seed):
     """No start is given, and none is needed."""

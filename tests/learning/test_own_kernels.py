@@ -5,6 +5,7 @@ import warnings
 import numpy as np
 import pytest
 from sklearn.base import clone
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, RankSearchIC
 from skmtgp._estimators import doubts
@@ -138,6 +139,16 @@ def test_where_nothing_is_asked(monkeypatch):
         "a function of all": (clone(model).set_params(shared=True), X, y),
         "a diagonal": (clone(model).set_params(diagonal=True), X, y),
         "two kernels": (clone(model).set_params(**two), X, y),
+        "held length-scales": (
+            clone(model).set_params(kernel=RBF(0.5, "fixed")),
+            X,
+            y,
+        ),
+        "an amplitude": (
+            clone(model).set_params(kernel=ConstantKernel(1.0) * RBF(0.5)),
+            X,
+            y,
+        ),
         "no length-scale": (clone(model).set_params(kernel="linear"), X, y),
         "independent": (IndependentGP(), X, y),
         "pooled": (PooledGP(), X, y),

@@ -119,6 +119,7 @@ def test_where_nothing_is_asked(monkeypatch):
         "fixed noise": (clone(model).set_params(noise_variance_bounds="fixed"), X, y),
         "alpha": (clone(model), X, y, np.full(len(y), 0.1)),
         "trend": (clone(model).set_params(trend="linear"), X, y),
+        "a constant task": (clone(model), X, np.where(X[:, -1] == 0, 0.1, y)),
         "one task": (clone(model), X[:ROWS], y[:ROWS]),
         "sparse": (clone(model).set_params(inference="sparse", n_inducing=9), X, y),
         "alone": (SingleTaskGP(), X, y),

@@ -17,6 +17,7 @@ from skmtgp.learning.climbing import climb
 from skmtgp.model.task_covariance import LowRank
 
 MOST_ROWS = 600  # that are asked: of more it would take long
+MOST_STEPS = 300  # of the climb: valleys without noise may be endless
 ANGLES = 6  # in half a turn
 SCALES = np.log([0.5, 2.0])  # by which length-scales of the second differ
 
@@ -44,7 +45,9 @@ def gain_of_own_kernels(problem, mode):
     [(kernel, form)] = prior.terms
     forms = LowRank(form.n_tasks, form.rank - 1), LowRank(form.n_tasks, 1)
     both = replace(problem, prior=prior.with_terms([(kernel, of) for of in forms]))
-    both = replace(both, engine=Dense())
+    steps = min(MOST_STEPS, problem.budget.max_iter)
+    budget = replace(problem.budget, max_iter=steps, verbose=0)
+    both = replace(both, engine=Dense(), budget=budget)
     price = both.prior.n_hyperparameters - prior.n_hyperparameters
     found = split(both, problem, mode)
     return float(found.value - mode.value - 0.5 * price * np.log(len(data)))

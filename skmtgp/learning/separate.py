@@ -93,8 +93,14 @@ def _learned(problem, own):
         log_noise=of_all.log_noise + unit,
         log_noise_bounds=tuple(np.add(of_all.log_noise_bounds, unit)),
     )
-    alone = replace(problem, data=data, prior=prior, engine=Dense()).quickly()
-    alone = replace(alone, log_little=problem.log_little + unit)
+    alone = replace(
+        problem,
+        data=data,
+        prior=prior,
+        engine=Dense(),
+        budget=replace(problem.budget, verbose=0),
+        log_little=problem.log_little + unit,
+    ).quickly()
     theta = alone.theta(K_rho=np.full((1, 1), prior.scale**2))
     with limit_threads(len(y)):
         return alone, climb(alone, theta)

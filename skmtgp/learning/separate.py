@@ -66,6 +66,8 @@ def _can_be_asked(problem):
         return False
     if prior.n_terms > 1 or prior.noise_is_fixed or prior.trend or data.known:
         return False
+    if not prior.task_covariance.n_parameters:  # relations are not learned
+        return False
     counts = np.bincount(data.tasks, minlength=data.n_tasks)
     least = TOLD * (prior.kernel.n_dims + 3)  # an amplitude, the mean, and noise
     return 1 < data.n_tasks <= MOST_TASKS and counts.min() >= least

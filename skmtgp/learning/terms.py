@@ -115,7 +115,11 @@ def _as_one(problem):
 
 def _or_split(problem, mode, one, of_one):
     """The better of a mode of two terms, and of one that is split in two."""
-    return best_of([mode, of_one.then(split(problem, one, of_one))])
+    coarse = problem.coarse_to_fine()[0]
+    other = of_one.then(split(coarse, one, of_one))
+    if coarse.data is not problem.data:
+        other = refine(problem, other)
+    return best_of([mode, other])
 
 
 def _likeliest(alone):

@@ -59,6 +59,7 @@ def data():
         pytest.param(2, 3.0, 2, True, -350.4, marks=pytest.mark.long),
     ],
 )
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
 def test_sites(seed, frequency, n_features, second, expected):
     X, y = sites(seed, frequency, n_features, second=second)
     model = MultiTaskGPRegressor(rank=3, task_levels=False, **SHARED).fit(X, y)
@@ -71,6 +72,7 @@ def test_sites(seed, frequency, n_features, second, expected):
     ("second", "expected"),
     [(False, -138.1), pytest.param(True, -307.9, marks=pytest.mark.long)],
 )
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
 def test_sites_where_levels_are_in_the_model(second, expected):
     X, y = sites(1, 4.0, 3, second=second)
     model = MultiTaskGPRegressor(rank=3, **SHARED).fit(X, y)

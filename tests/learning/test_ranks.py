@@ -168,6 +168,7 @@ class TestLearnRanks:
     ],
 )
 # a function as large as the levels leaves few digits to learn the rest by
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.PrecisionWarning")
 def test_what_varies_little_is_not_noise(rank, size, levels):
     """A sine is small beside the levels of the tasks, and large beside the noise."""

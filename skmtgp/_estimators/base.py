@@ -162,7 +162,8 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
         warn_of_skew(problems, modes, names_of_inputs(self))
-        options = {"sampled": sampled, "compared": compared}
+        one = self.hyperparameters not in ("mode", "map")  # others take one kernel
+        options = {"sampled": sampled, "compared": compared, "one_kernel": one}
         warn_of_doubts(training, problems, modes, **options)
 
     def _tell(self, before, training, problems, modes):

@@ -174,7 +174,9 @@ def _length_scales(prior, theta, n_features):
     return np.broadcast_to(kernel.length_scale, n_features)
 
 
-def warn_of_doubts(training, problems, modes, *, sampled=False, compared=False):
+def warn_of_doubts(
+    training, problems, modes, *, sampled=False, compared=False, one_kernel=False
+):
     """Say what the modes that were learned leave in doubt.
 
     Parameters
@@ -189,6 +191,8 @@ def warn_of_doubts(training, problems, modes, *, sampled=False, compared=False):
         Whether predictions average over draws, which are of other modes too.
     compared : bool, default=False
         Whether models of each task were compared with the one that was learned.
+    one_kernel : bool, default=False
+        Whether the hyperparameters are treated in a way that takes no second kernel.
     """
     for j, (problem, mode) in enumerate(zip(problems, modes, strict=True)):
         if not mode.n_iter or is_dask(problem.data.X):
@@ -200,7 +204,8 @@ def warn_of_doubts(training, problems, modes, *, sampled=False, compared=False):
                 _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
-            if compared or not _warn_of_unrelated(problem, mode):
+            unrelated = not compared and _warn_of_unrelated(problem, mode)
+            if not (unrelated or one_kernel):
                 _warn_of_own_kernels(training, problem, mode)
 
 

@@ -159,5 +159,7 @@ def test_where_nothing_is_asked(monkeypatch):
     for name, case in cases.items():
         found = [gain for gain, *_ in gains(monkeypatch, *case)]
         assert not np.isfinite(found).any(), name
+    laplace = clone(model).set_params(hyperparameters="laplace")
+    assert gains(monkeypatch, laplace, X, y) == []  # it takes one kernel
     monkeypatch.setattr(own_kernels, "MOST_ROWS", len(y) - 1)
     assert gains(monkeypatch, clone(model), X, y)[0][0] == -np.inf

@@ -1,5 +1,7 @@
 """`kernel=None` and functions that are linear: straight lines, planes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
@@ -13,10 +15,13 @@ from skmtgp import (
     SingleTaskGP,
     compile_predictor,
 )
+from skmtgp._data.data import Data
 from skmtgp._estimators import revising
 from skmtgp.exceptions import CorrelatedResidualsWarning
 from skmtgp.inference.engines import Dense
 from skmtgp.kernels import ARDLinear
+from skmtgp.learning.lines import may_be_lines
+from skmtgp.learning.tuning import TUNING
 
 
 def lines(seed, *, n_tasks=8, n_each=10, d=3, alike=0.0, noise=0.4, at=0.0):
@@ -230,3 +235,34 @@ def test_a_form_without_noise_does_not_decide():
     assert table.loc["rank 1", "log_marginal_likelihood"] > 100.0
     assert search.best_rank_ == 0
     assert not is_linear(search)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_many_inputs_of_which_few_matter(seed):
+    """Curves follow the noise along others, and rows that are left out do not tell."""
+    rng = np.random.default_rng(seed)
+    slopes = np.zeros((5, 30))
+    slopes[:, :4] = rng.normal([1.0, -1.0, 0.7, 0.5], 0.2, (5, 4))
+    levels, tasks = rng.normal(0.0, 1.0, 5), np.repeat(np.arange(5), 70)
+    x = rng.normal(size=(350, 30))
+    f = levels[tasks] + (x * slopes[tasks]).sum(axis=1)
+    X, y = np.column_stack([x, tasks]), f + 0.5 * rng.normal(size=350)
+    train = np.arange(350) % 70 < 20
+    model = MultiTaskGPRegressor().fit(X[train], y[train])
+    assert is_linear(model)
+    assert np.sqrt(np.mean((model.predict(X[~train]) - f[~train]) ** 2)) < 0.4
+
+
+@pytest.mark.parametrize(("values", "may_be"), [(2, True), (3, False)])
+def test_an_input_of_two_values_does_not_bend(values, may_be):
+    """However short its length-scale is."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.normal(size=60), np.arange(60) % values])
+    data = Data(X, np.repeat([0, 1, 2], 20), X.sum(axis=1), 3)
+    prior = SimpleNamespace(
+        kernel_at=lambda theta: RBF([50.0, 0.01]), trend=None, n_noise=1
+    )
+    problem = SimpleNamespace(
+        data=data, prior=prior, tuning=TUNING, log_likelihood=lambda mode: 0.0
+    )
+    assert may_be_lines(problem, SimpleNamespace(theta=None)) == may_be

@@ -96,9 +96,8 @@ def advised(caught):
     told = [str(of.message) for of in caught if of.category is SeveralKernelsWarning]
     if not told:
         return None
-    return eval(
-        f"dict({told[0].split('Try ')[1].removesuffix('. This takes longer.')})"
-    )
+    named = told[0].split("Try MultiTaskGPRegressor(")[1].split("). This")[0]
+    return eval(f"dict({named})")
 
 
 def scores(model, X, y, f):

@@ -283,8 +283,8 @@ class SeveralKernelsWarning(UserWarning):
 
     Functions that the tasks share vary at different speeds, or depend on different
     inputs. A list of kernels has length-scales for each, see `kernel` and `rank` of
-    :class:`~skmtgp.MultiTaskGPRegressor`. The message names parameters to try, with the
-    noise and the units that this fit has chosen.
+    :class:`~skmtgp.MultiTaskGPRegressor`. The message names a model to try, with the
+    noise and the units that this fit has chosen; of several outputs each has a message.
 
     Examples
     --------

@@ -162,9 +162,19 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
         warn_of_skew(problems, modes, names_of_inputs(self))
-        one = self.hyperparameters not in ("mode", "map")  # others take one kernel
-        options = {"sampled": sampled, "compared": compared, "one_kernel": one}
+        options = {"sampled": sampled, "compared": compared}
+        options["one_kernel"] = not self._may_have_more_kernels()
         warn_of_doubts(training, problems, modes, **options)
+
+    def _may_have_more_kernels(self):
+        """Whether the user leaves the kernel open, and nothing asks for one alone."""
+        return (
+            self._kernels() == [None]
+            and self.normalize_y is not False
+            and self.hyperparameters in ("mode", "map")
+            and getattr(self, "learning", "annealed") == "annealed"
+            and self.inference in ("auto", "dense")
+        )
 
     def _tell(self, before, training, problems, modes):
         """The same; says if the noise is another than learning began with."""

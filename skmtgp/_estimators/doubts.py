@@ -192,7 +192,7 @@ def warn_of_doubts(
     compared : bool, default=False
         Whether models of each task were compared with the one that was learned.
     one_kernel : bool, default=False
-        Whether the hyperparameters are treated in a way that takes no second kernel.
+        Whether the user has chosen the kernel, or what takes no second one.
     """
     for j, (problem, mode) in enumerate(zip(problems, modes, strict=True)):
         if not mode.n_iter or is_dask(problem.data.X):
@@ -302,6 +302,7 @@ def _warn_of_own_kernels(training, problem, mode):
         warn(
             f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
             "(BIC): functions that the tasks share vary at different speeds, or depend "
-            f"on different inputs. Try {named}. This takes longer.",
+            "on different inputs. "
+            f"Try MultiTaskGPRegressor({named}). This takes longer.",
             SeveralKernelsWarning,
         )

@@ -16,7 +16,9 @@ from skmtgp.inference.engines import Dense
 from skmtgp.learning.climbing import climb
 from skmtgp.model.task_covariance import LowRank
 
-MOST_ROWS = 600  # that are asked: of more it would take long
+# What is asked: of more rows, or functions, it would take long. Of complete data
+# learning takes little, and the question as long as elsewhere.
+MOST_ROWS, MOST_COMPLETE, MOST_RANK = 600, 200, 4
 MOST_STEPS = 300  # of the climb: valleys without noise may be endless
 ANGLES = 6  # in half a turn
 SCALES = np.log([0.5, 2.0])  # by which length-scales of the second differ
@@ -35,7 +37,7 @@ def gain_of_own_kernels(problem, mode):
     Returns
     -------
     gain : float
-        Minus infinity where it is not asked: K^rho is not of rank two or more, or has
+        Minus infinity where it is not asked: K^rho is not of rank two to four, or has
         functions of another kind beside these, k^x has no length-scales alone, or rows
         are many.
     """
@@ -49,8 +51,9 @@ def gain_of_own_kernels(problem, mode):
     budget = replace(problem.budget, max_iter=steps, verbose=0)
     both = replace(both, engine=Dense(), budget=budget)
     price = both.prior.n_hyperparameters - prior.n_hyperparameters
-    found = split(both, problem, mode)
-    return float(found.value - mode.value - 0.5 * price * np.log(len(data)))
+    gain = both.log_likelihood(split(both, problem, mode))
+    gain -= problem.log_likelihood(mode)
+    return float(gain - 0.5 * price * np.log(len(data)))
 
 
 def split(both, problem, mode):
@@ -76,14 +79,15 @@ def split(both, problem, mode):
 
 def _can_be_asked(problem):
     data, prior = problem.data, problem.prior
-    if not problem.engine.exact or len(data) > MOST_ROWS or data.Q is not None:
+    most = MOST_ROWS if data.design is None else MOST_COMPLETE
+    if not problem.engine.exact or len(data) > most or data.Q is not None:
         return False
     if prior.n_terms > 1 or prior.trend or data.known:
         return False
     if type(prior.kernel) not in (RBF, Matern) or not prior.kernel.n_dims:
         return False
     form = prior.task_covariance
-    return type(form) is LowRank and form.rank > 1
+    return type(form) is LowRank and 1 < form.rank <= MOST_RANK
 
 
 def _likeliest_start(both, problem, mode):

@@ -51,7 +51,8 @@ def gain_of_separate_models(problem, mode):
         if not of_task.is_noisy(found) and _has_copies(of_task.data):
             return -np.inf
         n_parameters = of_task.prior.n_hyperparameters + 1  # the mean
-        gain += found.value - 0.5 * n_parameters * np.log(len(of_task.data))
+        gain += of_task.log_likelihood(found)
+        gain -= 0.5 * n_parameters * np.log(len(of_task.data))
     return float(gain)
 
 

@@ -101,8 +101,11 @@ def _learn(learn, problems, n_jobs):
 def _as_one(problem):
     """The problem of two terms that begin alike as one of their ranks together.
 
-    None where there are others, or the second is not of rank one.
+    It has few hundred of the rows. None where there are others, or the second is not of
+    rank one, or where they have no length-scales to differ in.
     """
+    if not (problem.budget.max_iter and problem.prior.n_length_scales.any()):
+        return None
     terms = problem.prior.terms
     (kernel, form), (other, last) = terms[0], terms[-1]
     alike = len(terms) == 2 and str(kernel.get_params()) == str(other.get_params())
@@ -110,7 +113,8 @@ def _as_one(problem):
     if not (alike and low) or last.rank != 1 or form.rank + 1 > form.n_tasks:
         return None
     one = kernel, LowRank(form.n_tasks, form.rank + 1)
-    return replace(problem, prior=problem.prior.with_terms([one]))
+    coarse = problem.coarse_to_fine()[0]
+    return replace(coarse, prior=problem.prior.with_terms([one]))
 
 
 def _or_split(problem, mode, one, of_one):

@@ -13,7 +13,7 @@ from skmtgp.exceptions import SeveralKernelsWarning
 from skmtgp.learning import own_kernels
 
 N_TASKS, ROWS = 4, 25
-RANK_2 = {"rank": 2, "kernel": "rbf", "noise": "shared", "normalize_y": "shared"}
+RANK_2 = {"rank": 2, "noise": "shared", "normalize_y": "shared"}
 
 
 def drawn(*, fast=3.0, seed=0, n=ROWS):
@@ -55,7 +55,9 @@ def gains(monkeypatch, model, X, y, *given):
 def test_it_is_said(model, unit):
     X, y, _ = drawn()
     (message,) = said(clone(model), X, unit * y)
-    assert "Try kernel=[None, None], rank=[1, 1], noise='shared'," in message
+    assert (
+        "Try MultiTaskGPRegressor(kernel=[None, None], rank=[1, 1], noise=" in message
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -65,8 +67,8 @@ def test_functions_of_one_kernel(seed):
 
 def advised(message):
     """The parameters that a warning names."""
-    named = message.split("Try ")[1].removesuffix(". This takes longer.")
-    return eval(f"dict({named})")
+    named = message.split("Try MultiTaskGPRegressor(")[1]
+    return eval(f"dict({named.removesuffix(' This takes longer.').removesuffix('.')}")
 
 
 def test_following_it_helps():
@@ -120,6 +122,7 @@ def test_the_gain_is_that_of_a_model_that_is_fitted(monkeypatch):
     X, y, _ = drawn()
     one = MultiTaskGPRegressor(**RANK_2)
     [(gain, _, _)] = gains(monkeypatch, one, X, y)
+    assert isinstance(one.kernel_, RBF)
     both = {"rank": [1, 1], "kernel": ["rbf", "rbf"]}
     two = MultiTaskGPRegressor(**{**RANK_2, **both}).fit(X, y)
     bics = [
@@ -149,6 +152,9 @@ def test_where_nothing_is_asked(monkeypatch):
             X,
             y,
         ),
+        "a kernel that is given": (clone(model).set_params(kernel="matern"), X, y),
+        "units that are given": (clone(model).set_params(normalize_y=False), X, y),
+        "staged": (clone(model).set_params(learning="staged"), X, y),
         "no length-scale": (clone(model).set_params(kernel="linear"), X, y),
         "independent": (IndependentGP(), X, y),
         "pooled": (PooledGP(), X, y),

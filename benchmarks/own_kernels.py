@@ -17,16 +17,14 @@ the share of the default fit that the question takes.
 """
 
 import argparse
-import time
 import warnings
 
 import numpy as np
 import pandas as pd
-from separate import Clock, ordinary
+from separate import asked, ordinary
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor
-from skmtgp._estimators import doubts
 from skmtgp.exceptions import SeveralKernelsWarning
 
 N_TEST = 60
@@ -109,15 +107,8 @@ def scores(model, X, y, f):
 
 def row(X, y, X_test, y_test, f_test):
     """What one data set says."""
-    clock = Clock(doubts.gain_of_own_kernels)
-    doubts.gain_of_own_kernels = clock
-    begin = time.process_time()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        model = MultiTaskGPRegressor().fit(X, y)
-    seconds = time.process_time() - begin
-    doubts.gain_of_own_kernels = clock.function
-    found = {"told": False, "share": clock.seconds / seconds}
+    model, caught, share = asked(X, y, "gain_of_own_kernels")
+    found = {"told": False, "share": share}
     if (options := advised(caught)) is not None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")

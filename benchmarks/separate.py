@@ -84,16 +84,23 @@ class Clock:
         return found
 
 
+def asked(X, y, question):
+    """The default fit, what it warns of, and which share of it a question takes."""
+    clock = Clock(getattr(doubts, question))
+    setattr(doubts, question, clock)
+    begin = time.process_time()
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            model = MultiTaskGPRegressor().fit(X, y)
+    finally:
+        setattr(doubts, question, clock.function)
+    return model, caught, clock.seconds / (time.process_time() - begin)
+
+
 def row(X, y, X_test, f_test):
     """What one data set says."""
-    clock = Clock(doubts.gain_of_separate_models)
-    doubts.gain_of_separate_models = clock
-    begin = time.process_time()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        model = MultiTaskGPRegressor().fit(X, y)
-    seconds = time.process_time() - begin
-    doubts.gain_of_separate_models = clock.function
+    model, caught, share = asked(X, y, "gain_of_separate_models")
     told = any(of.category is UnrelatedTasksWarning for of in caught)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -103,7 +110,7 @@ def row(X, y, X_test, f_test):
         for of in (model, *others)
     ]
     names = {"error": errors[1] / errors[0], "search": errors[2] / errors[0]}
-    return {"told": told, "share": clock.seconds / seconds} | names
+    return {"told": told, "share": share} | names
 
 
 def main():

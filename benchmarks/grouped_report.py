@@ -11,6 +11,7 @@ from ordinary_models import settings_of
 AS_SHIPPED = settings_of({})
 WORST = 3.0  # which a log loss above counts as
 APART, POOR = 1.05, 0.8  # a ratio of errors, and a coverage, that count
+TOLD = "NarrowIntervalsWarning"
 
 HEADER = f"""
 "ratio" is the geometric mean over sets of the RMSE over that of {DEFAULT}
@@ -48,6 +49,8 @@ def report(rows, settings):
             sets = frame.loc[of, "set"].nunique()
             print(f"\n{title}, {sets} sets\n")
             show(by_model(frame[of]))
+            print(f"\n{title}: {TOLD}, and fits of the same sets and splits\n")
+            show(by_word(frame[of]))
             print(f"\n{title}: each set, {settings}\n")
             show(by_set(frame[of], settings))
 
@@ -85,6 +88,30 @@ def by_model(frame):
         row["below"] = (cover < POOR).mean() if len(cover) else np.nan
         table.append(row | {"seconds": round(fits["seconds"].sum())})
     return pd.DataFrame(table)
+
+
+def by_word(frame):
+    """Intervals where the default, as shipped, tells of narrow ones, and elsewhere."""
+    frame = frame.set_index(["set", "split"])
+    shipped = frame[(frame["model"] == DEFAULT) & (frame["settings"] == AS_SHIPPED)]
+    told = shipped["warnings"].map(lambda names: TOLD in names)
+    table = []
+    for word, of in (("told", told), ("not told", ~told)):
+        fits = frame[frame.index.isin(told.index[of]) & frame["coverage"].notna()]
+        for (model, settings), same in fits.groupby(["model", "settings"], sort=False):
+            if model in FITTED:
+                table.append(intervals_of(same) | {"": word, "model": model})
+                table[-1]["settings"] = settings
+    first = ["", "model", "settings"]
+    table = pd.DataFrame(table)
+    return table[[*first, *table.columns.difference(first, sort=False)]]
+
+
+def intervals_of(fits):
+    """How many fits, coverage of their intervals and their log loss, as `by_model`."""
+    cover, over = fits["coverage"], fits["over"].clip(upper=WORST)
+    row = {"fits": len(fits), "cover": cover.mean(), "lowest": cover.min()}
+    return row | {"below 0.9": (cover < 0.9).mean(), "log loss": over.mean()}
 
 
 def by_set(frame, settings):

@@ -17,6 +17,7 @@ from skmtgp.exceptions import (
     ConstantTargetWarning,
     CorrelatedResidualsWarning,
     LongFitWarning,
+    NarrowIntervalsWarning,
     SeveralKernelsWarning,
     SkewedInputWarning,
     SmallTaskWarning,
@@ -33,6 +34,7 @@ from skmtgp.learning.transformed import SURE, likelier_scale
 MUCH = 0.2  # of the range of an input, that is far from all rows
 TELLING = 10.0  # nats of BIC that another model must gain to be told of
 LONG = 120.0  # seconds of learning that a user wants to know of before
+ENOUGH_ROWS_EACH = 8  # for each hyperparameter, or intervals of the mode are too narrow
 
 
 def warn_of_duration(learning, seconds):
@@ -91,6 +93,27 @@ def warn_of_small_tasks(training, form):
             "intervals too narrow. hyperparameters='sampled' has wider ones. rank=0 "
             "with shared=True relates all tasks alike.",
             SmallTaskWarning,
+        )
+
+
+def warn_of_narrow_intervals(prior, n_rows):
+    """Say that rows are too few to take hyperparameters for certain.
+
+    Parameters
+    ----------
+    prior : Prior
+        The model.
+    n_rows : int
+        Number of rows that its hyperparameters were learned from.
+    """
+    relates = prior.n_terms == 1 and np.any(getattr(prior.task_covariance, "rank", 0))
+    if relates and n_rows < ENOUGH_ROWS_EACH * prior.n_hyperparameters:
+        warn(
+            f"{n_rows} rows are few for {prior.n_hyperparameters} hyperparameters, "
+            "which are taken for certain: standard deviations and intervals are too "
+            "small. A 95 % interval may hold 60 to 90 % of new observations. "
+            "hyperparameters='auto' counts what the rows leave open, but takes longer.",
+            NarrowIntervalsWarning,
         )
 
 

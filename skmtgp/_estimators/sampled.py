@@ -11,7 +11,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import is_dask
-from skmtgp._estimators.doubts import warn_of_duration
+from skmtgp._estimators.doubts import warn_of_duration, warn_of_narrow_intervals
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._numerics.linalg import correlation
@@ -131,6 +131,11 @@ class SampledMixin:
 
     def _is_sampled(self):
         return hasattr(self, "theta_samples_")
+
+    def _tell_of_deviations(self):
+        """Say where those of learned hyperparameters are too small."""
+        if self.n_iter_ and self.hyperparameters_ in ("mode", "map"):
+            warn_of_narrow_intervals(self._likelihoods[0].prior, self._n_rows.sum())
 
     def _draws(self, features, codes, n_draws, rng):
         """Draws of f, each by a draw of the hyperparameters, and of the noise."""

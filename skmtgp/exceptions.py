@@ -220,9 +220,10 @@ class NarrowIntervalsWarning(UserWarning):
     """Rows are few for each hyperparameter, so intervals are too narrow.
 
     Predictions by the mode take hyperparameters for certain. With fewer than eight rows
-    for each that is far from true, if the relations of tasks are among them: a 95 %
-    interval may hold 60 to 90 % of new observations. The warning is given when standard
-    deviations, covariances or intervals are asked for, not by `fit`.
+    for each that is far from true, if a model learns how tasks are related, or a task
+    by itself: a 95 % interval may hold 60 to 90 % of new observations. The warning is
+    given when standard deviations, covariances or intervals are asked for, not by
+    `fit`.
     ``hyperparameters="auto"`` counts what the rows leave open, see
     :doc:`/guide/intervals`.
 

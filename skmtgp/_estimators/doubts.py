@@ -96,8 +96,10 @@ def warn_of_small_tasks(training, form):
         )
 
 
-def warn_of_narrow_intervals(prior, n_rows):
-    """Say that rows are too few to take hyperparameters for certain.
+def are_few(prior, n_rows):
+    """Whether rows are too few to take the hyperparameters for certain.
+
+    Only of models of one kernel that learn how tasks are related, or a task by itself.
 
     Parameters
     ----------
@@ -106,15 +108,26 @@ def warn_of_narrow_intervals(prior, n_rows):
     n_rows : int
         Number of rows that its hyperparameters were learned from.
     """
-    relates = prior.n_terms == 1 and np.any(getattr(prior.task_covariance, "rank", 0))
-    if relates and n_rows < ENOUGH_ROWS_EACH * prior.n_hyperparameters:
-        warn(
-            f"{n_rows} rows are few for {prior.n_hyperparameters} hyperparameters, "
-            "which are taken for certain: standard deviations and intervals are too "
-            "small. A 95 % interval may hold 60 to 90 % of new observations. "
-            "hyperparameters='auto' counts what the rows leave open, but takes longer.",
-            NarrowIntervalsWarning,
-        )
+    of_one = prior.n_tasks == 1
+    asked = of_one or np.any(getattr(prior.task_covariance, "rank", 0))
+    few = n_rows < ENOUGH_ROWS_EACH * prior.n_hyperparameters
+    return bool(asked and prior.n_terms == 1 and few)
+
+
+def warn_of_narrow_intervals(which):
+    """Say that rows are too few to take the hyperparameters for certain.
+
+    Parameters
+    ----------
+    which : str
+        Which rows are few for which hyperparameters.
+    """
+    warn(
+        f"{which}, which are taken for certain: standard deviations and intervals are "
+        "too small. A 95 % interval may hold 60 to 90 % of new observations. "
+        "hyperparameters='auto' counts what the rows leave open, but takes longer.",
+        NarrowIntervalsWarning,
+    )
 
 
 def warn_of_skew(problems, modes, names):

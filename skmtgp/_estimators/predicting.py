@@ -103,8 +103,8 @@ class PosteriorMixin(RegressorMixin):
         -----
         NarrowIntervalsWarning
             If there are so few rows for each hyperparameter that standard deviations
-            are too small. Only of a MultiTaskGPRegressor that learns how tasks are
-            related, or of a search of these.
+            are too small. Only of models that learn how tasks are related, or a task
+            by itself.
 
         Notes
         -----

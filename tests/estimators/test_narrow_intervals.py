@@ -7,7 +7,7 @@ import pytest
 from sklearn.exceptions import NotFittedError
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC
+from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 from skmtgp.exceptions import NarrowIntervalsWarning
 
 pytestmark = pytest.mark.filterwarnings(
@@ -98,6 +98,18 @@ def test_a_search_says_what_its_best_model_would():
     search = RankSearchIC(MultiTaskGPRegressor(), ranks=[2], simpler=False).fit(X, y)
     assert _is_told(search, X)
     assert _is_told(search.best_estimator_, X)
+
+
+def test_tasks_by_themselves_are_told_by_name():
+    X, y = draw(40, n_tasks=2)
+    model = SingleTaskGP().fit(X[:50], y[:50])  # ten rows of task 1
+    with pytest.warns(NarrowIntervalsWarning, match="Task 1: too few rows"):
+        model.predict_interval(X)
+
+
+def test_tasks_by_themselves_with_enough_rows_are_not_told():
+    X, y = draw(40, n_tasks=2)
+    assert not _is_told(SingleTaskGP().fit(X, y), X)
 
 
 def test_an_unfitted_model_is_refused_as_before():

@@ -91,7 +91,7 @@ def by_model(frame):
 
 
 def by_word(frame):
-    """Intervals where the default, as shipped, tells of narrow ones, and elsewhere."""
+    """Intervals where the default, as shipped, warns of narrow ones, and elsewhere."""
     frame = frame.set_index(["set", "split"])
     shipped = frame[(frame["model"] == DEFAULT) & (frame["settings"] == AS_SHIPPED)]
     told = shipped["warnings"].map(lambda names: TOLD in names)

@@ -219,13 +219,11 @@ class LongFitWarning(UserWarning):
 class NarrowIntervalsWarning(UserWarning):
     """Rows are few for each hyperparameter, so intervals are too narrow.
 
-    Predictions by the mode take hyperparameters for certain. With fewer than eight rows
-    for each that is far from true, if a model learns how tasks are related, or a task
-    by itself: a 95 % interval may hold 60 to 90 % of new observations. The warning is
-    given when standard deviations, covariances or intervals are asked for, not by
-    `fit`.
-    ``hyperparameters="auto"`` counts what the rows leave open, see
-    :doc:`/guide/intervals`.
+    There are fewer than eight rows for each hyperparameter, or fewer than four with
+    ``hyperparameters="laplace"``. The rows leave the hyperparameters more uncertain
+    than predictions count, and a 95 % interval may hold 60 to 90 % of new observations.
+    Sampled hyperparameters count it, see :doc:`/guide/intervals`. Means are better with
+    them, too. Noise variances of tasks count as one hyperparameter here.
 
     Examples
     --------

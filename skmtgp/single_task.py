@@ -36,7 +36,6 @@ from skmtgp._estimators.doubts import (
     tell_skewed,
     warn_of_constants_alone,
     warn_of_duration,
-    warn_of_narrow_intervals,
 )
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.fitted import COEFFICIENTS
@@ -530,15 +529,6 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     def _in_words(self, m):
         """The name of a task in lines."""
         return f"task {self.tasks_[m]} ({m + 1} of {len(self.tasks_)})"
-
-    def _tell_of_deviations(self):
-        """Say which tasks have too few rows for their own hyperparameters."""
-        few = [estimator._is_uncertain() for estimator in self.estimators_]
-        if any(few):
-            names = name_tasks(self.tasks_[few])
-            warn_of_narrow_intervals(
-                f"T{names[1:]}: too few rows for the hyperparameters"
-            )
 
     def _means(self, features, codes):
         means = np.empty((len(features), self._n_outputs))

@@ -17,6 +17,7 @@ from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.doubts import (
     warn_of_doubts,
     warn_of_duration,
+    warn_of_few_rows,
     warn_of_skew,
     warn_of_small_tasks,
 )
@@ -161,6 +162,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         self._warn_of_noise(problems, modes)
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
+            warn_of_few_rows(problems[0], self.hyperparameters_)
         warn_of_skew(problems, modes, names_of_inputs(self))
         options = {"sampled": sampled, "compared": compared}
         options["one_kernel"] = not self._may_have_more_kernels()

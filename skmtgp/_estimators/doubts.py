@@ -27,6 +27,7 @@ from skmtgp.exceptions import (
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
 from skmtgp.learning.own_kernels import gain_of_own_kernels
+from skmtgp.learning.screening import n_measured
 from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
@@ -34,7 +35,8 @@ from skmtgp.learning.transformed import SURE, likelier_scale
 MUCH = 0.2  # of the range of an input, that is far from all rows
 TELLING = 10.0  # nats of BIC that another model must gain to be told of
 LONG = 120.0  # seconds of learning that a user wants to know of before
-ENOUGH_ROWS_EACH = 8  # for each hyperparameter, or intervals of the mode are too narrow
+# For each hyperparameter: with fewer rows intervals are too narrow.
+ENOUGH_ROWS_EACH = {"mode": 8, "map": 8, "laplace": 4}
 
 
 def warn_of_duration(learning, seconds):
@@ -96,36 +98,30 @@ def warn_of_small_tasks(training, form):
         )
 
 
-def are_few(prior, n_rows):
-    """Whether rows are too few to take the hyperparameters for certain.
-
-    Only of models of one kernel that learn how tasks are related, or a task by itself.
-
-    Parameters
-    ----------
-    prior : Prior
-        The model.
-    n_rows : int
-        Number of rows that its hyperparameters were learned from.
-    """
-    of_one = prior.n_tasks == 1
-    asked = of_one or np.any(getattr(prior.task_covariance, "rank", 0))
-    few = n_rows < ENOUGH_ROWS_EACH * prior.n_hyperparameters
-    return bool(asked and prior.n_terms == 1 and few)
-
-
-def warn_of_narrow_intervals(which):
+def warn_of_few_rows(problem, way):
     """Say that rows are too few to take the hyperparameters for certain.
 
+    Noise variances of tasks, which have a common prior, count as one hyperparameter.
+
     Parameters
     ----------
-    which : str
-        Which rows are few for which hyperparameters.
+    problem : Problem
+        What was learned.
+    way : {"mode", "map", "laplace", "sampled"}
+        Which hyperparameters predict.
     """
+    prior, enough = problem.prior, ENOUGH_ROWS_EACH.get(way, 0)
+    n_noise = 0 if prior.noise_is_fixed else prior.n_noise
+    n_each = prior.n_hyperparameters - max(n_noise - 1, 0)
+    if n_measured(problem.data) >= enough * n_each:
+        return
+    helps = "'auto'" if way != "laplace" and problem.engine.exact else "'sampled'"
+    alone = "with one kernel, " if prior.n_terms > 1 else ""
     warn(
-        f"{which}, which are taken for certain: standard deviations and intervals are "
-        "too small. A 95 % interval may hold 60 to 90 % of new observations. "
-        "hyperparameters='auto' counts what the rows leave open, but takes longer.",
+        f"There are fewer than {enough} rows for each hyperparameter. They leave the "
+        "hyperparameters more uncertain than predictions count: a 95 % interval may "
+        f"hold 60 to 90 % of new observations. This helps: {alone}"
+        f"hyperparameters={helps}, which takes longer, or more rows.",
         NarrowIntervalsWarning,
     )
 

@@ -99,13 +99,6 @@ class PosteriorMixin(RegressorMixin):
             and `return_cov` are set. If `return_cov` is set with a `target_transform`,
             or its inverse overflows.
 
-        Warns
-        -----
-        NarrowIntervalsWarning
-            If there are so few rows for each hyperparameter that standard deviations
-            are too small. Only of models that learn how tasks are related, or a task
-            by itself.
-
         Notes
         -----
         Tasks that `fit` has not seen can be predicted by a PooledGP. A
@@ -130,8 +123,6 @@ class PosteriorMixin(RegressorMixin):
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         target, rows = model._target, (model, features, codes)
         mean = model._join(target.back(model._means(features, codes)))
-        if return_std or return_cov:
-            model._tell_of_deviations()
         if return_std:
             with limit_threads(model._side):
                 variances = target.variances(*rows, include_noise)
@@ -172,12 +163,6 @@ class PosteriorMixin(RegressorMixin):
             If `level` is not in [0, 1), or if a task was not seen in fit and cannot be
             predicted, see `predict`.
 
-        Warns
-        -----
-        NarrowIntervalsWarning
-            If there are so few rows for each hyperparameter that intervals are too
-            narrow, see `predict`.
-
         Notes
         -----
         The ends are quantiles of the predictive distribution. It is normal, a mixture
@@ -190,7 +175,6 @@ class PosteriorMixin(RegressorMixin):
         check_is_fitted(self)
         model = self._model()
         features, codes = check_test(model, X, unseen=model._knows_unseen())
-        model._tell_of_deviations()
         with limit_threads(model._side):
             ends = model._quantiles(
                 features, codes, (0.5 - 0.5 * level, 0.5 + 0.5 * level), include_noise
@@ -274,9 +258,6 @@ class PosteriorMixin(RegressorMixin):
             fitted = [column.transformer for column in target.columns]
             self.target_transformer_ = fitted[0] if self._single_output else fitted
             self._target = target
-
-    def _tell_of_deviations(self):
-        """Say why standard deviations and intervals may be wrong, if it is known."""
 
     def _knows_unseen(self):
         """Whether it can predict a task that it never saw."""

@@ -11,11 +11,7 @@ from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import is_dask
-from skmtgp._estimators.doubts import (
-    are_few,
-    warn_of_duration,
-    warn_of_narrow_intervals,
-)
+from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._numerics.linalg import correlation
@@ -135,19 +131,6 @@ class SampledMixin:
 
     def _is_sampled(self):
         return hasattr(self, "theta_samples_")
-
-    def _is_uncertain(self):
-        """Whether few rows have learned the hyperparameters, and one value is taken."""
-        if not self.n_iter_ or self.hyperparameters_ not in ("mode", "map"):
-            return False
-        return are_few(self._likelihoods[0].prior, self._n_rows.sum())
-
-    def _tell_of_deviations(self):
-        """Say where those of learned hyperparameters are too small."""
-        if self._is_uncertain():
-            p = self._likelihoods[0].prior.n_hyperparameters
-            n = self._n_rows.sum()
-            warn_of_narrow_intervals(f"{n} rows are few for {p} hyperparameters")
 
     def _draws(self, features, codes, n_draws, rng):
         """Draws of f, each by a draw of the hyperparameters, and of the noise."""

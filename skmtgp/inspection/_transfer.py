@@ -13,7 +13,7 @@ from sklearn.utils import check_consistent_length
 
 from skmtgp._estimators.relations import evidence_of_relations
 from skmtgp._support.warnings import collect_warnings, warn
-from skmtgp.exceptions import UnidentifiedNoiseWarning
+from skmtgp.exceptions import NarrowIntervalsWarning, UnidentifiedNoiseWarning
 from skmtgp.inspection._drawing import (
     COLORS,
     OF_MODELS,
@@ -43,6 +43,7 @@ CLEAR = 3.0
 # Those that matter: what a task owes to the others, and to what has it alone. A third
 # function was found to add hardly anything, were the model of full rank.
 MOST_NUMBERS = 2
+OF_FEW_ROWS = NarrowIntervalsWarning, UnidentifiedNoiseWarning
 
 
 class TransferDisplay(Display):
@@ -360,7 +361,7 @@ def _alone(model, y, kernels):
     with collect_warnings() as collected:
         alone.fit(X, y, *(() if model._known is None else model._known.arguments()))
     for category, message in collected:
-        if category is not UnidentifiedNoiseWarning:  # others make up for few rows
+        if category not in OF_FEW_ROWS:  # others make up for them
             warn(f"Of the models of each task alone: {message}", category)
     found = np.stack(alone.loo_predict(include_noise=True))
     counts = np.bincount(model.tasks_train_)

@@ -1,117 +1,147 @@
-"""Intervals of few rows for each hyperparameter are told of, when asked for."""
+"""Fits to few rows for each hyperparameter say that intervals are too narrow."""
 
 import warnings
 
 import numpy as np
 import pytest
-from sklearn.exceptions import NotFittedError
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
-from skmtgp.exceptions import NarrowIntervalsWarning
-
-pytestmark = pytest.mark.filterwarnings(
-    "error::skmtgp.exceptions.NarrowIntervalsWarning"
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    PooledGP,
+    RankSearchIC,
+    SingleTaskGP,
+    average_repeats,
 )
-ASKED = {
-    "std": lambda model, X: model.predict(X, return_std=True),
-    "cov": lambda model, X: model.predict(X, return_cov=True),
-    "interval": lambda model, X: model.predict_interval(X),
-}
+from skmtgp.exceptions import NarrowIntervalsWarning
+from skmtgp.inspection import TransferDisplay
 
 
 def draw(n_each, n_tasks=3, seed=0):
-    """Rows of related tasks."""
+    """Rows of related tasks, mixed."""
     rng = np.random.default_rng(seed)
     x, task = rng.uniform(0, 8, n_each * n_tasks), np.repeat(range(n_tasks), n_each)
     y = np.sin(x) * (1.0 + 0.4 * task) + 0.5 * np.cos(0.7 * x) * (task == 1)
-    return np.column_stack([x, task]), y + 0.1 * rng.standard_normal(len(x))
+    X, mixed = np.column_stack([x, task]), rng.permutation(len(x))
+    return X[mixed], (y + 0.1 * rng.standard_normal(len(x)))[mixed]
 
 
-@pytest.fixture(scope="module")
-def few():
-    """A model of rank 2 and 24 rows, for seven or more hyperparameters."""
-    X, y = draw(8)
-    return MultiTaskGPRegressor(rank=2).fit(X, y), X
-
-
-@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
-def test_few_rows_for_each_hyperparameter_are_told_with_their_numbers(few, asked):
-    model, X = few
-    words = f"24 rows are few for {model.n_hyperparameters_} hyperparameters"
-    with pytest.warns(NarrowIntervalsWarning, match=words):
-        asked(model, X)
-
-
-def test_who_asks_for_means_is_not_told(few):
-    model, X = few
-    model.predict(X)
-
-
-def test_eight_rows_for_each_hyperparameter_are_enough():
-    X, y = draw(20)
-    mixed = np.random.default_rng(1).permutation(60)
-    X, y = X[mixed], y[mixed]
-    model = MultiTaskGPRegressor(RBF(1.0), rank=1, noise="shared", normalize_y="shared")
-    n = 8 * model.fit(X, y).n_hyperparameters_
-    assert n <= 60
-    assert not _is_told(model.fit(X[:n], y[:n]), X)
-    assert _is_told(model.fit(X[: n - 1], y[: n - 1]), X)
-
-
-def _is_told(model, X):
+def told_by(function, *arguments, **options):
+    """What is said of narrow intervals while a function runs."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        model.predict_interval(X)
-    return any(of.category is NarrowIntervalsWarning for of in caught)
+        function(*arguments, **options)
+    return [str(of.message) for of in caught if of.category is NarrowIntervalsWarning]
 
 
 @pytest.mark.parametrize(
     "model",
     [
-        MultiTaskGPRegressor(rank=2, hyperparameters="laplace"),
-        MultiTaskGPRegressor(rank=2, max_iter=0),
-        MultiTaskGPRegressor(rank=0, shared=True),
-        MultiTaskGPRegressor([RBF(1.0), RBF(0.5)], rank=1),
+        MultiTaskGPRegressor(),
+        MultiTaskGPRegressor(rank=2),
+        MultiTaskGPRegressor(rank=0, shared=True, noise="shared"),
+        MultiTaskGPRegressor(rank=1, hyperparameters="map"),
         IndependentGP(),
+        RankSearchIC(),
     ],
     ids=repr,
 )
-def test_other_models_say_nothing(model):
-    X, y = draw(6)
-    assert not _is_told(model.fit(X, y), X)
+def test_few_rows_for_each_hyperparameter_are_told_once(model):
+    [told] = told_by(model.fit, *draw(6))
+    assert "fewer than 8 rows for each hyperparameter" in told
+    assert "hyperparameters='auto'" in told
 
 
-def test_draws_say_nothing_and_auto_draws():
-    X, y = draw(6)
-    options = {"hyperparameters": "auto", "n_draws": 5}
-    model = MultiTaskGPRegressor(rank=1, **options)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of so few draws
-        model.fit(X, y)
+@pytest.mark.parametrize(
+    "model",
+    [
+        MultiTaskGPRegressor(rank=2),
+        MultiTaskGPRegressor(rank=1, hyperparameters="laplace"),
+        PooledGP(),
+        SingleTaskGP(),
+        RankSearchIC(),
+    ],
+    ids=repr,
+)
+def test_enough_rows_are_not_told(model):
+    assert told_by(model.fit, *draw(40)) == []
+
+
+def test_eight_rows_for_each_hyperparameter_are_enough():
+    X, y = draw(20)
+    model = MultiTaskGPRegressor(RBF(1.0), rank=1, noise="shared", normalize_y="shared")
+    n = 8 * model.fit(X, y).n_hyperparameters_
+    assert n <= 60
+    assert not told_by(model.fit, X[:n], y[:n])
+    assert told_by(model.fit, X[: n - 1], y[: n - 1])
+
+
+def test_noise_variances_of_tasks_count_as_one():
+    X, y = draw(20)
+    options = {"rank": 1, "normalize_y": "shared"}
+    shared = MultiTaskGPRegressor(RBF(1.0), noise="shared", **options).fit(X, y)
+    own = MultiTaskGPRegressor(RBF(1.0), noise="per_task", **options)
+    n = 8 * shared.n_hyperparameters_
+    assert not told_by(own.fit, X[:n], y[:n])
+    assert own.n_hyperparameters_ == shared.n_hyperparameters_ + 2
+
+
+def test_laplace_is_enough_for_half_as_many():
+    X, y = draw(10)
+    options = {"rank": 1, "noise": "shared", "hyperparameters": "laplace"}
+    model = MultiTaskGPRegressor(RBF(1.0), **options).fit(X, y)
+    n = 4 * model.n_hyperparameters_
+    assert n <= 30
+    assert not told_by(model.fit, X[:n], y[:n])
+    [told] = told_by(model.fit, X[: n - 1], y[: n - 1])
+    assert "fewer than 4 rows" in told
+    assert "hyperparameters='sampled'" in told
+
+
+def test_auto_draws_and_is_silent():
+    model = MultiTaskGPRegressor(rank=1, hyperparameters="auto", n_draws=5)
+    assert told_by(model.fit, *draw(6)) == []
     assert model.hyperparameters_ == "sampled"
-    assert not _is_told(model, X)
 
 
-def test_a_search_says_what_its_best_model_would():
-    X, y = draw(8)
-    search = RankSearchIC(MultiTaskGPRegressor(), ranks=[2], simpler=False).fit(X, y)
-    assert _is_told(search, X)
-    assert _is_told(search.best_estimator_, X)
+def test_several_kernels_have_no_draws():
+    [told] = told_by(MultiTaskGPRegressor([RBF(1.0), RBF(0.5)], rank=1).fit, *draw(6))
+    assert "with one kernel, hyperparameters='auto'" in told
+
+
+def test_auto_of_sparse_inference_is_the_mode_and_names_draws():
+    X, y = draw(26, n_tasks=20)  # 520 rows, 8 for each of 65 hyperparameters
+    options = {"inference": "sparse", "n_inducing": 10, "max_iter": 2}
+    model = MultiTaskGPRegressor(rank=4, hyperparameters="auto", **options)
+    [told] = told_by(model.fit, X, y)
+    assert model.hyperparameters_ == "mode"
+    assert "hyperparameters='sampled'" in told
+
+
+def test_nothing_is_told_where_nothing_is_learned():
+    assert told_by(MultiTaskGPRegressor(rank=2, max_iter=0).fit, *draw(6)) == []
+
+
+def test_each_repeat_is_a_row():
+    X, y = draw(6)
+    X, y = np.repeat(X, 20, axis=0), np.repeat(y, 20)
+    y = y + 0.1 * np.random.default_rng(0).standard_normal(len(y))
+    X, y, counts, variance = average_repeats(X, y)
+    given = {"sample_weight": counts, "repeat_variance": variance}
+    assert len(y) == 18
+    assert told_by(MultiTaskGPRegressor(rank=2).fit, X, y, **given) == []
 
 
 def test_tasks_by_themselves_are_told_by_name():
     X, y = draw(40, n_tasks=2)
-    model = SingleTaskGP().fit(X[:50], y[:50])  # ten rows of task 1
-    with pytest.warns(NarrowIntervalsWarning, match="Task 1: too few rows"):
-        model.predict_interval(X)
+    few = (X[:, 1] == 0) | (np.cumsum(X[:, 1]) <= 10)  # ten rows of task 1
+    [told] = told_by(SingleTaskGP().fit, X[few], y[few])
+    assert told.startswith("Task 1: ")
 
 
-def test_tasks_by_themselves_with_enough_rows_are_not_told():
-    X, y = draw(40, n_tasks=2)
-    assert not _is_told(SingleTaskGP().fit(X, y), X)
-
-
-def test_an_unfitted_model_is_refused_as_before():
-    with pytest.raises(NotFittedError):
-        MultiTaskGPRegressor().predict_interval([[0.0, 0]])
+def test_predictions_and_displays_say_nothing_of_it():
+    X, y = draw(8)
+    model = MultiTaskGPRegressor(rank=2).fit(X, y)
+    assert told_by(model.predict_interval, X) == []
+    assert told_by(TransferDisplay.from_estimator, model) == []

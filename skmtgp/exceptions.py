@@ -397,8 +397,10 @@ class UnderflowWarning(RuntimeWarning):
 class RepeatedRowsWarning(UserWarning):
     """Rows are there twice, as if measurements of the same agreed exactly.
 
-    All rows with the same inputs have the same target, too. So the noise that is
-    learned may be far too small, and with it the standard deviations of predictions.
+    All rows with the same inputs have the same target, too. Or `sample_weight` counts
+    some rows more than once, without `repeat_variance`, as bagging does. So the noise
+    that is learned may be far too small, and with it the standard deviations of
+    predictions.
 
     Examples
     --------

@@ -42,7 +42,7 @@ from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
 from skmtgp._estimators.posing import kernel_made, pose
 from skmtgp._estimators.predicting import PosteriorMixin
-from skmtgp._estimators.reading import gathered, tell_copies
+from skmtgp._estimators.reading import gathered, tell_copies, tell_counts
 from skmtgp._estimators.sampled import n_posteriors
 from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
@@ -340,6 +340,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             X, y, given = weighed_rows(X, y, given, repeats=repeats)
             features, codes, tasks, Y = check_training(self, X, y)
             known = read_known(*given, Y.reshape(len(Y), -1).shape)
+            tell_counts(self, given)
             if known is not None:
                 known.refuse_transform(self.target_transform)
             self._fit(features, codes, tasks, Y, known, progress)

@@ -8,6 +8,7 @@ from skmtgp._data.checks import (
     locate,
     warn_of_constants,
     warn_of_copies,
+    warn_of_counts,
 )
 from skmtgp._data.complete import count_copies
 from skmtgp._data.dask import is_dask
@@ -54,16 +55,16 @@ def read(model, X, y, given=NOTHING):
     ValueError
         If something cannot be used, which it names.
     """
-    plain = all(part is None for part in given)
     X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
     stay = is_dask(X, y) and leaves_rows(model.inference)
     if stay:
         _refuse_what_needs_rows(model, given)
     check = check_partitions if stay else check_training
     training = gathered(model, *check(model, X, y), given)
-    if plain and not stay:
+    if all(part is None for part in given) and not stay:
         tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
+    tell_counts(model, given)
     return training
 
 
@@ -118,9 +119,22 @@ def gathered(model, features, codes, tasks, Y, given=NOTHING):
 
 def tell_copies(model, features, codes, Y):
     """Warn of rows that are there twice, where noise is learned."""
-    fixed = isinstance(model.noise_variance_bounds, str)
-    if model.max_iter and not fixed and len(Y) <= MOST_ROWS:
+    if _learns_noise(model) and len(Y) <= MOST_ROWS:
         warn_of_copies(count_copies(features, codes, Y))
+
+
+def tell_counts(model, given):
+    """Warn of rows that count more than once, as if their measurements were equal.
+
+    `given` has alpha, sample_weight and repeat_variance.
+    """
+    _, counts, variance = given
+    if counts is not None and variance is None and _learns_noise(model):
+        warn_of_counts(np.maximum(np.asarray(counts, np.float64) - 1.0, 0.0).sum())
+
+
+def _learns_noise(model):
+    return model.max_iter and not isinstance(model.noise_variance_bounds, str)
 
 
 def _tell_outliers(training):

@@ -223,7 +223,7 @@ class TestCopies:
             model.fit(X, y, **given)
         with warnings.catch_warnings():
             warnings.simplefilter("error", RepeatedRowsWarning)
-            model.fit(X, y, **given, repeat_variance=np.full(len(y), 0.01))
+            model.fit(X, y, **given, repeat_variance=0.01 * (weights > 1))
             weights[2:] = 1  # two, as many as may be there twice
             model.fit(X, y, **given)
 

@@ -49,8 +49,10 @@ def report(rows, settings):
             sets = frame.loc[of, "set"].nunique()
             print(f"\n{title}, {sets} sets\n")
             show(by_model(frame[of]))
-            print(f"\n{title}: {TOLD}, and fits of the same sets and splits\n")
-            show(by_word(frame[of]))
+            told = by_word(frame[of])
+            if len(told):
+                print(f"\n{title}: {TOLD}, and fits of the same sets and splits\n")
+                show(told)
             print(f"\n{title}: each set, {settings}\n")
             show(by_set(frame[of], settings))
 
@@ -92,19 +94,17 @@ def by_model(frame):
 
 def by_word(frame):
     """Intervals where the default, as shipped, warns of narrow ones, and elsewhere."""
-    frame = frame.set_index(["set", "split"])
+    frame = frame[frame["coverage"].notna()].set_index(["set", "split"])
     shipped = frame[(frame["model"] == DEFAULT) & (frame["settings"] == AS_SHIPPED)]
-    told = shipped["warnings"].map(lambda names: TOLD in names)
+    told = np.array([TOLD in names for names in shipped["warnings"]], dtype=bool)
     table = []
     for word, of in (("told", told), ("not told", ~told)):
-        fits = frame[frame.index.isin(told.index[of]) & frame["coverage"].notna()]
+        fits = frame[frame.index.isin(shipped.index[of])]
         for (model, settings), same in fits.groupby(["model", "settings"], sort=False):
             if model in FITTED:
-                table.append(intervals_of(same) | {"": word, "model": model})
-                table[-1]["settings"] = settings
-    first = ["", "model", "settings"]
-    table = pd.DataFrame(table)
-    return table[[*first, *table.columns.difference(first, sort=False)]]
+                named = {"": word, "model": model, "settings": settings}
+                table.append(named | intervals_of(same))
+    return pd.DataFrame(table)
 
 
 def intervals_of(fits):

@@ -221,9 +221,10 @@ class NarrowIntervalsWarning(UserWarning):
 
     There are fewer than eight rows for each hyperparameter, or fewer than four with
     ``hyperparameters="laplace"``. The rows leave the hyperparameters more uncertain
-    than predictions count, and a 95 % interval may hold 60 to 90 % of new observations.
-    Sampled hyperparameters count it, see :doc:`/guide/intervals`. Means are better with
-    them, too. Noise variances of tasks count as one hyperparameter here.
+    than predictions count, and a 95 % interval may hold only 50 to 90 % of new
+    observations. Sampled hyperparameters count it, see :doc:`/guide/intervals`, and
+    have better means, too. Rows with the same inputs and task count once here, and
+    noise variances of tasks as one hyperparameter.
 
     Examples
     --------

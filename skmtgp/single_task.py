@@ -336,17 +336,17 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance
+            plain = all(part is None for part in given)
             repeats = repeats_rows(self.inference)
             X, y, given = weighed_rows(X, y, given, repeats=repeats)
             features, codes, tasks, Y = check_training(self, X, y)
             known = read_known(*given, Y.reshape(len(Y), -1).shape)
-            tell_counts(self, given)
             if known is not None:
                 known.refuse_transform(self.target_transform)
-            self._fit(features, codes, tasks, Y, known, progress)
+            self._fit(features, codes, tasks, Y, known, progress, plain)
         return self
 
-    def _fit(self, features, codes, tasks, Y, known, progress):
+    def _fit(self, features, codes, tasks, Y, known, progress, plain):
         target = fit_target(self.target_transform, Y.reshape(len(Y), -1))
         Y = target.forward(Y.reshape(len(Y), -1)).reshape(Y.shape)
         self.tasks_, self.tasks_train_ = tasks, codes
@@ -355,8 +355,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         X = np.column_stack([features, np.zeros(len(features))])
         self._check_tasks(model, features, rows, Y)
         self._tell_constants(model, rows, Y, known)
-        if known is None:
+        if plain:
             tell_copies(model, features, codes, Y)
+        tell_counts(model, known)
         self._foretell(model, rows, features, Y, known)
         names = [self._in_words(m) for m in range(len(rows))]
         results = run(

@@ -22,6 +22,7 @@ WARNINGS = (
     exceptions.CorrelatedResidualsWarning,
     exceptions.DescriptorWarning,
     exceptions.JitterWarning,
+    exceptions.NarrowIntervalsWarning,
     exceptions.OutlierWarning,
     exceptions.PrecisionWarning,
     exceptions.RepeatedRowsWarning,

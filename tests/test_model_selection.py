@@ -138,7 +138,7 @@ def related(rank, M=4, per_task=16):
 @pytest.mark.filterwarnings("error")
 def test_bic_finds_the_rank_of_the_data():
     model = MultiTaskGPRegressor(normalize_y=False)
-    search = RankSearchIC(model, ranks=(1, 2, 3, 4)).fit(*related(2))
+    search = RankSearchIC(model, ranks=(1, 2, 3, 4)).fit(*related(2, per_task=24))
     assert search.best_rank_ == 2
 
 

@@ -229,7 +229,7 @@ def test_missing_digits_are_reported(monkeypatch):
         MultiTaskGPRegressor(rank=2, **SHARED).fit(*draw(n_outputs=2))
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::sklearn.exceptions.ConvergenceWarning")
 def test_enough_iterations_are_not_reported():
     X, y = draw()
     model = MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, **PAPER)

@@ -509,15 +509,15 @@ def warn_of_copies(n_copies):
 
 
 def warn_of_counts(n_repeats):
-    """Say how many measurements agree exactly with others, if they are not few."""
+    """Say that measurements agree exactly with others, if they are not few."""
     if n_repeats > FEW_COPIES:
         warn(
-            f"sample_weight counts {n_repeats:.0f} measurements more than there are "
-            "rows. Without repeat_variance those of a row agree exactly, as if y had "
-            "no noise. If it has some, the noise that is learned may be far too small, "
-            "and so may the standard deviations of predictions. Give repeat_variance, "
-            "as average_repeats returns it. To a BaggingRegressor give "
-            "bootstrap=False and max_samples below 1.",
+            "sample_weight counts rows more than once. Without repeat_variance their "
+            "measurements agree exactly, as if y had no noise. If it has some, the "
+            "noise that is learned may be far too small, and so may the standard "
+            "deviations of predictions. Give repeat_variance, as average_repeats "
+            "returns it. To a BaggingRegressor give bootstrap=False and max_samples "
+            "below 1.",
             RepeatedRowsWarning,
         )
 

@@ -130,16 +130,20 @@ def row_keys(features):
     return keys
 
 
+def count_places(features, codes):
+    """How many rows differ in their inputs or tasks."""
+    return len(np.unique(row_keys(np.column_stack([features, codes]))))
+
+
 def count_copies(features, codes, Y):
     """How many rows repeat another one; 0 if equal inputs have different targets.
 
     Targets that have few values may be equal by chance.
     """
-    inputs = np.column_stack([features, codes])
-    n_inputs = len(np.unique(row_keys(inputs)))
+    n_inputs = count_places(features, codes)
     if n_inputs == len(Y):
         return 0
-    n_rows = len(np.unique(row_keys(np.column_stack([inputs, Y]))))
+    n_rows = count_places(np.column_stack([features, Y]), codes)
     return len(Y) - n_rows if n_rows == n_inputs else 0
 
 

@@ -25,7 +25,7 @@ from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import KERNEL, named_kernel
 from skmtgp._estimators.posing import pose
-from skmtgp._estimators.reading import names_of_inputs, read
+from skmtgp._estimators.reading import names_of_inputs, read, tell_counts
 from skmtgp._estimators.revising import revise
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import fitting, say
@@ -163,6 +163,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
             warn_of_few_rows(problems[0], self.hyperparameters_)
+        tell_counts(self, training.known)
         warn_of_skew(problems, modes, names_of_inputs(self))
         options = {"sampled": sampled, "compared": compared}
         options["one_kernel"] = not self._may_have_more_kernels()

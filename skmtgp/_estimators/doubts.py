@@ -6,6 +6,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
 
 from skmtgp._data.checks import name_tasks
+from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.named_kernels import DEFAULT
@@ -27,7 +28,6 @@ from skmtgp.exceptions import (
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
 from skmtgp.learning.own_kernels import gain_of_own_kernels
-from skmtgp.learning.screening import n_measured
 from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
@@ -101,7 +101,8 @@ def warn_of_small_tasks(training, form):
 def warn_of_few_rows(problem, way):
     """Say that rows are too few to take the hyperparameters for certain.
 
-    Noise variances of tasks, which have a common prior, count as one hyperparameter.
+    Repeats of a row tell the noise alone, so they do not count. Noise variances of
+    tasks, which have a common prior, count as one hyperparameter.
 
     Parameters
     ----------
@@ -110,18 +111,20 @@ def warn_of_few_rows(problem, way):
     way : {"mode", "map", "laplace", "sampled"}
         Which hyperparameters predict.
     """
-    prior, enough = problem.prior, ENOUGH_ROWS_EACH.get(way, 0)
+    prior, data, enough = problem.prior, problem.data, ENOUGH_ROWS_EACH.get(way, 0)
     n_noise = 0 if prior.noise_is_fixed else prior.n_noise
-    n_each = prior.n_hyperparameters - max(n_noise - 1, 0)
-    if n_measured(problem.data) >= enough * n_each:
+    n_each, stay = prior.n_hyperparameters - max(n_noise - 1, 0), is_dask(data.X)
+    n_rows = len(data) if stay else count_places(data.X, data.tasks)
+    if n_rows >= enough * n_each:
         return
-    helps = "'auto'" if way != "laplace" and problem.engine.exact else "'sampled'"
-    alone = "with one kernel, " if prior.n_terms > 1 else ""
+    draws = "'auto'" if way != "laplace" and problem.engine.exact else "'sampled'"
+    helps = f"hyperparameters={draws}, which takes longer, or more rows"
+    helps = f"one kernel with {helps}" if prior.n_terms > 1 else helps
     warn(
         f"There are fewer than {enough} rows for each hyperparameter. They leave the "
         "hyperparameters more uncertain than predictions count: a 95 % interval may "
-        f"hold 60 to 90 % of new observations. This helps: {alone}"
-        f"hyperparameters={helps}, which takes longer, or more rows.",
+        "hold only 50 to 90 % of new observations. This helps: "
+        f"{'more rows' if stay else helps}.",
         NarrowIntervalsWarning,
     )
 

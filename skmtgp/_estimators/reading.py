@@ -55,16 +55,16 @@ def read(model, X, y, given=NOTHING):
     ValueError
         If something cannot be used, which it names.
     """
+    plain = all(part is None for part in given)
     X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
     stay = is_dask(X, y) and leaves_rows(model.inference)
     if stay:
         _refuse_what_needs_rows(model, given)
     check = check_partitions if stay else check_training
     training = gathered(model, *check(model, X, y), given)
-    if all(part is None for part in given) and not stay:
+    if plain and not stay:
         tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
-    tell_counts(model, given)
     return training
 
 
@@ -123,14 +123,11 @@ def tell_copies(model, features, codes, Y):
         warn_of_copies(count_copies(features, codes, Y))
 
 
-def tell_counts(model, given):
-    """Warn of rows that count more than once, as if their measurements were equal.
-
-    `given` has alpha, sample_weight and repeat_variance.
-    """
-    _, counts, variance = given
-    if counts is not None and variance is None and _learns_noise(model):
-        warn_of_counts(np.maximum(np.asarray(counts, np.float64) - 1.0, 0.0).sum())
+def tell_counts(model, known):
+    """Warn of rows that count more than once, as if their measurements were equal."""
+    if known is not None and _learns_noise(model):
+        spread = known.spread.reshape(len(known.counts), -1)
+        warn_of_counts((known.counts - 1.0)[~spread.any(axis=1)].sum())
 
 
 def _learns_noise(model):

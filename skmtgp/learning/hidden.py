@@ -12,6 +12,9 @@ known variance. Only where it is many deviations above zero the data are learned
   learned from what is left, with K_0^rho = I and with 1 1^T, each from the likeliest of
   several theta_0^x; K_1^rho is computed from the targets as they are, section 3.2; all
   parameters are learned from there, at first with no more noise than was found.
+
+A mode may also have no functions at all: they have vanished beside much noise, and no
+length-scale has a gradient. Then they begin again, small.
 """
 
 from dataclasses import replace
@@ -57,6 +60,58 @@ def reveal(problem, mode):
             break
         mode = best
     return spent_on(mode, modes)
+
+
+def awaken(problem, mode):
+    """The better of a mode that has no functions and those that begin with some.
+
+    Much noise is held up in learning at first, and functions may vanish beside it.
+    Then no length-scale matters, and none has a gradient. They begin again small, at
+    several length-scales. Rough ones do not count: of several inputs they explain pure
+    noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to learn.
+    mode : Mode
+        The best so far.
+
+    Returns
+    -------
+    mode : Mode
+        Another one only if it gains more than functions of pure noise do.
+    """
+    prior, tuning = problem.prior, problem.tuning
+    learned = problem.budget.max_iter and np.isfinite(mode.value)
+    if not (learned and prior.n_terms == 1 and problem.is_noisy(mode)):
+        return mode
+    noise = np.mean(prior.values(mode.theta).noise)
+    if _size(problem, mode.theta) > tuning.asleep * noise:
+        return mode
+    K_rho, usual = prior.K_rho_at(problem.theta()), _size(problem, problem.theta())
+    begin = problem.theta(
+        K_rho=tuning.awake * noise / usual * K_rho,
+        log_noise=prior.log_noise_at(mode.theta) + np.log1p(-tuning.awake),
+        log_level=prior.log_level_at(mode.theta),
+    )
+    scales, modes = prior.of_length_scales, [mode]
+    for step in tuning.awake_at if scales.any() else (0.0,):
+        theta = np.clip(np.where(scales, begin + step, begin), *prior.bounds())
+        modes.append(climb(problem, theta, known=modes))
+    shortest = begin[scales] + tuning.awake_beyond
+    smooth = [of for of in modes[1:] if (of.theta[scales] > shortest).all()]
+    best = max(smooth, key=lambda of: of.value, default=mode)
+    if best.value > mode.value + tuning.awakened:
+        return spent_on(best, modes)
+    return mode.counting(modes[1:])
+
+
+def _size(problem, theta):
+    """Variance of functions, without levels: the average over tasks and rows."""
+    prior = problem.prior
+    of_rows = prior.kernel_at(theta).diag(problem.data.X).mean()
+    return of_rows * np.diagonal(prior.K_rho_at(theta)).mean()
 
 
 def may_hide(problem, mode):

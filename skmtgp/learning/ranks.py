@@ -13,7 +13,7 @@ from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import refine
 from skmtgp.learning.exchanging import exchange, reopen
-from skmtgp.learning.hidden import reveal
+from skmtgp.learning.hidden import awaken, reveal
 from skmtgp.learning.nesting import descend, detour, nest
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.stages import (
@@ -127,6 +127,7 @@ def _coarse_to_fine(problems, forms, starts, *, firsts=None, n_jobs, progress):
     modes = second_stage(jobs, shakes=1, firsts=firsts, **running)
     each = [problem for of, _ in jobs for problem in of]
     modes = run(exchange, list(zip(each, modes, strict=True)), n_jobs=n_jobs)
+    modes = run(awaken, list(zip(each, modes, strict=True)), n_jobs=n_jobs)
     if len(forms) == 1 and not fine:  # else other ranks and rows help
         modes = run(_another_way, list(zip(each, modes, strict=True)), n_jobs=n_jobs)
         if describes(forms[0]):  # exchanging alone lost 30 nats at a joint of the Puma

@@ -76,6 +76,14 @@ class Tuning:
         if the task has so many rows, at least,
     rougher_than : float
         and if so many times as large a part of another task's is left.
+    asleep, awake : float
+        Size of functions over the noise under which a mode has none, and where they
+        begin again.
+    awake_at, awake_beyond : tuple of float, float
+        Steps of the logarithms of length-scales where they do, and which they must not
+        fall below.
+    awakened : float
+        Nats that they must gain: in pure noise one of 20 gained as much.
     noise_of_rest : tuple of float
         Noise variances where learning without levels begins, of what is left.
     faster, slower : tuple of float, float
@@ -248,6 +256,11 @@ class Tuning:
     rough: float = 0.2
     rough_rows: int = 8
     rougher_than: float = 3.0
+    asleep: float = 1e-3
+    awake: float = 0.3
+    awake_at: tuple = (0.0, 0.7, -0.7)
+    awake_beyond: float = -1.0
+    awakened: float = 3.0
     noise_of_rest: tuple = (1e-1, 1e-2)
     faster: tuple = (-1.5, -3.0)
     slower: float = 2.0

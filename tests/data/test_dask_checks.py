@@ -231,9 +231,9 @@ def test_fit_needs_no_dask():
         sys.modules.update(dask=None, distributed=None)
         import numpy as np
         from skmtgp import PooledGP  # without warnings, too
-        x = np.arange(9.0)
-        X = np.column_stack([x, x > 4.0])
-        PooledGP(inference="sparse", n_inducing=4).fit(X, np.sin(x))
+        x = np.arange(30.0)
+        X = np.column_stack([x / 4.0, x > 14.0])
+        PooledGP(inference="sparse", n_inducing=9).fit(X, np.sin(x / 4.0))
     """
     command = [
         sys.executable,

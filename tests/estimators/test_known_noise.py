@@ -386,7 +386,6 @@ def test_engines_that_take_no_counts_repeat_rows():
     np.testing.assert_allclose(found, expected, rtol=1e-10)
 
 
-@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.RepeatedRowsWarning")
 def test_complete_data_are_not_repeated():
     """Kronecker inference is told what is wrong: the counts, not that rows repeat."""
     rows = np.column_stack([np.repeat(np.arange(12.0), 3), TASK])
@@ -407,7 +406,6 @@ def test_weights_of_one_say_nothing():
     assert model.inference_ == "kronecker"
 
 
-@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.RepeatedRowsWarning")
 def test_kernels_with_noise_of_their_own_take_no_counts():
     """A mean of repeats has not their white noise, each of which is another."""
     kernel = RBF(1.0) + WhiteKernel(0.1)

@@ -151,6 +151,7 @@ class TestInspection:
 
 
 class TestMetaEstimators:
+    @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.RepeatedRowsWarning")
     @each_twice("container", ["array", "object", "pandas", "polars"])
     def test_bagging(self, estimator, container):
         # Rows are drawn whatever their task, so that a bag has some tasks more often

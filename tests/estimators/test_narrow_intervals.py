@@ -2,6 +2,7 @@
 
 import warnings
 
+import dask.array as da
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF
@@ -107,11 +108,11 @@ def test_auto_draws_and_is_silent():
 
 def test_several_kernels_have_no_draws():
     [told] = told_by(MultiTaskGPRegressor([RBF(1.0), RBF(0.5)], rank=1).fit, *draw(6))
-    assert "with one kernel, hyperparameters='auto'" in told
+    assert "one kernel with hyperparameters='auto'" in told
 
 
 def test_auto_of_sparse_inference_is_the_mode_and_names_draws():
-    X, y = draw(26, n_tasks=20)  # 520 rows, 8 for each of 65 hyperparameters
+    X, y = draw(26, n_tasks=20)  # 520 rows for 77 hyperparameters
     options = {"inference": "sparse", "n_inducing": 10, "max_iter": 2}
     model = MultiTaskGPRegressor(rank=4, hyperparameters="auto", **options)
     [told] = told_by(model.fit, X, y)
@@ -123,14 +124,23 @@ def test_nothing_is_told_where_nothing_is_learned():
     assert told_by(MultiTaskGPRegressor(rank=2, max_iter=0).fit, *draw(6)) == []
 
 
-def test_each_repeat_is_a_row():
+def test_repeats_do_not_count():
     X, y = draw(6)
     X, y = np.repeat(X, 20, axis=0), np.repeat(y, 20)
     y = y + 0.1 * np.random.default_rng(0).standard_normal(len(y))
+    model = MultiTaskGPRegressor(rank=2)
+    assert told_by(model.fit, X, y)
     X, y, counts, variance = average_repeats(X, y)
     given = {"sample_weight": counts, "repeat_variance": variance}
-    assert len(y) == 18
-    assert told_by(MultiTaskGPRegressor(rank=2).fit, X, y, **given) == []
+    assert told_by(model.fit, X, y, **given)
+
+
+def test_rows_in_partitions_are_counted_as_they_are():
+    X, y = draw(6)
+    model = PooledGP("rbf", inference="sparse", n_inducing=4)
+    parts = [da.from_array(of, chunks=9) for of in (X[:18], y[:18])]
+    [told] = told_by(model.fit, *parts)
+    assert told.endswith("This helps: more rows.")
 
 
 def test_tasks_by_themselves_are_told_by_name():

@@ -23,9 +23,9 @@ median of the same. "cover" is the mean coverage of 95 % intervals, "below" the 
 sets in which it is below {POOR:g}. Seconds are of all fits together. Failed fits count
 in "fits", "failed" and "seconds" alone.
 
-Where {DEFAULT} as shipped warns of narrow intervals, fits are told
-of. In that table each row is beside the default's fits to the same sets and splits, by
-"ratio", "default" and "times", those of its seconds.
+In the table of a warning, "told" are the sets and splits in which {DEFAULT},
+as shipped, gives it. The fits of a row are compared with its fits to the same ones:
+"ratio" is that of the RMSE, "times" that of the seconds, and "default" has its values.
 
 In a table of sets, "rmse" is over that of the best other model, "loss" is the log loss
 less that of the best other Gaussian process, each on the splits that both have, and

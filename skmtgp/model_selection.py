@@ -122,18 +122,18 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
     criterion : {"auto", "bic", "aic", "hqc", "loo", "laplace"}, default="auto"
         Criterion that chooses. "loo" takes one more decomposition for each candidate
         and output. It needs the rows, so Dask collections are an error. "laplace" takes
-        two more gradients for each hyperparameter of each candidate.
+        one more gradient for each hyperparameter of each candidate.
 
         "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
         largest candidate has at most 30 rows for each hyperparameter, and if those near
-        the best have at most 100, were learned to the end and one has noise: they are
+        the best have at most 300, were learned to the end and one has noise: they are
         within 5 nats for each output of the best, by BIC and the prior of the noise. It
-        chooses among these and single tasks. A smaller model may be lower by a nat, and
-        0.05 nats for each hyperparameter that it spares. BIC decides between candidates
-        of nearly the same evidence, if rows and inputs allow. Otherwise "auto" is
-        "bic". With fewer than five rows a task on average, or inputs that do not
-        overlap, "auto" holds some candidates for unlikely from the start (not in
-        `results_`). See :doc:`/guide/rank`.
+        chooses among these, those that BIC may price too high, and single tasks. A
+        smaller model may be lower by a nat, and 0.05 nats for each hyperparameter that
+        it spares. BIC decides between candidates of nearly the same evidence, if rows
+        and inputs allow. Otherwise "auto" is "bic". With fewer than five rows a task on
+        average, or inputs that do not overlap, "auto" holds some candidates for
+        unlikely from the start (not in `results_`). See :doc:`/guide/rank`.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None

@@ -417,13 +417,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     With ``rank=None`` the candidate with the highest evidence is taken: the likelihood
     with the hyperparameters integrated out under a weak prior, by Laplace's method. It
     is computed of the candidates within 5 nats for each output of the best by BIC and
-    the prior of the noise, to which almost no noise is unlikely. If the best by BIC has
-    fewer than five rows for each hyperparameter, it is computed of all candidates that
-    have two rows or more for each, for BIC takes a model that explains a few rows
+    the prior of the noise, to which almost no noise is unlikely, and of those that
+    would be if BIC priced the parameters of a task by its own rows. If the best by BIC
+    has fewer than five rows for each hyperparameter, it is computed of all candidates
+    that have two rows or more for each, for BIC takes a model that explains a few rows
     exactly for a good one. (A best one without noise must have fewer than two rows for
     each, and compound symmetry must have noise.) BIC decides between candidates of
     nearly the same evidence. BIC alone chooses if the best candidates have no noise,
-    more than 100 hyperparameters, or more than 30 rows for each of them, or were not
+    more than 300 hyperparameters, or more than 30 rows for each of them, or were not
     learned to the end, and in sparse inference. With few rows a task some candidates
     are unlikely from the start. See :doc:`/guide/rank`.
 

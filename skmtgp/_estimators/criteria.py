@@ -15,6 +15,7 @@ from skmtgp.learning.problem import Problem
 from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.weighing import (
     evidence_of_form,
+    evidences_in_reach,
     log_density_left_out,
     summed,
     uncounted,
@@ -121,11 +122,10 @@ def criterion_of(asked, of_forms, modes):
     rows, and where the forms near the best have few hyperparameters, were learned to
     the end, and one of them has noise.
     """
-    every = list(range(len(of_forms)))
     if asked != "auto":
-        return asked, every
+        return asked, None
     near = weighed(of_forms, modes)
-    return ("laplace", near) if near else ("bic", every)
+    return ("laplace", near) if near else ("bic", None)
 
 
 def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
@@ -143,8 +143,9 @@ def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
         The tasks learned alone, if they are a candidate.
     criterion : str
         The one that chooses: what takes time is only computed for it.
-    among : list of int
-        Positions of the forms of which it is computed; of the others it is NaN.
+    among : list of int or None
+        Positions of the forms that it may choose: of the others it is NaN, and of those
+        that cannot be the best. None means that it is computed of all.
     n_jobs : int, default=None
         Processes.
 
@@ -172,15 +173,25 @@ def tabulate(training, of_forms, modes, alone, criterion, among, n_jobs=None):
     table |= _information(values.sum(axis=1), np.array(count), np.array(spared), n)
     if criterion in DENSITIES:
         of_form, of_alone = DENSITIES[criterion]
-        scaled = np.full(len(of_forms), np.nan)
-        some = [of_forms[k] for k in among], [modes[k] for k in among]
-        scaled[among] = summed(of_form, *some, n_jobs)
+        if among is None:
+            scaled = summed(of_form, of_forms, modes, n_jobs)
+        else:
+            scaled = _chosen_from(of_forms, modes, among, n_jobs)
         beside = [] if alone is None else [of_alone(alone, training)]
         table[criterion] = -2.0 * np.append(scaled + jacobian.sum(), beside)
     table["fit_time"] = seconds
     if not training.single_output:
         table |= {_of_output(j): column for j, column in enumerate(values.T)}
     return {name: np.asarray(column) for name, column in table.items()}
+
+
+def _chosen_from(of_forms, modes, among, n_jobs):
+    """Evidences of the forms that they choose from; NaN of the others."""
+    some = [of_forms[k] for k in among], [modes[k] for k in among]
+    told = evidences_in_reach(*some, n_jobs)
+    found = np.full(len(of_forms), np.nan)
+    found[among] = np.where(np.isfinite(told), told, np.nan)
+    return found
 
 
 def _spared(problems, modes, forms):

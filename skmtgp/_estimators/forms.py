@@ -9,7 +9,7 @@ from skmtgp.model.task_covariance import low_rank
 # worth a look with fewer, if the evidence chooses, and if they are not so many numbers
 # that it cannot be had with those of k^x. Three explain few rows without any noise, and
 # so does one where most tasks have a single row.
-ROWS, ROWS_OF_TWO, MOST_OF_TWO, ROWS_OF_ONE = 4, 3, 80, 2
+ROWS, ROWS_OF_TWO, MOST_OF_TWO, ROWS_OF_ONE = 4, 3, 250, 2
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)

@@ -31,6 +31,7 @@ from skmtgp.learning.telling import about, in_words
 from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
+    penalties,
     plausible,
     worth,
 )
@@ -63,9 +64,10 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
     sketches = run(_revealed, [(of,) for of in sketches], n_jobs=n_jobs)
-    likely = _likely(problems, coarse, sketches, n_jobs)
+    correction = corrections(*_by_form(sketches), n_jobs, n_measured(problems[0].data))
+    likely = _likely(problems, coarse, sketches, correction)
     kept, modes = _learned(problems, sketches, likely, starts, **options)
-    if _overtaken(problems, sketches, likely, modes):
+    if _overtaken(problems, sketches, likely, modes, correction):
         likely = list(range(len(sketches[0])))
         kept, modes = _learned(problems, sketches, likely, starts, **options)
     best, of_best = chosen(problems, kept, modes, n_jobs)
@@ -230,10 +232,10 @@ def _sketched(problems, forms, starts, *, n_jobs, progress):
 def _sketch(problem, starts, before):
     """The sketch of a form; that of noisy data is quick, and begins at the rank below.
 
-    Without noise both would miss modes that are far better. A rank that is hardly
-    better than all forms before begins at the likeliest start, too: the rank below may
-    have taken fast functions for noise, or be a mode that no column leads away from.
-    If that rank was hardly better, too, it has been tried already.
+    Without noise both would miss modes that are far better. A rank begins at the
+    likeliest start, too: the rank below may have taken fast functions for noise, or be
+    a mode from which no column leads to the best. If that rank gained nothing, it has
+    been tried already.
     Compound symmetry and rank 1 are learned from all starts, for one may tell them
     independent tasks alone, or one function.
     """
@@ -243,8 +245,7 @@ def _sketch(problem, starts, before):
     if _has_below(before, problem):
         theta = with_columns(below.problem, problem, below.ascent.mode)
         found, lower = _quick(problem, theta), before[:-1]
-        tried = _has_below(lower, below.problem) and not _is_better(below, lower)
-        if tried or _is_better(found, before):
+        if _has_below(lower, below.problem) and not _is_better(below, lower):
             return found
         return _quick(problem, start.theta(problem), [found.ascent.mode])
     found = _quick(problem, start.theta(problem))
@@ -268,7 +269,7 @@ def _is_better(sketch, before):
 
 def _quick(problem, theta, known=()):
     """The sketch that a short climb makes, or a better one that is known."""
-    mode = climb(problem.quickly(), theta, known=known)
+    mode = climb(problem.quickly(), theta, relaxed=True, known=known)
     mode = best_of([mode, *known])
     return Sketch(problem, Ascent(mode, mode))
 
@@ -363,9 +364,8 @@ def _by_form(sketches):
     return problems, [[sketch.ascent.mode for sketch in of] for of in of_forms]
 
 
-def _likely(problems, coarse, sketches, n_jobs):
+def _likely(problems, coarse, sketches, correction):
     """Positions of the forms that are near the best, by some or by all rows."""
-    correction = corrections(*_by_form(sketches), n_jobs, n_measured(problems[0].data))
     tuning = problems[0].tuning
     most = len(problems[0].data) / len(coarse[0].data)
     margin = tuning.unsure * len(problems)
@@ -406,7 +406,7 @@ def _learned(problems, sketches, likely, starts, **options):
     return kept, from_starts(problems, kept, starts, **known, **options)
 
 
-def _overtaken(problems, sketches, likely, modes):
+def _overtaken(problems, sketches, likely, modes, correction):
     """Whether a form that was left out is better than the likely ones turned out.
 
     Once they are learned, they may explain few rows without noise, which is unlikely.
@@ -414,11 +414,11 @@ def _overtaken(problems, sketches, likely, modes):
     dropped = [k for k in range(len(sketches[0])) if k not in likely]
     if not dropped or len(sketches[0][0].problem.data) < len(problems[0].data):
         return False
-    kept = [[of[k].problem for of in sketches] for k in likely]
-    others = [[of[k].problem for of in sketches] for k in dropped]
-    left_out = [[of[k].ascent.mode for of in sketches] for k in dropped]
-    learned = list(zip(*modes, strict=True))
-    return plausible(others, left_out).max() > plausible(kept, learned).max()
+    of_forms, sketched = _by_form(sketches)
+    kept, learned = [of_forms[k] for k in likely], list(zip(*modes, strict=True))
+    odds = correction + penalties(of_forms, sketched)
+    left_out = (plausible(of_forms, sketched) + odds)[dropped]
+    return left_out.max() > (plausible(kept, learned) + odds[likely]).max()
 
 
 def _finished(problem, ascent):

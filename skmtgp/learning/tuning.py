@@ -118,16 +118,17 @@ class Tuning:
     foreseen : int
         Numbers of rows for which that is asked, from the few that it was learned from.
     weighed_within : float
-        Nats an output from the best by eq. 8 within which the evidence chooses: eq. 8
-        missed by no more on drawn data.
+        Nats an output from the best by eq. 8 within which the evidence chooses, besides
+        what eq. 8 may price a form too high.
     rows_told : int
         Rows of each hyperparameter of the best form by eq. 8 under which the evidence
         chooses among all forms, if data have noise: of few rows eq. 8 is far off,
     rows_explained : int
         and if that form explains them without; and of each hyperparameter of a form
         that may be chosen then.
-    most_weighed : int
-        Hyperparameters of an output: with more the evidence takes too long.
+    most_weighed, weighed_work : int
+        Hyperparameters of an output, and these times rows: with more the evidence takes
+        too long.
     rows_weighed : int
         Rows of each hyperparameter of the largest form: with more eq. 8 says much the
         same, and the evidence takes as long as learning does.
@@ -144,7 +145,9 @@ class Tuning:
         and how many rows that form has for each hyperparameter.
     overlapping : float
         Share of the rows in the range of another task, under which inputs do not
-        overlap.
+        overlap,
+    rows_apart : int
+        if there are no more rows: many tell in any case.
     few_rows : int
         Measurements of a task, on average, under which a rough function of each task
         explains noise as well as functions.
@@ -279,7 +282,8 @@ class Tuning:
     vanishing: float = 1e-3
     foreseen: int = 4
     weighed_within: float = 5.0
-    most_weighed: int = 100
+    most_weighed: int = 300
+    weighed_work: int = 300_000
     rows_told: int = 5
     rows_explained: int = 2
     rows_weighed: int = 30
@@ -289,6 +293,7 @@ class Tuning:
     close: float = 2.0
     rows_if_close: int = 6
     overlapping: float = 0.5
+    rows_apart: int = 3000
     few_rows: int = 5
     seldom: float = 3.0
     taken: float = 0.2

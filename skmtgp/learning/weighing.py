@@ -1,9 +1,10 @@
 """Which of several forms of K^rho to take: by eq. 8, and by the evidence.
 
 Eq. 8 prices parameters as if rows were many, and does not mind where there is almost no
-noise, with which models of few rows predict badly. The log evidence minds both, but
-takes two gradients for each hyperparameter. So it is only computed of the forms that
-are near the best by eq. 8 and the prior of the noise.
+noise, with which models of few rows predict badly. It also prices the numbers of a task
+as if all rows told them. The log evidence minds all three, but takes a gradient for
+each hyperparameter. So it is only computed of the forms that may be near the best by
+eq. 8 and the prior of the noise.
 """
 
 import numpy as np
@@ -84,12 +85,25 @@ def near_best(problems, modes, n=None):
     """
     if is_overexplained(problems, modes, n):
         tuning, sizes = problems[0][0].tuning, _sizes(problems)
-        most = min(tuning.most_weighed, _n_rows(problems, n) // tuning.rows_explained)
+        most = min(
+            _most_weighed(problems), _n_rows(problems, n) // tuning.rows_explained
+        )
         most = max(most, sizes.min() + 1)  # compound symmetry beside independent tasks
         return np.flatnonzero(sizes <= most).tolist()
     found = plausible(problems, modes)
     least = found.max() - problems[0][0].tuning.weighed_within * len(problems[0])
-    return np.flatnonzero(found >= least).tolist()
+    few = _sizes(problems) <= _most_weighed(problems)
+    return np.flatnonzero(found + few * overpriced(problems) >= least).tolist()
+
+
+def overpriced(problems):
+    """Nats by which eq. 8 may price each form too high, over all outputs; an array.
+
+    It prices the numbers of a task, too, as if all n rows told them. Of M tasks those
+    of one do, n / M of them on average.
+    """
+    numbers = [of[0].prior.task_covariance.n_free for of in problems]
+    return price(np.array(numbers), problems[0][0].prior.n_tasks) * len(problems[0])
 
 
 def is_overexplained(problems, modes, n=None):
@@ -129,6 +143,12 @@ def _are_noisy(problems, modes):
 def _sizes(problems):
     """Hyperparameters of each form."""
     return np.array([of[0].prior.n_hyperparameters for of in problems])
+
+
+def _most_weighed(problems):
+    """Hyperparameters of a form of which the evidence does not take too long."""
+    tuning, n = problems[0][0].tuning, len(problems[0][0].data)
+    return min(tuning.most_weighed, tuning.weighed_work // n)
 
 
 def _n_rows(problems, n):
@@ -173,7 +193,7 @@ def is_weighed(problems, modes):
 
 def few_hyperparameters(problems):
     """Whether none of some forms has more of them than its Hessian may take."""
-    most = problems[0][0].tuning.most_weighed
+    most = _most_weighed(problems)
     return all(of.prior.n_hyperparameters <= most for each in problems for of in each)
 
 
@@ -254,6 +274,34 @@ def evidences(problems, modes, n_jobs=None):
     return summed(evidence_of_form, problems, modes, n_jobs)
 
 
+def evidences_in_reach(problems, modes, n_jobs=None):
+    """`evidences`; -inf of forms that cannot be chosen for theirs.
+
+    No evidence was above eq. 8 without the price of the numbers of k^x and the noise,
+    and with that of numbers of tasks by the rows of a task. So forms are weighed from
+    the one that may have most, until none can come near the best.
+
+    Parameters
+    ----------
+    problems, modes, n_jobs
+        See `summed`.
+
+    Returns
+    -------
+    evidences : ndarray of shape (n_forms,)
+    """
+    tuning, sizes, n_outputs = problems[0][0].tuning, _sizes(problems), len(modes[0])
+    numbers = sizes - [of[0].prior.task_covariance.n_free for of in problems]
+    most = worths_of(problems, modes) + overpriced(problems)
+    most += price(numbers, n_measured(problems[0][0].data)) * n_outputs
+    reach = tuning.weighed_within + tuning.tie_each * sizes.max()
+    found = np.full(len(problems), -np.inf)
+    for k in np.argsort(-most, kind="stable"):
+        if most[k] > found.max() - reach:
+            found[k] = evidences(*_some(problems, modes, [k]), n_jobs)[0]
+    return found
+
+
 def log_odds(problems, modes, n=None):
     """Log prior of each form, but for a constant.
 
@@ -306,7 +354,7 @@ def is_unrelated(form):
 def is_apart(problem):
     """Whether tasks, with few rows, were measured at inputs that hardly overlap."""
     data, tuning = problem.data, problem.tuning
-    few = len(data) <= tuning.rows_weighed * tuning.most_weighed
+    few = len(data) <= tuning.rows_apart
     return few and share_overlapping(data.X, data.tasks) < tuning.overlapping
 
 
@@ -330,7 +378,8 @@ def best_of_forms(problems, modes, n_jobs=None):
     if len(near) == 1:
         return near[0]
     some, odds = _some(problems, modes, near), log_odds(problems, modes)[near]
-    told, by_eq_8 = evidences(*some, n_jobs) + odds, worths_of(*some) + odds
+    told = evidences_in_reach(*some, n_jobs) + odds
+    by_eq_8 = worths_of(*some) + odds
     return near[preferred(told, by_eq_8, _sizes(some[0]), problems[0][0])]
 
 
@@ -408,7 +457,7 @@ def corrections(problems, modes, n_jobs=None, n=None):
         found[np.setdiff1d(np.arange(len(found)), near)] = -np.inf
     if len(near) > 1:
         some = _some(problems, modes, near)
-        told = evidences(*some, n_jobs) + odds[near]
-        best = near[int(np.argmax(told))]
-        found[near] = told - told.max() + worths[best] + found[best] - worths[near]
+        told = evidences_in_reach(*some, n_jobs) + odds[near]
+        highest = np.nanmax(np.where(np.isnan(worths), -np.inf, worths + found))
+        found[near] = told - told.max() + highest - worths[near]
     return found

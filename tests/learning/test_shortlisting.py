@@ -3,6 +3,7 @@
 from math import comb
 from types import SimpleNamespace
 
+import building
 import numpy as np
 import pytest
 from scipy.special import gammaln
@@ -14,6 +15,7 @@ from skmtgp._data.data import Data
 from skmtgp._estimators.forms import rows_for
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
+from skmtgp.learning.climbing import climb
 from skmtgp.learning.problem import Budget, Problem
 from skmtgp.learning.weighing import worth
 from skmtgp.model.prior import Prior
@@ -181,8 +183,8 @@ def test_complete_data_by_both_engines():
 
 def test_outputs_share_the_form():
     """One output asks for a function, the other for two."""
-    X, one = drawn(WEIGHTS[:, :1])
-    _, two = drawn(WEIGHTS)
+    X, one = drawn(WEIGHTS[:, :1], per_task=40)
+    _, two = drawn(WEIGHTS, per_task=40)
     model = MultiTaskGPRegressor().fit(X, np.column_stack([one, two]))
     assert model.rank_ == 2
     assert model.task_factor_.shape == (2, 6, 2)
@@ -413,11 +415,35 @@ def test_two_functions_of_few_rows(model):
     assert ranks.count(2) >= 4
 
 
+def test_sketches_switch_no_input_off():
+    """Without the wide penalty a length-scale leaves, and with it 24 nats."""
+    problem, theta = _of_four_inputs()
+    quick = problem.quickly()
+    free, held = (climb(quick, theta, relaxed=relaxed) for relaxed in (False, True))
+    sketch = shortlisting._quick(problem, theta)
+    assert sketch.ascent.mode.value == held.value > free.value + 20.0
+    assert np.abs(sketch.ascent.mode.theta[:4]).max() < 3.0
+
+
+def _of_four_inputs():
+    """A problem of rank 1, and where it begins, without levels."""
+    rng = np.random.default_rng(3)
+    task, weights = np.repeat(np.arange(12), 20), rng.standard_normal((12, 2))
+    X = rng.uniform(-2.0, 2.0, (len(task), 4))
+    slopes, phases = rng.standard_normal((2, 4)), rng.uniform(0.0, 6.0, 2)
+    y = (np.sin(X @ slopes.T + phases) * weights[task]).sum(axis=1)
+    y += 0.3 * rng.standard_normal(len(y))
+    y -= (np.bincount(task, y) / 20)[task]
+    data = building.data(X, task, y / y.std(), 12)
+    problem = building.problem(RBF(np.ones(4)), low_rank(12, 1), data, noise=0.05)
+    return problem, problem.theta(K_rho=0.3 * np.eye(12))
+
+
 def test_ranks_that_nobody_asked_for():
     assert [rows_for(8, rank) for rank in range(4)] == [0, 2 * 8, 3 * 15, 4 * 21]
     assert rows_for(8, 2, compared=False) == 4 * 15
-    assert rows_for(40, 2) == 3 * 79
-    assert rows_for(41, 2) == 4 * 81  # too many to ask for their evidence
+    assert rows_for(125, 2) == 3 * 249
+    assert rows_for(126, 2) == 4 * 251  # too many to ask for their evidence
 
 
 @pytest.mark.parametrize("criterion", ["bic", "loo"])

@@ -19,6 +19,8 @@ from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
     evidences,
+    evidences_in_reach,
+    few_hyperparameters,
     is_overexplained,
     is_unrelated,
     is_weighed,
@@ -26,7 +28,9 @@ from skmtgp.learning.weighing import (
     may_be_weighed,
     near_best,
     noise_penalty,
+    overpriced,
     penalties,
+    plausible,
     simplest,
     worths_of,
 )
@@ -102,7 +106,7 @@ def test_evidence_is_not_far_below_eq_8(noise):
 
 def test_only_those_near_the_best_have_their_evidence(learned):
     problems, modes = learned
-    problems = tuned(problems, weighed_within=4.5)
+    problems = tuned(problems, weighed_within=2.0)
     near = near_best(problems, modes)
     assert near == [0, 1]
     found = worths_of(problems, modes) + corrections(problems, modes)
@@ -112,10 +116,54 @@ def test_only_those_near_the_best_have_their_evidence(learned):
     assert found[2] < found[0] - 4.5
 
 
+def test_eq_8_may_price_numbers_of_tasks_too_high(learned):
+    """Those of one of three tasks are told by a third of the rows."""
+    problems, modes = learned
+    numbers = np.array([3, 5, 6])  # of ranks 1 to 3
+    np.testing.assert_allclose(overpriced(problems), 0.5 * numbers * np.log(3.0))
+    gap = -np.ptp(plausible(problems, modes)[:2]) + overpriced(problems)[1]
+    for within, near in ((-gap - 1e-6, [0]), (-gap + 1e-6, [0, 1])):
+        assert near_best(tuned(problems, weighed_within=within), modes) == near
+    # larger ones would take too long, but for those that eq. 8 itself is for
+    within = {"weighed_within": -gap + 1e-6, "most_weighed": 6}
+    assert near_best(tuned(problems, **within), modes) == [0]
+
+
+def test_how_many_hyperparameters_do_not_take_too_long(learned):
+    problems, _ = learned  # of 45 rows, with 5, 7 and 8
+    for most, few in ((8, True), (7, False)):
+        assert few_hyperparameters(tuned(problems, most_weighed=most)) == few
+        work = {"weighed_work": 45 * most}
+        assert few_hyperparameters(tuned(problems, **work)) == few
+
+
+def test_evidences_that_cannot_be_the_highest_are_not_computed(learned, monkeypatch):
+    problems, modes = learned
+    told = evidences(problems, modes)
+    assert evidences_in_reach(problems, modes) == pytest.approx(told)
+    worse = [
+        modes[0],
+        *([mode._replace(value=mode.value - 50.0)] for [mode] in modes[1:]),
+    ]
+    monkeypatch.setattr(weighing, "evidences", lambda of, *_: told[:1])
+    assert evidences_in_reach(problems, worse).tolist() == [told[0], -np.inf, -np.inf]
+
+
+def test_the_evidence_chooses_among_all(learned, monkeypatch):
+    """Also what eq. 8 puts far below forms of which the evidence is not asked."""
+    problems, modes = learned
+    low = -50.0 - np.arange(2.0)
+    monkeypatch.setattr(weighing, "weighed", lambda *_: [1, 2])
+    monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: low)
+    found = worths_of(problems, modes) + corrections(problems, modes)
+    assert found[1] == pytest.approx(found.max())
+    assert found[2] == pytest.approx(found.max() - 1.0)
+
+
 def test_one_alone_needs_no_evidence(learned, monkeypatch):
     problems, modes = learned
     problems = tuned(problems, weighed_within=0.0)
-    monkeypatch.setattr(weighing, "evidences", None)
+    monkeypatch.setattr(weighing, "evidences_in_reach", None)
     assert corrections(problems, modes).tolist() == (-penalties(*learned)).tolist()
 
 
@@ -153,8 +201,10 @@ def test_the_simplest_of_the_close(evidences, sizes, expected):
 
 def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     problems, modes = learned
-    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([-0.9, 0.0]))
-    constants = {"weighed_within": 4.5, "rows_if_close": 16}
+    monkeypatch.setattr(
+        weighing, "evidences_in_reach", lambda *_: np.array([-0.9, 0.0])
+    )
+    constants = {"weighed_within": 2.0, "rows_if_close": 16}
     assert best_of_forms(tuned(problems, **constants), modes) == 0
     assert best_of_forms(tuned(problems, **constants, tie=0.5), modes) == 1
 
@@ -245,7 +295,7 @@ def test_odds_are_those_among_all_forms(learned, monkeypatch):
     problems = tuned(problems, few_rows=16, rows_if_close=16)
     [modes[1]] = without_noise([modes[1]])
     monkeypatch.setattr(weighing, "weighed", lambda *_: [1, 2])
-    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([4.0, 3.0]))
+    monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: np.array([4.0, 3.0]))
     assert best_of_forms(problems, modes) == 2
 
 
@@ -279,11 +329,11 @@ def test_few_rows_that_are_related_by_a_hair(learned, monkeypatch):
     odd = [[problem.with_form(low_rank(M, 0, True))], [problem]]
     modes = [[climb(of, of.theta(K_rho=np.eye(M)))] for [of] in odd]
     monkeypatch.setattr(weighing, "weighed", lambda *_: [0, 1])
-    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([3.5, 0.0]))
+    monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: np.array([3.5, 0.0]))
     assert best_of_forms(odd, modes) == 0
     odd = tuned(odd, few_rows=20, rows_if_close=20)  # there are 15 rows a task
     assert best_of_forms(odd, modes) == 0
-    monkeypatch.setattr(weighing, "evidences", lambda *_: np.array([2.0, 0.0]))
+    monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: np.array([2.0, 0.0]))
     assert best_of_forms(odd, modes) == 1
 
 
@@ -412,7 +462,7 @@ def test_as_many_numbers_as_rows(search, seed):
 
 
 def test_too_many_hyperparameters_are_no_reason_for_eq_8():
-    """Rank 2 has more than the evidence may take, and more than half the rows."""
+    """Rank 2 has more of them than half the rows."""
     X, y, *_ = grown(0, n_tasks=60)
     search = RankSearchIC(ranks=(1, 2), simpler=True).fit(X, y)
     assert search.criterion_ == "laplace"

@@ -126,14 +126,15 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         "auto" is "laplace" if inference is exact, of one kernel and of arrays, if the
         largest candidate has at most 30 rows for each hyperparameter, and if those near
-        the best have at most 300, were learned to the end and one has noise: they are
-        within 5 nats for each output of the best, by BIC and the prior of the noise. It
-        chooses among these, those that BIC may price too high, and single tasks. A
-        smaller model may be lower by a nat, and 0.05 nats for each hyperparameter that
-        it spares. BIC decides between candidates of nearly the same evidence, if rows
-        and inputs allow. Otherwise "auto" is "bic". With fewer than five rows a task on
-        average, or inputs that do not overlap, "auto" holds some candidates for
-        unlikely from the start (not in `results_`). See :doc:`/guide/rank`.
+        the best have at most 300 (100 with 3000 rows and more), were learned to the end
+        and one has noise: they are within 5 nats for each output of the best, by BIC
+        and the prior of the noise. It chooses among these, those that BIC may price too
+        high, and single tasks. A smaller model may be lower by a nat, and 0.05 nats for
+        each hyperparameter that it spares. BIC decides between candidates of nearly the
+        same evidence, if rows and inputs allow. Otherwise "auto" is "bic". With fewer
+        than five rows a task on average, or inputs that do not overlap, "auto" holds
+        some candidates for unlikely from the start (not in `results_`). See
+        :doc:`/guide/rank`.
     keep_estimators : bool, default=False
         Whether to keep all models, not only the best one.
     n_jobs : int, default=None

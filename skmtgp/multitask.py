@@ -424,9 +424,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     exactly for a good one. (A best one without noise must have fewer than two rows for
     each, and compound symmetry must have noise.) BIC decides between candidates of
     nearly the same evidence. BIC alone chooses if the best candidates have no noise,
-    more than 300 hyperparameters, or more than 30 rows for each of them, or were not
-    learned to the end, and in sparse inference. With few rows a task some candidates
-    are unlikely from the start. See :doc:`/guide/rank`.
+    more than 300 hyperparameters (100 from 3000 rows on), or more than 30 rows for each
+    of them, or were not learned to the end, and in sparse inference. With few rows a
+    task some candidates are unlikely from the start. See :doc:`/guide/rank`.
 
     A task of one to three rows, where two or more tasks have more, gets a row of the
     factor from its samples and the prior of `add_task`: the population of the larger

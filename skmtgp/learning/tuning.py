@@ -126,9 +126,11 @@ class Tuning:
     rows_explained : int
         and if that form explains them without; and of each hyperparameter of a form
         that may be chosen then.
-    most_weighed, weighed_work : int
-        Hyperparameters of an output, and these times rows: with more the evidence takes
-        too long.
+    most_weighed : tuple of int
+        Hyperparameters of an output, of few rows and of any number: with more the
+        evidence takes too long.
+    weighed_work : int
+        Hyperparameters times rows, between these.
     rows_weighed : int
         Rows of each hyperparameter of the largest form: with more eq. 8 says much the
         same, and the evidence takes as long as learning does.
@@ -282,7 +284,7 @@ class Tuning:
     vanishing: float = 1e-3
     foreseen: int = 4
     weighed_within: float = 5.0
-    most_weighed: int = 300
+    most_weighed: tuple = (300, 100)
     weighed_work: int = 300_000
     rows_told: int = 5
     rows_explained: int = 2

@@ -85,22 +85,28 @@ def near_best(problems, modes, n=None):
     """
     if is_overexplained(problems, modes, n):
         tuning, sizes = problems[0][0].tuning, _sizes(problems)
-        most = min(
-            _most_weighed(problems), _n_rows(problems, n) // tuning.rows_explained
-        )
+        most = _n_rows(problems, n) // tuning.rows_explained
+        most = min(_most_weighed(problems, n), most)
         most = max(most, sizes.min() + 1)  # compound symmetry beside independent tasks
         return np.flatnonzero(sizes <= most).tolist()
-    found = plausible(problems, modes)
+    found, too_high = plausible(problems, modes), overpriced(problems)
     least = found.max() - problems[0][0].tuning.weighed_within * len(problems[0])
-    few = _sizes(problems) <= _most_weighed(problems)
-    return np.flatnonzero(found + few * overpriced(problems) >= least).tolist()
+    more = np.maximum(too_high - too_high[np.argmax(found)], 0.0)
+    more[~_may_be_overpriced(problems, modes, n)] = 0.0
+    return np.flatnonzero(found + more >= least).tolist()
+
+
+def _may_be_overpriced(problems, modes, n):
+    """Which forms were learned to the end, with few hyperparameters."""
+    learned = [all(mode.converged for mode in of) for of in modes]
+    return np.array(learned) & (_sizes(problems) <= _most_weighed(problems, n))
 
 
 def overpriced(problems):
     """Nats by which eq. 8 may price each form too high, over all outputs; an array.
 
-    It prices the numbers of a task, too, as if all n rows told them. Of M tasks those
-    of one do, n / M of them on average.
+    It prices all numbers of K^rho as if all n rows told them. Nearly all are a task's,
+    and of M tasks those of one do, n / M of them on average.
     """
     numbers = [of[0].prior.task_covariance.n_free for of in problems]
     return price(np.array(numbers), problems[0][0].prior.n_tasks) * len(problems[0])
@@ -145,10 +151,12 @@ def _sizes(problems):
     return np.array([of[0].prior.n_hyperparameters for of in problems])
 
 
-def _most_weighed(problems):
+def _most_weighed(problems, n=None):
     """Hyperparameters of a form of which the evidence does not take too long."""
-    tuning, n = problems[0][0].tuning, len(problems[0][0].data)
-    return min(tuning.most_weighed, tuning.weighed_work // n)
+    tuning = problems[0][0].tuning
+    of_few_rows, of_any = tuning.most_weighed
+    by_work = int(tuning.weighed_work // _n_rows(problems, n))
+    return min(of_few_rows, max(of_any, by_work))
 
 
 def _n_rows(problems, n):
@@ -179,7 +187,7 @@ def may_be_weighed(problems, n=None):
     return _n_rows(problems, n) <= first.tuning.rows_weighed * _sizes(problems).max()
 
 
-def is_weighed(problems, modes):
+def is_weighed(problems, modes, n=None):
     """Whether the evidence is to choose among some forms, and not eq. 8.
 
     It is where all were learned to the end, where one of them has noise, and none too
@@ -188,12 +196,12 @@ def is_weighed(problems, modes):
     """
     learned = all(mode.converged for of in modes for mode in of)
     noisy = any(_are_noisy(problems, modes))
-    return learned and noisy and few_hyperparameters(problems)
+    return learned and noisy and few_hyperparameters(problems, n)
 
 
-def few_hyperparameters(problems):
+def few_hyperparameters(problems, n=None):
     """Whether none of some forms has more of them than its Hessian may take."""
-    most = _most_weighed(problems)
+    most = _most_weighed(problems, n)
     return all(of.prior.n_hyperparameters <= most for each in problems for of in each)
 
 
@@ -220,7 +228,7 @@ def weighed(problems, modes, n=None):
     learned = [all(mode.converged for mode in modes[k]) for k in near]
     noisy = _are_noisy(*_some(problems, modes, near))
     near = [k for k, *of in zip(near, learned, noisy, strict=True) if any(of)]
-    told = likeliest in near and is_weighed(*_some(problems, modes, near))
+    told = likeliest in near and is_weighed(*_some(problems, modes, near), n)
     return near if told else []
 
 
@@ -275,11 +283,9 @@ def evidences(problems, modes, n_jobs=None):
 
 
 def evidences_in_reach(problems, modes, n_jobs=None):
-    """`evidences`; -inf of forms that cannot be chosen for theirs.
+    """`evidences`; -inf of forms that cannot come near the highest, see `at_most`.
 
-    No evidence was above eq. 8 without the price of the numbers of k^x and the noise,
-    and with that of numbers of tasks by the rows of a task. So forms are weighed from
-    the one that may have most, until none can come near the best.
+    The one that may have most is weighed first, and then those that it leaves.
 
     Parameters
     ----------
@@ -290,16 +296,28 @@ def evidences_in_reach(problems, modes, n_jobs=None):
     -------
     evidences : ndarray of shape (n_forms,)
     """
-    tuning, sizes, n_outputs = problems[0][0].tuning, _sizes(problems), len(modes[0])
-    numbers = sizes - [of[0].prior.task_covariance.n_free for of in problems]
-    most = worths_of(problems, modes) + overpriced(problems)
-    most += price(numbers, n_measured(problems[0][0].data)) * n_outputs
-    reach = tuning.weighed_within + tuning.tie_each * sizes.max()
-    found = np.full(len(problems), -np.inf)
-    for k in np.argsort(-most, kind="stable"):
-        if most[k] > found.max() - reach:
-            found[k] = evidences(*_some(problems, modes, [k]), n_jobs)[0]
-    return found
+    tuning, most = problems[0][0].tuning, at_most(problems, modes)
+    reach = tuning.weighed_within * len(modes[0]) + tuning.seldom_taken
+    reach += tuning.tie_each * _sizes(problems).max()
+    found, first = np.full(len(problems), -np.inf), int(np.argmax(most))
+    found[first] = evidences(*_some(problems, modes, [first]), n_jobs)[0]
+    left = [k for k in range(len(most)) if not most[k] <= found[first] - reach]
+    left = [k for k in left if k != first]
+    if left:
+        found[left] = evidences(*_some(problems, modes, left), n_jobs)
+    return np.where(np.isnan(found), -np.inf, found)
+
+
+def at_most(problems, modes):
+    """What the evidence of each form has not been above, in nats; an array.
+
+    That is eq. 8 without the price of the numbers of k^x and the noise, and with that
+    of the numbers of K^rho by the rows of a task.
+    """
+    forms = [of[0].prior.task_covariance for of in problems]
+    numbers = _sizes(problems) - [form.n_free for form in forms]
+    prices = price(numbers, n_measured(problems[0][0].data)) * len(modes[0])
+    return worths_of(problems, modes) + overpriced(problems) + prices
 
 
 def log_odds(problems, modes, n=None):
@@ -457,7 +475,10 @@ def corrections(problems, modes, n_jobs=None, n=None):
         found[np.setdiff1d(np.arange(len(found)), near)] = -np.inf
     if len(near) > 1:
         some = _some(problems, modes, near)
-        told = evidences_in_reach(*some, n_jobs) + odds[near]
+        told = evidences_in_reach(*some, n_jobs)
+        below = told.max() - problems[0][0].tuning.weighed_within * len(modes[0])
+        others = np.minimum(at_most(*some), below)
+        told = np.where(np.isfinite(told), told, others) + odds[near]
         highest = np.nanmax(np.where(np.isnan(worths), -np.inf, worths + found))
         found[near] = told - told.max() + highest - worths[near]
     return found

@@ -183,8 +183,8 @@ def test_complete_data_by_both_engines():
 
 def test_outputs_share_the_form():
     """One output asks for a function, the other for two."""
-    X, one = drawn(WEIGHTS[:, :1], per_task=40)
-    _, two = drawn(WEIGHTS, per_task=40)
+    X, one = drawn(WEIGHTS[:, :1])
+    _, two = drawn(WEIGHTS)
     model = MultiTaskGPRegressor().fit(X, np.column_stack([one, two]))
     assert model.rank_ == 2
     assert model.task_factor_.shape == (2, 6, 2)

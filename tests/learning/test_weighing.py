@@ -106,7 +106,7 @@ def test_evidence_is_not_far_below_eq_8(noise):
 
 def test_only_those_near_the_best_have_their_evidence(learned):
     problems, modes = learned
-    problems = tuned(problems, weighed_within=2.0)
+    problems = tuned(problems, weighed_within=3.0)
     near = near_best(problems, modes)
     assert near == [0, 1]
     found = worths_of(problems, modes) + corrections(problems, modes)
@@ -121,20 +121,26 @@ def test_eq_8_may_price_numbers_of_tasks_too_high(learned):
     problems, modes = learned
     numbers = np.array([3, 5, 6])  # of ranks 1 to 3
     np.testing.assert_allclose(overpriced(problems), 0.5 * numbers * np.log(3.0))
-    gap = -np.ptp(plausible(problems, modes)[:2]) + overpriced(problems)[1]
-    for within, near in ((-gap - 1e-6, [0]), (-gap + 1e-6, [0, 1])):
+    gap = np.ptp(plausible(problems, modes)[:2]) - np.log(3.0)  # two numbers more
+    for within, near in ((gap - 1e-6, [0]), (gap + 1e-6, [0, 1])):
         assert near_best(tuned(problems, weighed_within=within), modes) == near
     # larger ones would take too long, but for those that eq. 8 itself is for
-    within = {"weighed_within": -gap + 1e-6, "most_weighed": 6}
-    assert near_best(tuned(problems, **within), modes) == [0]
+    within = {"weighed_within": gap + 1e-6}
+    large = tuned(problems, **within, most_weighed=(6, 6))
+    assert near_best(large, modes) == [0]
+    # and one that did not end must not keep the others from their evidence
+    stopped = [modes[0], [modes[1][0]._replace(converged=False)], modes[2]]
+    assert near_best(tuned(problems, **within), stopped) == [0]
 
 
 def test_how_many_hyperparameters_do_not_take_too_long(learned):
     problems, _ = learned  # of 45 rows, with 5, 7 and 8
     for most, few in ((8, True), (7, False)):
-        assert few_hyperparameters(tuned(problems, most_weighed=most)) == few
-        work = {"weighed_work": 45 * most}
+        assert few_hyperparameters(tuned(problems, most_weighed=(most, 0))) == few
+        work = {"most_weighed": (300, 0), "weighed_work": 45 * most}
         assert few_hyperparameters(tuned(problems, **work)) == few
+        work["most_weighed"] = (300, 8)  # whatever the number of rows
+        assert few_hyperparameters(tuned(problems, **work))
 
 
 def test_evidences_that_cannot_be_the_highest_are_not_computed(learned, monkeypatch):
@@ -177,7 +183,7 @@ def test_eq_8_chooses_otherwise(learned, why, monkeypatch):
     elif why == "unfinished":
         modes = [[mode._replace(converged=False)] for [mode] in modes]
     elif why == "large":
-        problems = tuned(problems, most_weighed=3)
+        problems = tuned(problems, most_weighed=(3, 3))
     else:
         monkeypatch.setattr(weighing, "Forms", type(low_rank(M, 1)))
     assert corrections(problems, modes).tolist() == [0.0] * 3
@@ -204,7 +210,7 @@ def test_the_best_form_is_the_simplest_of_the_close(learned, monkeypatch):
     monkeypatch.setattr(
         weighing, "evidences_in_reach", lambda *_: np.array([-0.9, 0.0])
     )
-    constants = {"weighed_within": 2.0, "rows_if_close": 16}
+    constants = {"weighed_within": 3.0, "rows_if_close": 16}
     assert best_of_forms(tuned(problems, **constants), modes) == 0
     assert best_of_forms(tuned(problems, **constants, tie=0.5), modes) == 1
 

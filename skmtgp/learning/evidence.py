@@ -89,13 +89,15 @@ class Peak(NamedTuple):
         direction ends somewhere. Differences on one side take half the gradients, and
         are enough for the evidence.
         """
-        x, slope, units = self.x, self._slope, np.eye(len(self.x))
+        x, slope, H = self.x, self._slope, np.empty((len(self.x),) * 2)
         if one_sided:
             h, here = ONE_STEP, slope(x)
-            H = np.array([here - slope(x + step) for step in h * units])
+            for row, step in zip(H, h * np.eye(len(x)), strict=True):
+                row[:] = here - slope(x + step)
         else:
             h = 2.0 * STEP
-            H = np.array([slope(x - step) - slope(x + step) for step in STEP * units])
+            for row, step in zip(H, STEP * np.eye(len(x)), strict=True):
+                row[:] = slope(x - step) - slope(x + step)
         H = (H + H.T) / (2.0 * h)
         n = self.density.chart.n_factor
         if n > 1:

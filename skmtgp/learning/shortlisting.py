@@ -33,6 +33,7 @@ from skmtgp.learning.weighing import (
     corrections,
     penalties,
     plausible,
+    weighed,
     worth,
 )
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
@@ -64,13 +65,15 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
     sketches = run(_revealed, [(of,) for of in sketches], n_jobs=n_jobs)
-    correction = corrections(*_by_form(sketches), n_jobs, n_measured(problems[0].data))
+    n = n_measured(problems[0].data)
+    correction = corrections(*_by_form(sketches), n_jobs, n)
     likely = _likely(problems, coarse, sketches, correction)
     kept, modes = _learned(problems, sketches, likely, starts, **options)
     if _overtaken(problems, sketches, likely, modes, correction):
         likely = list(range(len(sketches[0])))
         kept, modes = _learned(problems, sketches, likely, starts, **options)
-    best, of_best = chosen(problems, kept, modes, n_jobs)
+    every = bool(weighed(*_by_form(sketches), n))
+    best, of_best = chosen(problems, kept, modes, n_jobs, every=every)
     found = []
     for mode, others, of, begun in zip(of_best, modes, sketches, starts, strict=True):
         dropped = [of[j].ascent.mode for j in range(len(of)) if j not in likely]
@@ -95,7 +98,7 @@ def _is_taken(form, engine):
     return False
 
 
-def chosen(problems, forms, modes, n_jobs=None):
+def chosen(problems, forms, modes, n_jobs=None, *, every=False):
     """The form that is best, over all outputs, see :mod:`skmtgp.learning.weighing`.
 
     Parameters
@@ -108,6 +111,8 @@ def chosen(problems, forms, modes, n_jobs=None):
         For each output and form.
     n_jobs : int, default=None
         Processes.
+    every : bool, default=False
+        Whether all are near the best, by the evidence of their sketches.
 
     Returns
     -------
@@ -118,7 +123,7 @@ def chosen(problems, forms, modes, n_jobs=None):
     """
     of_forms = [[problem.with_form(form) for problem in problems] for form in forms]
     learned = list(map(list, zip(*modes, strict=True)))
-    best = best_of_forms(of_forms, learned, n_jobs)
+    best = best_of_forms(of_forms, learned, n_jobs, every=every)
     return of_forms[best], learned[best]
 
 

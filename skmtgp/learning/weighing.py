@@ -205,7 +205,7 @@ def few_hyperparameters(problems, n=None):
     return all(of.prior.n_hyperparameters <= most for each in problems for of in each)
 
 
-def weighed(problems, modes, n=None):
+def weighed(problems, modes, n=None, *, every=False):
     """Positions of the forms among which the evidence chooses; none if eq. 8 does.
 
     Parameters
@@ -214,6 +214,8 @@ def weighed(problems, modes, n=None):
         See `penalties`.
     n : int, default=None
         Number of measurements, where the problems have only some of them.
+    every : bool, default=False
+        Whether all are near the best, as their evidences have told before.
 
     Returns
     -------
@@ -223,7 +225,7 @@ def weighed(problems, modes, n=None):
     """
     if not may_be_weighed(problems, n):
         return []
-    near = near_best(problems, modes, n)
+    near = list(range(len(modes))) if every else near_best(problems, modes, n)
     likeliest = near[int(np.argmax(plausible(*_some(problems, modes, near))))]
     learned = [all(mode.converged for mode in modes[k]) for k in near]
     noisy = _are_noisy(*_some(problems, modes, near))
@@ -382,15 +384,17 @@ def _log_noise(problems, modes):
     return np.mean([mode.theta[of.prior.of_noise].mean() for of, mode in pairs])
 
 
-def best_of_forms(problems, modes, n_jobs=None):
+def best_of_forms(problems, modes, n_jobs=None, *, every=False):
     """Position of the form to take.
 
     Parameters
     ----------
     problems, modes, n_jobs
         See `summed`.
+    every : bool, default=False
+        See `weighed`.
     """
-    near = weighed(problems, modes)
+    near = weighed(problems, modes, every=every)
     if not near:
         return int(np.argmax(worths_of(problems, modes) + log_odds(problems, modes)))
     if len(near) == 1:

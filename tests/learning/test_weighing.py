@@ -166,6 +166,13 @@ def test_the_evidence_chooses_among_all(learned, monkeypatch):
     assert found[2] == pytest.approx(found.max() - 1.0)
 
 
+def test_what_was_near_before_is_weighed_again(learned):
+    problems, modes = learned
+    problems = tuned(problems, weighed_within=0.0)
+    assert weighing.weighed(problems, modes) == [0]
+    assert weighing.weighed(problems, modes, every=True) == [0, 1, 2]
+
+
 def test_one_alone_needs_no_evidence(learned, monkeypatch):
     problems, modes = learned
     problems = tuned(problems, weighed_within=0.0)

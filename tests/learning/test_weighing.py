@@ -156,7 +156,7 @@ def test_the_evidence_chooses_among_all(learned, monkeypatch):
     """Also what eq. 8 puts far below forms of which the evidence is not asked."""
     problems, modes = learned
     low = -50.0 - np.arange(2.0)
-    monkeypatch.setattr(weighing, "weighed", lambda *_: [1, 2])
+    monkeypatch.setattr(weighing, "weighed", lambda *_, **__: [1, 2])
     monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: low)
     found = worths_of(problems, modes) + corrections(problems, modes)
     assert found[1] == pytest.approx(found.max())
@@ -298,7 +298,7 @@ def test_odds_are_those_among_all_forms(learned, monkeypatch):
     problems, modes = of_forms(problem, forms)
     problems = tuned(problems, few_rows=16, rows_if_close=16)
     [modes[1]] = without_noise([modes[1]])
-    monkeypatch.setattr(weighing, "weighed", lambda *_: [1, 2])
+    monkeypatch.setattr(weighing, "weighed", lambda *_, **__: [1, 2])
     monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: np.array([4.0, 3.0]))
     assert best_of_forms(problems, modes) == 2
 
@@ -318,7 +318,7 @@ def test_little_of_their_own_by_eq_8(learned, monkeypatch):
     [[problem], *_], _ = learned
     forms = [low_rank(M, 0, False, True), low_rank(M, 0, True)]
     problems, modes = of_forms(problem, forms)
-    monkeypatch.setattr(weighing, "weighed", lambda *_: [])
+    monkeypatch.setattr(weighing, "weighed", lambda *_, **__: [])
     few = tuned(problems, few_rows=16)  # there are 15 rows a task
     assert corrections(few, modes).tolist() == [0.0, -3.0]
     monkeypatch.setattr(weighing, "worths_of", lambda *_: np.array([0.0, 2.9]))
@@ -332,7 +332,7 @@ def test_few_rows_that_are_related_by_a_hair(learned, monkeypatch):
     [[problem], *_], _ = learned
     odd = [[problem.with_form(low_rank(M, 0, True))], [problem]]
     modes = [[climb(of, of.theta(K_rho=np.eye(M)))] for [of] in odd]
-    monkeypatch.setattr(weighing, "weighed", lambda *_: [0, 1])
+    monkeypatch.setattr(weighing, "weighed", lambda *_, **__: [0, 1])
     monkeypatch.setattr(weighing, "evidences_in_reach", lambda *_: np.array([3.5, 0.0]))
     assert best_of_forms(odd, modes) == 0
     odd = tuned(odd, few_rows=20, rows_if_close=20)  # there are 15 rows a task

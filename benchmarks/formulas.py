@@ -152,6 +152,7 @@ def report(rows):
     others = [name for name in SIMPLER if name in error]
     ratios = pd.DataFrame({"/truth": error["default"] / error.get("truth", np.nan)})
     ratios["/best"] = error["default"] / error[others].min(axis=1)
+    ratios = ratios.dropna(axis=1, how="all")
     groups = {
         "3 to 15 tasks": about["tasks"] <= 15,
         "30 tasks": about["tasks"] == 30,

@@ -303,8 +303,8 @@ def evidences_in_reach(problems, modes, n_jobs=None):
     reach += tuning.tie_each * _sizes(problems).max()
     found, first = np.full(len(problems), -np.inf), int(np.argmax(most))
     found[first] = evidences(*_some(problems, modes, [first]), n_jobs)[0]
-    left = [k for k in range(len(most)) if not most[k] <= found[first] - reach]
-    left = [k for k in left if k != first]
+    least = found[first] - reach
+    left = [k for k in range(len(most)) if k != first and not most[k] <= least]
     if left:
         found[left] = evidences(*_some(problems, modes, left), n_jobs)
     return np.where(np.isnan(found), -np.inf, found)

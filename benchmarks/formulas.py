@@ -1,4 +1,4 @@
-"""The default on functions that no kernel draws, of few and of many tasks.
+"""The default on functions that mostly no kernel draws, of few and of many tasks.
 
 ``python benchmarks/formulas.py --draws 60 --output FILE.jsonl`` draws problems and fits
 ``MultiTaskGPRegressor()``, the same with the true rank, and the simpler models to each.
@@ -20,6 +20,8 @@ Noise has a deviation of 0.02 to 0.6 times that of the functions. "error" is the
 mean squared error over the deviation of the functions, levels aside. "/truth" is the
 geometric mean of the default's over that of the true rank, "/best" over the best of the
 three simpler models, and "worse" is the share of problems with a ratio above 1.1.
+"coverage" is that of 95 % intervals of new measurements, "untold" the same where no
+NarrowIntervalsWarning came, "s" the processor's seconds of a fit of the default.
 """
 
 import argparse
@@ -33,6 +35,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
+from skmtgp.exceptions import NarrowIntervalsWarning
 
 N_TEST, MOST_ROWS = 1500, 700
 TASKS, ROWS = (3, 5, 8, 15, 30, 60, 100), (5, 8, 12, 20, 40)
@@ -136,7 +139,7 @@ def fitted(name, seed):
         "error": float(error / np.std(f - level)),
         "coverage": float(np.mean((lower <= y_new) & (y_new <= upper))),
         "seconds": seconds,
-        "told": any("Narrow" in of.category.__name__ for of in caught),
+        "told": any(of.category is NarrowIntervalsWarning for of in caught),
     }
 
 
@@ -144,7 +147,6 @@ def report(rows):
     """The table of a file."""
     table = pd.DataFrame(rows).drop_duplicates(["seed", "model"], keep="last")
     about = table.groupby("seed").first()
-    about = about[["kind", "tasks", "rows"]]
     wide = {of: table.pivot_table(of, "seed", "model") for of in ("error", "coverage")}
     seconds = table.pivot_table("seconds", "seed", "model")["default"]
     told = table[table["model"] == "default"].set_index("seed")["told"]

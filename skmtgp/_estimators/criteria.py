@@ -11,6 +11,7 @@ from skmtgp._estimators.fitted import evidence_of
 from skmtgp._estimators.ranks_of_terms import rank_column
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.exceptions import LongFitWarning
+from skmtgp.learning.contenders import uncounted, weighed
 from skmtgp.learning.problem import Problem
 from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.weighing import (
@@ -18,8 +19,6 @@ from skmtgp.learning.weighing import (
     evidences_in_reach,
     log_density_left_out,
     summed,
-    uncounted,
-    weighed,
 )
 
 ALONE = "single tasks"

@@ -17,6 +17,7 @@ from skmtgp._estimators.smoothness import (
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.contenders import is_weighed, may_be_weighed, weighed
 from skmtgp.learning.lines import as_lines, may_be_lines
 from skmtgp.learning.nesting import nest
 from skmtgp.learning.problem import Mode, Problem
@@ -34,11 +35,8 @@ from skmtgp.learning.weighing import (
     best_of_forms,
     evidences,
     is_apart,
-    is_weighed,
     log_density_left_out,
-    may_be_weighed,
     summed,
-    weighed,
 )
 
 # Nats that noise of each task must gain where functions may have followed it.

@@ -20,5 +20,6 @@ taken for noise. ``forecast`` and ``telling`` say how long it takes and how far 
 scale of the targets is likelier, and ``lines`` whether curves may be straight.
 ``penalised`` adds weak priors, ``sampling`` draws hyperparameters, ``evidence``
 integrates them out.
-``shortlisting`` learns the best of several forms, which ``weighing`` compares.
+``shortlisting`` learns the best of several forms, which ``contenders`` and ``weighing``
+compare.
 """

@@ -15,6 +15,7 @@ import numpy as np
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import Ascent, climb
+from skmtgp.learning.contenders import penalties, plausible, weighed, worth
 from skmtgp.learning.hidden import reveal
 from skmtgp.learning.nesting import descend, has_columns_more, with_columns
 from skmtgp.learning.problem import Problem, best_of
@@ -28,14 +29,7 @@ from skmtgp.learning.ranks import (
 from skmtgp.learning.screening import n_measured
 from skmtgp.learning.stages import Start, follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
-from skmtgp.learning.weighing import (
-    best_of_forms,
-    corrections,
-    penalties,
-    plausible,
-    weighed,
-    worth,
-)
+from skmtgp.learning.weighing import best_of_forms, corrections
 from skmtgp.model.task_covariance import WithDiagonal, enlarged
 
 WORSE = 2  # ranks in a row that end the sketches

@@ -16,8 +16,8 @@ from skmtgp._estimators.forms import rows_for
 from skmtgp.inference.engines import Dense
 from skmtgp.learning import shortlisting
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.contenders import worth
 from skmtgp.learning.problem import Budget, Problem
-from skmtgp.learning.weighing import worth
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import low_rank
 

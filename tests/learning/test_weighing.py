@@ -1,91 +1,42 @@
-"""Which form of K^rho is taken: eq. 8, the prior of the noise, and the evidence."""
+"""Which form of K^rho is taken: by its evidence, or by eq. 8."""
 
 from dataclasses import replace
 
 import building
 import numpy as np
+import of_ranks
 import pytest
 import textbook
+from of_ranks import KERNEL, M, of_terms, tuned, without_noise
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, model_selection
 from skmtgp.inference.engines import Sparse
-from skmtgp.learning import weighing
+from skmtgp.learning import contenders, weighing
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.contenders import (
+    is_weighed,
+    may_be_weighed,
+    near_best,
+    penalties,
+    worths_of,
+)
 from skmtgp.learning.evidence import evidence_around
-from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.learning.weighing import (
     best_of_forms,
     corrections,
     evidences,
     evidences_in_reach,
-    few_hyperparameters,
-    is_overexplained,
     is_unrelated,
-    is_weighed,
     log_odds,
-    may_be_weighed,
-    near_best,
-    noise_penalty,
-    overpriced,
-    penalties,
-    plausible,
     simplest,
-    worths_of,
 )
-from skmtgp.model.hyperprior import Hyperprior
-from skmtgp.model.several import Forms
 from skmtgp.model.task_covariance import low_rank
 
-M, KERNEL = 3, RBF(1.0)
 
-
-@pytest.fixture(scope="module")
-def learned():
-    """Problems of ranks 1 to 3, of data of rank 1, and their modes."""
-    rng = np.random.default_rng(3)
-    tasks = np.repeat(np.arange(M), 15)
-    X = rng.uniform(0.0, 6.0, (len(tasks), 1))
-    K = textbook.covariance(KERNEL, np.ones((M, M)), 0.01, X, tasks)
-    y = np.linalg.cholesky(K) @ rng.standard_normal(len(tasks))
-    data = building.data(X, tasks, y, M)
-    problems = [[building.problem(KERNEL, low_rank(M, r), data)] for r in (1, 2, 3)]
-    modes = [[climb(of, of.theta(K_rho=0.1 * np.eye(M) + 1.0))] for [of] in problems]
-    return problems, modes
-
-
-def tuned(problems, **changes):
-    """The same problems with other constants."""
-    return [[replace(of, tuning=Tuning(**changes))] for [of] in problems]
-
-
-def without_noise(modes, log_noise=-23.0):
-    """The same modes with almost no noise."""
-    changed = [mode.theta.copy() for [mode] in modes]
-    for theta in changed:
-        theta[-1] = log_noise
-    pairs = zip(modes, changed, strict=True)
-    return [[mode._replace(theta=theta)] for [mode], theta in pairs]
-
-
-def test_penalty_is_the_prior_of_the_noise(learned):
-    [[problem], *_], [[mode], *_] = learned
-    prior = problem.prior
-    hyperprior, other = Hyperprior(prior), mode.theta.copy()
-    other[-1] = -20.0
-    at_centre = mode.theta.copy()
-    at_centre[-1] = hyperprior.centre[-1]
-    assert noise_penalty(prior, at_centre) == 0.0
-    gap = hyperprior.log_density(at_centre)[0] - hyperprior.log_density(other)[0]
-    assert noise_penalty(prior, other) == pytest.approx(gap)
-
-
-def test_weak_priors_have_it_already(learned):
-    problems, modes = learned
-    weak = [[replace(of, weak_priors=True)] for [of] in problems]
-    assert penalties(weak, without_noise(modes)).tolist() == [0.0] * 3
-    assert (penalties(problems, without_noise(modes)) > 10.0).all()
+@pytest.fixture(scope="module", name="learned")
+def _learned():
+    return of_ranks.learned()
 
 
 @pytest.mark.parametrize("noise", [1e-1, 1e-7])
@@ -98,7 +49,7 @@ def test_evidence_is_not_far_below_eq_8(noise):
     data = building.data(X, tasks, y, M)
     problem = building.problem(KERNEL, low_rank(M, 2), data, noise=noise)
     mode = climb(problem, problem.theta(K_rho=F @ F.T))
-    least = weighing.worth(problem, mode) - 1.5 * problem.prior.n_hyperparameters
+    least = contenders.worth(problem, mode) - 1.5 * problem.prior.n_hyperparameters
     found = evidence_around(problem.likelihood(), mode.theta)
     assert (found < least) == (noise < 1e-3)
     assert weighing.evidence_of_form(problem, mode) == max(found, least)
@@ -114,33 +65,6 @@ def test_only_those_near_the_best_have_their_evidence(learned):
     assert found[0] - found[1] == pytest.approx(told[0] - told[1], abs=1e-6)
     assert found.argmax() == np.argmax(told) == 0
     assert found[2] < found[0] - 4.5
-
-
-def test_eq_8_may_price_numbers_of_tasks_too_high(learned):
-    """Those of one of three tasks are told by a third of the rows."""
-    problems, modes = learned
-    numbers = np.array([3, 5, 6])  # of ranks 1 to 3
-    np.testing.assert_allclose(overpriced(problems), 0.5 * numbers * np.log(3.0))
-    gap = np.ptp(plausible(problems, modes)[:2]) - np.log(3.0)  # two numbers more
-    for within, near in ((gap - 1e-6, [0]), (gap + 1e-6, [0, 1])):
-        assert near_best(tuned(problems, weighed_within=within), modes) == near
-    # larger ones would take too long, but for those that eq. 8 itself is for
-    within = {"weighed_within": gap + 1e-6}
-    large = tuned(problems, **within, most_weighed=(6, 6))
-    assert near_best(large, modes) == [0]
-    # and one that did not end must not keep the others from their evidence
-    stopped = [modes[0], [modes[1][0]._replace(converged=False)], modes[2]]
-    assert near_best(tuned(problems, **within), stopped) == [0]
-
-
-def test_how_many_hyperparameters_do_not_take_too_long(learned):
-    problems, _ = learned  # of 45 rows, with 5, 7 and 8
-    for most, few in ((8, True), (7, False)):
-        assert few_hyperparameters(tuned(problems, most_weighed=(most, 0))) == few
-        work = {"most_weighed": (300, 0), "weighed_work": 45 * most}
-        assert few_hyperparameters(tuned(problems, **work)) == few
-        work["most_weighed"] = (300, 8)  # whatever the number of rows
-        assert few_hyperparameters(tuned(problems, **work))
 
 
 def test_evidences_that_cannot_be_the_highest_are_not_computed(learned, monkeypatch):
@@ -183,7 +107,7 @@ def test_eq_8_chooses_otherwise(learned, why, monkeypatch):
     elif why == "large":
         problems = tuned(problems, most_weighed=(3, 3))
     else:
-        monkeypatch.setattr(weighing, "Forms", type(low_rank(M, 1)))
+        monkeypatch.setattr(contenders, "Forms", type(low_rank(M, 1)))
     assert corrections(problems, modes).tolist() == [0.0] * 3
 
 
@@ -305,7 +229,7 @@ def test_odds_are_those_among_all_forms(learned, monkeypatch):
 
 def test_odds_are_of_one_term_that_is_learned_exactly(learned):
     [[problem], *_], [modes, *_] = learned
-    several = _of_terms()
+    several = of_terms()
     assert log_odds([[several]], [modes], 1).tolist() == [0.0]
     apart = problem.with_form(low_rank(M, 0, True))
     sparse = replace(apart, engine=Sparse())
@@ -379,26 +303,6 @@ def test_single_tasks_have_the_odds_of_independent_ones(monkeypatch):
     assert told[0][-1] == pytest.approx(expected)
 
 
-def test_several_terms():
-    assert not may_be_weighed(
-        [[building.problem(KERNEL, low_rank(M, 1), None)], [_of_terms()]]
-    )
-
-
-def test_many_rows_are_left_to_bic(learned):
-    problems, _ = learned
-    most = max(of.prior.n_hyperparameters for [of] in problems)
-    assert may_be_weighed(problems)
-    assert may_be_weighed(problems, TUNING.rows_weighed * most)
-    assert not may_be_weighed(problems, TUNING.rows_weighed * most + 1)
-
-
-def _of_terms():
-    problem = building.problem(KERNEL, low_rank(M, 1), None)
-    prior = replace(problem.prior, task_covariance=Forms([low_rank(M, 1)] * 2))
-    return replace(problem, prior=prior)
-
-
 def few_rows(seed):
     """Eight tasks of five rows each, of which rank 1 leaves no noise."""
     rng = np.random.default_rng(seed)
@@ -423,22 +327,6 @@ def test_noise_of_few_rows_does_not_vanish(seed, monkeypatch):
     assert search.criterion_ == "laplace"
     for best in (search.best_estimator_, model):
         assert best.noise_variance_ > 1e-3
-
-
-def test_a_factor_of_zeros_has_a_likelihood_but_no_prior():
-    """As where nothing is learned."""
-    rng = np.random.default_rng(0)
-    observations = building.data(
-        rng.normal(size=(9, 1)), np.arange(9) // 3, rng.normal(size=9), 3
-    )
-    plain = building.problem(RBF(1.0), low_rank(3, 1), observations)
-    theta = plain.theta(K_rho=np.zeros((3, 3)))
-    penalised = replace(plain, weak_priors=True)
-    mode = climb(plain, theta)._replace(theta=theta, value=-np.inf)
-    assert penalised.likelihood().value(theta) == -np.inf
-    found = penalised.log_likelihood(mode)
-    assert found == pytest.approx(plain.likelihood().value(theta))
-    assert weighing.worth(penalised, mode, times=4.0) == -np.inf
 
 
 def grown(seed, n_tasks=27):
@@ -472,25 +360,3 @@ def test_too_many_hyperparameters_are_no_reason_for_eq_8():
     assert search.criterion_ == "laplace"
     assert np.isnan(search.results_["laplace"][search.results_["rank"] == 2]).all()
     assert search.best_rank_ == 0
-
-
-def test_whether_few_rows_are_explained_too_well(learned):
-    problems, modes = learned
-    rows = tuned(problems, rows_told=5)
-    sizes = [of.prior.n_hyperparameters for [of] in problems]
-    assert not is_overexplained(rows, modes, 5 * sizes[0])
-    assert is_overexplained(rows, modes, 5 * sizes[0] - 1)
-    # what no form takes for noise is none
-    assert not is_overexplained(rows, without_noise(modes), 5)
-    form = low_rank(M, 0, "equal", shared=True)
-    [[problem], *_], [[mode], *_] = rows, modes
-    small = problem.with_form(form)
-    rho = form.parameters(problem.prior.K_rho_at(mode.theta))
-    noisy = mode._replace(theta=small.prior.with_rho(mode.theta, rho), value=-1e3)
-    with_small = [[small], *rows], [[noisy], *without_noise(modes)]
-    assert is_overexplained(*with_small, 5)
-    sizes = [small.prior.n_hyperparameters, *sizes]
-    for n in (4, 9):  # forms with more than half as many are left out, if not all
-        most = max(n // 2, sizes[0] + 1)
-        expected = [k for k, size in enumerate(sizes) if size <= most]
-        assert near_best(*with_small, n) == expected

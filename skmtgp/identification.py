@@ -446,10 +446,16 @@ def _last(estimator):
             "TaskIdentifier takes models without a trend, and this one has the columns "
             f"{names}. Fit it with trend=None."
         )
-    if model._units.per_task:
+    if model._units.own_scales:
         raise ValueError(
             "The tasks have units of their own, so the unit of an unknown task is not "
             "known. Fit the model with normalize_y='shared'."
+        )
+    if model._units.per_task:
+        raise ValueError(
+            "The levels of the tasks are hundreds of deviations apart, so the level of "
+            "an unknown task is not known. Subtract the levels, and fit the model with "
+            "task_levels=False."
         )
     return model
 

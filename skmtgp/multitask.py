@@ -162,7 +162,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         - "shared", or True, subtracts the mean of all targets of an output and divides
           by their standard deviation. With `task_levels` this is the standard deviation
-          around the means of the tasks.
+          around the means of the tasks. If these means are more than 300 such
+          deviations apart, and tasks share a range of inputs, each task's own mean is
+          subtracted.
         - "per_task" subtracts each task's own mean and divides by its own standard
           deviation. A task with one or two rows, or with equal targets, is divided by
           the geometric mean of the other tasks' standard deviations.
@@ -300,7 +302,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         noise or units.
     y_mean_, y_scale_ : float or ndarray of shape ([n_outputs,] [n_tasks])
         What was subtracted from the targets, and what they were divided by. One for
-        each task if tasks have their own units. 0 and 1 without `normalize_y`.
+        each task if tasks have their own units; `y_mean_` also if their levels are far
+        apart. 0 and 1 without `normalize_y`.
     normalize_y_ : {"per_task", "shared"} or False
         Units that were used. "auto" has chosen one of them.
     noise_ : {"shared", "per_task"}

@@ -272,7 +272,8 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
     join = ", or let it join with add_task" * can_join
     share = (
         " A model with shared=True, or with task_descriptors, predicts tasks that it "
-        "never saw, where normalize_y_ is 'shared'."
+        "never saw, where normalize_y_ is 'shared' and levels are not hundreds of "
+        "deviations apart."
     ) * can_join
     raise ValueError(
         f"{what}: the model knows {_enumerate(tasks)}.{why}{beside} Fit with "

@@ -81,11 +81,12 @@ class Alone:
         has no prior. One that has a prior pays for its distance from the others.
         """
         found = sum(map(evidence_of, self.estimator.estimators_))
-        if training.units.per_task:
+        if training.units.own_scales:
             return found
         n_more = len(training.units.scale) * (1 if self.levels else 2)
         found -= 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
-        return found - (self._spread_of_means() if self.levels else 0.0)
+        far = self.levels and not training.units.per_task
+        return found - (self._spread_of_means() if far else 0.0)
 
     def _spread_of_means(self):
         """Nats by which means of tasks are less likely than around one of their own.

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from skmtgp._data.checks import warn_of_binary, warn_of_constant_tasks
+from skmtgp._data.dask import is_dask
+from skmtgp._data.overlap import share_overlapping
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import shared_units, units_of_tasks
@@ -23,6 +25,7 @@ from skmtgp.learning.screening import (
     with_own_noise,
 )
 from skmtgp.learning.summarised import exact_part
+from skmtgp.learning.tuning import TUNING
 
 # Nats that noise of each task must gain, beside what its numbers are worth. A few rows
 # that happen to be near the function gain some, and a variance that is too small costs
@@ -30,6 +33,7 @@ from skmtgp.learning.summarised import exact_part
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
 NOTHING = 1e-8  # variances of the targets
+ROWS_OF_RANGES = 3000
 
 
 def decide(model, training, progress=None, foretell=None):
@@ -98,6 +102,7 @@ def _units(model, training):
     shared = shared_units(Y, centred=centred, scaled=scaled, known=known)
     if model._has_levels() and scaled:
         shared = shared.without_levels(Y, codes, n_tasks, known)
+        shared = _without_far_levels(shared, training)
     asks = model.normalize_y == "auto" and n_tasks > 1 and model.max_iter > 0
     if not asks or training.descriptors is not None:  # of which units do not follow
         return [shared]
@@ -106,6 +111,28 @@ def _units(model, training):
     of_tasks = units_of_tasks(training.unexplained(True), codes, n_tasks, known)
     asks = differ_in_size(of_tasks.scale, training.measured)
     return [shared, of_tasks] if asks else [shared]
+
+
+def _without_far_levels(shared, training):
+    """Shared units, where far levels are taken off first.
+
+    Not where tasks have descriptors, as these may tell a level; nor where tasks have
+    inputs of their own, as a function may be what their means differ by.
+    """
+    if training.descriptors is not None or is_dask(training.Y):
+        return shared
+    if training.slopes and training.slopes.place(True) is None:
+        return shared
+    of_tasks = training.codes, len(training.tasks), training.known
+    found = shared.without_far_levels(training.unexplained(True), *of_tasks)
+    return found if found.per_task and not _are_apart(training) else shared
+
+
+def _are_apart(training):
+    """Whether tasks were measured at inputs that hardly overlap."""
+    rows = np.random.default_rng(0).permutation(len(training.codes))[:ROWS_OF_RANGES]
+    share = share_overlapping(training.features[rows], training.codes[rows])
+    return share < TUNING.overlapping
 
 
 def kinds_of_noise(model, training):
@@ -172,7 +199,7 @@ def _gain_as_large(training, found):
         data, large = problem.data, as_large(problem, mode)
         if large is not None:
             spared = price(data.n_tasks - 1, n_measured(data))
-            if training.units.per_task:
+            if training.units.own_scales:
                 spared += price_of_tasks(data) / data.n_tasks
             gain += max(0.0, spared - max(0.0, mode.value - large.value))
     return gain

@@ -326,7 +326,7 @@ def _warn_of_own_kernels(training, problem, mode):
     gain = gain_of_own_kernels(problem, mode)
     if gain > TELLING:
         name = None if training.kernel == DEFAULT else training.kernel
-        units = "per_task" if training.units.per_task else "shared"
+        units = "per_task" if training.units.own_scales else "shared"
         options = {
             "kernel": [name] * 2,
             "rank": [problem.prior.task_covariance.rank - 1, 1],

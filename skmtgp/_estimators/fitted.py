@@ -363,7 +363,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
         self._store_target(training.target)
-        units = "per_task" if training.units.per_task else "shared"
+        units = "per_task" if training.units.own_scales else "shared"
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise
         self._log_jacobian = training.log_jacobian()

@@ -206,7 +206,7 @@ def trends_with_task(units, trends, position, features, Y):
         for of, own in zip(trends, slopes, strict=True)
     ]
     units = units.with_task(Y - np.transpose(fitted), position)
-    scales = units.scale[:, position] if units.per_task else [None] * len(trends)
+    scales = units.scale[:, position] if units.own_scales else [None] * len(trends)
     outputs = zip(trends, scales, slopes, strict=True)
     return units, [of.with_task(position, centre, *own) for of, *own in outputs]
 

@@ -134,7 +134,7 @@ class Training:
     @property
     def chosen(self):
         """Units and noise, and another k^x than the usual one, in words."""
-        units = "own units for each task" if self.units.per_task else "the same units"
+        units = "own units for each task" if self.units.own_scales else "the same units"
         noises = {
             "shared": "one noise variance for all tasks",
             "per_task": "a noise variance for each task",

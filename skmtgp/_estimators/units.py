@@ -9,6 +9,9 @@ from skmtgp._data.dask import is_dask, map_parts, sum_parts
 from skmtgp._numerics.linalg import RESOLVED
 
 FEWEST = 3  # rows of a task, whose deviation is taken for its unit
+# Deviations within tasks from which on their means are taken off: beside such levels
+# noise may be less than its bounds, and from 1e6 on the likelihood has no digits left.
+FAR = 300.0
 
 
 class Units(NamedTuple):
@@ -18,8 +21,8 @@ class Units(NamedTuple):
     ----------
     centre : ndarray of shape (n_outputs, 1) or (n_outputs, n_tasks)
         Is taken off the targets of all tasks, or of each.
-    scale : ndarray of the same shape
-        They are divided by this.
+    scale : ndarray of shape (n_outputs, 1) or (n_outputs, n_tasks)
+        They are divided by this. If tasks have scales, they have centres, too.
     """
 
     centre: np.ndarray
@@ -27,8 +30,13 @@ class Units(NamedTuple):
 
     @property
     def per_task(self):
-        """Whether they differ by task."""
+        """Whether tasks have centres of their own."""
         return self.centre.shape[1] > 1
+
+    @property
+    def own_scales(self):
+        """Whether tasks have scales of their own, and not centres alone."""
+        return self.scale.shape[1] > 1
 
     def scaled(self, Y, codes):
         """Targets in these units, from rows in those of y."""
@@ -41,7 +49,7 @@ class Units(NamedTuple):
 
     def of_rows(self, of_tasks, codes):
         """For each row, of shape (n_samples, n_outputs), or (1, n_outputs)."""
-        if not self.per_task:
+        if of_tasks.shape[1] == 1:
             return of_tasks.T
         if is_dask(codes):
             chunks = codes.chunks[0], (len(of_tasks),)
@@ -51,9 +59,8 @@ class Units(NamedTuple):
 
     def log_jacobian(self, counts):
         """Log density of targets in units of y less that in these, for each output."""
-        return -(np.log(self.scale) * (counts if self.per_task else counts.sum())).sum(
-            1
-        )
+        counts = counts if self.own_scales else counts.sum()
+        return -(np.log(self.scale) * counts).sum(axis=1)
 
     def without_levels(self, Y, codes, n_tasks, known=None):
         """The same centres, with the deviation of targets around those of the tasks.
@@ -69,18 +76,21 @@ class Units(NamedTuple):
         told = spread > RESOLVED * np.abs(mean).max(axis=1, keepdims=True)
         return self._replace(scale=np.where(told, spread, self.scale))
 
+    def without_far_levels(self, Y, codes, n_tasks, known=None):
+        """The same, with centres of tasks if their means are far apart in an output."""
+        mean, _ = _moments(Y, codes, n_tasks, known)
+        far = mean.std(axis=1, keepdims=True) > FAR * self.scale
+        return self._replace(centre=mean) if far.any() else self
+
     def with_task(self, Y, position):
         """The units of one more task, whose targets are Y."""
         if not self.per_task:
             return self
-        others = np.exp(np.log(self.scale).mean(axis=1))
-        own = _of_one(Y, others)
-        return Units(
-            *(
-                np.insert(of, position, new, axis=1)
-                for of, new in zip(self, own, strict=True)
-            )
-        )
+        mean, spread = _of_one(Y, np.exp(np.log(self.scale).mean(axis=1)))
+        centre, scale = np.insert(self.centre, position, mean, axis=1), self.scale
+        if self.own_scales:
+            scale = np.insert(scale, position, spread, axis=1)
+        return Units(centre, scale)
 
 
 def shared_units(Y, *, centred, scaled, known=None):

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from skmtgp import exceptions
+
 DOCS = Path(__file__).parents[2] / "docs"
 ONE_PANEL = {"benchmark-evaluation.png", "control.png"}  # wide, nothing to stack
 
@@ -135,3 +137,9 @@ def test_links_that_are_blank_are_not_shown(tmp_path):
         tmp_path / "pyproject.toml"
     )
     assert shown["url"] == "https://a.org"
+
+
+def test_the_page_of_warnings_has_each_of_them():
+    page = (DOCS / "guide" / "warnings.md").read_text("utf-8")
+    told = set(re.findall(r"skmtgp\.exceptions\.(\w+)`", page))
+    assert told == {name for name in exceptions.__all__ if name.endswith("Warning")}

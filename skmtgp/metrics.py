@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
+from sklearn.pipeline import Pipeline
 from sklearn.utils import check_consistent_length
 
 from skmtgp._data.labels import Labels, check_labels
@@ -27,6 +28,7 @@ __all__ = [
     "normalized_mean_squared_error",
 ]
 
+OF_OBSERVATIONS = {"return_std": True, "include_noise": True}
 Variances: TypeAlias = Mapping[Any, ArrayLike] | pd.Series | pd.DataFrame  # by task
 
 
@@ -225,7 +227,8 @@ def make_normalized_mse_scorer(
     Parameters
     ----------
     task_feature : int or str, default=-1
-        Position or name of the task column of X.
+        Position or name of the task column of X. A WideRegressor has none: its tasks
+        are the columns of y.
     y_var : mapping of task to float or to array of shape (n_outputs,), default=None
         Variance by which the errors of each task are divided, such as the Series or
         DataFrame ``y.groupby(tasks).var(ddof=0)`` of all targets. None takes the
@@ -286,7 +289,8 @@ def make_standardized_log_loss_scorer(
         Targets whose mean and variance define the trivial model. In cross-validation
         all targets may be used, because they shift the scores of all models equally.
     task_feature : int or str, default=-1
-        Position or name of the task column of X.
+        Position or name of the task column of X. A WideRegressor has none: its tasks
+        are the columns of y.
 
     Returns
     -------
@@ -325,7 +329,8 @@ def make_coverage_scorer(
     level : float, default=0.95
         Probability of the interval, between 0 and 1.
     task_feature : int or str, default=-1
-        Position or name of the task column of X.
+        Position or name of the task column of X. A WideRegressor has none: its tasks
+        are the columns of y.
 
     Returns
     -------
@@ -350,21 +355,57 @@ def make_coverage_scorer(
 
 
 def _minus_msll(estimator, X, y, *, y_train, task_feature):
-    tasks = task_labels(X, task_feature).of_rows()
-    mean, std = estimator.predict(X, return_std=True, include_noise=True)
-    return -mean_standardized_log_loss(y, mean, std, y_train=y_train, tasks=tasks)
+    y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
+    if _columns_as_tasks(estimator) is not None:
+        y_train = _measured(y_train)
+    return -mean_standardized_log_loss(y, *found, y_train=y_train, tasks=tasks)
 
 
 def _minus_miscoverage(estimator, X, y, *, level, task_feature):
-    tasks = task_labels(X, task_feature).of_rows()
-    mean, std = estimator.predict(X, return_std=True, include_noise=True)
-    return -abs(coverage(y, mean, std, level=level, tasks=tasks) - level)
+    y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
+    return -abs(coverage(y, *found, level=level, tasks=tasks) - level)
 
 
 def _minus_nmse(estimator, X, y, *, task_feature, y_var):
-    tasks = task_labels(X, task_feature).of_rows()
-    prediction = estimator.predict(X)
-    return -normalized_mean_squared_error(y, prediction, tasks=tasks, y_var=y_var)
+    y, tasks, [mean] = _compared(estimator, X, y, task_feature)
+    return -normalized_mean_squared_error(y, mean, tasks=tasks, y_var=y_var)
+
+
+def _compared(estimator, X, y, task_feature, **options):
+    """Targets, the task of each, and what `predict` returns of it.
+
+    The columns of y are the tasks of a WideRegressor, and gaps are left out.
+    """
+    columns = _columns_as_tasks(estimator)
+    tasks = task_labels(X, task_feature).of_rows() if columns is None else None
+    found = estimator.predict(X, **options)
+    found = found if options else [found]
+    if columns is None:
+        return y, tasks, found
+    table = np.asarray(y, dtype=np.float64).reshape(-1, len(columns))
+    check_consistent_length(table, X)
+    measured = ~np.isnan(table)
+    tasks = np.broadcast_to(columns, table.shape)[measured]
+    found = [of.reshape(table.shape)[measured] for of in found]
+    return table[measured], tasks, found
+
+
+def _columns_as_tasks(estimator):
+    """The columns of y that a WideRegressor takes for tasks; None of other models."""
+    while not hasattr(estimator, "outputs_"):
+        if isinstance(estimator, Pipeline):
+            estimator = estimator[-1]
+        elif hasattr(estimator, "best_estimator_"):
+            estimator = estimator.best_estimator_
+        else:
+            return None
+    return estimator.outputs_
+
+
+def _measured(targets):
+    """All that are not NaN, in one column."""
+    targets = np.ravel(np.asarray(targets, dtype=np.float64))
+    return targets[~np.isnan(targets)]
 
 
 def _variances(targets, by_task):

@@ -14,15 +14,21 @@ from sklearn.exceptions import NotFittedError
 from sklearn.metrics import r2_score
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import OneHotEncoder
+from sklearn.preprocessing import OneHotEncoder, StandardScaler
 
 from skmtgp import (
     IndependentGP,
     MultiTaskGPRegressor,
     RankSearchIC,
     WideRegressor,
+    metrics,
     stack_tasks,
     unstack_tasks,
+)
+from skmtgp.metrics import (
+    make_coverage_scorer,
+    make_normalized_mse_scorer,
+    make_standardized_log_loss_scorer,
 )
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
@@ -356,3 +362,51 @@ def test_text_is_encoded_before_it():
         WideRegressor(make_pipeline(encoder, QUICK)),
     ):
         assert model.fit(table, WIDE.to_numpy()).predict(table).shape == WIDE.shape
+
+
+class TestScorers:
+    """Columns of y are the tasks, and gaps are left out."""
+
+    @staticmethod
+    def draw():
+        rng = np.random.default_rng(0)
+        X = pd.DataFrame({"depth": np.linspace(0.0, 6.0, 24)})
+        f = np.sin(X["depth"].to_numpy())
+        Y = np.column_stack([f, 2.0 * f + 5.0]) + 0.1 * rng.standard_normal((24, 2))
+        Y = pd.DataFrame(Y, columns=["a", "b"])
+        Y.iloc[[3, 9], 0] = np.nan
+        return X, Y
+
+    @pytest.mark.parametrize("in_pipeline", [False, True])
+    def test_they_are_metrics_of_what_was_measured(self, in_pipeline):
+        X, Y = self.draw()
+        model = WideRegressor(MultiTaskGPRegressor("rbf", rank=1))
+        model = make_pipeline(StandardScaler(), model) if in_pipeline else model
+        model = model.fit(X, Y)
+        seen = Y.notna().to_numpy()
+        tasks = np.array(["a", "b"] * 24).reshape(24, 2)[seen]
+        y = Y.to_numpy()[seen]
+        found = model.predict(X, return_std=True, include_noise=True)
+        mean, std = (of[seen] for of in found)
+        nmse = make_normalized_mse_scorer()(model, X, Y)
+        assert nmse == -metrics.normalized_mean_squared_error(y, mean, tasks=tasks)
+        held = make_coverage_scorer(0.9)(model, X, Y)
+        assert held == -abs(
+            metrics.coverage(y, mean, std, level=0.9, tasks=tasks) - 0.9
+        )
+        options = {"y_train": y, "tasks": tasks}
+        loss = make_standardized_log_loss_scorer(Y)(model, X, Y)
+        assert loss == pytest.approx(
+            -metrics.mean_standardized_log_loss(y, mean, std, **options)
+        )
+
+    def test_they_choose_among_models(self):
+        X, Y = self.draw()
+        search = GridSearchCV(
+            WideRegressor(MultiTaskGPRegressor("rbf")),
+            {"estimator__rank": [1, 2]},
+            scoring=make_normalized_mse_scorer(y_var=Y.var(ddof=0)),
+            cv=3,
+        ).fit(X, Y)
+        assert np.isfinite(search.cv_results_["mean_test_score"]).all()
+        assert make_normalized_mse_scorer()(search, X, Y) > -0.1

@@ -263,7 +263,8 @@ def _warn_of_scale(training, problem, mode, j):
             f"than {SURE:.0f} nats on another scale: noise or functions grow with "
             "them. So intervals may be too narrow where targets are large and too wide "
             f"where they are small. Try target_transform={scale}. Then `predict` gives "
-            "medians, in units of y.",
+            "medians, in units of y, and their sums are too low. If you need means or "
+            "sums, take sample_y(X, 1000, include_noise=True).mean(axis=-1).",
             TargetScaleWarning,
         )
     return bool(scale)

@@ -43,12 +43,12 @@ def differ_in_size(scales, counts):
     -------
     differ : bool
         Whether normal targets, independent of each other, would be likelier by more
-        than two parameters a task are worth.
+        than a parameter a task is worth.
     """
     squares, n = np.square(scales), counts.sum()
     pooled = squares @ counts / n
     gain = 0.5 * np.log(pooled[:, None] / squares) @ counts
-    return bool(gain.sum() > len(scales) * len(counts) * np.log(n))
+    return bool(gain.sum() > len(scales) * len(counts) * 0.5 * np.log(n))
 
 
 def screen(problem, known=()):

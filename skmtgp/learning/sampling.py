@@ -40,6 +40,7 @@ SAME = 0.3  # of logarithms and correlations, between modes that are one
 # Half of the rest is trusted.
 UNDERSTATED, MOST_UNDERSTATED, FEW_ROWS, TRUSTED = 0.6, 4.0, 10.0, 0.5
 HOPELESS = 15.0  # nats between modes: not worth a chain
+FALL = 2.0  # nats for each parameter where a chain starts; it is a half on average
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at
 
 
@@ -201,14 +202,12 @@ def _share_out(weights):
 
 def _chain(peak, scale, n_draws, seed) -> Chain:
     """A chain from near a peak."""
-    rng, density, x = np.random.default_rng(seed), peak.density, peak.x
-    away, share = scale @ rng.standard_normal(len(x)), 1.0
-    while not np.isfinite(density(x + share * away)[0]):
-        share *= 0.5
+    rng, density = np.random.default_rng(seed), peak.density
+    x = _start_near(peak, scale, rng)
     of_tasks = density.chart.n_factor > 1
     chain = sample(
         density,
-        x + share * away,
+        x,
         scale,
         rng,
         n_warm=N_WARM,
@@ -218,6 +217,19 @@ def _chain(peak, scale, n_draws, seed) -> Chain:
     )
     density.likelihood.release()
     return chain
+
+
+def _start_near(peak, scale, rng):
+    """A draw of the normal density around a peak, or closer where it is far too poor.
+
+    Along a flat direction it may be far off, where the likelihood has no digits: a
+    chain would not come back.
+    """
+    away, share = scale @ rng.standard_normal(len(peak.x)), 1.0
+    least = peak.value - HOPELESS - FALL * len(peak.x)
+    while not peak.density(peak.x + share * away)[0] >= least:
+        share *= 0.5
+    return peak.x + share * away
 
 
 def quantities(prior, theta):

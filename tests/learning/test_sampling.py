@@ -1,11 +1,14 @@
 """Draws of the hyperparameters, against integrals on a grid."""
 
+import warnings
+
 import building
 import numpy as np
 import pytest
 from quadrature import Grid
 from sklearn.gaussian_process.kernels import RBF
 
+from skmtgp import MultiTaskGPRegressor
 from skmtgp._numerics.hmc import diagnose, sample
 from skmtgp.learning import sampling
 from skmtgp.learning.evidence import climb_posterior
@@ -231,3 +234,45 @@ def test_tasks_that_do_not_vary_have_no_correlation():
     found = quantities(prior, theta)
     assert np.isfinite(found).all()
     np.testing.assert_array_equal(found[-3:], 0.0)
+
+
+def test_a_chain_does_not_start_where_the_density_is_far_too_poor():
+    """A flat direction of a Hessian says nothing of what is far off."""
+    likelihood = likelihood_of(low_rank(3, 2), n=12)
+    peak = climb_posterior(likelihood, likelihood.prior.theta())
+    scale, rngs = np.eye(len(peak.x)), map(np.random.default_rng, range(8))
+    near = [sampling._start_near(peak, scale, rng) for rng in rngs]
+    least = peak.value - sampling.HOPELESS - sampling.FALL * len(peak.x)
+    for k, x in enumerate(near):
+        draw = np.random.default_rng(k).standard_normal(len(x))
+        if peak.density(peak.x + draw)[0] >= least:
+            np.testing.assert_array_equal(x, peak.x + draw)
+        far = sampling._start_near(peak, 1e3 * scale, np.random.default_rng(k))
+        assert peak.density(far)[0] >= least
+        assert peak.density(peak.x + 1e3 * draw)[0] < least
+
+
+@pytest.mark.long
+def test_no_chain_of_few_rows_is_lost():
+    """One of these four was, at functions of 1e8 times the targets."""
+    X, y = textbook_draw(n_tasks=8, n_rows=5, rank=3, seed=13)
+    model = MultiTaskGPRegressor("rbf", rank=3, hyperparameters="sampled")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model.fit(X, y)
+    assert np.abs(model.predict(X)).max() < 10.0 * np.abs(y).max()
+    assert model.r_hat_ < 3.0
+
+
+def textbook_draw(n_tasks, n_rows, rank, seed):
+    """Rows of a squared exponential on [0, 8], with noise of deviation 0.2."""
+    rng = np.random.default_rng([n_tasks, n_rows, rank, seed])
+    F = rng.standard_normal((n_tasks, rank)) / np.sqrt(rank)
+    n = n_rows + 20
+    x, task = rng.uniform(0.0, 8.0, n_tasks * n), np.repeat(np.arange(n_tasks), n)
+    K = (F @ F.T)[np.ix_(task, task)] * np.exp(-0.5 * (x[:, None] - x) ** 2)
+    values, vectors = np.linalg.eigh(K)
+    f = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(len(x)))
+    y, X = f + 0.2 * rng.standard_normal(len(x)), np.column_stack([x, task])
+    trained = np.tile(np.arange(n) < n_rows, n_tasks)
+    return X[trained], y[trained]

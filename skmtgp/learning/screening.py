@@ -28,8 +28,6 @@ from skmtgp.learning.faster import with_faster
 from skmtgp.learning.problem import best_of
 from skmtgp.model.task_covariance import WithDiagonal, low_rank
 
-MANY_ROWS = 20  # of a task, on average: its deviation says something of its unit
-
 
 def differ_in_size(scales, counts):
     """Whether the deviations of tasks' targets differ by more than chance.
@@ -45,14 +43,12 @@ def differ_in_size(scales, counts):
     -------
     differ : bool
         Whether normal targets, independent of each other, would be likelier by more
-        than a parameter a task is worth, or two if tasks have few rows: then their
-        deviations say little of their units.
+        than two parameters a task are worth.
     """
     squares, n = np.square(scales), counts.sum()
     pooled = squares @ counts / n
     gain = 0.5 * np.log(pooled[:, None] / squares) @ counts
-    each = (0.5 if n > MANY_ROWS * len(counts) else 1.0) * np.log(n)
-    return bool(gain.sum() > len(scales) * len(counts) * each)
+    return bool(gain.sum() > len(scales) * len(counts) * np.log(n))
 
 
 def screen(problem, known=()):

@@ -9,6 +9,7 @@ __all__ = [
     "ConstantTargetWarning",
     "CorrelatedResidualsWarning",
     "DescriptorWarning",
+    "FarLevelsWarning",
     "FixedCorrelationWarning",
     "IncompleteDataWarning",
     "InsufficientMemoryError",
@@ -156,6 +157,21 @@ class DescriptorWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import DescriptorWarning
     >>> warnings.simplefilter("error", DescriptorWarning)
+    """
+
+
+class FarLevelsWarning(RuntimeWarning):
+    """Levels of the tasks are so far apart that they may hide the functions.
+
+    The means of tasks differ by more than ten thousand deviations of the targets around
+    them, and could not be subtracted. The message says why. Subtract a typical value of
+    each task from y before `fit`.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import FarLevelsWarning
+    >>> warnings.simplefilter("error", FarLevelsWarning)
     """
 
 

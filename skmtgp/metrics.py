@@ -356,8 +356,9 @@ def make_coverage_scorer(
 
 def _minus_msll(estimator, X, y, *, y_train, task_feature):
     y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
-    if _columns_as_tasks(estimator) is not None:
-        y_train = _measured(y_train)
+    if _wide(estimator) is not None:
+        y_train = np.ravel(np.asarray(y_train, dtype=np.float64))
+        y_train = y_train[~np.isnan(y_train)]
     return -mean_standardized_log_loss(y, *found, y_train=y_train, tasks=tasks)
 
 
@@ -376,22 +377,20 @@ def _compared(estimator, X, y, task_feature, **options):
 
     The columns of y are the tasks of a WideRegressor, and gaps are left out.
     """
-    columns = _columns_as_tasks(estimator)
-    tasks = task_labels(X, task_feature).of_rows() if columns is None else None
     found = estimator.predict(X, **options)
-    found = found if options else [found]
-    if columns is None:
-        return y, tasks, found
-    table = np.asarray(y, dtype=np.float64).reshape(-1, len(columns))
+    found, wide = found if options else [found], _wide(estimator)
+    if wide is None:
+        return y, task_labels(X, task_feature).of_rows(), found
+    table = wide._targets(y)
     check_consistent_length(table, X)
     measured = ~np.isnan(table)
-    tasks = np.broadcast_to(columns, table.shape)[measured]
+    tasks = np.broadcast_to(wide.outputs_, table.shape)[measured]
     found = [of.reshape(table.shape)[measured] for of in found]
     return table[measured], tasks, found
 
 
-def _columns_as_tasks(estimator):
-    """The columns of y that a WideRegressor takes for tasks; None of other models."""
+def _wide(estimator):
+    """The WideRegressor, whose tasks are columns of y; None of other models."""
     while not hasattr(estimator, "outputs_"):
         if isinstance(estimator, Pipeline):
             estimator = estimator[-1]
@@ -399,13 +398,7 @@ def _columns_as_tasks(estimator):
             estimator = estimator.best_estimator_
         else:
             return None
-    return estimator.outputs_
-
-
-def _measured(targets):
-    """All that are not NaN, in one column."""
-    targets = np.ravel(np.asarray(targets, dtype=np.float64))
-    return targets[~np.isnan(targets)]
+    return estimator
 
 
 def _variances(targets, by_task):

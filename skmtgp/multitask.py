@@ -163,8 +163,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         - "shared", or True, subtracts the mean of all targets of an output and divides
           by their standard deviation. With `task_levels` this is the standard deviation
           around the means of the tasks. If these means are more than 300 such
-          deviations apart, and tasks share a range of inputs, each task's own mean is
-          subtracted.
+          deviations apart, most of each is subtracted from its task: a multiple of 100
+          deviations. What is left is learned as a level.
         - "per_task" subtracts each task's own mean and divides by its own standard
           deviation. A task with one or two rows, or with equal targets, is divided by
           the geometric mean of the other tasks' standard deviations.

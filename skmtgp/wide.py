@@ -581,9 +581,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If X or y cannot be used.
         """
         mean = np.reshape(self.predict(X), (-1, len(self.outputs_)))
-        table = _as_table(y)
-        self._check_outputs(table)
-        Y = _with_gaps(table, self.outputs_.tolist(), "y")
+        Y = self._targets(y)
         check_consistent_length(mean, Y, sample_weight)
         seen = ~np.isnan(Y)
         if not seen.any():
@@ -595,6 +593,12 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             pair = Y[rows, j], mean[rows, j]
             scores.append(r2_score(*pair, sample_weight=weight))
         return float(np.mean(scores))
+
+    def _targets(self, y):
+        """Numbers of shape (n_samples, n_outputs), NaN where nothing was measured."""
+        table = _as_table(y)
+        self._check_outputs(table)
+        return _with_gaps(table, self.outputs_.tolist(), "y")
 
     def _check_outputs(self, y):
         """Raise a ValueError where targets have other columns than in fit."""

@@ -410,3 +410,15 @@ class TestScorers:
         ).fit(X, Y)
         assert np.isfinite(search.cv_results_["mean_test_score"]).all()
         assert make_normalized_mse_scorer()(search, X, Y) > -0.1
+
+    def test_columns_in_another_order_are_refused(self):
+        X, Y = self.draw()
+        model, score = WideRegressor(QUICK).fit(X, Y), make_normalized_mse_scorer()
+        with pytest.raises(ValueError, match="Give them in this order"):
+            score(model, X, Y[["b", "a"]])
+        with pytest.raises(ValueError, match="columns"):
+            score(model, X, Y.to_numpy().T)
+        missing = Y.astype("Float64")
+        assert score(model, X, missing) == pytest.approx(score(model, X, Y))
+        with pytest.raises(NotFittedError):
+            score(WideRegressor(QUICK), X, Y)

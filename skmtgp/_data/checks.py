@@ -23,6 +23,7 @@ from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     BinaryTargetWarning,
     ConstantTargetWarning,
+    FarLevelsWarning,
     RepeatedRowsWarning,
     TaskColumnWarning,
     UnderflowWarning,
@@ -31,6 +32,7 @@ from skmtgp.exceptions import (
 
 LARGEST = 1e75  # the square of a feature times that of a target is finite
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
+VERY_FAR = 1e4  # deviations: noise may be a hundredth of the variance within tasks
 FEW_COPIES = 2  # of rows: so many may be there by chance
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 # Last words of names of columns that are integers, and seldom name tasks
@@ -480,6 +482,26 @@ def warn_of_binary(binary):
             "probabilities of a class take a classifier, such as scikit-learn's "
             "GaussianProcessClassifier.",
             BinaryTargetWarning,
+        )
+
+
+def warn_of_far_levels(far, reason):
+    """Say that levels may hide functions, if they are very far apart.
+
+    Parameters
+    ----------
+    far : float
+        Deviation of the means of tasks, in deviations of targets around them.
+    reason : str
+        Why they are not subtracted.
+    """
+    if far > VERY_FAR:
+        warn(
+            f"The means of tasks differ by {far:.0e} deviations of their targets, and "
+            f"are not subtracted, because {reason}. Noise is learned relative to all "
+            "targets, so functions may be taken for noise. Subtract a typical value of "
+            "each task from y before fit.",
+            FarLevelsWarning,
         )
 
 

@@ -85,16 +85,17 @@ class Alone:
             return found
         n_more = len(training.units.scale) * (1 if self.levels else 2)
         found -= 0.5 * n_more * np.log(np.maximum(training.measured, 1.0)).sum()
-        far = self.levels and not training.units.per_task
-        return found - (self._spread_of_means() if far else 0.0)
+        return found - (self._spread_of_means(training.units) if self.levels else 0.0)
 
-    def _spread_of_means(self):
+    def _spread_of_means(self, units):
         """Nats by which means of tasks are less likely than around one of their own.
 
         Their prior has the deviation of a task; beside others it is that of all means.
         """
         models = self.estimator.estimators_
         means = np.array([np.ravel(model.y_mean_) for model in models])
+        if units.per_task:  # the others have what is left of far levels
+            means = means - units.centre.T
         scales = np.array([np.ravel(model.y_scale_) for model in models])
         with np.errstate(divide="ignore"):
             nats = 0.5 * (1.0 + np.log(means.var(axis=0) / scales**2))

@@ -4,12 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp._data.checks import warn_of_binary, warn_of_constant_tasks
+from skmtgp._data.checks import (
+    warn_of_binary,
+    warn_of_constant_tasks,
+    warn_of_far_levels,
+)
 from skmtgp._data.dask import is_dask
 from skmtgp._data.overlap import share_overlapping
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
-from skmtgp._estimators.units import shared_units, units_of_tasks
+from skmtgp._estimators.units import FAR, shared_units, units_of_tasks
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.forecast import are_many
 from skmtgp.learning.screening import (
@@ -102,7 +106,7 @@ def _units(model, training):
     shared = shared_units(Y, centred=centred, scaled=scaled, known=known)
     if model._has_levels() and scaled:
         shared = shared.without_levels(Y, codes, n_tasks, known)
-        shared = _without_far_levels(shared, training)
+        shared = _without_far_levels(shared, training, centred)
     asks = model.normalize_y == "auto" and n_tasks > 1 and model.max_iter > 0
     if not asks or training.descriptors is not None:  # of which units do not follow
         return [shared]
@@ -113,19 +117,36 @@ def _units(model, training):
     return [shared, of_tasks] if asks else [shared]
 
 
-def _without_far_levels(shared, training):
-    """Shared units, where far levels are taken off first.
+def _without_far_levels(shared, training, centred):
+    """Shared units, with most of far levels taken off first.
 
     Not where tasks have descriptors, as these may tell a level; nor where tasks have
     inputs of their own, as a function may be what their means differ by.
     """
-    if training.descriptors is not None or is_dask(training.Y):
-        return shared
-    if training.slopes and training.slopes.place(True) is None:
-        return shared
     of_tasks = training.codes, len(training.tasks), training.known
-    found = shared.without_far_levels(training.unexplained(True), *of_tasks)
-    return found if found.per_task and not _are_apart(training) else shared
+    far = shared.far_levels(training.Y, *of_tasks).max()
+    if far <= FAR:
+        return shared
+    reason = _why_levels_stay(training, centred)
+    if reason is None:
+        return shared.without_far_levels(training.unexplained(True), *of_tasks)
+    warn_of_far_levels(far, reason)
+    return shared
+
+
+def _why_levels_stay(training, centred):
+    """Why far levels are not taken off; None if they are."""
+    constant = training.slopes and training.slopes.place(True) is None
+    reasons = {
+        "normalize_y=False leaves the targets as they are": not centred,
+        "tasks have descriptors": training.descriptors is not None,
+        "the rows are Dask's": is_dask(training.Y),
+        "the trend has a constant": constant,
+    }
+    told = next((why for why, holds in reasons.items() if holds), None)
+    if told is None and _are_apart(training):
+        return "tasks hardly overlap in an input, which may explain them"
+    return told
 
 
 def _are_apart(training):

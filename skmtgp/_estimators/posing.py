@@ -133,7 +133,7 @@ def _scaled(model, prior, data, training, j):
     start, bounds = model.noise_variance, _noise_bounds(model, data.known)
     start = max(start, NO_NOISE)
     bounds = (start,) * 2 if isinstance(bounds, str) else bounds
-    least = CENTRED if training.units.per_task else prior.least_level
+    least = CENTRED if training.units.own_scales else prior.least_level
     level, within = max(least, FIRST_LEVEL) * scale**2, np.inf
     if prior.levels:
         of_rows = data.y, data.tasks, data.n_tasks, data.known

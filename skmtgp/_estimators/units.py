@@ -9,9 +9,10 @@ from skmtgp._data.dask import is_dask, map_parts, sum_parts
 from skmtgp._numerics.linalg import RESOLVED
 
 FEWEST = 3  # rows of a task, whose deviation is taken for its unit
-# Deviations within tasks from which on their means are taken off: beside such levels
-# noise may be less than its bounds, and from 1e6 on the likelihood has no digits left.
-FAR = 300.0
+# Deviations within tasks from which on levels are reduced, and multiples of which are
+# taken off: beside larger ones noise may be less than its bounds, and from 1e6 on the
+# likelihood has no digits left.
+FAR, STEP = 300.0, 100.0
 
 
 class Units(NamedTuple):
@@ -77,20 +78,36 @@ class Units(NamedTuple):
         return self._replace(scale=np.where(told, spread, self.scale))
 
     def without_far_levels(self, Y, codes, n_tasks, known=None):
-        """The same, with centres of tasks if their means are far apart in an output."""
+        """The same, with centres of tasks where means of an output are far apart.
+
+        What is left of a level is at most half a step, and is learned. So only its
+        coarse size is taken from the rows.
+        """
+        far = self.far_levels(Y, codes, n_tasks, known)[:, None] > FAR
+        if not far.any():
+            return self
+        step = STEP * self.scale
         mean, _ = _moments(Y, codes, n_tasks, known)
-        far = mean.std(axis=1, keepdims=True) > FAR * self.scale
-        return self._replace(centre=mean) if far.any() else self
+        away = step * np.rint((mean - self.centre) / step)
+        return self._replace(centre=self.centre + np.where(far, away, 0.0))
+
+    def far_levels(self, Y, codes, n_tasks, known=None):
+        """Deviation of the tasks' means over the scale, for each output."""
+        mean, _ = _moments(Y, codes, n_tasks, known)
+        return mean.std(axis=1) / self.scale[:, 0]
 
     def with_task(self, Y, position):
         """The units of one more task, whose targets are Y."""
         if not self.per_task:
             return self
         mean, spread = _of_one(Y, np.exp(np.log(self.scale).mean(axis=1)))
-        centre, scale = np.insert(self.centre, position, mean, axis=1), self.scale
         if self.own_scales:
-            scale = np.insert(scale, position, spread, axis=1)
-        return Units(centre, scale)
+            scale = np.insert(self.scale, position, spread, axis=1)
+            return Units(np.insert(self.centre, position, mean, axis=1), scale)
+        near = np.ptp(self.centre, axis=1) == 0.0
+        first, step = self.centre[:, 0], STEP * self.scale[:, 0]
+        mean = first + np.where(near, 0.0, step * np.rint((mean - first) / step))
+        return self._replace(centre=np.insert(self.centre, position, mean, axis=1))
 
 
 def shared_units(Y, *, centred, scaled, known=None):

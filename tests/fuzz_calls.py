@@ -21,6 +21,7 @@ WARNINGS = (
     exceptions.ConstantTargetWarning,
     exceptions.CorrelatedResidualsWarning,
     exceptions.DescriptorWarning,
+    exceptions.FarLevelsWarning,
     exceptions.JitterWarning,
     exceptions.NarrowIntervalsWarning,
     exceptions.OutlierWarning,

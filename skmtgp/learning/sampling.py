@@ -40,7 +40,7 @@ SAME = 0.3  # of logarithms and correlations, between modes that are one
 # Half of the rest is trusted.
 UNDERSTATED, MOST_UNDERSTATED, FEW_ROWS, TRUSTED = 0.6, 4.0, 10.0, 0.5
 HOPELESS = 15.0  # nats between modes: not worth a chain
-FALL = 2.0  # nats for each parameter where a chain starts; it is a half on average
+FALL = 10.0  # nats for each parameter below a mode: a chain starts no lower
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at
 
 

@@ -104,11 +104,12 @@ class PosteriorMixin(RegressorMixin):
         Tasks that `fit` has not seen can be predicted by a PooledGP. A
         MultiTaskGPRegressor predicts them with ``shared=True`` by what all tasks share,
         and with `task_descriptors` by their descriptors. This needs `normalize_y_`
-        other than "per_task", and no `trend_per_task`. The uncertainty then includes
-        what tasks differ by otherwise: the variance of the levels and the average of
-        the rest of `task_covariance_`. Known tasks have the descriptors of `fit`. If
-        tasks have their own noise, a new one has the geometric mean of the noise
-        variances, each counted as often as its task has rows.
+        other than "per_task", no levels that are hundreds of deviations apart, and no
+        `trend_per_task`. The uncertainty then includes what tasks differ by otherwise:
+        the variance of the levels and the average of the rest of `task_covariance_`.
+        Known tasks have the descriptors of `fit`. If tasks have their own noise, a new
+        one has the geometric mean of the noise variances, each counted as often as its
+        task has rows.
 
         With `target_transform` the prediction is the inverse transform of the learned
         mean, as in scikit-learn's TransformedTargetRegressor. This is the median of f

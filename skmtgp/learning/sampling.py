@@ -40,8 +40,8 @@ SAME = 0.3  # of logarithms and correlations, between modes that are one
 # Half of the rest is trusted.
 UNDERSTATED, MOST_UNDERSTATED, FEW_ROWS, TRUSTED = 0.6, 4.0, 10.0, 0.5
 HOPELESS = 15.0  # nats between modes: not worth a chain
-# A chain starts at most so many nats a parameter, and HOPELESS, below its mode. With two
-# tests/learning/test_calibration.py fails.
+# A chain starts at most so many nats a parameter, and HOPELESS, below its mode. With
+# two tests/learning/test_calibration.py fails.
 FALL = 10.0
 MOST_PAIRS = 500  # of tasks, whose correlations are looked at
 

@@ -13,7 +13,6 @@ from sklearn.base import TransformerMixin
 from sklearn.preprocessing import StandardScaler
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import locate
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.joints import (
@@ -25,7 +24,7 @@ from skmtgp._data.joints import (
     warn_of_degrees,
 )
 from skmtgp._data.labels import FIRST_INEXACT
-from skmtgp._data.task_column import locate_task_column, read_table, split_table
+from skmtgp._data.task_column import locate, locate_task_column, read_table, split_table
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import (

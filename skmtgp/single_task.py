@@ -15,19 +15,14 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.gaussian_process.kernels import ConstantKernel, Kernel
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import FEW_ROWS as ALL_FEW
-from skmtgp._data.checks import (
-    check_theta,
-    check_training,
-    is_binary,
-    locate,
-    name_tasks,
-    warn_of_binary,
-)
+from skmtgp._data.checks import check_theta, check_training
 from skmtgp._data.data import Data
 from skmtgp._data.known import read_known, weighed_rows
-from skmtgp._data.labels import rows_by_code
+from skmtgp._data.labels import name_tasks, rows_by_code
+from skmtgp._data.oddities import FEW_ROWS as ALL_FEW
+from skmtgp._data.oddities import is_binary, warn_of_binary
 from skmtgp._data.skewness import is_skewed
+from skmtgp._data.task_column import locate
 from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.deciding import decide

@@ -339,3 +339,10 @@ def rows_by_code(codes):
     order = np.argsort(codes, kind="stable")
     present, starts = np.unique(codes[order], return_index=True)
     return present, np.split(order, starts[1:])
+
+
+def name_tasks(labels):
+    """The tasks by their labels, or by some of them."""
+    named = ", ".join(map(repr, labels[:3].tolist()))
+    more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
+    return f"task{'s' * (len(labels) > 1)} {named}{more}"

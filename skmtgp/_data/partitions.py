@@ -7,15 +7,11 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import validate_data
 
-from skmtgp._data.checks import (
-    check_given,
-    check_target,
-    cut_table,
-    locate,
-    warn_of_training,
-)
+from skmtgp._data.checks import check_given, check_target, cut_table
 from skmtgp._data.dask import is_dask, partitions
 from skmtgp._data.labels import encode_tasks, sorted_tasks
+from skmtgp._data.oddities import warn_of_training
+from skmtgp._data.task_column import locate
 from skmtgp._support.guide import PARALLEL
 
 

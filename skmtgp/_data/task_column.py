@@ -44,6 +44,21 @@ def locate_task_column(task_feature, n_features, feature_names=None):
     return locate_column(task_feature, n_features, feature_names)
 
 
+def locate(estimator):
+    """Position of the task column, and the names or positions of the others."""
+    n, names = estimator.n_features_in_, getattr(estimator, "feature_names_in_", None)
+    position = locate_task_column(estimator.task_feature, n, names)
+    columns = range(n) if names is None else names.tolist()
+    return position, np.delete(np.array(columns, object), position)
+
+
+def name_of_task_column(estimator):
+    """Name of the task column, or its position."""
+    position, _ = locate(estimator)
+    names = getattr(estimator, "feature_names_in_", None)
+    return position if names is None else names[position]
+
+
 def locate_column(
     column, n_features, names=None, parameter="task_feature", what="task column"
 ):

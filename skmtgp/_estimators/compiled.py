@@ -5,8 +5,8 @@ from collections import defaultdict
 import numpy as np
 import pandas as pd
 
-from skmtgp._data.checks import locate
 from skmtgp._data.labels import check_labels
+from skmtgp._data.task_column import locate
 from skmtgp.model._nodes import fold, form_of
 
 TOGETHER = 2**14  # values of a kernel at a time, which the cache holds

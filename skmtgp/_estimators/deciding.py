@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from skmtgp._data.checks import (
+from skmtgp._data.dask import is_dask
+from skmtgp._data.oddities import (
     warn_of_binary,
     warn_of_constant_tasks,
     warn_of_far_levels,
 )
-from skmtgp._data.dask import is_dask
 from skmtgp._data.overlap import share_overlapping
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher

@@ -5,13 +5,14 @@ from itertools import permutations
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
 
-from skmtgp._data.checks import name_tasks
 from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
+from skmtgp._data.labels import name_tasks
 from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks
+from skmtgp._support.guide import NOISE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     AmbiguousFitWarning,
@@ -23,6 +24,7 @@ from skmtgp.exceptions import (
     SkewedInputWarning,
     SmallTaskWarning,
     TargetScaleWarning,
+    UnidentifiedNoiseWarning,
     UnrelatedTasksWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
@@ -342,3 +344,34 @@ def _warn_of_own_kernels(training, problem, mode):
             f"Try MultiTaskGPRegressor({named}). This takes longer.",
             SeveralKernelsWarning,
         )
+
+
+def warn_of_noise(told, tasks=None, lower=""):
+    """Say which noise variances were learned from next to nothing.
+
+    Parameters
+    ----------
+    told : ndarray of bool of shape (n_outputs, n_noise)
+        Whether the rows tell each.
+    tasks : ndarray of shape (n_noise,), default=None
+        Labels of the tasks, if they have one each.
+    lower : str, default=""
+        A lower rank, in words; none without one.
+    """
+    if told.all():
+        return
+    outputs, unknown = np.flatnonzero(~told.all(axis=1)) + 1, ~told.all(axis=0)
+    which = f" of output {outputs.tolist()}" * (len(told) > 1)
+    same = ""
+    if tasks is not None:
+        which += f" of {name_tasks(tasks[unknown])}"
+        same = "set noise='shared' if all tasks are measured with the same precision, "
+    warn(
+        f"The rows do not tell the noise variance{which}: the model follows them so "
+        "closely that a variance many times as large would be as likely. The learned "
+        "variance may be far too small, and so may the standard deviations of "
+        f"predictions. Give more rows, {same}{lower and f'choose {lower}, '}raise the "
+        "lower bound in noise_variance_bounds, a share of the variance of y, or fix "
+        f"the noise variance if you know it. {NOISE}",
+        UnidentifiedNoiseWarning,
+    )

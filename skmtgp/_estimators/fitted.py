@@ -7,8 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_theta, warn_of_noise
+from skmtgp._data.checks import check_theta
 from skmtgp._data.dask import is_dask
+from skmtgp._estimators.doubts import warn_of_noise
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._estimators.predicting import PosteriorMixin

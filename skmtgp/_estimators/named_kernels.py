@@ -6,7 +6,7 @@ from operator import mul
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
 
-from skmtgp._data.checks import deviation_of, largest_of, mean_of
+from skmtgp._data.statistics import deviation_of, largest_of, mean_of
 from skmtgp._data.task_column import locate_column
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._support.sklearn_compat import StrOptions

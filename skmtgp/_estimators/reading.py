@@ -2,21 +2,21 @@
 
 import numpy as np
 
-from skmtgp._data.checks import (
-    FEW_ROWS,
-    check_training,
-    locate,
-    warn_of_constants,
-    warn_of_copies,
-    warn_of_counts,
-)
+from skmtgp._data.checks import check_training
 from skmtgp._data.complete import count_copies
 from skmtgp._data.dask import is_dask
 from skmtgp._data.descriptors import locate_descriptors, read_descriptors
 from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._data.labels import Labels
+from skmtgp._data.oddities import (
+    FEW_ROWS,
+    warn_of_constants,
+    warn_of_copies,
+    warn_of_counts,
+)
 from skmtgp._data.outliers import far_off, warn_of_outliers
 from skmtgp._data.partitions import check_partitions
+from skmtgp._data.task_column import locate
 from skmtgp._data.trend import read_trend
 from skmtgp._estimators.slopes import Slopes
 from skmtgp._estimators.targets import fit_target

@@ -5,13 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
-from skmtgp._data.checks import is_binary
 from skmtgp._data.complete import count_missing, design_of
 from skmtgp._data.dask import held, is_dask
 from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.known import Known
 from skmtgp._data.labels import sorted_tasks
+from skmtgp._data.oddities import is_binary
 from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven

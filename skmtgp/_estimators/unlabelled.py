@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 from sklearn.pipeline import Pipeline
 
-from skmtgp._data.checks import check_test, locate
+from skmtgp._data.checks import check_test
 from skmtgp._data.descriptors import locate_descriptors
 from skmtgp._data.numbers import as_frame
-from skmtgp._data.task_column import locate_task_column
+from skmtgp._data.task_column import locate, locate_task_column
 from skmtgp._estimators.compiled import are_label, place_of_task
 
 

@@ -14,13 +14,10 @@ from numpy.typing import ArrayLike
 from scipy.linalg import block_diag, helmert
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import (
-    check_new_task,
-    check_training,
-    locate,
-    warn_of_noise,
-)
+from skmtgp._data.checks import check_new_task, check_training
 from skmtgp._data.labels import rows_by_code
+from skmtgp._data.task_column import locate
+from skmtgp._estimators.doubts import warn_of_noise
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads

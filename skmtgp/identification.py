@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
-from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_magnitude
@@ -25,6 +24,7 @@ from skmtgp._estimators.carried import (
 from skmtgp._estimators.estimator import Estimator
 from skmtgp._estimators.unlabelled import inputs_of_any_task
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.pipelines import end_of
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.learning.identifying import Output, follow, identify
 from skmtgp.learning.novel import Population
@@ -430,8 +430,7 @@ def _best(estimator):
 
 def _last(estimator):
     """The model at the end of a pipeline, checked."""
-    estimator = _best(estimator)
-    model = _best(estimator[-1] if isinstance(estimator, Pipeline) else estimator)
+    model = end_of(estimator)
     _check_kind(model)
     check_is_fitted(model)
     model._check_rows()

@@ -12,12 +12,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
-from sklearn.pipeline import Pipeline
 from sklearn.utils import check_consistent_length
 
 from skmtgp._data.labels import Labels, check_labels
 from skmtgp._data.numbers import check_numbers
 from skmtgp._data.task_column import task_labels
+from skmtgp._support.pipelines import at_the_end, end_of
 
 __all__ = [
     "coverage",
@@ -356,7 +356,7 @@ def make_coverage_scorer(
 
 def _minus_msll(estimator, X, y, *, y_train, task_feature):
     y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
-    if _wide(estimator) is not None:
+    if _is_wide(end_of(estimator)):
         y_train = np.ravel(np.asarray(y_train, dtype=np.float64))
         y_train = y_train[~np.isnan(y_train)]
     return -mean_standardized_log_loss(y, *found, y_train=y_train, tasks=tasks)
@@ -377,28 +377,22 @@ def _compared(estimator, X, y, task_feature, **options):
 
     The columns of y are the tasks of a WideRegressor, and gaps are left out.
     """
-    found = estimator.predict(X, **options)
-    found, wide = found if options else [found], _wide(estimator)
-    if wide is None:
+    model, rows = at_the_end(estimator, X)
+    found = model.predict(rows, **options)
+    found = found if options else [found]
+    if not _is_wide(model):
         return y, task_labels(X, task_feature).of_rows(), found
-    table = wide._targets(y)
+    table = model._targets(y)
     check_consistent_length(table, X)
     measured = ~np.isnan(table)
-    tasks = np.broadcast_to(wide.outputs_, table.shape)[measured]
+    tasks = np.broadcast_to(model.outputs_, table.shape)[measured]
     found = [of.reshape(table.shape)[measured] for of in found]
     return table[measured], tasks, found
 
 
-def _wide(estimator):
-    """The WideRegressor, whose tasks are columns of y; None of other models."""
-    while not hasattr(estimator, "outputs_"):
-        if isinstance(estimator, Pipeline):
-            estimator = estimator[-1]
-        elif hasattr(estimator, "best_estimator_"):
-            estimator = estimator.best_estimator_
-        else:
-            return None
-    return estimator
+def _is_wide(model):
+    """Whether it is a WideRegressor, whose tasks are columns of y."""
+    return hasattr(model, "outputs_")
 
 
 def _variances(targets, by_task):

@@ -16,6 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_stream
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._support.pipelines import at_the_end
 from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
@@ -232,13 +233,9 @@ def predict_interval(
     >>> bool(((lower <= y) & (y <= upper)).mean() > 0.9)
     True
     """
+    model, X = at_the_end(model, X)
     if hasattr(model, "predict_interval"):
         return model.predict_interval(X, level, include_noise)
-    if isinstance(model, Pipeline):
-        X = model[:-1].transform(X) if len(model) > 1 else X
-        return predict_interval(model[-1], X, level, include_noise)
-    if hasattr(model, "best_estimator_"):
-        return predict_interval(model.best_estimator_, X, level, include_noise)
     check_is_fitted(model)  # of a search there is no best estimator yet
     advice = ""
     if isinstance(model, TransformedTargetRegressor):

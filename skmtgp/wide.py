@@ -11,7 +11,6 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, MetaEstimatorMixin, RegressorMixin, clone
 from sklearn.metrics import r2_score
-from sklearn.pipeline import Pipeline
 from sklearn.utils import _safe_indexing
 from sklearn.utils.validation import (
     check_consistent_length,
@@ -24,6 +23,7 @@ from skmtgp._data.labels import check_labels
 from skmtgp._data.numbers import as_frame, check_numbers, column_names, refuse_empty
 from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._support.pipelines import at_the_end, end_of
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -404,9 +404,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         table = self._table(X, reset=False)
         n, n_outputs = len(table), len(self.outputs_)
         codes, rows = np.divmod(np.arange(n * n_outputs), n)
-        found = getattr(self.estimator_, method)(
-            self._stack(table, rows, codes), *args, **kwargs
-        )
+        stacked = self._stack(table, rows, codes)
+        model, stacked = at_the_end(self.estimator_, stacked)
+        found = _method(model, method)(stacked, *args, **kwargs)
         if not isinstance(found, tuple):
             return self._arrange(found, n)
         return tuple(self._arrange(part, n) for part in found)
@@ -505,16 +505,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If the estimator has no `loo_predict`.
         """
         check_is_fitted(self)
-        model = self.estimator_
-        while isinstance(model, Pipeline):
-            model = model[-1]
-        if not hasattr(model, "loo_predict"):
-            raise TypeError(
-                f"{type(model).__name__} has no loo_predict: set `estimator` to a "
-                "Gaussian process of skmtgp, or cross-validate."
-            )
+        ask = _method(end_of(self.estimator_), "loo_predict", ", or cross-validate")
         found = np.full((2, *self._shape), np.nan)
-        found[:, *self._cells] = model.loo_predict(include_noise)
+        found[:, *self._cells] = ask(include_noise)
         mean, std = found[:, :, 0] if self._single else found
         return mean, std
 
@@ -618,3 +611,13 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         tags = super().__sklearn_tags__()
         tags.target_tags.multi_output = True
         return tags
+
+
+def _method(model, name, instead=""):
+    """A method of the model, or a TypeError; `instead` tells what else there is."""
+    if not hasattr(model, name):
+        raise TypeError(
+            f"{type(model).__name__} has no {name}: set `estimator` to a Gaussian "
+            f"process of skmtgp{instead}."
+        )
+    return getattr(model, name)

@@ -245,15 +245,25 @@ def warn_of_copies(n_copies):
         )
 
 
-def warn_of_counts(n_repeats):
-    """Say that measurements agree exactly with others, if they are not few."""
+def warn_of_counts(n_repeats, *, inference=None):
+    """Say that measurements agree exactly with others, if they are not few.
+
+    `inference` is one that has no counts: each measurement is a row.
+    """
     if n_repeats > FEW_COPIES:
+        instead = "Give repeat_variance, as average_repeats returns it."
+        rows = ""
+        if inference is not None:
+            instead = f"Set inference='dense'. {instead}"
+            rows = (
+                f" inference={inference!r} has a row for each of them, and loo_predict "
+                "leaves out one of these rows at a time."
+            )
         warn(
             "sample_weight counts rows more than once. Without repeat_variance their "
             "measurements agree exactly, as if y had no noise. If it has some, the "
             "noise that is learned may be far too small, and so may the standard "
-            "deviations of predictions. Give repeat_variance, as average_repeats "
-            "returns it. To a BaggingRegressor give bootstrap=False and max_samples "
-            "below 1.",
+            f"deviations of predictions.{rows} {instead} To a BaggingRegressor give "
+            "bootstrap=False and max_samples below 1.",
             RepeatedRowsWarning,
         )

@@ -56,7 +56,8 @@ def read(model, X, y, given=NOTHING):
         If something cannot be used, which it names.
     """
     plain = all(part is None for part in given)
-    X, y, given = weighed_rows(X, y, given, repeats=repeats_rows(model.inference))
+    repeats = repeats_rows(model.inference)
+    X, y, given = weighed_rows(X, y, given, repeats=repeats)
     stay = is_dask(X, y) and leaves_rows(model.inference)
     if stay:
         _refuse_what_needs_rows(model, given)
@@ -65,6 +66,9 @@ def read(model, X, y, given=NOTHING):
     if plain and not stay:
         tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
+    elif repeats and training.known is None and _learns_noise(model):
+        copies = count_copies(training.features, training.codes, training.Y)
+        warn_of_counts(copies, inference=model.inference)
     return training
 
 

@@ -14,6 +14,7 @@ from skmtgp._data.numbers import check_numbers
 from skmtgp._data.order import refuse_another_order
 from skmtgp._data.task_column import task_labels
 from skmtgp._estimators.targets import AS_GIVEN
+from skmtgp._support.pipelines import at_the_end, end_of
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.wide import WideRegressor
 
@@ -44,13 +45,9 @@ def fitted_model(estimator):
 
 
 def _last(estimator):
-    if isinstance(estimator, Pipeline):
-        return _last(estimator[-1])
-    if hasattr(estimator, "best_estimator_"):
-        return _last(estimator.best_estimator_)
-    if isinstance(estimator, WideRegressor) and hasattr(estimator, "estimator_"):
-        return _last(estimator.estimator_)
-    return estimator
+    model = end_of(estimator)
+    is_wide = isinstance(model, WideRegressor) and hasattr(model, "estimator_")
+    return _last(model.estimator_) if is_wide else model
 
 
 def _refuse_wide(estimator):
@@ -122,11 +119,6 @@ def check_output(output, n_outputs, name="output"):
 
 def _as_learned(estimator):
     """The estimator whose predictions stay as `target_transform` made the targets."""
-    if isinstance(estimator, Pipeline):
-        name, last = estimator.steps[-1]
-        return Pipeline([*estimator.steps[:-1], (name, _as_learned(last))])
-    if hasattr(estimator, "best_estimator_"):
-        return _as_learned(estimator.best_estimator_)
     model = copy(estimator)
     vars(model).pop("_target", None)
     return model
@@ -166,12 +158,11 @@ def predictions(estimator, X, y, output, *, learned=False):
     """
     _refuse_wide(estimator)
     target = model_of_tasks(estimator, PREDICTED)._target
-    # A search's own predict may not pass return_std on.
-    model = getattr(estimator, "best_estimator_", estimator)
+    refuse_another_order(X, y)
+    model, rows = at_the_end(estimator, X)
     if learned and target is not AS_GIVEN:
         model = _as_learned(model)
-    refuse_another_order(X, y)
-    mean, std = model.predict(X, return_std=True, include_noise=True)
+    mean, std = model.predict(rows, return_std=True, include_noise=True)
     y = check_numbers(y, "y")
     if y.shape != mean.shape:
         raise ValueError(
@@ -206,12 +197,9 @@ def intervals(estimator, X, level):
         If the model has no intervals.
     """
     _refuse_wide(estimator)
-    if isinstance(estimator, Pipeline):
-        X = estimator[:-1].transform(X) if len(estimator) > 1 else X
-        return intervals(estimator[-1], X, level)
-    if hasattr(estimator, "best_estimator_"):
-        return intervals(estimator.best_estimator_, X, level)
-    model = model_with("predict_interval", estimator, "draw what it predicts by hand.")
+    instead = "draw what it predicts by hand."
+    model, X = at_the_end(estimator, X)
+    model = model_with("predict_interval", model, instead)
     return (model.predict(X), *model.predict_interval(X, level))
 
 

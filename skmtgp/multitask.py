@@ -27,10 +27,10 @@ from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
-from skmtgp.learning.novel import join_described, learn_novel
+from skmtgp.learning.novel import join_described, learn_again, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.ranks import learn_ranks
-from skmtgp.learning.settling import settled
+from skmtgp.learning.settling import has_rows, settled
 from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.terms import learn_terms
 from skmtgp.model.described import describes
@@ -854,6 +854,19 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             budget=self._budget(),
             trend=trend,
         )
+
+    def _learns_rows_of(self, task):
+        prior, trend = self._likelihoods[0].prior, self._trends()
+        if self._engine.uses_design or not has_rows(prior):
+            return False  # of Kronecker products the rows are part of
+        return trend is None or not trend[0].per_task
+
+    def _row_of(self, task, likelihood, data, informed):
+        """What learns the row of F of a task, at a posterior of the others' rows."""
+        rows = data.tasks == task
+        X, y, budget = data.X[rows], data.y[rows], self._budget()
+        options = {"task": task, "informed": informed, "budget": budget}
+        return partial(learn_again, likelihood, X=X, y=y, **options)
 
     def _rank_with_task(self):
         return int(np.sum(self.rank_)) + sum(self._full())

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from copy import copy
 from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,9 +14,40 @@ from skmtgp._estimators.online import OnlineGP, grows
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.novel import join_alike
 
+GROWN = 1.5  # times the rows from which a task's relation was learned: learn it anew
+
+
+class Joined(NamedTuple):
+    """How a task has joined.
+
+    Attributes
+    ----------
+    informed : bool
+        Whether its relation to the others has a prior.
+    told : int
+        Rows from which it was learned.
+    seen : int
+        Rows of the task up to now, whether they were kept or not.
+    """
+
+    informed: bool
+    told: int
+    seen: int
+
+    def followed_by(self, n_new):
+        """The same with more rows."""
+        return self._replace(seen=self.seen + n_new)
+
+    @property
+    def is_outgrown(self):
+        """Whether there are so many more rows that they tell the relation better."""
+        return self.seen >= GROWN * self.told
+
 
 class JoiningGP(OnlineGP):
     """Gaussian process regressor that new tasks can join."""
+
+    _joined = {}  # a Joined of each task that has joined, by its label
 
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
@@ -36,6 +70,77 @@ class JoiningGP(OnlineGP):
             draws = self._updated_draws(update, likelihoods, draws)
             self._store_learned(training, engine, likelihoods, modes, posteriors)
             self._store_updated_draws(draws)
+        joined = Joined(informed, told=len(Y), seen=len(Y))
+        self._joined = self._joined | {label: joined}
+
+    def _join_rows(self, features, codes, Y):
+        """Let rows of known tasks join; of those that joined they tell the relation."""
+        super()._join_rows(features, codes, Y)
+        counts = Counter(self.tasks_[codes].tolist())
+        known = self._joined
+        self._joined = {of: known[of].followed_by(counts[of]) for of in known}
+        for label, joined in self._joined.items():
+            task = self.tasks_.tolist().index(label)
+            if joined.is_outgrown and self._learns_rows_of(task):
+                self._relate_again(task, joined.informed)
+                self._joined[label] = joined._replace(told=joined.seen)
+
+    def _learns_rows_of(self, task):
+        """Whether a relation is learned, and can be learned from the task's rows."""
+        return False
+
+    def _relate_again(self, task, informed):
+        """Learn the relation of a task that has joined from all of its rows."""
+        training, engine, draws = self._training(), self._engine, None
+        of_task = training.codes == task
+        with limit_threads(self._side):
+            rest = self._without_rows(training, of_task)
+            origin = np.where(of_task, -1, np.cumsum(~of_task) - 1)
+            update = rest._updating(training, origin, engine)
+            outputs = zip(
+                rest._likelihoods,
+                rest._posteriors,
+                rest._thetas(),
+                training.data(engine),
+                rest._leeway,
+                strict=True,
+            )
+            modes = []
+            for likelihood, posterior, theta, data, leeway in outputs:
+                learn = self._row_of(task, likelihood, data, informed)
+                modes.append(learn(posterior, theta, leeway=leeway)[1])
+            outputs = zip(rest._posteriors, self._likelihoods, modes, strict=True)
+            posteriors = [update(of, by, mode.theta) for of, by, mode in outputs]
+            if self._is_sampled():
+                draws = rest._draws_with_row(task, training, informed)
+                draws = rest._updated_draws(update, self._likelihoods, draws)
+            self._store_learned(training, engine, self._likelihoods, modes, posteriors)
+            self._store_updated_draws(draws)
+
+    def _without_rows(self, training, left_out):
+        """The model of the other rows, at the same hyperparameters and of all tasks."""
+        rest, kept = copy(self), np.flatnonzero(~left_out)
+        rest._go_on(training.part(kept), kept, self._engine)
+        return rest
+
+    def _draws_with_row(self, task, training, informed):
+        """The draws of each output, with a row of the task for each."""
+        rng = np.random.default_rng(task)
+        outputs = zip(
+            self._likelihoods,
+            self._predictive,
+            self._draws_of_outputs(),
+            training.data(self._engine),
+            strict=True,
+        )
+        for likelihood, mixture, thetas, data in outputs:
+            learn = self._row_of(task, likelihood, data, informed)
+            draws = zip(mixture.parts, thetas, strict=True)
+            yield np.array([learn(*draw, rng=rng)[1].theta for draw in draws])
+
+    def _store(self, training, problems, modes, lower=()):
+        super()._store(training, problems, modes, lower)
+        self._joined = {}
 
     def _check_room(self, training):
         """Whether memory suffices for the model with a task more."""

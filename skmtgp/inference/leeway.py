@@ -51,6 +51,14 @@ class OfTheta(NamedTuple):
 
         return OfTheta(np.array([list(map(joined, pair)) for pair in self.ends]))
 
+    def with_row(self, prior, theta, rows, own, task):
+        """The same once a task has other rows of F, as in `bordered`."""
+
+        def changed(end):
+            return prior.with_row(end, _rows_at(prior, theta, end, rows), own, task)
+
+        return OfTheta(np.array([list(map(changed, pair)) for pair in self.ends]))
+
 
 class OfRow(NamedTuple):
     """What is open of a task's row of F.
@@ -84,6 +92,10 @@ class OfRow(NamedTuple):
     def bordered(self, prior, theta, rows, own, position, log_noise):
         """The same once a task has joined by this border, see `Prior.bordered`."""
         return self._replace(task=self.task + (self.task >= position))
+
+    def with_row(self, prior, theta, rows, own, task):
+        """The same once another task has other rows of F."""
+        return self
 
 
 def _rows_at(prior, theta, end, rows):

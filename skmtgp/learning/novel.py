@@ -111,6 +111,83 @@ def learn_novel(
     return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
 
+def learn_again(
+    likelihood, posterior, theta, X, y, *, task, informed, budget, leeway=(), rng=None
+):
+    """A novel task's row of F, once there are more samples of it.
+
+    Parameters
+    ----------
+    likelihood : Likelihood
+        Of all tasks, without the samples of this one.
+    posterior : Posterior
+        The same at theta.
+    theta : ndarray of shape (n_theta,)
+        Parameters; the task's row of F does not matter.
+    X, y, informed, budget, rng
+        See :func:`learn_novel`.
+    task : int
+        Position of the task.
+    leeway : tuple of OfTheta or OfRow, default=()
+        What is open of theta, this row of F counted.
+
+    Returns
+    -------
+    prior : Prior
+        That of the likelihood.
+    mode : Mode
+        All parameters, with another row of F.
+    """
+    begin, prior = perf_counter(), likelihood.prior
+    factors, shared, equal = shares_of(prior, theta)
+    with_diagonal = [form.n_own > 1 for _, form in prior.terms]
+    alone = [
+        np.zeros(F.shape[1], dtype=bool) if diagonal else _columns_of(task, F)
+        for F, diagonal in zip(factors, with_diagonal, strict=True)
+    ]
+    others = [F[:, ~own] for F, own in zip(factors, alone, strict=True)]
+    owns = [d or bool(own.any()) for d, own in zip(with_diagonal, alone, strict=True)]
+    values = prior.values(theta)
+    noise = np.broadcast_to(values.noise, prior.n_tasks)[task]
+    of_terms = {"own": owns, "shared": shared, "equal": equal}
+    if prior.trend is not None:
+        of_terms["trend"] = prior.trend.rows_of(task, X)
+    with limit_threads(len(y)):
+        border = BorderLikelihood(
+            posterior, others, X, y, noise, level=values.level, **of_terms
+        )
+        posed = Posed(border, np.delete(np.hstack(others), task, axis=0))
+        best = learn_border(posed, budget, informed=informed, rng=rng)
+        value, of_row = border.value(best.x), ()
+        if informed and rng is None:
+            of_row = leeway_of(posed, best.x, task)
+    rows, own = by_terms(border, best.x, len(factors))
+    rows = [_widened(*of) for of in zip(rows, alone, strict=True)]
+    for row, w, column in zip(rows, own, alone, strict=True):
+        row[column] = w
+    of_row = tuple(
+        of._replace(axes=[_widened(*axes) for axes in zip(of.axes, alone, strict=True)])
+        for of in of_row
+    )
+    kept = (of for of in leeway if getattr(of, "task", None) != task)
+    leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in kept) + of_row
+    theta, seconds = prior.with_row(theta, rows, own, task), perf_counter() - begin
+    return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
+
+
+def _columns_of(task, F):
+    """Which column of F the task has to itself, a mask, see `LowRank.bordered`."""
+    alone = ~np.delete(F, task, axis=0).any(axis=0)
+    return alone & (np.cumsum(alone) == 1)
+
+
+def _widened(rows, alone):
+    """Rows of F with zeros for the columns that the task has to itself."""
+    whole = np.zeros((*np.shape(rows)[:-1], len(alone)))
+    whole[..., ~alone] = rows
+    return whole
+
+
 def join_described(
     likelihood, row, position, own_noise, posterior, theta, *, leeway=(), rng=None
 ):

@@ -78,14 +78,14 @@ def few_rows(problem):
     """
     data, prior = problem.data, problem.prior
     few = np.zeros(data.n_tasks, dtype=bool)
-    learned = problem.budget.max_iter and _has_rows(prior)
+    learned = problem.budget.max_iter and has_rows(prior)
     if not learned or is_dask(data.X) or data.design is not None:
         return few
     few = np.bincount(data.tasks, data.counts, data.n_tasks) <= FEW
     return few & (np.count_nonzero(~few) >= LEAST)
 
 
-def _has_rows(prior):
+def has_rows(prior):
     """Whether each task has a row of F to learn, in each term that has an F."""
     forms = [form for _, form in prior.terms]
     return any(getattr(form, "rank", 0) for form in forms) and not any(

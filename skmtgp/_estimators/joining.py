@@ -91,30 +91,21 @@ class JoiningGP(OnlineGP):
 
     def _relate_again(self, task, informed):
         """Learn the relation of a task that has joined from all of its rows."""
-        training, engine, draws = self._training(), self._engine, None
-        of_task = training.codes == task
+        before, engine, draws = self._training(), self._engine, None
+        of_task, training = before.codes == task, before.with_unit_of(task)
+        data = training.data(engine)
         with limit_threads(self._side):
-            rest = self._without_rows(training, of_task)
+            rest = self._without_rows(before, of_task)
+            likelihoods = list(map(engine.grown, self._likelihoods, data))
             origin = np.where(of_task, -1, np.cumsum(~of_task) - 1)
             update = rest._updating(training, origin, engine)
-            outputs = zip(
-                rest._likelihoods,
-                rest._posteriors,
-                rest._thetas(),
-                training.data(engine),
-                rest._leeway,
-                strict=True,
-            )
-            modes = []
-            for likelihood, posterior, theta, data, leeway in outputs:
-                learn = self._row_of(task, likelihood, data, informed)
-                modes.append(learn(posterior, theta, leeway=leeway)[1])
-            outputs = zip(rest._posteriors, self._likelihoods, modes, strict=True)
+            modes = list(rest._modes_with_row(task, data, informed))
+            outputs = zip(rest._posteriors, likelihoods, modes, strict=True)
             posteriors = [update(of, by, mode.theta) for of, by, mode in outputs]
             if self._is_sampled():
-                draws = rest._draws_with_row(task, training, informed)
-                draws = rest._updated_draws(update, self._likelihoods, draws)
-            self._store_learned(training, engine, self._likelihoods, modes, posteriors)
+                draws = rest._draws_with_row(task, data, informed)
+                draws = rest._updated_draws(update, likelihoods, draws)
+            self._store_learned(training, engine, likelihoods, modes, posteriors)
             self._store_updated_draws(draws)
 
     def _without_rows(self, training, left_out):
@@ -123,20 +114,23 @@ class JoiningGP(OnlineGP):
         rest._go_on(training.part(kept), kept, self._engine)
         return rest
 
-    def _draws_with_row(self, task, training, informed):
+    def _modes_with_row(self, task, data, informed):
+        """The mode of each output, with a row of the task from these data."""
+        models = self._posteriors, self._thetas(), self._leeway
+        outputs = zip(self._likelihoods, data, *models, strict=True)
+        for *of_data, posterior, theta, leeway in outputs:
+            learn = self._row_of(task, *of_data, informed)
+            yield learn(posterior, theta, leeway=leeway)
+
+    def _draws_with_row(self, task, data, informed):
         """The draws of each output, with a row of the task for each."""
         rng = np.random.default_rng(task)
-        outputs = zip(
-            self._likelihoods,
-            self._predictive,
-            self._draws_of_outputs(),
-            training.data(self._engine),
-            strict=True,
-        )
-        for likelihood, mixture, thetas, data in outputs:
-            learn = self._row_of(task, likelihood, data, informed)
+        mixtures, draws = self._predictive, self._draws_of_outputs()
+        outputs = zip(self._likelihoods, data, mixtures, draws, strict=True)
+        for *of_data, mixture, thetas in outputs:
+            learn = self._row_of(task, *of_data, informed)
             draws = zip(mixture.parts, thetas, strict=True)
-            yield np.array([learn(*draw, rng=rng)[1].theta for draw in draws])
+            yield np.array([learn(*draw, rng=rng).theta for draw in draws])
 
     def _store(self, training, problems, modes, lower=()):
         super()._store(training, problems, modes, lower)

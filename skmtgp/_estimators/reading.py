@@ -66,7 +66,7 @@ def read(model, X, y, given=NOTHING):
     if plain and not stay:
         tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
-    elif repeats and training.known is None and _learns_noise(model):
+    elif not plain and repeats and training.known is None and _learns_noise(model):
         copies = count_copies(training.features, training.codes, training.Y)
         warn_of_counts(copies, inference=model.inference)
     return training

@@ -245,6 +245,13 @@ class Training:
             known=self.known and self.known.followed_by(len(Y)),
         )
 
+    def with_unit_of(self, task):
+        """The data with the unit of a task from its rows; with a trend as it is."""
+        if self.trends is not None or not self.units.per_task:
+            return self
+        of_task = self.Y[self.codes == task]
+        return replace(self, units=self.units.with_unit_of(of_task, task))
+
     def part(self, rows):
         """The data of some of the rows, in the same units."""
         parts = {name: getattr(self, name)[rows] for name in ("features", "codes", "Y")}

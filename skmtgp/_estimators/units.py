@@ -109,6 +109,13 @@ class Units(NamedTuple):
         mean = first + np.where(near, 0.0, step * np.rint((mean - first) / step))
         return self._replace(centre=np.insert(self.centre, position, mean, axis=1))
 
+    def with_unit_of(self, Y, position):
+        """The same, with the units of a task from its targets Y."""
+        others = [
+            np.delete(of, position, axis=1) if of.shape[1] > 1 else of for of in self
+        ]
+        return Units(*others).with_task(Y, position)
+
 
 def shared_units(Y, *, centred, scaled, known=None):
     """The mean and the deviation of all targets of an output.

@@ -133,35 +133,17 @@ def learn_again(
 
     Returns
     -------
-    prior : Prior
-        That of the likelihood.
     mode : Mode
         All parameters, with another row of F.
     """
     begin, prior = perf_counter(), likelihood.prior
-    factors, shared, equal = shares_of(prior, theta)
-    with_diagonal = [form.n_own > 1 for _, form in prior.terms]
-    alone = [
-        np.zeros(F.shape[1], dtype=bool) if diagonal else _columns_of(task, F)
-        for F, diagonal in zip(factors, with_diagonal, strict=True)
-    ]
-    others = [F[:, ~own] for F, own in zip(factors, alone, strict=True)]
-    owns = [d or bool(own.any()) for d, own in zip(with_diagonal, alone, strict=True)]
-    values = prior.values(theta)
-    noise = np.broadcast_to(values.noise, prior.n_tasks)[task]
-    of_terms = {"own": owns, "shared": shared, "equal": equal}
-    if prior.trend is not None:
-        of_terms["trend"] = prior.trend.rows_of(task, X)
     with limit_threads(len(y)):
-        border = BorderLikelihood(
-            posterior, others, X, y, noise, level=values.level, **of_terms
-        )
-        posed = Posed(border, np.delete(np.hstack(others), task, axis=0))
+        posed, alone = _posed_again(prior, posterior, theta, X, y, task)
         best = learn_border(posed, budget, informed=informed, rng=rng)
-        value, of_row = border.value(best.x), ()
+        value, of_row = posed.border.value(best.x), ()
         if informed and rng is None:
             of_row = leeway_of(posed, best.x, task)
-    rows, own = by_terms(border, best.x, len(factors))
+    rows, own = by_terms(posed.border, best.x, prior.n_terms)
     rows = [_widened(*of) for of in zip(rows, alone, strict=True)]
     for row, w, column in zip(rows, own, alone, strict=True):
         row[column] = w
@@ -172,10 +154,30 @@ def learn_again(
     kept = (of for of in leeway if getattr(of, "task", None) != task)
     leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in kept) + of_row
     theta, seconds = prior.with_row(theta, rows, own, task), perf_counter() - begin
-    return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
+    return Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
 
-def _columns_of(task, F):
+def _posed_again(prior, posterior, theta, X, y, task):
+    """The likelihood of a row of F, and of each term which column is its own."""
+    factors, shared, equal = shares_of(prior, theta)
+    diagonals = [form.n_own > 1 for _, form in prior.terms]
+    alone = [
+        _column_of(task, F) & (not diagonal)
+        for F, diagonal in zip(factors, diagonals, strict=True)
+    ]
+    others = [F[:, ~own] for F, own in zip(factors, alone, strict=True)]
+    owns = [d or bool(own.any()) for d, own in zip(diagonals, alone, strict=True)]
+    of_terms = {"own": owns, "shared": shared, "equal": equal}
+    if prior.trend is not None:
+        of_terms["trend"] = prior.trend.rows_of(task, X)
+    values = prior.values(theta)
+    noise = np.broadcast_to(values.noise, prior.n_tasks)[task]
+    of_terms["level"] = values.level
+    border = BorderLikelihood(posterior, others, X, y, noise, **of_terms)
+    return Posed(border, np.delete(np.hstack(others), task, axis=0)), alone
+
+
+def _column_of(task, F):
     """Which column of F the task has to itself, a mask, see `LowRank.bordered`."""
     alone = ~np.delete(F, task, axis=0).any(axis=0)
     return alone & (np.cumsum(alone) == 1)

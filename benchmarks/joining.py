@@ -3,9 +3,10 @@
 ``python benchmarks/joining.py`` draws six tasks as intervals.py does, of rank 2, fits
 five of them with 20 rows each, by the mode of the hyperparameters, by Laplace's method
 and by draws of them, and lets the sixth join by 2 to 10 rows with ``add_task``. "mode,
-certain" is the mode without what the rows leave open of the sixth task. Columns are
-those of intervals.py, over 20 test points of the sixth task, averaged over the draws;
-"seconds" are the processor's of ``add_task``.
+certain" is the mode without what the rows leave open of the sixth task. "mode, one by
+one" joins by two rows, and gets the others one after another by ``partial_fit``.
+Columns are those of intervals.py, over 20 test points of the sixth task, averaged over
+the draws; "seconds" are the processor's of ``add_task``, and of all ``partial_fit``.
 """
 
 import argparse
@@ -40,6 +41,17 @@ def rows_of(seed, few):
                 joined._predictive = joined._posteriors
                 found = measured(joined, *test)
                 yield {"rows": n, "by": "mode, certain", "seconds": seconds, **found}
+                yield {"rows": n, **one_by_one(model, X[new[:n]], y[new[:n]], test)}
+
+
+def one_by_one(model, X, y, test):
+    """A row of the table: two rows join at once, the others follow."""
+    begin = time.process_time()
+    joined = model.add_task(X[:2], y[:2])
+    for i in range(2, len(X)):
+        joined.partial_fit(X[[i]], y[[i]])
+    seconds = time.process_time() - begin
+    return {"by": "mode, one by one", "seconds": seconds, **measured(joined, *test)}
 
 
 def main():

@@ -863,7 +863,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     def _row_of(self, task, likelihood, data, informed):
         """What learns the row of F of a task, at a posterior of the others' rows."""
-        rows = data.tasks == task
+        rows = self._rows_that_relate(data.tasks == task)
         X, y, budget = data.X[rows], data.y[rows], self._budget()
         options = {"task": task, "informed": informed, "budget": budget}
         return partial(learn_again, likelihood, X=X, y=y, **options)

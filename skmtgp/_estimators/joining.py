@@ -15,6 +15,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.novel import join_alike
 
 GROWN = 1.5  # times the rows from which a task's relation was learned: learn it anew
+ENOUGH = 100  # rows tell it: more take longer, and tell little more
 
 
 class Joined(NamedTuple):
@@ -41,7 +42,7 @@ class Joined(NamedTuple):
     @property
     def is_outgrown(self):
         """Whether there are so many more rows that they tell the relation better."""
-        return self.seen >= GROWN * self.told
+        return self.told < ENOUGH and self.seen >= GROWN * self.told
 
 
 class JoiningGP(OnlineGP):
@@ -107,6 +108,12 @@ class JoiningGP(OnlineGP):
                 draws = rest._updated_draws(update, likelihoods, draws)
             self._store_learned(training, engine, likelihoods, modes, posteriors)
             self._store_updated_draws(draws)
+
+    def _rows_that_relate(self, of_task):
+        """Positions of some of a task's rows, evenly taken if there are many."""
+        rows = np.flatnonzero(of_task)
+        some = np.linspace(0, len(rows) - 1, min(len(rows), ENOUGH)).astype(int)
+        return rows[some]
 
     def _without_rows(self, training, left_out):
         """The model of the other rows, at the same hyperparameters and of all tasks."""

@@ -35,7 +35,8 @@ class OnlineGP(FittedGP):
 
         Later calls give the model that a fit to all rows would give with the
         hyperparameters, means and scales of the first call. They do not decompose the
-        covariance again.
+        covariance again. Of a task that has joined, the relation to the others is
+        learned again as its rows become more.
 
         Parameters
         ----------
@@ -82,6 +83,13 @@ class OnlineGP(FittedGP):
         one is observed again, ``inference="auto"`` decomposes the covariance of all
         rows once and continues with dense inference. "kronecker" raises an error if a
         cell is observed again, or if half of the cells are missing.
+
+        A few rows of a new task tell little of how it is related to the others. So a
+        MultiTaskGPRegressor learns its row of the task covariance again each time that
+        the task has half as many rows more, up to a hundred rows, from all of them and
+        with the same prior; and its unit, if tasks have units of their own. This takes
+        O(n^2) for each row of the task. With Kronecker products, with `trend_per_task`
+        and for tasks with descriptors nothing is learned again.
 
         Predictors that were compiled from this estimator are refreshed at the end, see
         :func:`~skmtgp.compile_predictor`.

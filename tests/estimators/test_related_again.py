@@ -247,3 +247,17 @@ def test_a_failure_changes_nothing(monkeypatch):
         model.partial_fit(X_NEW[2:4], Y_NEW[2:4])
     close(told(model, Z), before, digits=14)
     assert model._joined[4].seen == 2
+
+
+def test_many_rows(monkeypatch):
+    """A hundred rows are enough, and are taken from all of them."""
+    monkeypatch.setattr("skmtgp._estimators.joining.ENOUGH", 20)
+    X, y = tasks([4], 60, seed=7)
+    model = MODELS["paper"].fit(*FIRST).add_task(X[:2], y[:2])
+    model.partial_fit(X[2:40], y[2:40])
+    K_rho = model.task_covariance_
+    expected = MODELS["paper"].fit(*FIRST).add_task(X[:40][::2], y[:40][::2])
+    np.testing.assert_allclose(K_rho, expected.task_covariance_, rtol=0.05, atol=0.05)
+    model.partial_fit(X[40:], y[40:])
+    np.testing.assert_array_equal(model.task_covariance_, K_rho)
+    close(told(model, Z), told(refitted(model), Z), digits=7)

@@ -53,7 +53,8 @@ class JoiningGP(OnlineGP):
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
         before = self._training()
-        training, position = before.with_task(features, label, Y)
+        expected = self._expected_means()
+        training, position = before.with_task(features, label, Y, expected)
         training = self._incomplete(training)
         if grows(before, training):
             self._check_room(training)
@@ -86,6 +87,28 @@ class JoiningGP(OnlineGP):
                 self._relate_again(task, joined.informed)
                 self._joined[label] = joined._replace(told=joined.seen)
 
+    def _expected_means(self, *without):
+        """Mean and deviation of a new task's mean around the centre, by output.
+
+        In the units of `Units`; None without levels.
+        """
+        levelled = self._likelihoods[0].prior.levels and self.normalize_y
+        if not levelled or self._units.own_scales:
+            return None
+        means, variances = [], []
+        for likelihood, posterior in zip(
+            self._likelihoods, self._posteriors, strict=True
+        ):
+            K_rho = np.diagonal(self._covariance_of_tasks(posterior))
+            if posterior.K_rho.ndim == 2:
+                K_rho = K_rho * posterior.kernel.diag(self.X_train_).mean()
+            means.append(np.delete(posterior.levels, without).mean())
+            noise = likelihood.prior.values(posterior.theta).noise.mean()
+            of_f = np.delete(K_rho, without).mean()
+            variances.append(posterior.level + of_f + noise)
+        scale = self._units.scale[:, 0]
+        return scale * means, scale * np.sqrt(variances)
+
     def _learns_rows_of(self, task):
         """Whether a relation is learned, and can be learned from the task's rows."""
         return False
@@ -93,10 +116,11 @@ class JoiningGP(OnlineGP):
     def _relate_again(self, task, informed):
         """Learn the relation of a task that has joined from all of its rows."""
         before, engine, draws = self._training(), self._engine, None
-        of_task, training = before.codes == task, before.with_unit_of(task)
-        data = training.data(engine)
+        of_task = before.codes == task
         with limit_threads(self._side):
             rest = self._without_rows(before, of_task)
+            training = before.with_unit_of(task, rest._expected_means(task))
+            data = training.data(engine)
             likelihoods = list(map(engine.grown, self._likelihoods, data))
             origin = np.where(of_task, -1, np.cumsum(~of_task) - 1)
             update = rest._updating(training, origin, engine)

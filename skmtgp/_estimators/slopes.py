@@ -205,7 +205,8 @@ def trends_with_task(units, trends, position, features, Y):
         H @ (of.slopes[0] if own is None else own)
         for of, own in zip(trends, slopes, strict=True)
     ]
-    units = units.with_task(Y - np.transpose(fitted), position)
+    rest = Y - np.transpose(fitted)
+    units = units.with_task(rest, position, units.centre.shape[1])
     scales = units.scale[:, position] if units.own_scales else [None] * len(trends)
     outputs = zip(trends, scales, slopes, strict=True)
     return units, [of.with_task(position, centre, *own) for of, *own in outputs]

@@ -245,19 +245,23 @@ class Training:
             known=self.known and self.known.followed_by(len(Y)),
         )
 
-    def with_unit_of(self, task):
-        """The data with the unit of a task from its rows; with a trend as it is."""
-        if self.trends is not None or not self.units.per_task:
+    def with_unit_of(self, task, expected=None):
+        """The data with the unit of a task from its rows; with a trend as it is.
+
+        For `expected` see :meth:`with_task`.
+        """
+        if self.trends is not None:
             return self
-        of_task = self.Y[self.codes == task]
-        return replace(self, units=self.units.with_unit_of(of_task, task))
+        others, Y = self.units.without_task(task), self.Y[self.codes == task]
+        sizes = task, len(self.tasks) - 1
+        return replace(self, units=others.with_task(Y, *sizes, expected))
 
     def part(self, rows):
         """The data of some of the rows, in the same units."""
         parts = {name: getattr(self, name)[rows] for name in ("features", "codes", "Y")}
         return replace(self, **parts, known=self.known and self.known.part(rows))
 
-    def with_task(self, features, label, Y):
+    def with_task(self, features, label, Y, expected=None):
         """The data of one more task put below the others'.
 
         Parameters
@@ -268,11 +272,13 @@ class Training:
             Its label.
         Y : ndarray of shape (n_new, n_outputs)
             Its targets, not transformed.
+        expected : tuple of (mean, deviation), default=None
+            See :meth:`Units.with_task`.
 
         Returns
         -------
         training : Training
-            In the same units.
+            In the same units; the task may have a centre of its own.
         position : int
             Where the task is among the tasks.
         """
@@ -286,7 +292,7 @@ class Training:
             features = descriptors.inputs(features)
             descriptors = descriptors.with_task(values, position)
         if trends is None:
-            units = units.with_task(Y, position)
+            units = units.with_task(Y, position, len(self.tasks), expected)
         else:
             units, trends = trends_with_task(units, trends, position, features, Y)
         training = replace(

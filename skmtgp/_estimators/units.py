@@ -13,6 +13,7 @@ FEWEST = 3  # rows of a task, whose deviation is taken for its unit
 # taken off: beside larger ones noise may be less than its bounds, and from 1e6 on the
 # likelihood has no digits left.
 FAR, STEP = 300.0, 100.0
+UNLIKELY = 5.0  # deviations of a new task's mean from where the others let it be
 
 
 class Units(NamedTuple):
@@ -96,25 +97,56 @@ class Units(NamedTuple):
         mean, _ = _moments(Y, codes, n_tasks, known)
         return mean.std(axis=1) / self.scale[:, 0]
 
-    def with_task(self, Y, position):
-        """The units of one more task, whose targets are Y."""
-        if not self.per_task:
-            return self
-        mean, spread = _of_one(Y, np.exp(np.log(self.scale).mean(axis=1)))
+    def with_task(self, Y, position, n_tasks, expected=None):
+        """The units of one more task.
+
+        Parameters
+        ----------
+        Y : ndarray of shape (n_samples, n_outputs)
+            Its targets.
+        position : int
+            Where it goes among the others.
+        n_tasks : int
+            Number of these.
+        expected : tuple of (mean, deviation), default=None
+            Of the mean of the targets around the centre, as the others let it be:
+            arrays of shape (n_outputs,). What is far from there becomes a centre of the
+            task's own; as a level it would be a part of a function that is far too
+            large. None without levels.
+
+        Returns
+        -------
+        units : Units
+        """
         if self.own_scales:
+            mean, spread = _of_one(Y, np.exp(np.log(self.scale).mean(axis=1)))
             scale = np.insert(self.scale, position, spread, axis=1)
             return Units(np.insert(self.centre, position, mean, axis=1), scale)
-        near = np.ptp(self.centre, axis=1) == 0.0
-        first, step = self.centre[:, 0], STEP * self.scale[:, 0]
-        mean = first + np.where(near, 0.0, step * np.rint((mean - first) / step))
-        return self._replace(centre=np.insert(self.centre, position, mean, axis=1))
+        own = self._nearest(Y.mean(axis=0))
+        if expected is not None:
+            mean, deviation = expected
+            away = Y.mean(axis=0) - own - mean
+            own = own + np.where(np.abs(away) > UNLIKELY * deviation, away, 0.0)
+        centre = self.centre
+        if not self.per_task:
+            if (own == centre[:, 0]).all():
+                return self
+            centre = np.repeat(centre, n_tasks, axis=1)
+        return self._replace(centre=np.insert(centre, position, own, axis=1))
 
-    def with_unit_of(self, Y, position):
-        """The same, with the units of a task from its targets Y."""
-        others = [
+    def _nearest(self, mean):
+        """Of the centres that tasks may have, the nearest to a mean."""
+        first, step = self.centre[:, 0], STEP * self.scale[:, 0]
+        alike = np.ptp(self.centre, axis=1) == 0.0
+        return first + np.where(alike, 0.0, step * np.rint((mean - first) / step))
+
+    def without_task(self, position):
+        """The units of the other tasks; centres that are all the same are one."""
+        centre, scale = (
             np.delete(of, position, axis=1) if of.shape[1] > 1 else of for of in self
-        ]
-        return Units(*others).with_task(Y, position)
+        )
+        alike = scale.shape[1] == 1 and (np.ptp(centre, axis=1) == 0.0).all()
+        return Units(centre[:, :1] if alike else centre, scale)
 
 
 def shared_units(Y, *, centred, scaled, known=None):

@@ -25,7 +25,11 @@ from skmtgp.linear import BayesianLinearRegression
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.preprocessing import InverseDynamicsFeatures
-from skmtgp.robot import RigidBodyRegressor, make_semiparametric_regressor
+from skmtgp.robot import (
+    RigidBodyRegressor,
+    SemiparametricRegressor,
+    make_semiparametric_regressor,
+)
 from skmtgp.single_task import SingleTaskGP
 
 __all__ = [
@@ -67,8 +71,9 @@ def add_task(
         Its targets.
     prior : {"tasks"} or None, default="tasks"
         "tasks" lets the known tasks say where the new one lies among them. None is
-        maximum likelihood. See :meth:`MultiTaskGPRegressor.add_task`. Models of
-        :mod:`skmtgp.robot` ignore it.
+        maximum likelihood. See :meth:`MultiTaskGPRegressor.add_task` and
+        :meth:`skmtgp.robot.RigidBodyRegressor.add_task`. A SemiparametricRegressor has
+        a prior of its own, and ignores it.
 
     Returns
     -------
@@ -106,9 +111,9 @@ def add_task(
         name, last = model.steps[-1]
         extended.steps = [*model.steps[:-1], (name, add_task(last, X, y, prior=prior))]
         return extended
-    if isinstance(model, RigidBodyRegressor):
+    if isinstance(model, SemiparametricRegressor):
         return model.add_task(X, y)
-    if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC)):
+    if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC, RigidBodyRegressor)):
         advice = " Pass its best_estimator_." * hasattr(model, "best_estimator_")
         raise TypeError(
             "The model must be a MultiTaskGPRegressor, a RankSearchIC or a Pipeline "

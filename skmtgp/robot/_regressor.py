@@ -323,7 +323,9 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         self.noise_variance_ = float(noise[0]) if self._single_output else noise
 
     @public
-    def add_task(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def add_task(
+        self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
+    ) -> Self:
         """Learn the load of a new task; links, friction and noise stay as they are.
 
         Parameters
@@ -332,6 +334,12 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
             Inputs of the new task, with its label. A few samples are enough.
         y : array-like of the other dimensions of the training targets
             Torques of the new task.
+        prior : {"tasks"} or None, default="tasks"
+            "tasks" is a normal prior with the mean and the covariance of the known
+            loads, and with as much variance again in all directions as they have on
+            average. Rows of a short motion show few of a load's ten numbers. The prior
+            tells the others. None is least squares, whose torques may then be many
+            times too large.
 
         Returns
         -------
@@ -342,28 +350,39 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         Raises
         ------
         TypeError, ValueError
-            If the task is already known, or X or y cannot be used.
+            If the task is already known, or X or y cannot be used, or `prior` is none
+            of these.
         """
+        if prior not in ("tasks", None):
+            raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
         x, label, Y = check_new_task(self, X, y)
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        new = join(load, left, self._noise_variances, self._load_precision())
+        mean, root, precision = self._population(prior)
+        rest = left - load @ mean
+        new = join(load @ root, rest, self._noise_variances, precision)
         model = copy(self)
         model.tasks_ = np.append(self.tasks_, label)
-        model._coef = np.append(self._coef, new.coef)
-        model._factor = block_diag(self._factor, new.factor)
-        model._blind = block_diag(self._blind, new.blind)
+        model._coef = np.append(self._coef, mean + root @ new.coef)
+        model._factor = block_diag(self._factor, root @ new.factor)
+        model._blind = block_diag(self._blind, root @ new.blind)
         model._store()
         return model
 
-    def _load_precision(self):
-        """Of a load's prior. The first one has torques as large as the robot's."""
-        loads = self._groups[-1]
-        if len(loads):
-            return self._precision[loads].min()
-        return 0.0 if self.prior is None else 1.0
+    def _population(self, prior):
+        """Mean of a load, a root of its covariance, and precision in these units."""
+        n, n_load = map(len, self._scale)
+        mean, root = np.zeros(n_load), np.eye(n_load)
+        if prior is None:
+            return mean, root, 0.0
+        known = self._coef[n:].reshape(-1, n_load)
+        size = np.square(known).mean()
+        if size == 0.0:  # no load is known: torques as large as the robot's
+            return mean, root, 1.0
+        covariance = np.atleast_2d(np.cov(known.T, bias=True)) + size * root
+        return known.mean(axis=0), np.linalg.cholesky(covariance), 1.0
 
     def _compile(self, code):
         """Torques of one state of a task, as a function, see `compile_predictor`."""

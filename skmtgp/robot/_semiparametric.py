@@ -472,15 +472,21 @@ class SemiparametricRegressor(RigidBodyRegressor):
         columns, load = self._columns.of(x)
         columns, load = columns / self._scale[0], load / self._scale[1]
         left = Y - columns @ self._coef[: columns.shape[2]]
-        known = self._noise_variances, self._load_precision()
-        new = join(load, left, *known).coef
+        *others, loads = self._groups
+        mean, root, precision = self._population(self.prior and "tasks")
+        if len(loads) and precision:  # that of all loads, which is learned again
+            known = self._precision[loads].min()
+            root, precision = np.sqrt(known) * root, known
+        rest = left - load @ mean
+        new = (
+            mean + root @ join(load @ root, rest, self._noise_variances, precision).coef
+        )
         self._known = np.append(self._known, new)
         self._coef = np.append(self._coef, new)
-        self._centre = np.append(self._centre, np.zeros(len(new)))
-        *others, loads = self._groups
+        self._centre = np.append(self._centre, mean)
         own = self._matrix.shape[1] + np.arange(len(new))
         self._groups = [*others, np.append(loads, own)]
-        self._matrix = block_diag(self._matrix, np.eye(len(new)))
+        self._matrix = block_diag(self._matrix, root)
 
     def _join_rests(self, x, code, Y):
         """Relate the new task's processes to those of the others."""

@@ -215,7 +215,7 @@ def test_a_new_load_by_the_book(puma, moved):
     old = X[:, -1] < 4
     model = RigidBodyRegressor(puma, empty_task=1).fit(X[old], Y[old])
     new = X[~old][:20]
-    found = model.add_task(new, Y[~old][:20])
+    found = model.add_task(new, Y[~old][:20], prior=None)
     empty = np.column_stack([new[:, :-1], np.ones(20)])
     left = Y[~old][:20] - model.predict(empty)
     columns = model._columns.of(new[:, :-1])[1]

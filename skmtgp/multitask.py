@@ -856,10 +856,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         )
 
     def _learns_rows_of(self, task):
-        prior, trend = self._likelihoods[0].prior, self._trends()
-        if self._engine.uses_design or not has_rows(prior):
-            return False  # of Kronecker products the rows are part of
-        return trend is None or not trend[0].per_task
+        likelihood, trend = self._likelihoods[0], self._trends()
+        if self._engine.uses_design and task not in likelihood.novel:
+            return False  # its rows are a part of the Kronecker product
+        per_task = trend is not None and trend[0].per_task
+        return has_rows(likelihood.prior) and not per_task
 
     def _row_of(self, task, likelihood, data, informed):
         """What learns the row of F of a task, at a posterior of the others' rows."""

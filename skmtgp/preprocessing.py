@@ -21,6 +21,7 @@ from skmtgp._data.joints import (
     check_joints,
     check_order,
     columns_of_positions,
+    ends_of,
     warn_of_degrees,
 )
 from skmtgp._data.labels import FIRST_INEXACT
@@ -187,6 +188,7 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         self._revolute = self._turning()
         x, n = self._split(table)[0], self.n_joints_
         warn_of_degrees(x[:, :n], check_joints(self.joint_types, n), names[:n])
+        self._ends = ends_of(x[:, :n])
         self.mean_, self.scale_ = self._units(self._states(x))
 
     def _locate_descriptors(self):
@@ -251,16 +253,28 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
             If X is a Dask collection.
         ValueError
             If X has other columns than in `fit`, or for the reasons of `fit`.
+
+        Warns
+        -----
+        AngleUnitWarning
+            If positions look like degrees, and those of `fit` did not.
         """
         check_is_fitted(self)
         refuse_dask("X", X, BY_PARTITIONS)
         x, described, labels = self._split(read_table(self, X, reset=False))
+        self._warn_of_degrees(x[:, : self.n_joints_])
         velocities = x[:, self.n_joints_ : 2 * self.n_joints_]
         signs = np.where(np.abs(velocities) <= STANDSTILL, 0.0, np.sign(velocities))
         scaled = (self._states(x) - self.mean_) / self.scale_
         features = np.column_stack([scaled, signs, described])
         names = self.get_feature_names_out() if wants_pandas(self) else None
         return join_labels(features, labels, X, self._task_position, names)
+
+    def _warn_of_degrees(self, positions):
+        """Say where new states look like degrees, beside those of `fit`."""
+        names = np.delete(locate(self)[1], self._descriptors)[: self.n_joints_]
+        turns = check_joints(self.joint_types, self.n_joints_)
+        warn_of_degrees(positions, turns, names, self._ends)
 
     def _compile(self, label):
         """The same of one state without its task, see `compile_predictor`."""

@@ -111,7 +111,12 @@ def check_angles(angles):
         raise ValueError(f"angles={angles!r} must be 'radians' or 'trigonometric'.")
 
 
-def warn_of_degrees(positions, revolute, names):
+def ends_of(positions):
+    """The least and the largest position of each joint, of shape (2, n_joints)."""
+    return np.array([positions.min(axis=0), positions.max(axis=0)])
+
+
+def warn_of_degrees(positions, revolute, names, known=None):
     """Say where joints that turn move so far that angles may be in degrees.
 
     Continuous joints may wind up for some turns: few of them, and not far, say nothing.
@@ -124,23 +129,38 @@ def warn_of_degrees(positions, revolute, names):
         Which of them turn.
     names : sequence
         Of the columns of the positions.
+    known : ndarray of shape (2, n_joints), default=None
+        Ends of the positions in training, if these are those of new states. If they
+        looked like degrees themselves, `fit` has said so.
     """
+    if known is not None:
+        if _look_like_degrees(np.ptp(known, axis=0), revolute).any():
+            return
+        positions = np.concatenate([known, positions])
     spans = np.where(revolute, np.ptp(positions, axis=0), 0.0)
-    wide = spans > TURNS
-    if not (2 * wide.sum() >= np.sum(revolute) > 0 or (spans > FAR_TURNS).any()):
+    wide = _look_like_degrees(spans, revolute)
+    if not wide.any():
         return
-    j = int(spans.argmax())
+    j, new = int(spans.argmax()), "" if known is None else " with those in training"
     of = ", ".join(
         repr(name) for name, is_wide in zip(names, wide, strict=True) if is_wide
     )
+    turns = f"{spans[j]:.4g}, which is {spans[j] / (2.0 * np.pi):.1f} turns"
     warn(
-        f"Positions of joints must be in radians, but those of columns {of} span up to "
-        f"{spans[j]:.4g}, which is {spans[j] / (2.0 * np.pi):.1f} turns. If they are "
-        "in degrees, convert positions, velocities and accelerations by np.deg2rad. If "
-        "joints do turn so often, ignore this warning; InverseDynamicsFeatures then "
-        "needs angles='trigonometric'.",
+        f"Positions of joints must be in radians, but those of columns {of} span{new} "
+        f"up to {turns}. If they are in degrees, convert positions, velocities and "
+        "accelerations by np.deg2rad. If joints do turn so often, ignore this warning; "
+        "InverseDynamicsFeatures then needs angles='trigonometric'.",
         AngleUnitWarning,
     )
+
+
+def _look_like_degrees(spans, revolute):
+    """Which joints move so far that angles may be in degrees; none if few do."""
+    spans = np.where(revolute, spans, 0.0)
+    wide = spans > TURNS
+    many = 2 * wide.sum() >= np.sum(revolute) > 0
+    return wide & (many or (spans > FAR_TURNS).any())
 
 
 def check_order(names):

@@ -120,6 +120,7 @@ class JoiningGP(OnlineGP):
         with limit_threads(self._side):
             rest = self._without_rows(before, of_task)
             training = before.with_unit_of(task, rest._expected_means(task))
+            training = replace(training, looks_for_design=False)
             data = training.data(engine)
             likelihoods = list(map(engine.grown, self._likelihoods, data))
             origin = np.where(of_task, -1, np.cumsum(~of_task) - 1)
@@ -142,7 +143,8 @@ class JoiningGP(OnlineGP):
     def _without_rows(self, training, left_out):
         """The model of the other rows, at the same hyperparameters and of all tasks."""
         rest, kept = copy(self), np.flatnonzero(~left_out)
-        rest._go_on(training.part(kept), kept, self._engine)
+        some = replace(training.part(kept), looks_for_design=False)
+        rest._go_on(some, kept, self._engine)
         return rest
 
     def _modes_with_row(self, task, data, informed):

@@ -13,6 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from ._checks import check_count, check_flag, check_numbers
 
 QUINTIC = 5  # degree of the spline that is differentiated, twice smoothly
+TURN, NEAR = 2.0 * np.pi, 1.0  # rad; a joint does not move so far between samples
 EVEN = 1e-6  # of a step, that times may be off without being interpolated
 FEWEST = 12  # samples
 UNKNOWN = 2.0  # periods of the cutoff at the ends, that a filter knows one side of
@@ -64,7 +65,8 @@ def prepare_trajectory(
         only one side. None is ``2 / cutoff``. Accelerations of slow motion are then
         right to about 1 in 100; with three times that, to 1 in 100,000.
     unwrap : bool, default=True
-        Whether to treat jumps of positions by more than pi as turns by 2 pi.
+        Whether to treat jumps of positions by more than pi as turns by 2 pi. Jumps that
+        are not near a multiple of that raise an error.
 
     Returns
     -------
@@ -76,7 +78,8 @@ def prepare_trajectory(
     TypeError
         If an argument does not hold numbers.
     ValueError
-        If an argument has a wrong shape or a value that is not finite. If times do not
+        If an argument has a wrong shape or a value that is not finite. If positions
+        jump by what is no turn, as degrees may, and `unwrap` is True. If times do not
         increase, or leave a gap of more than half a period of `cutoff`. If `cutoff` is
         too high for the recorded rate, or if nothing is left.
 
@@ -103,7 +106,7 @@ def prepare_trajectory(
     even, fs = _even_times(time, max(cutoff, tau_cutoff))
 
     smooth = partial(_smooth, time=time, even=even, fs=fs, order=order)
-    position = smooth(np.unwrap(q, axis=0) if unwrap else q, cutoff)
+    position = smooth(_unwrapped(q) if unwrap else q, cutoff)
     velocity = position.derivative()
     if qd is not None:
         velocity = smooth(check_numbers("qd", qd, q.shape), cutoff)
@@ -114,6 +117,21 @@ def prepare_trajectory(
     frame = pd.DataFrame(np.hstack([part(kept) for part in parts]), columns=names)
     frame.insert(0, "time", kept)
     return frame
+
+
+def _unwrapped(q):
+    """Positions without turns by 2 pi from one sample to the next."""
+    jumps = np.diff(q, axis=0)
+    off = np.abs(jumps - TURN * np.rint(jumps / TURN))
+    strange = (np.abs(jumps) > np.pi) & (off > NEAR)
+    if strange.any():
+        i, j = np.argwhere(strange)[0]
+        raise ValueError(
+            f"q jumps by {jumps[i, j]:.4g} after row {i} in column {j}, which is no "
+            "turn by 2 pi. If positions are in degrees, convert them by np.deg2rad. If "
+            "they do jump, or slide, set unwrap=False."
+        )
+    return np.unwrap(q, axis=0)
 
 
 def _check_positive(name, value):

@@ -140,6 +140,8 @@ class Kronecker(Engine):
         prior, novel = likelihood.prior, likelihood.novel
         n_base = len(data) - np.isin(data.tasks, novel).sum()
         if novel and n_base == len(likelihood.base.y):
+            if n_base == len(data):  # the rows of all novel tasks have gone
+                return likelihood.base
             return self._extended(likelihood, prior, data, novel)
         return self.likelihood(prior, data)
 
@@ -152,8 +154,10 @@ class Kronecker(Engine):
     def updated(self, posterior, likelihood, theta, origin):
         """The posterior, with the other rows not decomposed again."""
         before = getattr(posterior, "base", posterior)
-        base = getattr(likelihood, "base", None)
-        if base is not None and base.rows is before.rows:
+        base = getattr(likelihood, "base", likelihood)
+        if base.rows is before.rows:
+            if base is likelihood:
+                return before.with_tasks(base, theta)
             return ExtendedPosterior(likelihood, theta, before)
         return likelihood.posterior(theta)
 

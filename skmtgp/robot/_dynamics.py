@@ -124,9 +124,12 @@ class Dynamics:
             If positions look like degrees.
         """
         check_order(names)
-        q, _, _ = self.states(x)
+        self.check_positions(self.states(x)[0], names)
+
+    def check_positions(self, q, names, known=None):
+        """Say where positions look like degrees, see `warn_of_degrees`."""
         turns = [not slides for slides in self.slides]
-        warn_of_degrees(q, turns, names[: self.n_joints])
+        warn_of_degrees(q, turns, names[: self.n_joints], known)
 
     def regressor(self, x, joints, columns):
         """Some columns of the regressor of some joints' torques.

@@ -15,6 +15,7 @@ from scipy.linalg import block_diag, helmert
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_training
+from skmtgp._data.joints import ends_of
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.task_column import locate
 from skmtgp._estimators.doubts import warn_of_noise
@@ -216,6 +217,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
 
     def _fit(self, x, codes, tasks, y):
         self.tasks_, self._single_output = tasks, y.ndim == 1
+        self._ends = ends_of(self._columns.dynamics.states(x)[0])
         self.y_train_, Y = y, y.reshape(len(y), -1)
         self._check_outputs(Y)
         columns, load = self._columns.of(x)
@@ -406,6 +408,9 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
             yield rows, own, np.concatenate(parts, axis=2)
 
     def _means(self, features, codes):
+        dynamics = self._columns.dynamics
+        q, names = dynamics.states(features)[0], locate(self)[1]
+        dynamics.check_positions(q, names, self._ends)
         means = np.empty((len(features), len(self._noise_variances)))
         for rows, own, A in self._rows(features, codes):
             means[rows] = A @ self._coef[own]

@@ -202,16 +202,41 @@ def test_where_nothing_is_learned(model):
     close(told(model, Z), told(refitted(model), Z), digits=7)
 
 
-def test_complete_data():
-    """Kronecker products have the rows of the task in them, and its first relation."""
-    x = np.linspace(0.0, 6.0, 12)
-    X, y = tasks([0, 1, 2, 3], 12)
-    X[:, 0] = np.tile(x, 4)
-    model = MultiTaskGPRegressor("rbf", rank=2, inference="kronecker", max_iter=10)
-    model.fit(X, y)
-    found = streamed(model)
-    first = model.add_task(X_NEW[:2], Y_NEW[:2])
-    np.testing.assert_array_equal(found.task_covariance_, first.task_covariance_)
+class TestCompleteData:
+    """Whose rows stay a Kronecker product, from which those of new tasks are apart."""
+
+    @pytest.fixture
+    def complete(self):
+        X, y = tasks([0, 1, 2, 3], 12)
+        X[:, 0] = np.tile(np.linspace(0.0, 6.0, 12), 4)
+        model = MultiTaskGPRegressor("rbf", rank=2, inference="kronecker", max_iter=10)
+        return model.fit(X, y)
+
+    def test_the_relation_is_that_of_all_rows_at_once(self, complete):
+        found, expected = streamed(complete), complete.add_task(X_NEW[:8], Y_NEW[:8])
+        assert found.inference_ == "kronecker"
+        close([found.task_covariance_], [expected.task_covariance_], digits=5)
+        close(told(found, Z), told(refitted(found), Z), digits=7)
+
+    def test_nothing_is_decomposed_again(self, complete):
+        found = streamed(complete)
+        assert found._posteriors[0].base.eigen is complete._posteriors[0].eigen
+
+    def test_several(self, complete):
+        found = expected = complete
+        for label, seed in ((5, 4), (4, 1)):
+            X, y = tasks([label], 5, seed=seed)
+            found, expected = streamed(found, n=5, X=X, y=y), expected.add_task(X, y)
+        assert found.inference_ == "kronecker"
+        close([found.task_covariance_], [expected.task_covariance_], digits=5)
+        close(told(found, Z), told(refitted(found), Z), digits=7)
+
+    def test_cells_of_the_product_tell_nothing_again(self, complete):
+        """Rows at the same inputs become a part of it, with their first relation."""
+        X = np.column_stack([complete.X_train_[:12, 0], np.full(12, 4)])
+        y = 2.0 * np.sin(X[:, 0])
+        found = complete.add_task(X[:6], y[:6]).partial_fit(X[6:], y[6:])
+        close(told(found, Z), told(refitted(found), Z), digits=7)
 
 
 def test_limited_memory():

@@ -110,7 +110,10 @@ class Source:
 
     def code(self, label):
         """The position of a task."""
-        options = {"can_join": hasattr(self.last, "add_task")}
+        options = {
+            "can_join": hasattr(self.last, "add_task"),
+            "may_share": hasattr(self.model, "shared"),
+        }
         if not self.is_robot:
             options["unseen"] = self.model._knows_unseen()
         return int(encode_tasks(check_labels([label]), self.model.tasks_, **options)[0])

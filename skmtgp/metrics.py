@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -378,6 +379,12 @@ def _compared(estimator, X, y, task_feature, **options):
     The columns of y are the tasks of a WideRegressor, and gaps are left out.
     """
     model, rows = at_the_end(estimator, X)
+    missing = sorted(options.keys() - _parameters(model.predict))
+    if missing:
+        raise TypeError(
+            f"predict of {type(model).__name__} takes no {' and no '.join(missing)}. "
+            "The scorer needs deviations of new observations: use a model of skmtgp."
+        )
     found = model.predict(rows, **options)
     found = found if options else [found]
     if not _is_wide(model):
@@ -388,6 +395,14 @@ def _compared(estimator, X, y, task_feature, **options):
     tasks = np.broadcast_to(model.outputs_, table.shape)[measured]
     found = [of.reshape(table.shape)[measured] for of in found]
     return table[measured], tasks, found
+
+
+def _parameters(method):
+    """Names of the parameters of a method; all that may be asked for, if it has any."""
+    parameters = inspect.signature(method).parameters.values()
+    if any(of.kind is of.VAR_KEYWORD for of in parameters):
+        return set(OF_OBSERVATIONS)
+    return {of.name for of in parameters}
 
 
 def _is_wide(model):

@@ -270,6 +270,8 @@ class InverseDynamicsFeatures(TransformerMixin, Estimator):
         names = self.get_feature_names_out() if wants_pandas(self) else None
         return join_labels(features, labels, X, self._task_position, names)
 
+    _ends = None  # of positions in `fit`
+
     def _warn_of_degrees(self, positions):
         """Say where new states look like degrees, beside those of `fit`."""
         names = np.delete(locate(self)[1], self._descriptors)[: self.n_joints_]

@@ -170,7 +170,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
           uncertain. It takes ten to 200 times as long.
         - "auto" is "sampled" for a task with at most 500 rows and at most 16 rows for
           each hyperparameter, with sparse inference, too. With more rows it is
-          "laplace", or "mode" with sparse inference. With several kernels it is "mode".
+          "laplace", or "mode" with sparse inference.
 
         The attributes are those of the mode in any case, except for the levels of the
         tasks. With ``max_iter=0`` nothing is drawn.

@@ -9,6 +9,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from skmtgp.datasets import load_puma560
+from skmtgp.exceptions import AngleUnitWarning
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.preprocessing import InverseDynamicsFeatures
 
@@ -378,3 +379,17 @@ class TestDescriptors:
     def test_other_columns_are_counted(self):
         with pytest.raises(ValueError, match="4 columns beside the task_descriptors"):
             InverseDynamicsFeatures(2, task_descriptors=[1]).fit(self.X)
+
+
+def test_degrees_of_new_states():
+    """They were radians in training."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(-1.5, 1.5, (20, 9)), np.ones(20)])
+    features = InverseDynamicsFeatures().fit(X)
+    features.transform(X)
+    degrees = np.column_stack([np.rad2deg(X[:, :-1]), X[:, -1]])
+    with pytest.warns(AngleUnitWarning, match="span with those in training up to"):
+        features.transform(degrees[:1])
+    with pytest.warns(AngleUnitWarning):
+        of_degrees = InverseDynamicsFeatures().fit(degrees)
+    of_degrees.transform(degrees)  # fit has said so

@@ -111,9 +111,12 @@ def check_new_task(estimator, X, y):
             f"{known[0].item()!r}."
         )
     if label in known.tolist():  # not as floats
+        more = "fit the model to all samples"
+        if hasattr(estimator, "partial_fit"):
+            more = "use partial_fit"
         raise ValueError(
             f"Task {label!r} is known already. add_task takes new tasks; for more "
-            "samples of a known one use partial_fit."
+            f"samples of a known one {more}."
         )
     return features, label, Y
 
@@ -184,7 +187,8 @@ def check_test(estimator, X, *, unseen=False):
     features, labels = _split(estimator, read_table(estimator, X, reset=False))
     _check_descriptors(estimator, features, labels)
     can_join = hasattr(estimator, "add_task")
-    options = {"can_join": can_join, "unseen": unseen}
+    may_share = hasattr(estimator, "shared")
+    options = {"can_join": can_join, "unseen": unseen, "may_share": may_share}
     if getattr(estimator, "trend_per_task", False):
         options["beside"] = (
             " With trend_per_task=True a task needs rows that tell its coefficients."

@@ -229,7 +229,9 @@ def _dtype(labels):
     return np.uint64 if labels[0] >= 0 and labels[-1] >= 2**63 else np.int64
 
 
-def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
+def encode_tasks(
+    labels, tasks, *, can_join=False, may_share=False, unseen=False, beside=""
+):
     """Index in `tasks` of each row's label.
 
     Parameters
@@ -240,6 +242,8 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
         Known tasks, sorted.
     can_join : bool, default=False
         Whether the model has a method ``add_task``, which the error then names.
+    may_share : bool, default=False
+        Whether it has an option ``shared``, likewise.
     unseen : bool, default=False
         Whether the model knows what to say of other tasks.
     beside : str, default=""
@@ -274,7 +278,7 @@ def encode_tasks(labels, tasks, *, can_join=False, unseen=False, beside=""):
         " A model with shared=True, or with task_descriptors, predicts tasks that it "
         "never saw, where normalize_y_ is 'shared' and levels are not hundreds of "
         "deviations apart."
-    ) * can_join
+    ) * may_share
     raise ValueError(
         f"{what}: the model knows {_enumerate(tasks)}.{why}{beside} Fit with "
         f"samples of every task{join}. In cross-validation set "

@@ -223,12 +223,13 @@ def warn_of_far_levels(far, reason):
 def warn_of_constant_tasks(tasks, *, own_noise):
     """Say which tasks, if any, have targets that do not vary, and what that does."""
     if len(tasks):
-        harm = "which makes the noise of all tasks, and their intervals, too small"
+        harm = "which makes the noise of all tasks, and their intervals, too small, "
+        harm += "and their predictions worse. noise='per_task' does less harm"
         if own_noise:
             harm = "and the kernel may follow these rows alone. Set noise='shared'"
         warn(
             f"T{name_tasks(tasks)[1:]}: all targets are equal, as if there were no "
-            f"noise, {harm}. Check y, or leave these rows out.",
+            f"noise, {harm}. Check y, or leave these rows out, which is best.",
             ConstantTargetWarning,
         )
 

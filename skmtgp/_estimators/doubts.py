@@ -125,7 +125,8 @@ def warn_of_few_rows(problem, way):
     warn(
         f"There are fewer than {enough} rows for each hyperparameter. They leave the "
         "hyperparameters more uncertain than predictions count: a 95 % interval may "
-        "hold only 50 to 90 % of new observations. This helps: "
+        "hold only 50 to 90 % of new observations, and less where there is almost no "
+        "noise. This helps: "
         f"{'more rows' if stay else helps}.",
         NarrowIntervalsWarning,
     )

@@ -88,8 +88,9 @@ class OnlineGP(FittedGP):
         MultiTaskGPRegressor learns its row of the task covariance again each time that
         the task has half as many rows more, up to a hundred rows, from all of them and
         with the same prior; and its unit, if tasks have units of their own. This takes
-        O(n^2) for each row of the task. With Kronecker products, with `trend_per_task`
-        and for tasks with descriptors nothing is learned again.
+        O(n^2) for each row of the task. With `trend_per_task`, for tasks with
+        descriptors, and where the rows become a part of a Kronecker product nothing is
+        learned again.
 
         Predictors that were compiled from this estimator are refreshed at the end, see
         :func:`~skmtgp.compile_predictor`.

@@ -148,6 +148,7 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     True
     """
 
+    _ends = None  # of positions in `fit`
     _parameter_constraints = {
         "prior": [StrOptions({"evidence", "nominal"}), None],
         "joint": [Integral, str, None],

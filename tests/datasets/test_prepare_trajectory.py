@@ -150,3 +150,12 @@ def test_too_few_samples():
     q, _, _, tau = motion(TIME[few])
     with pytest.raises(ValueError, match="5 samples"):
         prepare_trajectory(TIME[few], q, tau)
+
+
+def test_degrees_are_not_taken_for_turns():
+    time = np.arange(400) / 40.0
+    q = np.rad2deg(np.column_stack([1.5 * np.sin(2.0 * time), np.cos(time)]))
+    with pytest.raises(ValueError, match="column 0, which is no turn by 2 pi"):
+        prepare_trajectory(time, q, q, cutoff=5.0)
+    frame = prepare_trajectory(time, q, q, cutoff=5.0, unwrap=False)
+    assert frame["q1"].max() == pytest.approx(np.rad2deg(1.5), rel=0.01)

@@ -23,6 +23,7 @@ from skmtgp import (
     SingleTaskGP,
     average_repeats,
 )
+from skmtgp.exceptions import RepeatedRowsWarning
 from skmtgp.inference.dense import DenseLikelihood
 from skmtgp.inference.engines import Dense
 from skmtgp.inspection import TransferDisplay
@@ -384,6 +385,19 @@ def test_engines_that_take_no_counts_repeat_rows():
     rows = np.repeat(np.arange(N), weights)
     expected = PooledGP(**options).fit(X[rows], Y[rows]).predict(NEW)
     np.testing.assert_allclose(found, expected, rtol=1e-10)
+
+
+def test_repeats_of_engines_without_counts_are_told():
+    options = {"inference": "sparse", "n_inducing": 8, "max_iter": 3}
+    weights = np.where(np.arange(N) < 6, 3, 1)
+    with pytest.warns(RepeatedRowsWarning, match="'sparse' has a row for each of them"):
+        model = PooledGP(**options).fit(X, Y, sample_weight=weights)
+    assert len(model.loo_predict()[0]) == weights.sum()
+    PooledGP(**options).fit(X, Y, sample_weight=np.ones(N))  # no row is repeated
+    fixed = {"noise_variance_bounds": "fixed", **options}
+    PooledGP(**fixed).fit(X, Y, sample_weight=weights)  # no noise is learned
+    with pytest.raises(ValueError, match="no sample_weight but whole numbers alone"):
+        PooledGP(**options).fit(X, Y, sample_weight=weights + 0.5)
 
 
 def test_complete_data_are_not_repeated():

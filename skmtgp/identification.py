@@ -450,7 +450,7 @@ def _last(estimator):
             "The tasks have units of their own, so the unit of an unknown task is not "
             "known. Fit the model with normalize_y='shared'."
         )
-    if model._units.per_task:
+    if not model._has_usual_centre():
         raise ValueError(
             "The levels of the tasks are hundreds of deviations apart, so the level of "
             "an unknown task is not known. Subtract the levels, and fit the model with "
@@ -498,7 +498,9 @@ def _check_alike(models):
 def _at_samples(model, inputs, Y, rows, noises, inflations, floors, learned):
     """The outputs of a model at samples, in its own units."""
     units = model._units
-    scaled = (model._target.forward(Y) - units.centre.T) / units.scale.T
+    unseen = np.array([len(model.tasks_)])
+    centre, scale = (units.of_rows(of, unseen) for of in units)
+    scaled = (model._target.forward(Y) - centre) / scale
     return [
         Output(
             model._posteriors[j],

@@ -221,7 +221,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """Whether what all tasks share, or descriptors, tell of another one."""
         told = self._shares() or self._descriptors is not None
         alike = self._likelihoods[0].prior.tells_unseen
-        return told and alike and not self._units.per_task
+        return told and alike and self._has_usual_centre()
+
+    def _has_usual_centre(self):
+        """Whether tasks without rows have the centre of the others."""
+        return not self._units.per_task
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from copy import copy
 from dataclasses import replace
 from functools import partial
@@ -27,22 +26,14 @@ class Joined(NamedTuple):
         Whether its relation to the others has a prior.
     told : int
         Rows from which it was learned.
-    seen : int
-        Rows of the task up to now, whether they were kept or not.
     """
 
     informed: bool
     told: int
-    seen: int
 
-    def followed_by(self, n_new):
-        """The same with more rows."""
-        return self._replace(seen=self.seen + n_new)
-
-    @property
-    def is_outgrown(self):
-        """Whether there are so many more rows that they tell the relation better."""
-        return self.told < ENOUGH and self.seen >= GROWN * self.told
+    def is_outgrown(self, n_rows):
+        """Whether the task has so many more rows that they tell the relation better."""
+        return self.told < ENOUGH and n_rows >= GROWN * self.told
 
 
 class JoiningGP(OnlineGP):
@@ -53,7 +44,7 @@ class JoiningGP(OnlineGP):
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
         before = self._training()
-        expected = self._expected_means()
+        expected = self._expected_means(before, features)
         training, position = before.with_task(features, label, Y, expected)
         training = self._incomplete(training)
         if grows(before, training):
@@ -72,39 +63,49 @@ class JoiningGP(OnlineGP):
             draws = self._updated_draws(update, likelihoods, draws)
             self._store_learned(training, engine, likelihoods, modes, posteriors)
             self._store_updated_draws(draws)
-        joined = Joined(informed, told=len(Y), seen=len(Y))
-        self._joined = self._joined | {label: joined}
+        self._joined = self._joined | {label: Joined(informed, len(Y))}
 
     def _join_rows(self, features, codes, Y):
         """Let rows of known tasks join; of those that joined they tell the relation."""
         super()._join_rows(features, codes, Y)
-        counts = Counter(self.tasks_[codes].tolist())
-        known = self._joined
-        self._joined = {of: known[of].followed_by(counts[of]) for of in known}
-        for label, joined in self._joined.items():
-            task = self.tasks_.tolist().index(label)
-            if joined.is_outgrown and self._learns_rows_of(task):
+        for task in np.unique(codes):
+            label = self.tasks_[task].item()
+            joined, n_rows = self._joined.get(label), int(self._n_rows[task])
+            outgrown = joined is not None and joined.is_outgrown(n_rows)
+            if outgrown and self._learns_rows_of(task):
                 self._relate_again(task, joined.informed)
-                self._joined[label] = joined._replace(told=joined.seen)
+                told = joined._replace(told=min(n_rows, ENOUGH))
+                self._joined = self._joined | {label: told}
 
-    def _expected_means(self, *without):
+    def _has_usual_centre(self):
+        """See FittedGP; those of tasks that joined far from the others do not count."""
+        units = self._units
+        if units.own_scales or not units.per_task:
+            return super()._has_usual_centre()
+        others = [task not in self._joined for task in self.tasks_.tolist()]
+        return bool((np.ptp(units.centre[:, others], axis=1) == 0.0).all())
+
+    def _expected_means(self, training, features, task=()):
         """Mean and deviation of a new task's mean around the centre, by output.
 
-        In the units of `Units`; None without levels.
+        It has these inputs, with its descriptors. A `task` of that position is the new
+        one. In the units of `Units`; None without levels.
         """
         levelled = self._likelihoods[0].prior.levels and self.normalize_y
         if not levelled or self._units.own_scales:
             return None
         means, variances = [], []
+        if training.descriptors is not None and task == ():
+            features = training.descriptors.inputs(features)
         for likelihood, posterior in zip(
             self._likelihoods, self._posteriors, strict=True
         ):
             K_rho = np.diagonal(self._covariance_of_tasks(posterior))
             if posterior.K_rho.ndim == 2:
-                K_rho = K_rho * posterior.kernel.diag(self.X_train_).mean()
-            means.append(np.delete(posterior.levels, without).mean())
+                K_rho = K_rho * posterior.kernel.diag(features).mean()
+            means.append(np.delete(posterior.levels, task).mean())
             noise = likelihood.prior.values(posterior.theta).noise.mean()
-            of_f = np.delete(K_rho, without).mean()
+            of_f = np.delete(K_rho, task).mean()
             variances.append(posterior.level + of_f + noise)
         scale = self._units.scale[:, 0]
         return scale * means, scale * np.sqrt(variances)
@@ -119,7 +120,8 @@ class JoiningGP(OnlineGP):
         of_task = before.codes == task
         with limit_threads(self._side):
             rest = self._without_rows(before, of_task)
-            training = before.with_unit_of(task, rest._expected_means(task))
+            expected = rest._expected_means(before, before.features[of_task], task)
+            training = before.with_unit_of(task, expected)
             training = replace(training, looks_for_design=False)
             data = training.data(engine)
             likelihoods = list(map(engine.grown, self._likelihoods, data))

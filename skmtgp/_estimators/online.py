@@ -86,11 +86,11 @@ class OnlineGP(FittedGP):
 
         A few rows of a new task tell little of how it is related to the others. So a
         MultiTaskGPRegressor learns its row of the task covariance again each time that
-        the task has half as many rows more, up to a hundred rows, from all of them and
-        with the same prior; and its unit, if tasks have units of their own. This takes
-        O(n^2) for each row of the task. With `trend_per_task`, for tasks with
-        descriptors, and where the rows become a part of a Kronecker product nothing is
-        learned again.
+        the task has half as many rows more, from at most a hundred of them and with the
+        same prior. Without a trend its unit follows, if tasks have units of their own.
+        This takes O(n^2) for each row of the task, and memory for three posteriors.
+        With `trend_per_task`, for tasks with descriptors, and where the rows become a
+        part of a Kronecker product nothing is learned again.
 
         Predictors that were compiled from this estimator are refreshed at the end, see
         :func:`~skmtgp.compile_predictor`.

@@ -160,7 +160,7 @@ class Slopes:
         )
 
 
-def trends_with_task(units, trends, position, features, Y):
+def trends_with_task(units, trends, position, features, Y, n_tasks, expected=None):
     """Units and trends of one more task.
 
     Parameters
@@ -175,6 +175,8 @@ def trends_with_task(units, trends, position, features, Y):
         Its inputs.
     Y : ndarray of shape (n_new, n_outputs)
         Its targets.
+    n_tasks, expected
+        See :meth:`Units.with_task`; of what the trend leaves.
 
     Returns
     -------
@@ -206,7 +208,7 @@ def trends_with_task(units, trends, position, features, Y):
         for of, own in zip(trends, slopes, strict=True)
     ]
     rest = Y - np.transpose(fitted)
-    units = units.with_task(rest, position, units.centre.shape[1])
+    units = units.with_task(rest, position, n_tasks, expected)
     scales = units.scale[:, position] if units.own_scales else [None] * len(trends)
     outputs = zip(trends, scales, slopes, strict=True)
     return units, [of.with_task(position, centre, *own) for of, *own in outputs]

@@ -246,9 +246,10 @@ class Training:
         )
 
     def with_unit_of(self, task, expected=None):
-        """The data with the unit of a task from its rows; with a trend as it is.
+        """The data with the unit of a task from its rows.
 
-        For `expected` see :meth:`with_task`.
+        With a trend they stay in the unit that the task has joined with. For `expected`
+        see :meth:`with_task`.
         """
         if self.trends is not None:
             return self
@@ -294,7 +295,8 @@ class Training:
         if trends is None:
             units = units.with_task(Y, position, len(self.tasks), expected)
         else:
-            units, trends = trends_with_task(units, trends, position, features, Y)
+            rows = features, Y, len(self.tasks)
+            units, trends = trends_with_task(units, trends, position, *rows, expected)
         training = replace(
             self,
             features=np.vstack([self.features, features]),

@@ -53,6 +53,9 @@ class Units(NamedTuple):
         """For each row, of shape (n_samples, n_outputs), or (1, n_outputs)."""
         if of_tasks.shape[1] == 1:
             return of_tasks.T
+        if not is_dask(codes) and codes.max(initial=0) >= of_tasks.shape[1]:
+            unseen = np.append(of_tasks, _commonest(of_tasks)[:, None], axis=1)
+            return unseen.T[np.minimum(codes, of_tasks.shape[1])]
         if is_dask(codes):
             chunks = codes.chunks[0], (len(of_tasks),)
             options = {"new_axis": 1, "chunks": chunks, "dtype": float}
@@ -136,9 +139,9 @@ class Units(NamedTuple):
 
     def _nearest(self, mean):
         """Of the centres that tasks may have, the nearest to a mean."""
-        first, step = self.centre[:, 0], STEP * self.scale[:, 0]
+        usual, step = _commonest(self.centre), STEP * self.scale[:, 0]
         alike = np.ptp(self.centre, axis=1) == 0.0
-        return first + np.where(alike, 0.0, step * np.rint((mean - first) / step))
+        return usual + np.where(alike, 0.0, step * np.rint((mean - usual) / step))
 
     def without_task(self, position):
         """The units of the other tasks; centres that are all the same are one."""
@@ -234,6 +237,12 @@ def _moments(Y, codes, n_tasks, known=None):
 def _without(mean, Y, codes):
     """Targets, each taken off the mean of its task."""
     return Y - Units(mean, mean).of_rows(mean, codes)
+
+
+def _commonest(of_tasks):
+    """The number that most tasks have, of each output."""
+    found = [np.unique(row, return_counts=True) for row in of_tasks]
+    return np.array([values[counts.argmax()] for values, counts in found])
 
 
 def _of_one(Y, usual):

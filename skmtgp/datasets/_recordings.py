@@ -13,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from ._checks import check_count, check_flag, check_numbers
 
 QUINTIC = 5  # degree of the spline that is differentiated, twice smoothly
-TURN, NEAR = 2.0 * np.pi, 1.0  # rad; a joint does not move so far between samples
+SLACK = 0.1  # rad, by which an encoder's turn may be longer than one
 EVEN = 1e-6  # of a step, that times may be off without being interpolated
 FEWEST = 12  # samples
 UNKNOWN = 2.0  # periods of the cutoff at the ends, that a filter knows one side of
@@ -65,8 +65,9 @@ def prepare_trajectory(
         only one side. None is ``2 / cutoff``. Accelerations of slow motion are then
         right to about 1 in 100; with three times that, to 1 in 100,000.
     unwrap : bool, default=True
-        Whether to treat jumps of positions by more than pi as turns by 2 pi. Jumps that
-        are not near a multiple of that raise an error.
+        Whether to treat jumps of positions by more than pi as turns by 2 pi. Where the
+        positions of a joint span more than a turn, they cannot be that: such jumps
+        raise an error.
 
     Returns
     -------
@@ -79,9 +80,9 @@ def prepare_trajectory(
         If an argument does not hold numbers.
     ValueError
         If an argument has a wrong shape or a value that is not finite. If positions
-        jump by what is no turn, as degrees may, and `unwrap` is True. If times do not
-        increase, or leave a gap of more than half a period of `cutoff`. If `cutoff` is
-        too high for the recorded rate, or if nothing is left.
+        jump by what cannot be a turn, as degrees may, and `unwrap` is True. If times do
+        not increase, or leave a gap of more than half a period of `cutoff`. If `cutoff`
+        is too high for the recorded rate, or if nothing is left.
 
     Examples
     --------
@@ -121,15 +122,15 @@ def prepare_trajectory(
 
 def _unwrapped(q):
     """Positions without turns by 2 pi from one sample to the next."""
-    jumps = np.diff(q, axis=0)
-    off = np.abs(jumps - TURN * np.rint(jumps / TURN))
-    strange = (np.abs(jumps) > np.pi) & (off > NEAR)
+    jumps, spans = np.diff(q, axis=0), np.ptp(q, axis=0)
+    strange = (np.abs(jumps) > np.pi) & (spans > 2.0 * np.pi + SLACK)
     if strange.any():
         i, j = np.argwhere(strange)[0]
         raise ValueError(
-            f"q jumps by {jumps[i, j]:.4g} after row {i} in column {j}, which is no "
-            "turn by 2 pi. If positions are in degrees, convert them by np.deg2rad. If "
-            "they do jump, or slide, set unwrap=False."
+            f"q jumps by {jumps[i, j]:.4g} after row {i} in column {j}, which spans "
+            f"{spans[j]:.4g}: the jump is no turn by 2 pi. If positions are in "
+            "degrees, convert them by np.deg2rad. If they do jump, or slide, set "
+            "unwrap=False."
         )
     return np.unwrap(q, axis=0)
 

@@ -326,8 +326,8 @@ def check_known(engine, prior, data):
             "product",
             "sparse": "its sums over the rows take one noise variance for each task",
         }.get(engine.name, "this engine knows nothing of it")
-        whole = " but whole numbers alone" * (not engine.uses_design)
+        weights = "no sample_weight" if engine.uses_design else "only whole weights"
         raise ValueError(
-            f"inference={engine.name!r} takes no alpha, and no sample_weight{whole}: "
-            f"{why}. Set inference='dense' or 'auto', or leave them out. {INFERENCE}"
+            f"inference={engine.name!r} takes no alpha, and {weights}: {why}. "
+            f"Set inference='dense' or 'auto', or leave them out. {INFERENCE}"
         )

@@ -87,7 +87,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         The torque of a single joint does not determine all ten. Those left out are
         included in the others.
     load_covariance_ : ndarray of shape (n_tasks, n_load, n_load)
-        Their covariance. Variances are infinite for what the data do not show.
+        Their covariance. Variances are infinite for what the data do not show; of a
+        load that joined they are those of its prior.
     noise_variance_ : float or ndarray of shape (n_joints,)
         Noise variance of each joint, in squared units of y.
     y_train_ : ndarray of the shape of y

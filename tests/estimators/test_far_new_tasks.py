@@ -2,9 +2,15 @@
 
 import numpy as np
 import pytest
+from sklearn.gaussian_process.kernels import DotProduct
 from streams import close, fresh, refitted, told
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor
+from skmtgp import (
+    IndependentGP,
+    MultiTaskGPRegressor,
+    TaskIdentifier,
+    compile_predictor,
+)
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SamplingWarning"),
@@ -89,13 +95,14 @@ def test_the_centre_is_that_of_all_rows():
     close([model.predict(GRID)], [at_once.predict(GRID)], digits=6)
 
 
-def test_first_rows_that_were_far_off(known):
-    """The centre is learned again, too: here the first two were wrong."""
-    y = 10.0 + Y_NEW
-    model = known.add_task(X_NEW[:2], 500.0 + y[:2])
-    for i in (2, 3):
-        model.partial_fit(X_NEW[[i]], y[[i]])
-    assert np.isfinite(model.predict(GRID)).all()
+def test_more_rows_move_the_centre():
+    """The first two were 30 too high, as more of them show."""
+    known = MultiTaskGPRegressor(rank=1).fit(X, Y)
+    y = 100.0 + Y_NEW
+    model = known.add_task(X_NEW[:2], 30.0 + y[:2])
+    assert model._units.centre[0, -1] == pytest.approx(130.0, abs=3.0)
+    model.partial_fit(X_NEW[[2]], y[[2]])
+    assert model._units.centre[0, -1] == pytest.approx(120.0, abs=3.0)
     close(told(model, GRID), told(refitted(model), GRID))
 
 
@@ -104,8 +111,7 @@ def test_two_that_are_far(known):
     X_two, y_two = tasks([30.0], 4, labels=[-1], seed=2)  # before all others
     both = first.add_task(X_two, y_two)
     assert error(both, 1e3) < 0.4
-    at = np.column_stack([X_two[:, 0], np.full(4, -1)])
-    assert np.abs(both.predict(at) - y_two).max() < 0.5
+    assert np.abs(both.predict(X_two) - y_two).max() < 0.5
     X_three, y_three = tasks([10.0], 4, labels=[9], seed=3)
     three = both.add_task(X_three, y_three)
     assert np.abs(three.predict(X_three) - y_three).max() < 0.5
@@ -145,3 +151,58 @@ def test_sampled():
     )
     joined = model.fit(X, Y).add_task(X_NEW, 1e3 + Y_NEW)
     assert error(joined, 1e3) < 0.6
+
+
+def test_labels_do_not_matter(known):
+    """A far task before all others is no reference for them."""
+    one = [[2.0, 50]]
+    levels = []
+    for label in (-1, 100):
+        far = known.add_task(np.column_stack([X_NEW[:, 0], [label] * 4]), 1e3 + Y_NEW)
+        joined = far.add_task(one, [13.0])
+        levels.append(joined.task_level_[joined.tasks_ == 50])
+    np.testing.assert_allclose(*levels, rtol=1e-9)
+
+
+def test_values_that_the_kernel_explains_are_not_far():
+    """A slope far from the rows of the others makes large values."""
+    rng = np.random.default_rng(0)
+    x, task = rng.uniform(-1.0, 1.0, 80), np.repeat([0, 1, 2, 3], 20)
+    y = np.array([1.0, 2.0, -1.0, 1.5])[task] * x + 0.01 * rng.standard_normal(80)
+    kernel = DotProduct(1e-3, sigma_0_bounds="fixed")
+    model = MultiTaskGPRegressor(kernel, rank=1).fit(np.column_stack([x, task]), y)
+    new = np.column_stack([np.linspace(50.0, 60.0, 5), np.full(5, 9)])
+    joined = model.add_task(new, 2.5 * new[:, 0])
+    assert joined.predict([[100.0, 9]]) == pytest.approx([250.0], rel=0.01)
+
+
+def test_with_a_trend():
+    model = MultiTaskGPRegressor(rank=1, trend=[0]).fit(X, Y)
+    joined = model.add_task(X_NEW, 1e3 + Y_NEW)
+    assert error(joined, 1e3) < 0.4
+    close(told(joined, GRID), told(refitted(joined), GRID))
+
+
+class TestOthersThatNobodyHasSeen:
+    @pytest.fixture
+    def joined(self):
+        model = MultiTaskGPRegressor(rank=0, shared=True).fit(X, Y)
+        return model, model.add_task(X_NEW, 1e3 + Y_NEW)
+
+    def test_they_have_the_centre_of_the_others(self, joined):
+        model, joined = joined
+        at = [[1.0, 55], [2.0, 66]]
+        for ask in (
+            lambda of: of.predict(at),
+            lambda of: np.stack(of.predict_interval(at)),
+            lambda of: of.predict(at, return_std=True)[1],
+        ):
+            np.testing.assert_allclose(ask(joined), ask(model), rtol=0.05)
+        predictor = compile_predictor(joined, task=55)
+        assert predictor([1.0]) == pytest.approx(joined.predict(at)[:1], rel=1e-9)
+        assert joined.sample_y(at, 3).shape == (2, 3)
+
+    def test_they_are_identified(self, joined):
+        _, joined = joined
+        identifier = TaskIdentifier(joined)
+        assert np.isfinite(identifier.predict_proba(X[:4, :1], Y[:4])).all()

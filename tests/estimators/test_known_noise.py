@@ -396,7 +396,7 @@ def test_repeats_of_engines_without_counts_are_told():
     PooledGP(**options).fit(X, Y, sample_weight=np.ones(N))  # no row is repeated
     fixed = {"noise_variance_bounds": "fixed", **options}
     PooledGP(**fixed).fit(X, Y, sample_weight=weights)  # no noise is learned
-    with pytest.raises(ValueError, match="no sample_weight but whole numbers alone"):
+    with pytest.raises(ValueError, match="takes no alpha, and only whole weights"):
         PooledGP(**options).fit(X, Y, sample_weight=weights + 0.5)
 
 

@@ -187,10 +187,38 @@ def check_order(names):
     )
 
 
+def check_torques(names, columns):
+    """Raise a ValueError where names say that torques have another order than joints.
+
+    Parameters
+    ----------
+    names : sequence
+        Of the columns of the states, such as "q1".
+    columns : sequence
+        Of the columns of the torques, such as "tau1". Others say nothing.
+    """
+    found = [_meaning(name) for name in names]
+    joints = [of[1] for of in found if of is not None and of[0] == 0]
+    given = [_number(name) for name in columns]
+    if given == joints or None in given or sorted(given) != sorted(joints):
+        return
+    ordered = [columns[given.index(joint)] for joint in joints]
+    raise ValueError(
+        f"y has the columns {list(columns)}, but X has the joints in the order "
+        f"{joints}. Reorder them, y[{ordered}] for example."
+    )
+
+
+def _number(name):
+    """The only number in a name, or None."""
+    numbers = re.findall(r"\d+", name) if isinstance(name, str) else []
+    return int(numbers[0]) if len(numbers) == 1 else None
+
+
 def _meaning(name):
     """Kind of a column, 0 to 2, and the number of its joint; or None."""
     if not isinstance(name, str):
         return None
     kind = WORDS.get(re.sub(r"[\d\W_]+|joint", "", name.lower()))
-    numbers = re.findall(r"\d+", name)
-    return None if kind is None or len(numbers) != 1 else (kind, int(numbers[0]))
+    number = _number(name)
+    return None if kind is None or number is None else (kind, number)

@@ -15,7 +15,7 @@ from scipy.linalg import block_diag, helmert
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_training
-from skmtgp._data.joints import ends_of
+from skmtgp._data.joints import check_torques, ends_of
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.task_column import locate
 from skmtgp._estimators.doubts import warn_of_noise
@@ -205,7 +205,9 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         with fitting(self, X, y):
             training = check_training(self, X, y)
             self._set_columns()
-            self._columns.dynamics.check_states(training[0], locate(self)[1])
+            names = locate(self)[1]
+            self._columns.dynamics.check_states(training[0], names)
+            check_torques(names, list(getattr(y, "columns", [])))
             with limit_threads(self.n_features_in_):
                 self._fit(*training)
         return self

@@ -1,6 +1,7 @@
 """A load that joins a robot's model by a few rows; states that look like degrees."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from skmtgp.exceptions import AngleUnitWarning
@@ -75,6 +76,19 @@ def test_degrees_of_new_states(puma, moved):
         model.predict(degrees)
     with pytest.warns(AngleUnitWarning):
         model.predict(degrees[:1])
+
+
+def test_torques_in_another_order_than_the_joints(puma, moved):
+    X, Y, _ = moved
+    kinds = [f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in range(1, 7)]
+    frame = pd.DataFrame(X[::2], columns=[*kinds, "load"]).astype({"load": int})
+    torques = pd.DataFrame(Y[::2], columns=[f"tau{j}" for j in range(1, 7)])
+    model = RigidBodyRegressor(puma, task_feature="load")
+    with pytest.raises(ValueError, match=r"y has the columns \['tau6'.*y\[\['tau1'"):
+        model.fit(frame, torques.iloc[:, ::-1])
+    expected = model.fit(frame, torques).predict(frame)
+    others = torques.set_axis(list("abcdef"), axis=1)  # these say nothing
+    np.testing.assert_array_equal(model.fit(frame, others).predict(frame), expected)
 
 
 def test_more_rows_of_a_known_load(fitted, moved):

@@ -771,7 +771,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         levels, the units, and the covariance of the known tasks. Only the new row of
         the task covariance is learned, from the marginal likelihood of all samples. It
         has as many numbers as the rank, and one more with full rank or a diagonal. The
-        level of the new task follows from its samples and the levels' variance.
+        level of the new task follows from its samples and the levels' variance. If
+        their mean is more than five deviations from where the other tasks let it be, it
+        is taken off first, and `y_mean_` then has a number for each task.
 
         Parameters
         ----------

@@ -86,10 +86,20 @@ class JoiningGP(OnlineGP):
         return bool((np.ptp(units.centre[:, others], axis=1) == 0.0).all())
 
     def _expected_means(self, training, features, task=()):
-        """Mean and deviation of a new task's mean around the centre, by output.
+        """Where the mean of a new task's targets should be, see `Units.with_task`.
 
-        It has these inputs, with its descriptors. A `task` of that position is the new
-        one. In the units of `Units`; None without levels.
+        Parameters
+        ----------
+        training : Training
+            Of the tasks so far.
+        features : ndarray of shape (n_new, n_features - 1)
+            Inputs of the new task.
+        task : int, default=()
+            Its position, if the model has it already; it then tells nothing itself.
+
+        Returns
+        -------
+        expected : tuple of (mean, deviation), or None without levels
         """
         levelled = self._likelihoods[0].prior.levels and self.normalize_y
         if not levelled or self._units.own_scales:
@@ -135,6 +145,10 @@ class JoiningGP(OnlineGP):
                 draws = rest._updated_draws(update, likelihoods, draws)
             self._store_learned(training, engine, likelihoods, modes, posteriors)
             self._store_updated_draws(draws)
+
+    def _row_of(self, task, likelihood, data, informed):
+        """What learns a relation, where `_learns_rows_of` says that it can be."""
+        raise NotImplementedError
 
     def _rows_that_relate(self, of_task):
         """Positions of some of a task's rows, evenly taken if there are many."""

@@ -194,6 +194,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, or of chains if hyperparameters are
         sampled, see :term:`n_jobs`.
+    random_state : int, RandomState instance or None, default=None
+        Source of the chains, if hyperparameters are sampled. With None they are the
+        same in each fit.
     verbose : int, default=0
         With 1, learning prints a line for each output, and every few seconds how far a
         long maximisation is. With 2 it prints more of these. Lines go to the logger
@@ -349,6 +352,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
+        random_state: np.random.RandomState | int | None = None,
         verbose: int = 0,
     ) -> None:
         self.kernel = kernel
@@ -371,6 +375,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
+        self.random_state = random_state
         self.verbose = verbose
 
 
@@ -497,6 +502,9 @@ class PooledGP(_FixedTaskCovarianceGP):
     n_jobs : int, default=None
         Number of outputs learned at the same time, or of chains if hyperparameters are
         sampled, see :term:`n_jobs`.
+    random_state : int, RandomState instance or None, default=None
+        Source of the chains, if hyperparameters are sampled. With None they are the
+        same in each fit.
     verbose : int, default=0
         With 1, learning prints a line for each output, and every few seconds how far a
         long maximisation is. With 2 it prints more of these. Lines go to the logger
@@ -652,6 +660,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
+        random_state: np.random.RandomState | int | None = None,
         verbose: int = 0,
     ) -> None:
         self.kernel = kernel
@@ -672,4 +681,5 @@ class PooledGP(_FixedTaskCovarianceGP):
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
+        self.random_state = random_state
         self.verbose = verbose

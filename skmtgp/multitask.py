@@ -511,7 +511,6 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "learning": [StrOptions({"annealed", "staged", "simultaneous"})],
         "truncation": [StrOptions({"eigen", "cholesky"})],
         "n_restarts_optimizer": [Interval(Integral, 0, None, closed="left")],
-        "random_state": ["random_state"],
     }
 
     def __init__(

@@ -187,6 +187,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     n_jobs : int, default=None
         Number of tasks learned at the same time, see :term:`n_jobs`. The chains of a
         task run one after another if hyperparameters are sampled.
+    random_state : int, RandomState instance or None, default=None
+        Source of the chains, if hyperparameters are sampled. With None they are the
+        same in each fit.
     verbose : int, default=0
         With 1, learning prints a line for each task, and every few seconds how far a
         long maximisation is. With 2 it prints more of these. Lines go to the logger
@@ -282,6 +285,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         max_iter: int = 2000,
         tol: float = 1e-2,
         n_jobs: int | None = None,
+        random_state: np.random.RandomState | int | None = None,
         verbose: int = 0,
     ) -> None:
         self.kernel = kernel
@@ -300,6 +304,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.max_iter = max_iter
         self.tol = tol
         self.n_jobs = n_jobs
+        self.random_state = random_state
         self.verbose = verbose
 
     @with_callbacks

@@ -196,7 +196,7 @@ class SampledMixin:
         For each lower rank that is likely, too, `lower` has the likelihood and the mode
         of each output.
         """
-        rng = check_random_state(getattr(self, "random_state", None) or 0)
+        rng = check_random_state(self.random_state or 0)
         seed, n = rng.randint(2**31 - 1), len(self._likelihoods)
         own = list(zip(self._likelihoods, np.split(self.theta_, n), strict=True))
         samples = []

@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import candidates, diagonal_of, form_of, rows_for
 from skmtgp._estimators.named_kernels import KERNEL
 from skmtgp._estimators.reading import has_descriptors
@@ -710,6 +711,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _budget(self):
         return replace(super()._budget(), truncation=self.truncation)
 
+    @steady
     def predict_terms(self, X: ArrayLike) -> NDArray[np.float64]:
         r"""Predict each term of f, the trend and the level; their sum is `predict`.
 
@@ -761,6 +763,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         """Without the axis of the outputs where y was one-dimensional."""
         return terms[:, 0] if self._single_output else terms
 
+    @steady
     def add_task(
         self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
     ) -> Self:

@@ -25,6 +25,7 @@ from skmtgp._plans import (
     sources_of,
     table_of,
 )
+from skmtgp._support.followers import as_it_is
 from skmtgp._support.followers import follow as follow_model
 from skmtgp._support.followers import leave as leave_models
 from skmtgp._support.warnings import warn
@@ -239,12 +240,6 @@ class CompiledPredictor:
     def __setstate__(self, state):
         vars(self).update(state, _lock=RLock())
 
-    def _now(self):
-        """As it is now, whatever it learns before a call has ended."""
-        now = object.__new__(type(self))
-        now.__dict__ = self.__dict__  # which is replaced, never changed
-        return now
-
     def __repr__(self) -> str:
         tasks = f"task={self.task!r}"
         if self.task is None:
@@ -277,7 +272,7 @@ class CompiledPredictor:
         y : ndarray of shape (n_outputs,)
             Predictions as of `predict`, in units of y.
         """
-        now = self._now()
+        now = as_it_is(self)
         x = now._check(x)
         if descriptors is not None:
             return now._predict_described(x, descriptors)
@@ -300,7 +295,7 @@ class CompiledPredictor:
         y : ndarray of shape (n_tasks, n_outputs)
             Predictions in the order of `tasks`, in units of y.
         """
-        now = self._now()
+        now = as_it_is(self)
         x, found = now._check(x), {}
         y = np.empty((len(now.tasks), len(now.outputs)))
         for row, task in zip(y, now.tasks, strict=True):
@@ -338,7 +333,7 @@ class CompiledPredictor:
             If the models do not have the same `task_descriptors`, or have a
             `target_transform`, after which predictions are not linear.
         """
-        now = self._now()
+        now = as_it_is(self)
         x, plans = now._check(x), now._of_descriptors()[1]
         constants = np.empty(len(now.outputs))
         slopes = np.empty((len(now.outputs), now.descriptors.shape[1]))
@@ -403,7 +398,7 @@ class CompiledPredictor:
         ValueError
             If the predictor was compiled without ``std=True``.
         """
-        now = self._now()
+        now = as_it_is(self)
         if now._deviations is None:
             raise ValueError("Standard deviations need compile_predictor(std=True).")
         x = now._check(x)

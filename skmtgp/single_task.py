@@ -553,6 +553,13 @@ class SingleTaskGP(PosteriorMixin, Estimator):
             covariances[np.ix_(rows, rows)] = block
         return covariances
 
+    def _draws(self, features, codes, n_draws, rng):
+        draws, noise_std = np.empty((2, len(features), self._n_outputs, n_draws))
+        for rows, model in self._parts(codes):
+            alone = features[rows], np.zeros_like(rows)
+            draws[rows], noise_std[rows] = model._draws(*alone, n_draws, rng)
+        return draws, noise_std
+
     def _components(self, features, codes, include_noise):
         def of_task(model, rows):
             return model._components(features[rows], 0 * rows, include_noise)
@@ -560,7 +567,10 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self._mixed(codes, of_task)
 
     def _left_out(self, include_noise):
-        """The same of the training samples, each given the others of its task."""
+        """Means and variances of each training sample given the others of its task.
+
+        Of each normal that is mixed, (n_components, n_samples, n_outputs) each.
+        """
 
         def of_task(model, rows):
             return model._left_out(include_noise)

@@ -159,7 +159,8 @@ class DescriptorTracker:
         Raises
         ------
         ValueError
-            If x or y has a wrong length, or y is infinite.
+            If x or y has a wrong length, y is infinite, or the predictions at x are
+            not finite.
         """
         y = np.asarray(y, dtype=float)
         if y.shape != self._variances.shape:
@@ -170,8 +171,13 @@ class DescriptorTracker:
         if not np.isfinite(off).all():
             if np.isinf(y).any():
                 raise self._no_sample(y)
-            told = ~np.isnan(off)
+            told = ~np.isnan(y)
             off, slopes, variances = off[told], slopes[told], variances[told]
+            if not np.isfinite(off).all():
+                raise ValueError(
+                    f"The predictions at x={x} are not finite. Give finite numbers; "
+                    "where a state was not measured, do not call update."
+                )
         step = self._step(off, slopes, variances)
         self.descriptors = self.descriptors + self._scale * step
         return self.descriptors

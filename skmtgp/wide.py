@@ -550,7 +550,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def score(
         self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None
     ) -> float:
-        """Return the R² of each output, averaged; NaN and columns of NaN are left out.
+        """Return the R² of each output, averaged, of the values that y has.
+
+        NaN is left out, and so are columns with fewer than two values.
 
         Parameters
         ----------
@@ -573,14 +575,18 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         ValueError
             If X or y cannot be used.
         """
+        refuse_another_order(X, y)
         mean = np.reshape(self.predict(X), (-1, len(self.outputs_)))
         Y = self._targets(y)
         check_consistent_length(mean, Y, sample_weight)
         seen = ~np.isnan(Y)
-        if not seen.any():
-            raise ValueError("y has no value to compare predictions with.")
+        told = np.flatnonzero(seen.sum(axis=0) > 1)
+        if not len(told):
+            raise ValueError(
+                "No column of y has two values to compare predictions with."
+            )
         scores = []
-        for j in np.flatnonzero(seen.any(axis=0)):
+        for j in told:
             rows = seen[:, j]
             weight = None if sample_weight is None else np.asarray(sample_weight)[rows]
             pair = Y[rows, j], mean[rows, j]

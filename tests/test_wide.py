@@ -253,7 +253,7 @@ def test_columns_without_a_value_are_left_out_of_the_score(fitted):
     ]
     score = fitted.score(X, empty, sample_weight=X[:, 0])
     assert score == pytest.approx(np.mean(parts), rel=1e-12)
-    with pytest.raises(ValueError, match="y has no value to compare"):
+    with pytest.raises(ValueError, match="No column of y has two values"):
         fitted.score(X, np.full(Y.shape, np.nan))
 
 

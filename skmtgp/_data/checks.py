@@ -248,7 +248,9 @@ def check_magnitude(values, name, columns):
 
 def check_theta(theta, learned):
     """Parameters of the shape of the learned ones, which None stands for."""
-    theta = learned if theta is None else check_array(theta, ensure_2d=False)
+    if theta is None:
+        return learned
+    theta = check_array(theta, ensure_2d=False, dtype=np.float64)
     if theta.shape != learned.shape:
         raise ValueError(
             f"theta has shape {theta.shape}; the model has {learned.shape}."

@@ -7,6 +7,7 @@ from typing import ClassVar, TypeVar
 
 from sklearn.base import BaseEstimator
 
+from skmtgp._support.followers import as_it_is
 from skmtgp._support.sklearn_compat import CallbackSupportMixin, InvalidParameterError
 
 DOCUMENTATION = "https://skmtgp.readthedocs.io/en/stable"
@@ -53,5 +54,19 @@ def public(method: Method) -> Method:
                 f"{type(self).__name__}.{method.__name__}() {error}. It takes {known}."
             ) from None
         return method(self, *args, **kwargs)
+
+    return call
+
+
+def steady(method: Method) -> Method:
+    """A public method that sees one state, whatever the estimator learns meanwhile.
+
+    Another thread may call `partial_fit`, which replaces all attributes at once.
+    """
+
+    @public
+    @wraps(method)
+    def call(self, *args, **kwargs):
+        return method(as_it_is(self), *args, **kwargs)
 
     return call

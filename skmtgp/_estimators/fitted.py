@@ -10,7 +10,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_theta
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.doubts import warn_of_noise
-from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.estimator import Estimator, steady
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.sampled import SampledMixin
@@ -41,7 +41,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     _descriptors = _known = None
 
-    @public
+    @steady
     def loo_predict(
         self, include_noise: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -141,7 +141,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         mean = self.y_train_.reshape(residual.shape) - residual * scale
         return mean, np.sqrt(variance) * scale
 
-    @public
+    @steady
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False
     ) -> float | tuple[float, NDArray[np.float64]]:

@@ -12,7 +12,7 @@ from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_test
-from skmtgp._estimators.estimator import public
+from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
@@ -59,7 +59,7 @@ class PosteriorMixin(RegressorMixin):
         include_noise: bool = False,
     ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
-    @public
+    @steady
     def predict(
         self,
         X: ArrayLike,
@@ -134,7 +134,7 @@ class PosteriorMixin(RegressorMixin):
             return mean, model._join(covariances)
         return mean
 
-    @public
+    @steady
     def predict_interval(
         self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -184,7 +184,7 @@ class PosteriorMixin(RegressorMixin):
         lower, upper = map(model._join, ends)
         return lower, upper
 
-    @public
+    @steady
     def sample_y(
         self,
         X: ArrayLike,

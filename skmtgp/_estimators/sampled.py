@@ -12,7 +12,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import is_dask
 from skmtgp._estimators.doubts import warn_of_duration
-from skmtgp._estimators.estimator import public
+from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import lower_rank
 from skmtgp._numerics.linalg import correlation
 from skmtgp._numerics.parallel import limit_threads
@@ -49,7 +49,7 @@ def n_posteriors(estimator, n):
 class SampledMixin:
     """Fitted model with draws of its hyperparameters, if they were asked for."""
 
-    @public
+    @steady
     def task_correlation_interval(
         self, level: float = 0.95
     ) -> tuple[pd.DataFrame, pd.DataFrame]:

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._estimators.estimator import public
+from skmtgp._estimators.estimator import steady
 from skmtgp._numerics.linalg import correlation
 
 
@@ -50,7 +50,7 @@ class SummaryMixin:
             )
         return self._frame(descriptors.table, descriptors.names)
 
-    @public
+    @steady
     def summary(self) -> pd.DataFrame:
         """Return what was learned of each task, as a table in units of y.
 
@@ -127,8 +127,9 @@ class SummaryMixin:
         """K^rho; of several terms their sum, each by its usual variance over x."""
         if posterior.K_rho.ndim == 2:
             return posterior.K_rho
-        of_terms = posterior.terms
-        return sum(K * k.diag(self.X_train_).mean() for k, K in of_terms)
+        rows = getattr(self, "X_train_", None)  # fits to Dask collections keep none
+        rows = self._likelihoods[0].inputs if rows is None else rows
+        return sum(K * k.diag(rows).mean() for k, K in posterior.terms)
 
     def _tasks(self):
         return pd.Index(self.tasks_, name="task")

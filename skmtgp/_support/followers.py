@@ -1,4 +1,6 @@
-"""Who follows a fitted model: compiled predictors, which change when it does.
+"""Models that learn more: who follows them, and what a call sees meanwhile.
+
+Compiled predictors follow a model and change when it does.
 
 The registry is weak both ways. It belongs to the process: models and predictors that
 were copied, cloned or pickled are others, which nobody follows and which follow nobody.
@@ -38,3 +40,13 @@ def tell(model):
         followers = list(_FOLLOWERS.get(model, ()))
     for follower in followers:
         follower._catch_up()
+
+
+def as_it_is(model):
+    """A model as it is now, whatever it learns before a call has ended.
+
+    What learns more replaces all of its attributes at once, and changes none of them.
+    """
+    now = object.__new__(type(model))
+    now.__dict__ = model.__dict__
+    return now

@@ -157,6 +157,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         "task_feature": [Integral, str],
     }
 
+    verbose = 0  # it takes no time
+
     def __init__(
         self,
         model: Any,
@@ -202,14 +204,14 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
             If a parameter, the model, a feature, a label or a target cannot be used.
             The estimator is then as it was before.
         """
-        with fitting(self, X, y):
+        with fitting(self, X, y, verbose=self.verbose) as progress:
             training = check_training(self, X, y)
             self._set_columns()
             names = locate(self)[1]
             self._columns.dynamics.check_states(training[0], names)
             check_torques(names, list(getattr(y, "columns", [])))
             with limit_threads(self.n_features_in_):
-                self._fit(*training)
+                self._fit(*training, progress)
         return self
 
     def _set_columns(self):
@@ -219,7 +221,8 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
             joints = [dynamics.position_of(self.joint)]
         self._columns = Columns(dynamics, words, joints)
 
-    def _fit(self, x, codes, tasks, y):
+    def _fit(self, x, codes, tasks, y, progress):
+        y = np.array(y)  # otherwise y itself, which the user may change
         self.tasks_, self._single_output = tasks, y.ndim == 1
         self._ends = ends_of(self._columns.dynamics.states(x)[0])
         self.y_train_, Y = y, y.reshape(len(y), -1)

@@ -19,6 +19,7 @@ LENGTH_SCALE, BOUNDS = 3.0, (0.1, 10.0)
 NEAR, NEAR_BOUNDS = 0.5, (0.02, 10.0)
 SHARE, SHARE_BOUNDS = 0.1, (1e-5, 1e5)  # of the second part of a sum
 NONE = "none"
+THOROUGH = "annealed"
 
 
 class Inputs(NamedTuple):
@@ -245,11 +246,11 @@ class Rest(NamedTuple):
         return noise[tasks] if noise.ndim else np.full(len(tasks), noise)
 
 
-def choose(kinds, make, left, tasks, estimators, criterion):
+def choose(kinds, make, left, tasks, estimators, criterion, *, thoroughly=True):
     """The best rest of a joint, a table of all, and the warnings of the best.
 
-    Each kind is learned from all features it may have by the first estimator. The best
-    is learned by the others, too.
+    Each kind is learned from all features it may have by the first estimator, quickly.
+    The best is learned by all of them.
 
     Parameters
     ----------
@@ -265,6 +266,8 @@ def choose(kinds, make, left, tasks, estimators, criterion):
         Unfitted: how tasks may be related.
     criterion : {"bic", "loo"}
         By which one is chosen.
+    thoroughly : bool, default=True
+        Whether the best is learned as thoroughly as the estimators say.
 
     Returns
     -------
@@ -275,12 +278,14 @@ def choose(kinds, make, left, tasks, estimators, criterion):
     warnings : list of (type, str)
         What was warned of when the best one was learned.
     """
-    (first, *others), scores = estimators, (tasks, left, criterion)
     options = [(kind, *given) for kind in kinds for given in make(kind)]
-    tried = [_candidate(first, *option, *scores) for option in options]
-    if tried:
+    scores, tried = (tasks, left, criterion), []
+    if options:
+        first, *others = map(_quickly, estimators)
+        tried = [_candidate(first, *option, *scores) for option in options]
         best = np.argmin([row[criterion] for _, row, _ in tried])
-        tried += [_candidate(e, *options[best], *scores) for e in others]
+        full = [e for e in estimators if thoroughly and e.learning == THOROUGH]
+        tried += [_candidate(e, *options[best], *scores) for e in full or others]
     none = Rest(NONE, None, None, np.mean(np.square(left)))
     found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
@@ -288,6 +293,12 @@ def choose(kinds, make, left, tasks, estimators, criterion):
     best = _best(found.values(), criterion)
     table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]
     return best[0], table, best[2]
+
+
+def _quickly(estimator):
+    """The same, learned by the paper's heuristic alone."""
+    quick = clone(estimator)
+    return quick.set_params(learning="staged") if quick.learning == THOROUGH else quick
 
 
 def _best(candidates, criterion):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from functools import partial
+from numbers import Integral
 from operator import itemgetter
 from typing import Any, Literal, Self
 
@@ -16,8 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.estimator import public
-from skmtgp._estimators.predicting import PosteriorMixin
-from skmtgp._numerics.parallel import limit_threads
+from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp._support.warnings import warn
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -105,6 +105,12 @@ class SemiparametricRegressor(RigidBodyRegressor):
     task_feature : int or str, default=-1
         Position or name of the task column. The other columns are, from left to right,
         positions q1..qJ (rad, or m where a joint slides), velocities and accelerations.
+    n_jobs : int, default=None
+        Number of joints whose processes are learned at the same time, see
+        :term:`n_jobs`.
+    verbose : int, default=0
+        With 1, learning prints a line for each joint and round. Lines go to the logger
+        "skmtgp"; without handlers they are printed.
 
     Attributes
     ----------
@@ -154,6 +160,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     and variances of a joint normal distribution (Rasmussen and Williams (2006), section
     2.7). In the second round the process learns from what these leave. The variances
     treat its hyperparameters, and features that depend on rigid bodies, as known.
+    Candidates are compared by quick searches, those of ``learning="staged"``. The best
+    one of the second round is then learned as `estimator` says.
 
     Rows of a recording are neighbours in time, and so are their states. What a model
     does not know of a robot, such as vibrations of its gears, they have in common. If
@@ -181,7 +189,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     rows. Outside, the process keeps its value at the edge, where a squared exponential
     would fall back to 0. Errors that neighbours have in common do fall back to 0.
 
-    `sample_y` draws each joint independently, although joints have links in common.
+    `sample_y` draws links, friction and loads, which all joints have in common. What no
+    row shows of them it does not draw: there `predict` has infinite deviations.
 
     Memory grows with the square of the number of samples, time with its cube for each
     joint.
@@ -218,6 +227,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         **RigidBodyRegressor._parameter_constraints,
         "criterion": [StrOptions({"bic", "loo"})],
         "estimator": [MultiTaskGPRegressor, None],
+        "n_jobs": [Integral, None],
+        "verbose": ["verbose"],
     }
 
     def __init__(
@@ -232,6 +243,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         joint: int | str | None = None,
         empty_task: int | str | None = None,
         task_feature: int | str = -1,
+        n_jobs: int | None = None,
+        verbose: int = 0,
     ) -> None:
         super().__init__(
             model,
@@ -244,12 +257,16 @@ class SemiparametricRegressor(RigidBodyRegressor):
         self.rest = rest
         self.criterion = criterion
         self.estimator = estimator
+        self.n_jobs = n_jobs
+        self.verbose = verbose
 
-    def _fit(self, x, codes, tasks, y):
+    def _fit(self, x, codes, tasks, y, progress):
         kinds = check_rest(self.rest)
-        super()._fit(x, codes, tasks, y)
-        self._rows_in_training = x, codes, y.reshape(len(y), -1)
-        learned = [self._learned_from(start, kinds) for start in self._starts()]
+        super()._fit(x, codes, tasks, y, progress)
+        self._rows_in_training = x, codes, self.y_train_.reshape(len(y), -1)
+        learned = [
+            self._learned_from(start, kinds, progress) for start in self._starts()
+        ]
         _, attributes, told = min(learned, key=itemgetter(0))
         vars(self).update(attributes)
         for category, message in told:
@@ -273,12 +290,15 @@ class SemiparametricRegressor(RigidBodyRegressor):
         found = solve(design @ matrix, known, method)[0]
         return [self._coef, self._centre + matrix @ found.coef]
 
-    def _learned_from(self, start, kinds):
+    def _learned_from(self, start, kinds, progress):
         """Deviance, attributes and warnings of what is learned from such links."""
         model = copy(self)
         model._coef = start
-        for _ in range(N_ROUNDS):
-            told = model._learn_rests(kinds)
+        for k in range(1, N_ROUNDS + 1):
+            stage = f"round {k} of {N_ROUNDS}"
+            describe = partial(model._describe, stage)
+            report = progress(stage, len(model._joint_names()), describe)
+            told = model._learn_rests(kinds, report, thoroughly=k == N_ROUNDS)
             model._settle()
         return model._deviance(), vars(model), told
 
@@ -289,18 +309,22 @@ class SemiparametricRegressor(RigidBodyRegressor):
         sizes = [log_det(factor, n) for factor in self._factors]
         return np.log(n) * sum(chosen) + sum(sizes) - 2.0 * self._evidence
 
-    def _learn_rests(self, kinds):
+    def _learn_rests(self, kinds, report, *, thoroughly):
         """Learn the process of each joint; give the warnings of those chosen."""
         x, codes, Y = self._rows_in_training
         left, self._known = Y - super()._means(x, codes), self._coef
         link, told, self._rests, self._table = self._link(x, codes), [], [], []
         power = power_of(Y)
         something = np.square(left).mean(axis=0) > ROUNDING * power
-        for i, name in enumerate(self._joint_names()):
+        learn = partial(choose, thoroughly=thoroughly)
+        options = codes, self._relations(), self.criterion
+        jobs = []
+        for i, is_left in enumerate(something):
             make = partial(self._features, i, x, link[:, i])
-            options = left[:, i], codes, self._relations(), self.criterion
-            found = choose(kinds if something[i] else [], make, *options)
-            rest, table, warnings = found
+            jobs.append((kinds if is_left else [], make, left[:, i], *options))
+        found = run(learn, jobs, n_jobs=self.n_jobs, report=report)
+        for i, name in enumerate(self._joint_names()):
+            rest, table, warnings = found[i]
             if rest.name == NONE:
                 variance = np.sum(np.square(left[:, i])) / max(self._freedom[i], 1.0)
                 rest = rest._replace(noise=max(variance, SMALLEST * power[i]))
@@ -308,6 +332,13 @@ class SemiparametricRegressor(RigidBodyRegressor):
             self._rests.append(rest)
             told += [(kind, f"Rest of {name!r}: {text}") for kind, text in warnings]
         return told
+
+    def _describe(self, stage, i, found):
+        """What to say of the process of a joint."""
+        names, (rest, table, _) = self._joint_names(), found
+        [value] = [row["log_marginal_likelihood"] for row in table if row["chosen"]]
+        place = f"{names[i]} ({i + 1} of {len(names)}), {stage}"
+        return f"{place}: rest {rest.name}, log likelihood {value:.1f}"
 
     def _joint_names(self):
         return [self._columns.dynamics.names[j] for j in self._columns.joints]
@@ -551,7 +582,17 @@ class SemiparametricRegressor(RigidBodyRegressor):
         covariances[same, same] = self._variances(features, codes, include_noise)
         return covariances
 
-    _draws = PosteriorMixin._draws
+    def _draws(self, features, codes, n_draws, rng):
+        """Draws of the parameters, and of what each process leaves beside them."""
+        design, _ = self._unknown(features, codes)
+        z = rng.standard_normal((self._factor.shape[1], n_draws))
+        draws = self._means(features, codes)[..., None] + design @ (self._factor @ z)
+        for i, rows, V in self._explained(features, codes):
+            left = self._rests[i].covariance(rows, rows) - V.T @ V
+            none = np.zeros(len(left))
+            own = rng.multivariate_normal(none, left, n_draws, check_valid="ignore")
+            draws[:, i] += own.T
+        return draws, np.sqrt(self._noise(codes))[..., None]
 
 
 def make_semiparametric_regressor(

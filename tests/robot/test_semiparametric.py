@@ -269,8 +269,8 @@ def test_a_new_load_is_one_normal_distribution_too():
 class Told(SemiparametricRegressor):
     """Keeps the deviance that each start reaches."""
 
-    def _learned_from(self, start, kinds):
-        found = super()._learned_from(start, kinds)
+    def _learned_from(self, start, *options):
+        found = super()._learned_from(start, *options)
         vars(self).setdefault("told_", []).append((start, found[0]))
         return found
 

@@ -191,15 +191,15 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """The data that the model was fitted to."""
         self._check_rows()
         return Training(
-            self.X_train_,
-            self.tasks_train_,
-            self.tasks_,
-            self.y_train_.reshape(len(self.y_train_), -1),
-            self._single_output,
-            self._units,
-            self.noise_,
-            self._target,
-            self._descriptors,
+            features=self.X_train_,
+            codes=self.tasks_train_,
+            tasks=self.tasks_,
+            Y=self.y_train_.reshape(len(self.y_train_), -1),
+            single_output=self._single_output,
+            units=self._units,
+            noise=self.noise_,
+            target=self._target,
+            descriptors=self._descriptors,
             trends=self._trends(),
             known=self._known,
         )
@@ -372,7 +372,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self.normalize_y_ = units if self.normalize_y else False
         self.noise_ = training.noise
         self._log_jacobian = training.log_jacobian()
-        self.tasks_, self._n_rows = training.tasks, training.counts
+        self.tasks_ = training.tasks
         self._descriptors, self._known = training.descriptors, training.known
         self._store_rows(training)
         for name in ("inducing_inputs_", *COEFFICIENTS):

@@ -94,7 +94,7 @@ class Alone:
         """
         models = self.estimator.estimators_
         means = np.array([np.ravel(model.y_mean_) for model in models])
-        if units.per_task:  # the others have what is left of far levels
+        if units.own_centres:  # the others have what is left of far levels
             means = means - units.centre.T
         scales = np.array([np.ravel(model.y_scale_) for model in models])
         with np.errstate(divide="ignore"):

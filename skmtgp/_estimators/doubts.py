@@ -258,7 +258,7 @@ def _warn_of_scale(training, problem, mode, j):
     if given or training.binary[j]:
         return False
     data, y = problem.data, training.targets(problem.engine)[:, j]
-    groups = data.tasks if training.units.per_task else np.zeros(len(y), dtype=int)
+    groups = data.tasks if training.units.own_centres else np.zeros(len(y), dtype=int)
     scale = likelier_scale(problem, mode, y, groups)
     if scale:
         warn(
@@ -330,12 +330,11 @@ def _warn_of_own_kernels(training, problem, mode):
     gain = gain_of_own_kernels(problem, mode)
     if gain > TELLING:
         name = None if training.kernel == DEFAULT else training.kernel
-        units = "per_task" if training.units.own_scales else "shared"
         options = {
             "kernel": [name] * 2,
             "rank": [problem.prior.task_covariance.rank - 1, 1],
             "noise": training.noise,
-            "normalize_y": units,
+            "normalize_y": training.units.name,
         }
         named = ", ".join(f"{key}={value!r}" for key, value in options.items())
         warn(

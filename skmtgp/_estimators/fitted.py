@@ -225,7 +225,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _has_usual_centre(self):
         """Whether tasks without rows have the centre of the others."""
-        return not self._units.per_task
+        return not self._units.own_centres
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""
@@ -368,8 +368,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
         self._store_target(training.target)
-        units = "per_task" if training.units.own_scales else "shared"
-        self.normalize_y_ = units if self.normalize_y else False
+        self.normalize_y_ = training.units.name if self.normalize_y else False
         self.noise_ = training.noise
         self._log_jacobian = training.log_jacobian()
         self.tasks_ = training.tasks

@@ -168,7 +168,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         if theta is None and not eval_gradient:
             return self.log_marginal_likelihood_value_
         self._check_rows()
-        parts = np.split(check_theta(theta, self.theta_), len(self._likelihoods))
+        parts = self._thetas(check_theta(theta, self.theta_))
         change_of_units = self._log_jacobian.sum()
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
@@ -181,6 +181,15 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             return float(np.sum(results) + change_of_units)
         values, gradients = zip(*results, strict=True)
         return float(np.sum(values) + change_of_units), np.concatenate(gradients)
+
+    def _thetas(self, theta=None):
+        """Theta of each output, as learned if no other one is given."""
+        theta = self.theta_ if theta is None else theta
+        return np.split(theta, len(self._likelihoods))
+
+    def _draws_of_outputs(self):
+        """Draws of theta of each output, (n_draws, n_theta)."""
+        return np.split(self.theta_samples_, len(self._likelihoods), axis=1)
 
     @property
     def _side(self):
@@ -485,8 +494,7 @@ def evidence_of(model):
 
     As that of forms, it is at most some nats for each hyperparameter below eq. 8.
     """
-    parts = np.split(model.theta_, len(model._likelihoods))
-    found = map(_evidence_at, model._likelihoods, parts)
+    found = map(_evidence_at, model._likelihoods, model._thetas())
     return sum(found) + float(model._log_jacobian.sum())
 
 

@@ -479,8 +479,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         for (category, message), of in tasks.items():
             if category in said:
                 continue
-            names = name_tasks(self.tasks_[of])
-            warn(f"T{names[1:]}: {message}", category)
+            names = name_tasks(self.tasks_[of], begins=True)
+            warn(f"{names}: {message}", category)
 
     def _check_room(self, engine, n, n_outputs, tiles, n_coefficients):
         """Whether memory suffices for tasks side by side, of at most n samples each."""

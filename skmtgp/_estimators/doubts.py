@@ -67,10 +67,10 @@ def warn_of_constants_alone(tasks, constant):
     for j, same in enumerate(constant.T, 1):
         if same.any():
             which = f" of output {j}" * (constant.shape[1] > 1)
+            names = name_tasks(tasks[same], begins=True)
             warn(
-                f"T{name_tasks(tasks[same])[1:]}: all targets{which} are equal: the "
-                "standard deviations of predictions there mean nothing. Check y, or "
-                "leave these rows out.",
+                f"{names}: all targets{which} are equal: the standard deviations of "
+                "predictions there mean nothing. Check y, or leave these rows out.",
                 ConstantTargetWarning,
             )
 
@@ -90,9 +90,9 @@ def warn_of_small_tasks(training, form):
     n_rows = count_tasks(training.codes, len(training.tasks), training.known)
     small = n_rows <= FEW
     if small.any() and not small.all():
-        names = name_tasks(training.tasks[small])
+        names = name_tasks(training.tasks[small], begins=True)
         warn(
-            f"T{names[1:]}: at most {FEW} rows. So few rows do not determine how a "
+            f"{names}: at most {FEW} rows. So few rows do not determine how a "
             "task is related to the others: its predictions may be off, and their "
             "intervals too narrow. hyperparameters='sampled' has wider ones. rank=0 "
             "with shared=True relates all tasks alike.",

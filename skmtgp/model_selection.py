@@ -342,7 +342,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             )
 
     def _fit_terms(self, model, training, progress):
-        """The same of several terms, whose candidates have each their own prior."""
+        """Learn candidates of several terms, each of which has its own prior."""
         n_terms, n_tasks = len(model._terms()), len(training.tasks)
         if self.criterion == "laplace":
             raise ValueError(

@@ -560,7 +560,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self._mixed(codes, of_task)
 
     def _left_out(self, include_noise):
-        """The same of the training samples, each given the others of its task."""
+        """Those of training samples, each given the others of its task."""
 
         def of_task(model, rows):
             return model._left_out(include_noise)
@@ -641,7 +641,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self._join(mean), self._join(std)
 
     def _leave_out(self, include_noise):
-        """The same of what is learned, (n_samples, n_outputs) each."""
+        """Means and standard deviations as learned, (n_samples, n_outputs) each."""
         mean, std = np.empty((2, len(self.tasks_train_), self._n_outputs))
         for rows, model in self._parts(self.tasks_train_):
             mean[rows], std[rows] = model._leave_out(include_noise)

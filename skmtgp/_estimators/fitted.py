@@ -128,7 +128,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         return self._join(mean), self._join(std)
 
     def _leave_out(self, include_noise, posteriors=None):
-        """The same of what is learned, (n_samples, n_outputs) each."""
+        """Means of f at training samples given the others, and standard deviations.
+
+        Both have the shape (n_samples, n_outputs), in units of transformed targets.
+        `posteriors` are those of a draw, if they are given.
+        """
         posteriors = posteriors or self._predictive
         order = self._training().order(self._engine)  # the posteriors' samples
         shape = len(self.tasks_train_), len(posteriors)
@@ -344,11 +348,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._draw_hyperparameters([starts_of(*of_rank) for of_rank in lower])
 
     def _settled(self, problems, modes):
-        """Modes as they are kept: with what the rows of small tasks leave open."""
+        """Modes as they are kept; a subclass may learn rows of small tasks again."""
         return modes
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
-        """The same of likelihoods, and perhaps posteriors, that are there already."""
+        """Set them from likelihoods, and perhaps posteriors, that are there already."""
         thetas = [mode.theta for mode in modes]
         if posteriors is None:
             posteriors = self._posteriors_at(training, likelihoods, thetas)

@@ -166,7 +166,10 @@ class SampledMixin:
         return means * scales + centre, variances
 
     def _left_out(self, include_noise):
-        """The same of the training samples, each given the others."""
+        """Means and variances of training samples, each given the others.
+
+        Both have the shape (n_draws, n_samples, n_outputs). A mode counts as one draw.
+        """
         parts = [self._predictive]
         if self._is_sampled():
             parts = map(list, zip(*(of.parts for of in self._predictive), strict=True))

@@ -381,7 +381,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         names = [str(of.form) for of in candidates]
         makes = [partial(of.fitted, model, training) for of in candidates]
         if alone is not None:
-            names, makes = [*names, ALONE], [*makes, alone.told]
+            names, makes = [*names, ALONE], [*makes, alone.chosen]
         best = self._best(table, criterion, *learned)
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
@@ -442,8 +442,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             if drawn:
                 free = [low_rank(n_rows, rank).n_free for rank in ranks]
                 return [r for r in ranks if r < 2 or ROWS_IF_DRAWN * free[r] <= n]
-            told = self._is_told(model, training)
-            return [r for r in ranks if rows_for(n_rows, r, compared=told) <= n]
+            compared = self._evidence_may_choose(model, training)
+            return [r for r in ranks if rows_for(n_rows, r, compared=compared) <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
@@ -456,7 +456,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")
         return np.unique(np.minimum(ranks, n_rows)).tolist()
 
-    def _is_told(self, model, training):
+    def _evidence_may_choose(self, model, training):
         """Whether the evidence may choose, which few rows of a rank mislead less."""
         exact = getattr(model.inference, "exact", model.inference != "sparse")
         may = self.criterion in ("auto", "laplace")

@@ -51,7 +51,7 @@ class Alone:
             self.estimator = estimator.fit(X, y, **known)
         self.seconds = perf_counter() - begin
 
-    def told(self):
+    def chosen(self):
         """The fitted estimator; what its fit warned of is said now."""
         if self.asked in LATER:
             model = clone(self.estimator).set_params(hyperparameters=self.asked)

@@ -144,7 +144,7 @@ def decided(job):
     return {
         "tasks": job[0],
         "rows": job[1],
-        "units": "per_task" if taken.units.per_task else "shared",
+        "units": taken.units.name,
         "noise": taken.noise,
         "kernel": taken.kernel,
     }

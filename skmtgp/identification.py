@@ -92,9 +92,9 @@ class TaskIdentifier(Estimator):
     Their covariance depends on :math:`f_j`, too, because the latent functions are not
     known exactly. Descriptors have a normal prior: that of the known tasks, widened.
     Fisher scoring with a line search finds their mode, starting from the mean and from
-    the likeliest task. Three linear steps come first, each with the covariance of the
-    step before. The covariance is the inverse of the Fisher information. For "none of
-    them", the density of the samples has the descriptors integrated out by Laplace's
+    the likeliest task. Up to five linear steps come first, each with the covariance of
+    the step before. The covariance is the inverse of the Fisher information. For "none
+    of them", the density of the samples has the descriptors integrated out by Laplace's
     method. Without descriptors the rows of the factor themselves have a normal prior.
 
     The model's own error is a function with covariance k^x whose variance, relative to

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
 from functools import partial
 from numbers import Integral
 from typing import TYPE_CHECKING, Literal, Self
@@ -20,6 +19,14 @@ from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
 from skmtgp._estimators.base import side
+from skmtgp._estimators.candidates import (
+    and_own_part,
+    candidates_of,
+    learn_again,
+    made,
+    ranks_to_draw,
+    settings_of_ranks,
+)
 from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.estimator import Estimator
@@ -39,8 +46,6 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
 from skmtgp._support.progress import fitting, say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
-from skmtgp._support.warnings import collect_warnings
-from skmtgp.learning.shortlisting import with_own_part
 from skmtgp.learning.weighing import is_unrelated, log_odds, preferred, simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
@@ -51,7 +56,6 @@ __all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
 EVIDENCES = "laplace", "bic"  # minus half of which is a log evidence, or nearly
-OPEN = 5.0  # nats of BIC, within which ranks are drawn where hyperparameters are
 ROWS_IF_DRAWN = 2  # for each number of the task covariance; of modes alone, see ROWS
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
 
@@ -309,19 +313,19 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         problems = pose(model, training, n_forms, self._n_kept(n_forms))
         exact, data = problems[0].engine.exact, problems[0].data
         simpler = simpler and (exact or not isinstance(self.simpler, str))
-        settings = _settings(model, ranks, simpler=simpler)
+        settings = settings_of_ranks(model._terms()[0], ranks, simpler=simpler)
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms), training.foretold)
         described = training.descriptors is not None or training.trends is not None
         asks = simpler and exact and not described
         with limit_threads(side(problems)):
-            growing = {"until_worse": self.ranks is None}
-            modes = model._learn_ranks(problems, forms, progress, **growing)
+            growing = self.ranks is None
+            modes = model._learn_ranks(problems, forms, progress, until_worse=growing)
             settings, forms = settings[: len(modes)], forms[: len(modes)]
             learned = [[of.with_form(form) for of in problems] for form in forms], modes
             if asks and self.ranks is None and not model.diagonal:
-                settings, *learned = _with_own_part(settings, *learned, model.n_jobs)
-            again = partial(_learn_again, model, learned[0], progress)
+                settings, *learned = and_own_part(settings, *learned, model.n_jobs)
+            again = partial(learn_again, model, learned[0], progress)
             told = model._tell(training, *revise(model, training, *learned, again))
             alone = _alone(model, *told[:2], X, y, given) if asks else None
             self._keep(model, settings, alone, *told)
@@ -338,7 +342,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             )
 
     def _fit_terms(self, model, training, progress):
-        """The same of several terms, whose candidates have each their own prior."""
+        """Learn candidates of several terms, each of which has its own prior."""
         n_terms, n_tasks = len(model._terms()), len(training.tasks)
         if self.criterion == "laplace":
             raise ValueError(
@@ -369,34 +373,31 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """Whether simpler models are tried; "auto" does not where they take long."""
         return self.ranks is None if isinstance(self.simpler, str) else self.simpler
 
-    def _keep(self, model, settings, alone, training, of_forms, modes):
+    def _keep(self, model, settings, alone, training, *learned):
         """Set the fitted attributes."""
-        criterion, among = criterion_of(self.criterion, of_forms, modes)
-        options = criterion, among, model.n_jobs
-        table = tabulate(training, of_forms, modes, alone, *options)
-        names = [str(of[0].prior.task_covariance) for of in of_forms]
-        learned = list(zip(settings, of_forms, modes, strict=True))
-        makes = [partial(_fitted, model, training, *of) for of in learned]
+        candidates = candidates_of(settings, *learned)
+        criterion, among = criterion_of(self.criterion, *learned)
+        table = tabulate(training, *learned, alone, criterion, among, model.n_jobs)
+        names = [str(of.form) for of in candidates]
+        makes = [partial(of.fitted, model, training) for of in candidates]
         if alone is not None:
-            names, makes = [*names, ALONE], [*makes, alone.told]
-        best = self._best(table, criterion, of_forms, modes)
+            names, makes = [*names, ALONE], [*makes, alone.chosen]
+        best = self._best(table, criterion, *learned)
         # arrays, for a frame cannot be kept by skops
         self._table = table | {"chosen": np.arange(len(names)) == best}
         self.best_model_, self.best_rank_ = names[best], 0
         self.criterion_ = criterion
         if model.verbose:
             say(f"chosen by {criterion.upper()}: {names[best]}")
-        *lower, highest = _ranks_to_draw(model, training, learned, table, best)
-        if lower and criterion in EVIDENCES:
-            lower = [learned[k][1:] for k in lower]
+        drawn = ranks_to_draw(model, training, candidates, table["bic"], best)
+        *lower, highest = drawn if criterion in EVIDENCES else [best]
+        if lower:
+            lower = [candidates[k] for k in lower]
             makes[best] = partial(makes[highest], lower=lower)
-        else:
-            highest = best
-        self.best_estimator_, kept = _made(makes, best, every=self.keep_estimators)
-        if best < len(modes):
-            rank = settings[best]["rank"]
-            self.best_rank_ = tuple(rank) if isinstance(rank, list) else rank
-            of_best, compared = learned[highest][1:], alone is not None
+        self.best_estimator_, kept = made(makes, best, every=self.keep_estimators)
+        if best < len(candidates):
+            self.best_rank_ = candidates[best].rank
+            (_, *of_best), compared = candidates[highest], alone is not None
             self.best_estimator_._warn_of_fit(training, *of_best, compared=compared)
         vars(self).pop("estimators_", None)
         if self.keep_estimators:
@@ -441,8 +442,8 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             if drawn:
                 free = [low_rank(n_rows, rank).n_free for rank in ranks]
                 return [r for r in ranks if r < 2 or ROWS_IF_DRAWN * free[r] <= n]
-            told = self._is_told(model, training)
-            return [r for r in ranks if rows_for(n_rows, r, compared=told) <= n]
+            compared = self._evidence_may_choose(model, training)
+            return [r for r in ranks if rows_for(n_rows, r, compared=compared) <= n]
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":
@@ -455,7 +456,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             raise ValueError(f"ranks={self.ranks!r} must be 0 or more.")
         return np.unique(np.minimum(ranks, n_rows)).tolist()
 
-    def _is_told(self, model, training):
+    def _evidence_may_choose(self, model, training):
         """Whether the evidence may choose, which few rows of a rank mislead less."""
         exact = getattr(model.inference, "exact", model.inference != "sparse")
         may = self.criterion in ("auto", "laplace")
@@ -728,78 +729,6 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
     def __sklearn_is_fitted__(self):
         return "best_estimator_" in vars(self)
-
-
-def _settings(model, ranks, *, simpler):
-    """Parameters of the candidates, those that are part of no other one first."""
-    [term] = model._terms()
-    of_ranks = [
-        {"rank": r, "shared": term.shared or r == 0, "diagonal": term.diagonal}
-        for r in ranks
-    ]
-    return [of for of in SIMPLER if simpler and of not in of_ranks] + of_ranks
-
-
-def _with_own_part(settings, of_forms, modes, n_jobs):
-    """The same with one candidate more, if the data have noise."""
-    own, of_own = with_own_part(of_forms, modes, n_jobs)
-    if not own:
-        return settings, of_forms, modes
-    form = own[0].prior.task_covariance
-    params = {"rank": form.rank, "shared": bool(form.shared), "diagonal": True}
-    return [*settings, params], [*of_forms, own], [*modes, of_own]
-
-
-def _learn_again(model, of_forms, progress, training):
-    """The same forms, with other units, noise and k^x."""
-    budget = of_forms[0][0].budget
-    problems = [replace(of, budget=budget) for of in pose(model, training)]
-    forms = [of[0].prior.task_covariance for of in of_forms]
-    order = sorted(range(len(forms)), key=lambda k: not forms[k].n_own)
-    modes = model._learn_ranks(problems, [forms[k] for k in order], progress)
-    modes = [modes[order.index(k)] for k in range(len(forms))]
-    return [[of.with_form(form) for of in problems] for form in forms], modes
-
-
-def _made(makes, best, *, every):
-    """The best model, and all of them if asked; these warn of nothing."""
-    chosen = makes[best]()
-    if not every:
-        return chosen, []
-    with collect_warnings():
-        kept = [chosen if k == best else make() for k, make in enumerate(makes)]
-    return chosen, kept
-
-
-def _ranks_to_draw(model, training, learned, table, best):
-    """Positions of the ranks that BIC leaves open beside the best, ascending.
-
-    Only the best itself where it is a model of another kind, or nothing is drawn.
-    """
-    (term, *others), bic = model._terms(), table["bic"]
-    least = int(training.descriptors is not None)  # one function is no column of theirs
-    ranks = [k for k, (of, *_) in enumerate(learned) if _is_rank(of, term, least)]
-    if others or best not in ranks:
-        return [best]
-    near = [k for k in ranks if bic[k] <= bic[best] + 2.0 * OPEN]
-    likely = sorted(near, key=lambda k: learned[k][0]["rank"])
-    _, [problem, *_], _ = learned[likely[-1]]
-    drawn = problem.engine.exact and model._way(training, problem) == "sampled"
-    return likely if drawn else [best]
-
-
-def _is_rank(settings, term, least):
-    """Whether it is a candidate for its rank alone."""
-    rank, shared = settings["rank"], bool(settings["shared"])
-    as_asked = settings["diagonal"] == term.diagonal
-    return as_asked and rank >= least and shared == bool(term.shared or rank == 0)
-
-
-def _fitted(model, training, settings, problems, modes, lower=()):
-    """A copy of the model that has learned these modes."""
-    model = copy(model).set_params(**settings)
-    model._store(training, problems, modes, lower)
-    return model
 
 
 def _alone(model, training, of_forms, X, y, given):

@@ -617,8 +617,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             few = n < FEW * data.n_told
             return [form_of(term, data, 0), *of_terms] if few else of_terms
         low = range(1, 1 + min(2, data.n_told))
-        told = [rank for rank in low if rows_for(data.n_told, rank) <= n]
-        highest = max(ranks[0], *told) if told else 0
+        enough = [rank for rank in low if rows_for(data.n_told, rank) <= n]
+        highest = max(ranks[0], *enough) if enough else 0
         return candidates(term, data, highest)
 
     def _terms(self):
@@ -643,8 +643,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         terms = self._terms()
         ranks, n_terms = range(n_tasks, 1, -1), len(terms)
         rows = (n_terms * rows_for(n_tasks, rank, compared=False) for rank in ranks)
-        told = (rank for rank, least in zip(ranks, rows, strict=True) if least <= n)
-        highest = next(told, 1)
+        enough = (rank for rank, least in zip(ranks, rows, strict=True) if least <= n)
+        highest = next(enough, 1)
         return [highest if term.rank is None else term.rank for term in terms]
 
     def _some_noise(self):

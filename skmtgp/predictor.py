@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator
 
+from skmtgp._data.labels import listed
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._plans import (
     Source,
@@ -471,4 +472,4 @@ class CompiledPredictor:
 
 def _shown(values):
     """Some values, the first of them if they are many."""
-    return ", ".join(map(repr, values[:5])) + ", ..." * (len(values) > 5)
+    return listed(values, more=", ...")

@@ -479,8 +479,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         for (category, message), of in tasks.items():
             if category in said:
                 continue
-            names = name_tasks(self.tasks_[of])
-            warn(f"T{names[1:]}: {message}", category)
+            names = name_tasks(self.tasks_[of], begins=True)
+            warn(f"{names}: {message}", category)
 
     def _check_room(self, engine, n, n_outputs, tiles, n_coefficients):
         """Whether memory suffices for tasks side by side, of at most n samples each."""
@@ -651,7 +651,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         return self._join(mean), self._join(std)
 
     def _leave_out(self, include_noise):
-        """The same of what is learned, (n_samples, n_outputs) each."""
+        """Means and standard deviations as learned, (n_samples, n_outputs) each."""
         mean, std = np.empty((2, len(self.tasks_train_), self._n_outputs))
         for rows, model in self._parts(self.tasks_train_):
             mean[rows], std[rows] = model._leave_out(include_noise)

@@ -250,7 +250,7 @@ def check_theta(theta, learned):
     """Parameters of the shape of the learned ones, which None stands for."""
     if theta is None:
         return learned
-    theta = check_array(theta, ensure_2d=False, dtype=np.float64)
+    theta = check_array(theta, ensure_2d=False, dtype=float)
     if theta.shape != learned.shape:
         raise ValueError(
             f"theta has shape {theta.shape}; the model has {learned.shape}."

@@ -92,11 +92,6 @@ def _all_equal(features, others):
     )
 
 
-def is_complete(features, codes):
-    """Whether each task is observed at each input, once; in memory of a few columns."""
-    return _cells(features, codes) is not None
-
-
 def _cells(features, codes):
     """The rows of `complete_design`, of inputs in no order."""
     n_tasks = codes.max() + 1

@@ -270,7 +270,7 @@ def encode_tasks(
     if unseen and not differ:
         found[found < 0] = len(tasks) + np.arange(len(unknown))
         return found[labels.codes]
-    what = f"Unknown task{'s' * (unknown.size > 1)} {_enumerate(unknown)}"
+    what = f"Unknown task{'s' * (unknown.size > 1)} {listed(unknown)}"
     why = f" These labels are {kinds[0]}, the model's are {kinds[1]}." * differ
     why = why or _meant(unknown.tolist(), tasks.tolist())
     join = ", or let it join with add_task" * can_join
@@ -280,7 +280,7 @@ def encode_tasks(
         "deviations apart."
     ) * may_share
     raise ValueError(
-        f"{what}: the model knows {_enumerate(tasks)}.{why}{beside} Fit with "
+        f"{what}: the model knows {listed(tasks)}.{why}{beside} Fit with "
         f"samples of every task{join}. In cross-validation set "
         "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection."
         f"{share}"
@@ -320,9 +320,26 @@ def _meant(unknown, tasks):
     return ""
 
 
-def _enumerate(labels, most=5):
-    listed = ", ".join(repr(label) for label in labels[:most].tolist())
-    return listed + (f", ... ({len(labels)} in all)" if len(labels) > most else "")
+def listed(values, most=5, more=", ... ({n} in all)"):
+    """Labels or names in words, or the first of them if they are many.
+
+    Parameters
+    ----------
+    values : ndarray, list or tuple
+        What is listed.
+    most : int, default=5
+        How many are shown.
+    more : str
+        Follows if there are more, where {n} is how many there are in all.
+
+    Returns
+    -------
+    words : str
+    """
+    some = values[:most]
+    some = some.tolist() if isinstance(some, np.ndarray) else some
+    end = more.format(n=len(values)) if len(values) > most else ""
+    return ", ".join(map(repr, some)) + end
 
 
 def rows_by_code(codes):
@@ -345,8 +362,8 @@ def rows_by_code(codes):
     return present, np.split(order, starts[1:])
 
 
-def name_tasks(labels):
-    """The tasks by their labels, or by some of them."""
-    named = ", ".join(map(repr, labels[:3].tolist()))
-    more = f" and {len(labels) - 3} more" if len(labels) > 3 else ""
-    return f"task{'s' * (len(labels) > 1)} {named}{more}"
+def name_tasks(labels, *, begins=False):
+    """The tasks by their labels, or by some of them; perhaps they begin a sentence."""
+    word = "Task" if begins else "task"
+    named = listed(labels, 3, f" and {len(labels) - 3} more")
+    return f"{word}{'s' * (len(labels) > 1)} {named}"

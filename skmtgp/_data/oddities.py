@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from skmtgp._data.dask import is_dask
-from skmtgp._data.labels import alike, name_tasks
+from skmtgp._data.labels import alike, listed, name_tasks
 from skmtgp._data.statistics import largest_of
 from skmtgp._data.task_column import locate, name_of_task_column
 from skmtgp._support.warnings import warn
@@ -77,9 +77,9 @@ def _warn_of_default(estimator, column, tasks, features):
     such = f", {better[0]!r} for example" if better else ""
     warn(
         f"task_feature=-1 takes the last column, {column!r}, for the tasks: "
-        f"{len(tasks)} of them, such as {_few(tasks)}. If these are no tasks, set "
-        f"task_feature to the name of the column that has them{such}, or add a column "
-        "with one label where all rows are of one task. If they are, set "
+        f"{len(tasks)} of them, such as {listed(tasks, 3, more='')}. If these are no "
+        f"tasks, set task_feature to the name of the column that has them{such}, or "
+        "add a column with one label where all rows are of one task. If they are, set "
         f"task_feature={column!r}.",
         TaskColumnWarning,
     )
@@ -102,10 +102,6 @@ def _repeat(values):
     """Whether these are integers, each of two rows on average or more."""
     integers = (np.mod(values, 1.0) == 0.0).all()
     return integers and 2 * len(np.unique(values)) <= len(values)
-
-
-def _few(tasks):
-    return ", ".join(map(repr, tasks[:3].tolist()))
 
 
 def _warn_of_alike(tasks):
@@ -228,8 +224,8 @@ def warn_of_constant_tasks(tasks, *, own_noise):
         if own_noise:
             harm = "and the kernel may follow these rows alone. Set noise='shared'"
         warn(
-            f"T{name_tasks(tasks)[1:]}: all targets are equal, as if there were no "
-            f"noise, {harm}. Check y, or leave these rows out, which is best.",
+            f"{name_tasks(tasks, begins=True)}: all targets are equal, as if there "
+            f"were no noise, {harm}. Check y, or leave these rows out, which is best.",
             ConstantTargetWarning,
         )
 

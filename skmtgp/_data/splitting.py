@@ -12,7 +12,7 @@ from scipy.sparse import issparse
 from sklearn.model_selection import StratifiedKFold
 from sklearn.utils import check_consistent_length, check_random_state
 
-from skmtgp._data.labels import rows_by_code
+from skmtgp._data.labels import listed, rows_by_code
 from skmtgp._data.task_column import task_labels
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import TaskColumnWarning
@@ -191,8 +191,7 @@ def check_most(splitter, counts, what):
 
 def naming(what, tasks):
     """What there is of some tasks, of which up to five are named."""
-    more = f", ... ({len(tasks)} in all)" if len(tasks) > 5 else ""
-    return f"{what} of task {', '.join(map(repr, tasks[:5]))}{more}"
+    return f"{what} of task {listed(tasks)}"
 
 
 def sets(fold_of_row, codes, n_splits):

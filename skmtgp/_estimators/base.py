@@ -181,7 +181,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         )
 
     def _tell(self, before, training, problems, modes):
-        """The same; says if the noise is another than learning began with."""
+        """What was learned; says if units, noise or k^x are others than at first."""
         if self.verbose and training.chosen != before.chosen:
             say(f"chosen once all is learned: {training.chosen}")
             for of in zip(chain(*problems), chain(*modes), strict=True):

@@ -51,7 +51,7 @@ class Alone:
             self.estimator = estimator.fit(X, y, **known)
         self.seconds = perf_counter() - begin
 
-    def told(self):
+    def chosen(self):
         """The fitted estimator; what its fit warned of is said now."""
         if self.asked in LATER:
             model = clone(self.estimator).set_params(hyperparameters=self.asked)
@@ -94,7 +94,7 @@ class Alone:
         """
         models = self.estimator.estimators_
         means = np.array([np.ravel(model.y_mean_) for model in models])
-        if units.per_task:  # the others have what is left of far levels
+        if units.own_centres:  # the others have what is left of far levels
             means = means - units.centre.T
         scales = np.array([np.ravel(model.y_scale_) for model in models])
         with np.errstate(divide="ignore"):

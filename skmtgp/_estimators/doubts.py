@@ -67,10 +67,10 @@ def warn_of_constants_alone(tasks, constant):
     for j, same in enumerate(constant.T, 1):
         if same.any():
             which = f" of output {j}" * (constant.shape[1] > 1)
+            names = name_tasks(tasks[same], begins=True)
             warn(
-                f"T{name_tasks(tasks[same])[1:]}: all targets{which} are equal: the "
-                "standard deviations of predictions there mean nothing. Check y, or "
-                "leave these rows out.",
+                f"{names}: all targets{which} are equal: the standard deviations of "
+                "predictions there mean nothing. Check y, or leave these rows out.",
                 ConstantTargetWarning,
             )
 
@@ -90,9 +90,9 @@ def warn_of_small_tasks(training, form):
     n_rows = count_tasks(training.codes, len(training.tasks), training.known)
     small = n_rows <= FEW
     if small.any() and not small.all():
-        names = name_tasks(training.tasks[small])
+        names = name_tasks(training.tasks[small], begins=True)
         warn(
-            f"T{names[1:]}: at most {FEW} rows. So few rows do not determine how a "
+            f"{names}: at most {FEW} rows. So few rows do not determine how a "
             "task is related to the others: its predictions may be off, and their "
             "intervals too narrow. hyperparameters='sampled' has wider ones. rank=0 "
             "with shared=True relates all tasks alike.",
@@ -258,7 +258,7 @@ def _warn_of_scale(training, problem, mode, j):
     if given or training.binary[j]:
         return False
     data, y = problem.data, training.targets(problem.engine)[:, j]
-    groups = data.tasks if training.units.per_task else np.zeros(len(y), dtype=int)
+    groups = data.tasks if training.units.own_centres else np.zeros(len(y), dtype=int)
     scale = likelier_scale(problem, mode, y, groups)
     if scale:
         warn(
@@ -330,12 +330,11 @@ def _warn_of_own_kernels(training, problem, mode):
     gain = gain_of_own_kernels(problem, mode)
     if gain > TELLING:
         name = None if training.kernel == DEFAULT else training.kernel
-        units = "per_task" if training.units.own_scales else "shared"
         options = {
             "kernel": [name] * 2,
             "rank": [problem.prior.task_covariance.rank - 1, 1],
             "noise": training.noise,
-            "normalize_y": units,
+            "normalize_y": training.units.name,
         }
         named = ", ".join(f"{key}={value!r}" for key, value in options.items())
         warn(

@@ -128,7 +128,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         return self._join(mean), self._join(std)
 
     def _leave_out(self, include_noise, posteriors=None):
-        """The same of what is learned, (n_samples, n_outputs) each."""
+        """Means of f at training samples given the others, and standard deviations.
+
+        Both have the shape (n_samples, n_outputs), in units of transformed targets.
+        `posteriors` are those of a draw, if they are given.
+        """
         posteriors = posteriors or self._predictive
         order = self._training().order(self._engine)  # the posteriors' samples
         shape = len(self.tasks_train_), len(posteriors)
@@ -168,7 +172,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         if theta is None and not eval_gradient:
             return self.log_marginal_likelihood_value_
         self._check_rows()
-        parts = np.split(check_theta(theta, self.theta_), len(self._likelihoods))
+        parts = self._thetas(check_theta(theta, self.theta_))
         change_of_units = self._log_jacobian.sum()
         results = []
         for likelihood, part in zip(self._likelihoods, parts, strict=True):
@@ -182,6 +186,15 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         values, gradients = zip(*results, strict=True)
         return float(np.sum(values) + change_of_units), np.concatenate(gradients)
 
+    def _thetas(self, theta=None):
+        """Theta of each output, as learned if no other one is given."""
+        theta = self.theta_ if theta is None else theta
+        return np.split(theta, len(self._likelihoods))
+
+    def _draws_of_outputs(self):
+        """Draws of theta of each output, (n_draws, n_theta)."""
+        return np.split(self.theta_samples_, len(self._likelihoods), axis=1)
+
     @property
     def _side(self):
         """Rows of the largest matrices that predictions are made with."""
@@ -191,15 +204,15 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """The data that the model was fitted to."""
         self._check_rows()
         return Training(
-            self.X_train_,
-            self.tasks_train_,
-            self.tasks_,
-            self.y_train_.reshape(len(self.y_train_), -1),
-            self._single_output,
-            self._units,
-            self.noise_,
-            self._target,
-            self._descriptors,
+            features=self.X_train_,
+            codes=self.tasks_train_,
+            tasks=self.tasks_,
+            Y=self.y_train_.reshape(len(self.y_train_), -1),
+            single_output=self._single_output,
+            units=self._units,
+            noise=self.noise_,
+            target=self._target,
+            descriptors=self._descriptors,
             trends=self._trends(),
             known=self._known,
         )
@@ -225,7 +238,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _has_usual_centre(self):
         """Whether tasks without rows have the centre of the others."""
-        return not self._units.per_task
+        return not self._units.own_centres
 
     def _shares(self):
         """Whether the user asked for a function that all tasks share alike."""
@@ -335,11 +348,11 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             self._draw_hyperparameters([starts_of(*of_rank) for of_rank in lower])
 
     def _settled(self, problems, modes):
-        """Modes as they are kept: with what the rows of small tasks leave open."""
+        """Modes as they are kept; a subclass may learn rows of small tasks again."""
         return modes
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
-        """The same of likelihoods, and perhaps posteriors, that are there already."""
+        """Set them from likelihoods, and perhaps posteriors, that are there already."""
         thetas = [mode.theta for mode in modes]
         if posteriors is None:
             posteriors = self._posteriors_at(training, likelihoods, thetas)
@@ -368,11 +381,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
         self._store_target(training.target)
-        units = "per_task" if training.units.own_scales else "shared"
-        self.normalize_y_ = units if self.normalize_y else False
+        self.normalize_y_ = training.units.name if self.normalize_y else False
         self.noise_ = training.noise
         self._log_jacobian = training.log_jacobian()
-        self.tasks_, self._n_rows = training.tasks, training.counts
+        self.tasks_ = training.tasks
         self._descriptors, self._known = training.descriptors, training.known
         self._store_rows(training)
         for name in ("inducing_inputs_", *COEFFICIENTS):
@@ -486,8 +498,7 @@ def evidence_of(model):
 
     As that of forms, it is at most some nats for each hyperparameter below eq. 8.
     """
-    parts = np.split(model.theta_, len(model._likelihoods))
-    found = map(_evidence_at, model._likelihoods, parts)
+    found = map(_evidence_at, model._likelihoods, model._thetas())
     return sum(found) + float(model._log_jacobian.sum())
 
 

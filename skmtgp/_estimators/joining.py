@@ -80,7 +80,7 @@ class JoiningGP(OnlineGP):
     def _has_usual_centre(self):
         """See FittedGP; those of tasks that joined far from the others do not count."""
         units = self._units
-        if units.own_scales or not units.per_task:
+        if units.own_scales or not units.own_centres:
             return super()._has_usual_centre()
         others = [task not in self._joined for task in self.tasks_.tolist()]
         return bool((np.ptp(units.centre[:, others], axis=1) == 0.0).all())

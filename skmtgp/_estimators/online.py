@@ -261,14 +261,6 @@ class OnlineGP(FittedGP):
             self._store_draws(draws, mixtures)
             vars(self).update(told)
 
-    def _draws_of_outputs(self):
-        """Draws of theta of each output, (n_draws, n_theta)."""
-        return np.split(self.theta_samples_, len(self._likelihoods), axis=1)
-
-    def _thetas(self):
-        """Theta of each output."""
-        return np.split(self.theta_, len(self._likelihoods))
-
     def _demand(self, training, rank=None):
         """What the model of these rows asks of memory."""
         n_kept = len(self._likelihoods) * (1 + len(getattr(self, "theta_samples_", ())))

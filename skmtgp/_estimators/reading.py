@@ -25,13 +25,6 @@ from skmtgp.inference.engines import leaves_rows, repeats_rows
 
 MOST_ROWS = 100_000  # of which copies are looked for
 NOTHING = None, None, None  # is known of the noise of the rows
-# Arguments that need the rows in memory, and what to do without each.
-NEEDS_ROWS = {
-    "hyperparameters={!r}": "set hyperparameters='mode'",
-    "task_descriptors": "leave the descriptors out",
-    "trend": "leave the trend out",
-    "alpha or sample_weight": "leave it out",
-}
 
 
 def read(model, X, y, given=NOTHING):
@@ -73,18 +66,20 @@ def read(model, X, y, given=NOTHING):
 
 
 def _refuse_what_needs_rows(model, given):
-    asked = (
-        model.hyperparameters in ("laplace", "sampled"),
-        has_descriptors(model),
-        getattr(model, "trend", None) is not None,
-        any(part is not None for part in given),
-    )
-    for (name, instead), is_asked in zip(NEEDS_ROWS.items(), asked, strict=True):
+    """Raise a ValueError where an argument needs rows that are not in memory."""
+    way = model.hyperparameters
+    drawn, trend = way in ("laplace", "sampled"), getattr(model, "trend", None)
+    known = any(part is not None for part in given)
+    for is_asked, name, instead in (
+        (drawn, f"hyperparameters={way!r}", "set hyperparameters='mode'"),
+        (has_descriptors(model), "task_descriptors", "leave the descriptors out"),
+        (trend is not None, "trend", "leave the trend out"),
+        (known, "alpha or sample_weight", "leave it out"),
+    ):
         if is_asked:
             raise ValueError(
-                f"{name.format(model.hyperparameters)} needs the rows in memory, and X "
-                "is a Dask collection. Give arrays, which may be memory-mapped, or "
-                f"{instead}."
+                f"{name} needs the rows in memory, and X is a Dask collection. Give "
+                f"arrays, which may be memory-mapped, or {instead}."
             )
 
 

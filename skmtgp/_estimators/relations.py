@@ -53,7 +53,7 @@ def evidence_of_relations(model, output):
         hyperparameters as learned. Of sparse inference the difference of two bounds.
     """
     training, likelihood = model._training(), model._likelihoods[output]
-    theta = np.split(model.theta_, len(model._likelihoods))[output]
+    theta = model._thetas()[output]
     prior, engine = likelihood.prior, model._engine
     if isinstance(engine, Kronecker):  # no more, if a task has joined
         engine = choose("auto", prior, training)

@@ -116,11 +116,8 @@ class SampledMixin:
                 "hyperparameters='sampled' and max_iter above 0."
             )
         tails = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
-        parts = np.split(self.theta_samples_, len(self._likelihoods), axis=1)
-        drawn = [
-            _correlations(likelihood.prior, thetas)
-            for likelihood, thetas in zip(self._likelihoods, parts, strict=True)
-        ]
+        outputs = zip(self._likelihoods, self._draws_of_outputs(), strict=True)
+        drawn = [_correlations(likelihood.prior, of) for likelihood, of in outputs]
         _warn_of_fixed(drawn)
         found = [np.quantile(of, tails, axis=0) for of in drawn]
         lower, upper = (
@@ -169,7 +166,10 @@ class SampledMixin:
         return means * scales + centre, variances
 
     def _left_out(self, include_noise):
-        """The same of the training samples, each given the others."""
+        """Means and variances of training samples, each given the others.
+
+        Both have the shape (n_draws, n_samples, n_outputs). A mode counts as one draw.
+        """
         parts = [self._predictive]
         if self._is_sampled():
             parts = map(list, zip(*(of.parts for of in self._predictive), strict=True))
@@ -198,7 +198,7 @@ class SampledMixin:
         """
         rng = check_random_state(self.random_state or 0)
         seed, n = rng.randint(2**31 - 1), len(self._likelihoods)
-        own = list(zip(self._likelihoods, np.split(self.theta_, n), strict=True))
+        own = list(zip(self._likelihoods, self._thetas(), strict=True))
         samples = []
         for j, ranks in enumerate(zip(*lower, own, strict=True), start=1):
             name = f"output {j} of {n}" if n > 1 else "the output"

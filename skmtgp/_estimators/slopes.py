@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from sklearn.base import TransformerMixin
 
+from skmtgp._data.labels import listed
 from skmtgp._data.trend import TrendColumns
 from skmtgp.model.trend import Basis, Trend
 
@@ -154,7 +155,7 @@ class Slopes:
         raise ValueError(
             f"normalize_y={units!r} subtracts the means of the targets and of the "
             f"trend's columns{' in each task' * per_task}, which leaves nothing of "
-            f"{_listed(names)}. Set normalize_y={other!r}, or leave such columns out, "
+            f"{listed(names)}. Set normalize_y={other!r}, or leave such columns out, "
             "for example by include_bias=False of a PolynomialFeatures. For a constant "
             "of each task set trend='linear' and trend_per_task=True."
         )
@@ -242,7 +243,7 @@ def _check_columns(H, names, of="", otherwise=""):
     if len(H) < len(names):
         raise ValueError(
             f"n_samples={len(H)}{of} is too few for the {len(names)} coefficients of "
-            f"the trend ({_listed(names)}). Give more rows or fewer columns{otherwise}."
+            f"the trend ({listed(names)}). Give more rows or fewer columns{otherwise}."
         )
     dependent = Basis(H).dependent
     if not dependent.size:
@@ -251,9 +252,9 @@ def _check_columns(H, names, of="", otherwise=""):
     why = (
         "zero everywhere"
         if len(zero) == len(dependent)
-        else f"a linear combination of the others ({_listed(names)})"
+        else f"a linear combination of the others ({listed(names)})"
     )
-    which = _listed([names[j] for j in dependent])
+    which = listed([names[j] for j in dependent])
     raise ValueError(
         f"In the rows{of} the trend's {which} is {why}, so its coefficient cannot be "
         f"determined. Leave such columns out of trend{otherwise}."
@@ -262,8 +263,3 @@ def _check_columns(H, names, of="", otherwise=""):
 
 def _named(tasks, task):
     return "" if task is None else f" of task {tasks[task].item()!r}"
-
-
-def _listed(names, most=5):
-    listed = ", ".join(map(repr, names[:most]))
-    return listed + (f", ... ({len(names)} in all)" if len(names) > most else "")

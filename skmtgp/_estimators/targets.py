@@ -114,7 +114,7 @@ class Column:
 
     def __init__(self, transformer, y):
         self.transformer = clone(transformer)
-        with told():
+        with naming_transform():
             self.transformer.fit(y[:, None])
         self.ends = -np.inf, np.inf
         z = self.forward(y)
@@ -279,12 +279,12 @@ def check_monotone(y, z):
 
 def _column(method, values):
     """What a method of a transformer makes of numbers, which it takes as a column."""
-    with told():
+    with naming_transform():
         return np.array(method(values[:, None]), dtype=float).reshape(len(values))
 
 
 @contextmanager
-def told():
+def naming_transform():
     """Context in which errors of the user's transformer say whose they are."""
     try:
         with np.errstate(all="ignore"):

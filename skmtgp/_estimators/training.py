@@ -158,7 +158,7 @@ class Training:
         """The data in other units, those of `unexplained` targets."""
         if self.slopes is None:
             return replace(self, units=units)
-        place = self.slopes.place(units.per_task)
+        place = self.slopes.place(units.own_centres)
         if self.slopes.centred and place == NOWHERE:  # constants are the trend's
             units = units._replace(centre=np.zeros_like(units.centre))
         trends = self.slopes.trends(self.Y, units, place)

@@ -31,7 +31,7 @@ class Units(NamedTuple):
     scale: np.ndarray
 
     @property
-    def per_task(self):
+    def own_centres(self):
         """Whether tasks have centres of their own."""
         return self.centre.shape[1] > 1
 
@@ -39,6 +39,11 @@ class Units(NamedTuple):
     def own_scales(self):
         """Whether tasks have scales of their own, and not centres alone."""
         return self.scale.shape[1] > 1
+
+    @property
+    def name(self):
+        """Whose units these are, as the parameter `normalize_y` has it."""
+        return "per_task" if self.own_scales else "shared"
 
     def scaled(self, Y, codes):
         """Targets in these units, from rows in those of y."""
@@ -131,7 +136,7 @@ class Units(NamedTuple):
             away = Y.mean(axis=0) - own - mean
             own = own + np.where(np.abs(away) > UNLIKELY * deviation, away, 0.0)
         centre = self.centre
-        if not self.per_task:
+        if not self.own_centres:
             if (own == centre[:, 0]).all():
                 return self
             centre = np.repeat(centre, n_tasks, axis=1)

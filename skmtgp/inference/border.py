@@ -84,9 +84,9 @@ class BorderLikelihood:
         error=0.0,
         inflation=1.0,
     ):
-        terms = [(factor, own, shared, equal)]
+        terms, owns = [(factor, shared, equal)], [own]
         if isinstance(factor, list):
-            terms = list(zip(factor, own, shared, equal, strict=True))
+            terms, owns = list(zip(factor, shared, equal, strict=True)), own
         self.noise = np.diag(np.broadcast_to(noise, len(y)))
         self.level, self.y = np.full((len(y),) * 2, level), y
         self.K_x = np.array([kernel(X) for kernel in terms_of(posterior.kernel)])
@@ -98,7 +98,7 @@ class BorderLikelihood:
         )
         self.means, self.halves = np.concatenate(means), np.concatenate(halves)
         of_l = [q for q, of in enumerate(means) for _ in of]
-        of_w = [q for q, of in enumerate(terms) if of[1]]
+        of_w = [q for q, has_own in enumerate(owns) if has_own]
         self.rank, self.own = len(of_l), len(of_w)
         self.of_term = np.array(of_l + of_w, dtype=int)
         self.signs, self.carried = np.ones((self.halves.shape[1], 1)), 0.0
@@ -130,7 +130,7 @@ class BorderLikelihood:
         self.K_x, self.level = Z.T @ self.K_x @ Z, self.level @ Z
         self.level, self.noise = Z.T @ self.level, Z.T @ self.noise @ Z
 
-    def _of_term(self, posterior, X, q, F, own, shared, equal):
+    def _of_term(self, posterior, X, q, F, shared, equal):
         """Means and halves of a term; what is known of it is taken off the targets.
 
         Halves are C^{-1} cov(y_old, z_a(X)), where K_old = C C^T.

@@ -135,7 +135,7 @@ def variogram_table(estimator: BaseEstimator, *, output: int = 0) -> pd.DataFram
 def _rows(model, tasks, output, names):
     """What the table has of one model, whose tasks are called so."""
     prior = model._likelihoods[output].prior
-    theta = np.split(model.theta_, len(model._likelihoods))[output]
+    theta = model._thetas()[output]
     scale = np.broadcast_to(model._units.scale[output], len(tasks))
     noise = np.broadcast_to(prior.values(theta).noise, len(tasks)) * scale**2
     spreads = _spreads(model, len(names))

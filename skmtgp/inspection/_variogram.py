@@ -224,7 +224,7 @@ class _Survey(NamedTuple):
         """Those of an output."""
         check_output(output, len(model._likelihoods))
         prior = model._likelihoods[output].prior
-        theta = np.split(model.theta_, len(model._likelihoods))[output]
+        theta = model._thetas()[output]
         n, scale = len(model.tasks_), model._units.scale[output]
         scale = np.broadcast_to(scale, n)
         terms = [

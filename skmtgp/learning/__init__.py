@@ -5,8 +5,10 @@
 ``climbing`` follows one start to a mode, ``stages`` is the paper's section 3, ``ranks``
 learns several ranks, which help each other by ``nesting``, and ``summarised`` goes on
 from there with inducing inputs, to ranks that need all rows by ``growing``. ``paper``
-is section 3 without our additions, ``novel`` adds a task to a model, and ``terms``
-grows several terms one after another. What goes beyond the paper:
+is section 3 without our additions, ``novel`` adds a task to a model, ``settling``
+learns tasks of few rows again as if they joined, and ``terms`` grows several terms one
+after another. ``ranges`` says at which length-scales to begin. What goes beyond the
+paper:
 
 - *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
 - *Annealed*: the noise variance is held up, at first.
@@ -14,12 +16,17 @@ grows several terms one after another. What goes beyond the paper:
 - Large data are learned *from coarse to fine*, beginning with a few hundred rows, or,
   of complete data, inputs.
 
-``agreement`` ends climbs that lead nowhere new, ``hidden`` finds functions that were
-taken for noise. ``forecast`` and ``telling`` say how long it takes and how far it is,
-``ambiguity`` and ``neighbours`` what a mode leaves in doubt, ``transformed`` which
-scale of the targets is likelier, and ``lines`` whether curves may be straight.
+``agreement`` ends climbs that lead nowhere new. ``hidden`` finds functions that were
+taken for noise, ``faster`` looks for fast ones early, and ``exchanging`` for better
+features where there is no noise. ``forecast`` and ``telling`` say how long it takes and
+how far it is, ``ambiguity`` and ``neighbours`` what a mode leaves in doubt,
+``transformed`` which scale of the targets is likelier, and ``lines`` whether curves may
+be straight. ``separate`` and ``own_kernels`` say whether a model of each task, or two
+kernels, would be likelier.
+
 ``penalised`` adds weak priors, ``sampling`` draws hyperparameters, ``evidence``
-integrates them out.
+integrates them out, and ``laplace`` has what rows leave open around a mode.
 ``shortlisting`` learns the best of several forms, which ``contenders`` and ``weighing``
-compare.
+compare; ``vanishing`` finds numbers of a diagonal that do not count. ``identifying``
+finds which task some samples are of.
 """

@@ -293,11 +293,6 @@ class Prior:
             return None
         return form.latent(self._split(theta)[1])[0][0, 0]
 
-    def equal_variance(self, theta):
-        """Variance of what each task has of its own, if all have the same; else 0."""
-        equal = getattr(self.task_covariance, "equal", False)
-        return float(np.exp(self._split(theta)[1][-1])) if equal else 0.0
-
     def latent(self, theta):
         """F and kappa at theta, of the latent functions of the tasks."""
         return self.task_covariance.latent(self._split(theta)[1])

@@ -74,7 +74,7 @@ def test_others_are_told_the_same(known):
 
 def test_a_level_among_the_others_has_no_centre(known):
     joined = known.add_task(X_NEW, 10.0 + Y_NEW)
-    assert not joined._units.per_task
+    assert not joined._units.own_centres
     assert np.ndim(joined.y_mean_) == 0
 
 
@@ -142,7 +142,7 @@ def test_of_several_outputs_one():
 def test_without_levels_and_centres_nothing_is_taken_off():
     for options in ({"task_levels": False}, {"normalize_y": False}):
         model = MultiTaskGPRegressor(rank=1, **options).fit(X, Y)
-        assert not model.add_task(X_NEW, 1e3 + Y_NEW)._units.per_task
+        assert not model.add_task(X_NEW, 1e3 + Y_NEW)._units.own_centres
 
 
 def test_sampled():

@@ -293,7 +293,7 @@ class TestAuto:
         model, found = MultiTaskGPRegressor(), []
         for seed in range(6):
             data = functions([0.0, 0.1, 3.0, 0.2], noises=0.2, counts=counts, seed=seed)
-            found.append(decide(model, read(model, *data)).units.per_task)
+            found.append(decide(model, read(model, *data)).units.own_scales)
         assert sum(found) <= most
 
     @pytest.mark.parametrize("seed", range(3))
@@ -308,7 +308,7 @@ class TestAuto:
         assert decided(X, y, model) == ("shared", "per_task")
         y = exact + np.where(tasks % 4 == 1, 1.0, 0.05) * drawn
         found = decide(MultiTaskGPRegressor(), read(MultiTaskGPRegressor(), X, y))
-        assert (found.units.per_task, found.noise) == (False, "per_task")
+        assert (found.units.own_scales, found.noise) == (False, "per_task")
 
     def test_fast_functions_are_not_taken_for_noise(self):
         rng = np.random.default_rng(2)
@@ -317,7 +317,7 @@ class TestAuto:
         y += 0.1 * rng.standard_normal(1100)
         model = MultiTaskGPRegressor()
         found = decide(model, read(model, np.column_stack([x, tasks]), y))
-        assert (found.units.per_task, found.noise) == (False, "shared")
+        assert (found.units.own_scales, found.noise) == (False, "shared")
 
     def test_fixed_noise_is_shared(self):
         data, _ = CASES["noise"]

@@ -50,7 +50,7 @@ def test_tasks_with_the_same_units_keep_them(data):
     """Functions as large in shared units speak for these, as in units of each."""
     model = MultiTaskGPRegressor()
     found = decide(model, read(model, *data))
-    assert not found.units.per_task
+    assert not found.units.own_scales
     assert found.noise == "per_task"
 
 

@@ -859,15 +859,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             trend=trend,
         )
 
-    def _learns_rows_of(self, task):
-        likelihood, trend = self._likelihoods[0], self._trends()
-        if self._engine.uses_design and task not in likelihood.novel:
-            return False  # its rows are a part of the Kronecker product
+    def _learns_rows(self):
+        trend = self._trends()
         per_task = trend is not None and trend[0].per_task
-        return has_rows(likelihood.prior) and not per_task
+        return has_rows(self._likelihoods[0].prior) and not per_task
 
     def _row_of(self, task, likelihood, data, informed):
-        """What learns the row of F of a task, at a posterior of the others' rows."""
+        if not self._learns_rows():
+            return super()._row_of(task, likelihood, data, informed)
         rows = self._rows_that_relate(data.tasks == task)
         X, y, budget = data.X[rows], data.y[rows], self._budget()
         options = {"task": task, "informed": informed, "budget": budget}

@@ -11,7 +11,7 @@ import numpy as np
 
 from skmtgp._estimators.online import OnlineGP, grows
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.learning.novel import join_alike
+from skmtgp.learning.novel import join_alike, stay_alike
 
 GROWN = 1.5  # times the rows from which a task's relation was learned: learn it anew
 ENOUGH = 100  # rows tell it: more take longer, and tell little more
@@ -72,7 +72,7 @@ class JoiningGP(OnlineGP):
             label = self.tasks_[task].item()
             joined, n_rows = self._joined.get(label), int(self._n_rows[task])
             outgrown = joined is not None and joined.is_outgrown(n_rows)
-            if outgrown and self._learns_rows_of(task):
+            if outgrown and self._learns_again(task):
                 self._relate_again(task, joined.informed)
                 told = joined._replace(told=min(n_rows, ENOUGH))
                 self._joined = self._joined | {label: told}
@@ -120,12 +120,19 @@ class JoiningGP(OnlineGP):
         scale = self._units.scale[:, 0]
         return scale * means, scale * np.sqrt(variances)
 
-    def _learns_rows_of(self, task):
-        """Whether a relation is learned, and can be learned from the task's rows."""
+    def _learns_again(self, task):
+        """Whether more rows of a task tell its relation, or its unit, better."""
+        if self._engine.uses_design and task not in self._likelihoods[0].novel:
+            return False  # its rows are a part of the Kronecker product
+        has_unit = self._units.own_centres and self._trends() is None
+        return has_unit or self._learns_rows()
+
+    def _learns_rows(self):
+        """Whether a relation is learned from the rows of a task that joins."""
         return False
 
     def _relate_again(self, task, informed):
-        """Learn the relation of a task that has joined from all of its rows."""
+        """Learn the relation and the unit of a task that has joined from all its rows."""
         before, engine, draws = self._training(), self._engine, None
         of_task = before.codes == task
         with limit_threads(self._side):
@@ -147,8 +154,8 @@ class JoiningGP(OnlineGP):
             self._store_updated_draws(draws)
 
     def _row_of(self, task, likelihood, data, informed):
-        """What learns a relation, where `_learns_rows_of` says that it can be."""
-        raise NotImplementedError
+        """What learns the relation of a task, at a posterior of the others' rows."""
+        return stay_alike
 
     def _rows_that_relate(self, of_task):
         """Positions of some of a task's rows, evenly taken if there are many."""

@@ -255,11 +255,24 @@ def join_alike(
     return _joined(prior, theta, leeway, [None], [own], position, log_noise)
 
 
+def stay_alike(posterior, theta, *, leeway=(), rng=None):
+    """The same as `learn_again` of a task whose relation its rows do not tell.
+
+    The mode is theta as it is. Its value is not known.
+    """
+    return _known(theta, leeway)
+
+
 def _joined(prior, theta, leeway, *border):
     """The prior and the mode with a border that is known."""
     leeway = tuple(of.bordered(prior, theta, *border) for of in leeway)
     prior, theta = prior.bordered(theta, *border)
-    return prior, Mode(theta, np.nan, 0, 0, True, False, 0.0, 0, leeway=leeway)
+    return prior, _known(theta, leeway)
+
+
+def _known(theta, leeway):
+    """A mode that was not learned."""
+    return Mode(theta, np.nan, 0, 0, True, False, 0.0, 0, leeway=leeway)
 
 
 def shares_of(prior, theta):

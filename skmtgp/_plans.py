@@ -25,6 +25,7 @@ from skmtgp._estimators.compiled import (
     Transform,
     means_of,
 )
+from skmtgp._support.pipelines import instead_of
 from skmtgp.model_selection import RankSearchIC
 from skmtgp.robot import RigidBodyRegressor
 from skmtgp.single_task import SingleTaskGP
@@ -104,6 +105,7 @@ class Source:
                 "SingleTaskGP, RankSearchIC or a regressor of skmtgp.robot, a Pipeline "
                 "that ends with one of them, "
                 f"or several of these, not a {type(steps[-1][1]).__name__}."
+                f"{instead_of(steps[-1][1])}"
             )
         *first, last = (step for _, step in steps)
         return cls([step for step in first if step not in (None, "passthrough")], last)

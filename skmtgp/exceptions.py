@@ -27,6 +27,7 @@ __all__ = [
     "SmallTaskWarning",
     "TargetScaleWarning",
     "TaskColumnWarning",
+    "TaskUnitWarning",
     "UnderflowWarning",
     "UnidentifiedNoiseWarning",
     "UnrelatedTasksWarning",
@@ -393,6 +394,22 @@ class TaskColumnWarning(UserWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import TaskColumnWarning
     >>> warnings.simplefilter("error", TaskColumnWarning)
+    """
+
+
+class TaskUnitWarning(UserWarning):
+    """A task that joins a fitted model seems to be measured in another unit.
+
+    Its targets vary ten times as much as those of the known tasks, or less than a tenth
+    of their noise, and the model has one unit for all tasks. Its intervals then hold
+    far too much or too little. Convert the targets, or fit a model with
+    ``normalize_y="per_task"`` to all rows, see :doc:`/guide/levels`.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import TaskUnitWarning
+    >>> warnings.simplefilter("error", TaskUnitWarning)
     """
 
 

@@ -16,7 +16,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_stream
 from skmtgp._estimators.base import BaseMultiTaskGP
-from skmtgp._support.pipelines import at_the_end
+from skmtgp._support.pipelines import at_the_end, instead_of
 from skmtgp.kernels import (
     geometric_inverse_dynamics_kernel,
     inverse_dynamics_kernel,
@@ -114,10 +114,10 @@ def add_task(
     if isinstance(model, SemiparametricRegressor):
         return model.add_task(X, y)
     if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC, RigidBodyRegressor)):
-        advice = " Pass its best_estimator_." * hasattr(model, "best_estimator_")
         raise TypeError(
             "The model must be a MultiTaskGPRegressor, a RankSearchIC or a Pipeline "
-            f"that ends with one of them; {type(model).__name__} is none.{advice}"
+            f"that ends with one of them; {type(model).__name__} is none."
+            f"{instead_of(model)}"
         )
     return model.add_task(X, y, prior=prior)
 
@@ -175,7 +175,7 @@ def partial_fit(
         raise TypeError(
             "The model must be a MultiTaskGPRegressor, IndependentGP, PooledGP or "
             "RankSearchIC, or a Pipeline that ends with one of them, not a "
-            f"{type(last).__name__}."
+            f"{type(last).__name__}.{instead_of(last)}"
         )
     if last is model:
         return model.partial_fit(X, y, max_rows=max_rows)

@@ -233,6 +233,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     inference_ : str
         How the likelihood is computed: "dense", "kronecker", "sparse", or the name of
         your own engine.
+    hyperparameters_ : ndarray of str of shape (n_tasks,)
+        Which hyperparameters predictions of each task use: "mode", "map", "laplace" or
+        "sampled". "auto" has chosen one of them.
     n_features_in_ : int
         Number of columns of X, including the task column.
     feature_names_in_ : ndarray of shape (`n_features_in_`,)
@@ -502,6 +505,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         self.n_iter_ = max(e.n_iter_ for e in fitted)
         self.n_evaluations_ = sum(e.n_evaluations_ for e in fitted)
         self.n_hyperparameters_ = sum(e.n_hyperparameters_ for e in fitted)
+        self.hyperparameters_ = np.array([e.hyperparameters_ for e in fitted])
         self.log_marginal_likelihoods_ = sum(
             e.log_marginal_likelihoods_ for e in fitted
         )

@@ -33,6 +33,7 @@ WARNINGS = (
     exceptions.SmallTaskWarning,
     exceptions.TargetScaleWarning,
     exceptions.TaskColumnWarning,
+    exceptions.TaskUnitWarning,
     exceptions.UnderflowWarning,
     exceptions.UnidentifiedNoiseWarning,
     exceptions.UnrelatedTasksWarning,

@@ -49,7 +49,7 @@ def warn_of_training(estimator, features, tasks, y):
     _warn_of_underflow(
         y.reshape(len(y), -1), "output", ", and standard deviations mean nothing"
     )
-    _warn_of_alike(tasks)
+    warn_of_alike(alike(tasks.tolist()))
     column = name_of_task_column(estimator)
     _warn_of_default(estimator, column, tasks, features)
     if len(y) > FEW_ROWS and len(tasks) > len(y) / 2:
@@ -104,9 +104,8 @@ def _repeat(values):
     return integers and 2 * len(np.unique(values)) <= len(values)
 
 
-def _warn_of_alike(tasks):
+def warn_of_alike(groups):
     """Say which labels may be the same task, written in several ways."""
-    groups = alike(tasks.tolist())
     if groups:
         first = ", ".join(map(repr, groups[0]))
         more = f", and {len(groups) - 1} more such groups" * (len(groups) > 1)

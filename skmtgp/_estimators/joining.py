@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from skmtgp._estimators.arriving import FEW, tell_label, tell_unit
 from skmtgp._estimators.online import OnlineGP, grows
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.novel import join_alike, stay_alike
@@ -44,7 +45,12 @@ class JoiningGP(OnlineGP):
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
         before = self._training()
-        expected = self._expected_means(before, features)
+        tell_label(label, before.tasks)
+        inputs = features
+        if before.descriptors is not None:
+            inputs = before.descriptors.inputs(features)
+        self._tell_unit(label, inputs, before.target.forward(Y))
+        expected = self._expected_means(inputs)
         training, position = before.with_task(features, label, Y, expected)
         training = self._incomplete(training)
         if grows(before, training):
@@ -71,11 +77,15 @@ class JoiningGP(OnlineGP):
         for task in np.unique(codes):
             label = self.tasks_[task].item()
             joined, n_rows = self._joined.get(label), int(self._n_rows[task])
-            outgrown = joined is not None and joined.is_outgrown(n_rows)
-            if outgrown and self._learns_again(task):
+            if joined is None or not joined.is_outgrown(n_rows):
+                continue
+            if joined.told < FEW <= n_rows:
+                of_task = self._training().part(self.tasks_train_ == task)
+                self._tell_unit(label, of_task.features, of_task.Y, task)
+            if self._learns_again(task):
                 self._relate_again(task, joined.informed)
-                told = joined._replace(told=min(n_rows, ENOUGH))
-                self._joined = self._joined | {label: told}
+            told = joined._replace(told=min(n_rows, ENOUGH))
+            self._joined = self._joined | {label: told}
 
     def _has_usual_centre(self):
         """See FittedGP; those of tasks that joined far from the others do not count."""
@@ -85,15 +95,13 @@ class JoiningGP(OnlineGP):
         others = [task not in self._joined for task in self.tasks_.tolist()]
         return bool((np.ptp(units.centre[:, others], axis=1) == 0.0).all())
 
-    def _expected_means(self, training, features, task=()):
+    def _expected_means(self, inputs, task=()):
         """Where the mean of a new task's targets should be, see `Units.with_task`.
 
         Parameters
         ----------
-        training : Training
-            Of the tasks so far.
-        features : ndarray of shape (n_new, n_features - 1)
-            Inputs of the new task.
+        inputs : ndarray of shape (n_new, n_inputs)
+            Of the new task.
         task : int, default=()
             Its position, if the model has it already; it then tells nothing itself.
 
@@ -104,21 +112,35 @@ class JoiningGP(OnlineGP):
         levelled = self._likelihoods[0].prior.levels and self.normalize_y
         if not levelled or self._units.own_scales:
             return None
-        means, variances = [], []
-        if training.descriptors is not None and task == ():
-            features = training.descriptors.inputs(features)
+        of_f, noise = self._usual_variances(inputs, task)
+        means = [np.delete(of.levels, task).mean() for of in self._posteriors]
+        levels = [of.level for of in self._posteriors]
+        scale = self._units.scale[:, 0]
+        return scale * means, scale * np.sqrt(levels + of_f + noise)
+
+    def _usual_variances(self, inputs, task=()):
+        """Variances of f at such inputs and of the noise, the tasks' mean, by output.
+
+        In the model's units. A task may be left out.
+        """
+        of_f, noise = [], []
         for likelihood, posterior in zip(
             self._likelihoods, self._posteriors, strict=True
         ):
             K_rho = np.diagonal(self._covariance_of_tasks(posterior))
             if posterior.K_rho.ndim == 2:
-                K_rho = K_rho * posterior.kernel.diag(features).mean()
-            means.append(np.delete(posterior.levels, task).mean())
-            noise = likelihood.prior.values(posterior.theta).noise.mean()
-            of_f = np.delete(K_rho, task).mean()
-            variances.append(posterior.level + of_f + noise)
+                K_rho = K_rho * posterior.kernel.diag(inputs).mean()
+            of_f.append(np.delete(K_rho, task).mean())
+            noise.append(likelihood.prior.values(posterior.theta).noise.mean())
+        return np.array(of_f), np.array(noise)
+
+    def _tell_unit(self, label, inputs, Y, task=()):
+        """Warn of a task in another unit, where the model has one for all."""
+        if self._units.own_scales or self._trends() is not None:
+            return
+        of_f, noise = self._usual_variances(inputs, task)
         scale = self._units.scale[:, 0]
-        return scale * means, scale * np.sqrt(variances)
+        tell_unit(label, Y, scale * np.sqrt(of_f + noise), scale * np.sqrt(noise))
 
     def _learns_again(self, task):
         """Whether more rows of a task tell its relation, or its unit, better."""
@@ -132,12 +154,12 @@ class JoiningGP(OnlineGP):
         return False
 
     def _relate_again(self, task, informed):
-        """Learn the relation and the unit of a task that has joined from all its rows."""
+        """Learn the relation and the unit of a joined task from all of its rows."""
         before, engine, draws = self._training(), self._engine, None
         of_task = before.codes == task
         with limit_threads(self._side):
             rest = self._without_rows(before, of_task)
-            expected = rest._expected_means(before, before.features[of_task], task)
+            expected = rest._expected_means(before.features[of_task], task)
             training = before.with_unit_of(task, expected)
             training = replace(training, looks_for_design=False)
             data = training.data(engine)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skmtgp._data.checks import check_more, check_stream
+from skmtgp._estimators.arriving import tell_rows
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._numerics.parallel import limit_threads
@@ -151,6 +152,7 @@ class OnlineGP(FittedGP):
         before, n_new = self._training(), len(Y)
         if before.descriptors is not None:
             features = before.descriptors.inputs(features)
+        tell_rows(before, features, codes, Y)
         training = before.with_rows(features, codes, Y)
         self._check_beside(before, features)
         engine, likelihood = self._engine, self._likelihoods[0]

@@ -110,11 +110,7 @@ class SampledMixin:
                 f"level={level!r} must be one number between 0 and 1, such as 0.95."
             )
         if not self._is_sampled():
-            raise ValueError(
-                "task_correlation_interval needs draws of the hyperparameters, and "
-                f"this {type(self).__name__} has only their mode. Fit it with "
-                "hyperparameters='sampled' and max_iter above 0."
-            )
+            raise ValueError(self._without_draws())
         tails = 0.5 * (1.0 - level), 0.5 * (1.0 + level)
         outputs = zip(self._likelihoods, self._draws_of_outputs(), strict=True)
         drawn = [_correlations(likelihood.prior, of) for likelihood, of in outputs]
@@ -125,6 +121,17 @@ class SampledMixin:
             for of in zip(*found, strict=True)
         )
         return lower, upper
+
+    def _without_draws(self):
+        """What to do where there are no draws."""
+        model = f"this {type(self).__name__}"
+        pairs = zip(self._likelihoods, self._thetas(), strict=True)
+        modes = [_correlations(of.prior, theta[None]) for of, theta in pairs]
+        if all(map(_are_fixed, modes)):
+            model = "a MultiTaskGPRegressor with rank=2 or more, or diagonal=True,"
+        needs = "task_correlation_interval needs draws of the hyperparameters, which "
+        needs += f"this {type(self).__name__} does not have. Fit {model} with "
+        return f"{needs}hyperparameters='sampled' and max_iter above 0."
 
     def _is_sampled(self):
         return hasattr(self, "theta_samples_")
@@ -209,13 +216,19 @@ class SampledMixin:
                 n_jobs=self.n_jobs,
                 tell=partial(self._tell_of_chains, name, n - j + 1),
             )
-            _warn_of_sample(name, sample, lower_rank(self))
+            _warn_of_sample(name, sample, self._what_helps_chains())
             samples.append(sample)
         self._store_draws([sample.theta for sample in samples])
         self.effective_sample_size_ = min(_least(sample) for sample in samples)
         self.r_hat_ = max(_largest(sample) for sample in samples)
         self.n_divergences_ = sum(sample.n_divergent for sample in samples)
         self.n_evaluations_ += sum(sample.n_evaluations for sample in samples)
+
+    def _what_helps_chains(self):
+        """In words, what may let chains move better."""
+        exact = self._engine.exact or len(self.tasks_train_) > MOST_ROWS
+        dense = "" if exact else "inference='dense', which so few rows allow"
+        return dense, lower_rank(self), "narrower bounds of the kernel", "more rows"
 
     def _tell_of_chains(self, name, n_outputs, n_modes, seconds):
         """Say how long sampling takes; what reports its chains, or None."""
@@ -260,8 +273,7 @@ class SampledMixin:
 
 def _warn_of_fixed(drawn):
     """Say where correlations are 0, 1 or -1 in all draws, as the form has them."""
-    sizes = np.abs(drawn)
-    if sizes.shape[-1] > 1 and (np.minimum(sizes, 1.0 - sizes) < FIXED).all():
+    if _are_fixed(drawn):
         warn(
             "The form of the task covariance fixes all correlations of tasks: they are "
             "0 for independent tasks, 1 for one function, and -1 or 1 for rank 1. "
@@ -269,6 +281,12 @@ def _warn_of_fixed(drawn):
             "rank=2 or more, or with diagonal=True, learns correlations.",
             FixedCorrelationWarning,
         )
+
+
+def _are_fixed(correlations):
+    """Whether those of several tasks are 0, 1 or -1."""
+    sizes = np.abs(correlations)
+    return sizes.shape[-1] > 1 and (np.minimum(sizes, 1.0 - sizes) < FIXED).all()
 
 
 def _correlations(prior, thetas):
@@ -283,8 +301,8 @@ def _largest(sample):
     return float(np.nanmax(sample.r_hat, initial=1.0))
 
 
-def _warn_of_sample(name, sample, lower):
-    """Say that the chains did not mix, or their steps failed; a lower rank may help."""
+def _warn_of_sample(name, sample, helps):
+    """Say that the chains did not mix, or their steps failed; and what may help."""
     least, largest = _least(sample), _largest(sample)
     diverged = sample.n_divergent / (THINNED * len(sample.theta))
     if least >= FEWEST and largest <= LARGEST and diverged <= MOST_DIVERGENT:
@@ -295,7 +313,7 @@ def _warn_of_sample(name, sample, lower):
         f"more is good), the largest R-hat is {largest:.2f} ({LARGEST} or less is "
         f"good), and {diverged:.0%} of the trajectories diverged "
         f"({MOST_DIVERGENT:.0%} or less is good). Intervals may be too narrow. This "
-        f"helps: {lower and f'{lower}, '}narrower bounds of the kernel, more rows, or "
-        "a larger n_draws, which makes the chains longer.",
+        f"helps: {', '.join(filter(None, helps))}, or a larger n_draws, which makes "
+        "the chains longer.",
         SamplingWarning,
     )

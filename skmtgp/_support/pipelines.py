@@ -1,5 +1,6 @@
 """The model at the end of pipelines and searches, and its rows."""
 
+from sklearn.frozen import FrozenEstimator
 from sklearn.pipeline import Pipeline
 
 
@@ -21,5 +22,14 @@ def at_the_end(model, X):
             model = model[-1]
         elif hasattr(model, "best_estimator_"):
             model = model.best_estimator_
+        elif isinstance(model, FrozenEstimator):
+            model = model.estimator
         else:
             return model, X
+
+
+def instead_of(model):
+    """What to pass in place of a model that holds another one, as an error says it."""
+    if hasattr(model, "best_estimator_"):
+        return " Pass its best_estimator_."
+    return " Pass its estimator." * isinstance(model, FrozenEstimator)

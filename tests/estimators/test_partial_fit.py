@@ -305,7 +305,7 @@ class TestMaxRows:
         X, y = parts()[0]
         model = learner(rank=2, **PAPER).fit(X, y)
         again = np.repeat(X[:1], 5, axis=0)
-        model.partial_fit(again, np.full(5, y[0]), max_rows=len(y))
+        model.partial_fit(again, y[0] + 1e-3 * np.arange(5), max_rows=len(y))
         left = (model.X_train_ == X[0, :2]).all(axis=1).sum()
         assert left <= 2
         kept = {tuple(x) for x in model.X_train_.tolist()}

@@ -605,6 +605,8 @@ def make_semiparametric_regressor(
     prior: Literal["evidence", "nominal"] | None = "evidence",
     empty_task: int | str | None = None,
     task_feature: int | str = -1,
+    n_jobs: int | None = None,
+    verbose: int = 0,
 ) -> SemiparametricRegressor:
     """Make a model of a robot's torques: rigid bodies, friction, and the rest.
 
@@ -629,6 +631,10 @@ def make_semiparametric_regressor(
         Label of the task without a load.
     task_feature : int or str, default=-1
         Position or name of the task column.
+    n_jobs : int, default=None
+        Number of joints that are learned at the same time.
+    verbose : int, default=0
+        With 1, learning prints a line for each joint and round.
 
     Returns
     -------
@@ -660,4 +666,6 @@ def make_semiparametric_regressor(
         joint=joint,
         empty_task=empty_task,
         task_feature=task_feature,
+        n_jobs=n_jobs,
+        verbose=verbose,
     )

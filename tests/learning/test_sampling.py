@@ -21,6 +21,8 @@ from skmtgp.learning.sampling import (
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.task_covariance import identity, low_rank, ones
 
+LONGEST = pytest.mark.longest  # a minute each
+
 
 def likelihood_of(form, *, n=16, kernel=None, seed=0, **options):
     rng = np.random.default_rng(seed)
@@ -60,8 +62,9 @@ def test_draws_of_a_flat_likelihood_are_those_of_the_prior():
     assert draws.std() == pytest.approx(hyperprior.precision[0] ** -0.5, rel=0.12)
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("rank", [1, 2])
+@pytest.mark.parametrize(
+    "rank", [pytest.param(1, marks=pytest.mark.long), pytest.param(2, marks=LONGEST)]
+)
 def test_signs_and_sizes_are_those_of_the_posterior(rank):
     """Of few rows, which leave open whether tasks go together, against draws of the
     prior that are weighted by the likelihood."""
@@ -252,7 +255,7 @@ def test_a_chain_does_not_start_where_the_density_is_far_too_poor():
         assert peak.density(peak.x + 1e3 * draw)[0] < least
 
 
-@pytest.mark.long
+@LONGEST
 def test_no_chain_of_few_rows_is_lost():
     """One of these four was, at functions of 1e8 times the targets."""
     X, y = textbook_draw(n_tasks=8, n_rows=5, rank=3, seed=13)

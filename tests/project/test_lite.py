@@ -17,6 +17,10 @@ DOCS = ROOT / "docs"
 
 pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only in a checkout")
 
+# Pages of the gallery that take more than ten seconds
+SLOW = {"plot_inducing_inputs", "plot_sampled", "plot_grid_search", "plot_novel_load"}
+SLOW |= {"plot_joint_states", "plot_transfer", "plot_five_loads"}
+
 DRAWS = """  # before threads are refused: Pyodide's Matplotlib starts none
 import matplotlib; matplotlib.use("agg")
 import matplotlib.pyplot
@@ -138,8 +142,14 @@ def test_tutorial_runs_like_in_a_browser(lite):
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("path", gallery(), ids=lambda path: path.stem)
+def of_gallery():
+    """Its pages, the slow ones for `make test-longest`."""
+    for path in gallery():
+        mark = pytest.mark.longest if path.stem in SLOW else pytest.mark.long
+        yield pytest.param(path, marks=mark, id=path.stem)
+
+
+@pytest.mark.parametrize("path", of_gallery())
 def test_gallery_runs_like_in_a_browser(lite, path):
     """Those that need a package which a browser has not are not offered there."""
     if not lite.has_notebook(f"auto_examples/{path.stem}"):

@@ -368,9 +368,22 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         self.outputs_[:] = names
         codes, rows = np.nonzero(~np.isnan(Y.T))
         model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
+        self._check_task_feature(model)
         stacked = self._stack(table, rows, codes)
         self.estimator_ = clone(model).fit(stacked, Y[rows, codes])
         self._cells, self._shape = (rows, codes), Y.shape
+
+    def _check_task_feature(self, model):
+        """Raise a ValueError where a model of the package asks for another column."""
+        if not isinstance(model, Estimator):
+            return
+        asked = getattr(getattr(model, "estimator", None) or model, "task_feature", -1)
+        if isinstance(asked, str) and asked != self.task:
+            raise ValueError(
+                f"The estimator has task_feature={asked!r}, but WideRegressor makes "
+                f"the task column, with the name task={self.task!r}. Set "
+                f"task={asked!r} of the WideRegressor, or leave task_feature=-1."
+            )
 
     def _table(self, X, *, reset):
         """X as a frame, or as an array where its columns have no names."""

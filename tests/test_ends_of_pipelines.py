@@ -5,11 +5,19 @@ import pandas as pd
 import pytest
 from sklearn import config_context
 from sklearn.dummy import DummyRegressor
+from sklearn.frozen import FrozenEstimator
 from sklearn.model_selection import GridSearchCV
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import FunctionTransformer
 
-from skmtgp import PooledGP, WideRegressor, predict_interval
+from skmtgp import (
+    PooledGP,
+    WideRegressor,
+    add_task,
+    compile_predictor,
+    partial_fit,
+    predict_interval,
+)
 from skmtgp.metrics import (
     make_coverage_scorer,
     make_normalized_mse_scorer,
@@ -88,3 +96,16 @@ def test_what_a_wide_regressors_model_lacks(rows):
     for method in (wide.predict_interval, wide.sample_y):
         with pytest.raises(TypeError, match="DummyRegressor has no"):
             method(X[["x"]])
+
+
+def test_what_holds_a_model_says_what_to_pass(rows, model):
+    """Intervals look inside of it; what changes a model does not."""
+    X, y = rows
+    search = GridSearchCV(model, {"max_iter": [2]}, cv=2).fit(X, y)
+    frozen = FrozenEstimator(model)
+    for held, name in ((search, "best_estimator_"), (frozen, "estimator")):
+        for call in (add_task, partial_fit, lambda of, *_: compile_predictor(of)):
+            with pytest.raises(TypeError, match=rf"Pass its {name}\.$"):
+                call(held, X[:3], y[:3])
+    expected = model.predict_interval(X)
+    np.testing.assert_array_equal(predict_interval(frozen, X), expected)

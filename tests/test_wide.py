@@ -422,3 +422,26 @@ class TestScorers:
         assert score(model, X, missing) == pytest.approx(score(model, X, Y))
         with pytest.raises(NotFittedError):
             score(WideRegressor(QUICK), X, Y)
+
+
+def test_a_task_column_of_another_name():
+    model = MultiTaskGPRegressor(task_feature="site", max_iter=0)
+    for asked in (model, RankSearchIC(model)):
+        with pytest.raises(ValueError, match="Set task='site' of the WideRegressor"):
+            WideRegressor(asked).fit(FRAME, WIDE)
+    WideRegressor(model, task="site").fit(FRAME, WIDE)
+
+
+def test_columns_of_one_value_are_left_out_of_the_score(fitted):
+    one = GAPS.copy()
+    one[1:, 1] = np.nan
+    one[0, 1] = 1.0
+    empty = one.copy()
+    empty[:, 1] = np.nan
+    assert fitted.score(X, one) == fitted.score(X, empty)
+
+
+def test_rows_in_another_order_are_refused_by_the_score():
+    named = WideRegressor(QUICK).fit(FRAME, WIDE)
+    with pytest.raises(ValueError, match="order"):
+        named.score(FRAME, WIDE.iloc[::-1])

@@ -190,10 +190,11 @@ def test_search_has_that_of_the_best_model():
     assert_frame_equal(search.summary(), search.best_estimator_.summary())
 
 
-def test_dask_rows():
+@pytest.mark.parametrize("kernel", [None, ["rbf", "linear"]])
+def test_dask_rows(kernel):
     da = pytest.importorskip("dask.array")
     X, y = draw()
-    model = MultiTaskGPRegressor(rank=1, inference="sparse", max_iter=0)
+    model = MultiTaskGPRegressor(kernel, rank=1, inference="sparse", max_iter=0)
     found = clone(model).fit(da.from_array(X, chunks=9), da.from_array(y, chunks=9))
     here, expected = found.summary(), model.fit(X, y).summary()
     assert here["explained"].isna().all()

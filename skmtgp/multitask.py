@@ -803,6 +803,15 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             If the task is already known. If X has several tasks, features other than in
             `fit`, or values that cannot be used. If y has other outputs.
 
+        Warns
+        -----
+        OutlierWarning
+            If a few of ten or more targets are far from all others.
+        TaskColumnWarning
+            If the label differs from a known one in spaces or case alone.
+        TaskUnitWarning
+            If the task seems to be in another unit than all others.
+
         Notes
         -----
         This is section 3.3 of the paper, with a prior and levels added. A task with
@@ -860,9 +869,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         )
 
     def _learns_rows(self):
-        trend = self._trends()
-        per_task = trend is not None and trend[0].per_task
-        return has_rows(self._likelihoods[0].prior) and not per_task
+        prior, trend = self._likelihoods[0].prior, self._trends()
+        if trend is not None and trend[0].per_task:
+            return False
+        own = any(form.n_own > 1 for _, form in prior.terms)
+        return has_rows(prior) or (own and not describes(prior.task_covariance))
 
     def _row_of(self, task, likelihood, data, informed):
         if not self._learns_rows():

@@ -191,6 +191,6 @@ def test_a_state_that_was_not_measured(predictor):
     """NaN in y means so, but not in x: an encoder may have failed."""
     tracker = DescriptorTracker(predictor, 0.01, start=0)
     before = tracker.descriptors
-    with pytest.raises(ValueError, match="predictions at x=.*nan.* are not finite"):
+    with pytest.raises(ValueError, match=r"predictions at x=.*nan.* are not finite"):
         tracker.update([np.nan], [1.0, np.nan])
     np.testing.assert_array_equal(tracker.descriptors, before)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skmtgp._estimators.arriving import FEW, tell_label, tell_unit
+from skmtgp._estimators.arriving import FEW, tell_task, tell_unit
 from skmtgp._estimators.online import OnlineGP, grows
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.novel import join_alike, stay_alike
@@ -27,10 +27,13 @@ class Joined(NamedTuple):
         Whether its relation to the others has a prior.
     told : int
         Rows from which it was learned.
+    asked : bool
+        Whether it was asked if the task is in another unit.
     """
 
     informed: bool
     told: int
+    asked: bool
 
     def is_outgrown(self, n_rows):
         """Whether the task has so many more rows that they tell the relation better."""
@@ -45,7 +48,7 @@ class JoiningGP(OnlineGP):
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
         before = self._training()
-        tell_label(label, before.tasks)
+        tell_task(label, before.tasks, Y)
         inputs = features
         if before.descriptors is not None:
             inputs = before.descriptors.inputs(features)
@@ -69,7 +72,8 @@ class JoiningGP(OnlineGP):
             draws = self._updated_draws(update, likelihoods, draws)
             self._store_learned(training, engine, likelihoods, modes, posteriors)
             self._store_updated_draws(draws)
-        self._joined = self._joined | {label: Joined(informed, len(Y))}
+        joined = Joined(informed, told=len(Y), asked=len(Y) >= FEW)
+        self._joined = self._joined | {label: joined}
 
     def _join_rows(self, features, codes, Y):
         """Let rows of known tasks join; of those that joined they tell the relation."""
@@ -77,15 +81,16 @@ class JoiningGP(OnlineGP):
         for task in np.unique(codes):
             label = self.tasks_[task].item()
             joined, n_rows = self._joined.get(label), int(self._n_rows[task])
-            if joined is None or not joined.is_outgrown(n_rows):
+            if joined is None:
                 continue
-            if joined.told < FEW <= n_rows:
+            if n_rows >= FEW and not joined.asked:
                 of_task = self._training().part(self.tasks_train_ == task)
                 self._tell_unit(label, of_task.features, of_task.Y, task)
-            if self._learns_again(task):
+                joined = joined._replace(asked=True)
+            if joined.is_outgrown(n_rows) and self._learns_again(task):
                 self._relate_again(task, joined.informed)
-            told = joined._replace(told=min(n_rows, ENOUGH))
-            self._joined = self._joined | {label: told}
+                joined = joined._replace(told=min(n_rows, ENOUGH))
+            self._joined = self._joined | {label: joined}
 
     def _has_usual_centre(self):
         """See FittedGP; those of tasks that joined far from the others do not count."""
@@ -112,14 +117,14 @@ class JoiningGP(OnlineGP):
         levelled = self._likelihoods[0].prior.levels and self.normalize_y
         if not levelled or self._units.own_scales:
             return None
-        of_f, noise = self._usual_variances(inputs, task)
+        of_f, noise = self._variances_over_tasks(np.mean, inputs, task)
         means = [np.delete(of.levels, task).mean() for of in self._posteriors]
         levels = [of.level for of in self._posteriors]
         scale = self._units.scale[:, 0]
         return scale * means, scale * np.sqrt(levels + of_f + noise)
 
-    def _usual_variances(self, inputs, task=()):
-        """Variances of f at such inputs and of the noise, the tasks' mean, by output.
+    def _variances_over_tasks(self, of, inputs, task=()):
+        """Of f at such inputs and of the noise: the tasks' mean, say, by output.
 
         In the model's units. A task may be left out.
         """
@@ -130,17 +135,20 @@ class JoiningGP(OnlineGP):
             K_rho = np.diagonal(self._covariance_of_tasks(posterior))
             if posterior.K_rho.ndim == 2:
                 K_rho = K_rho * posterior.kernel.diag(inputs).mean()
-            of_f.append(np.delete(K_rho, task).mean())
-            noise.append(likelihood.prior.values(posterior.theta).noise.mean())
+            of_f.append(of(np.delete(K_rho, task)))
+            of_tasks = likelihood.prior.values(posterior.theta).noise
+            of_tasks = np.broadcast_to(of_tasks, len(K_rho))
+            noise.append(of(np.delete(of_tasks, task)))
         return np.array(of_f), np.array(noise)
 
     def _tell_unit(self, label, inputs, Y, task=()):
         """Warn of a task in another unit, where the model has one for all."""
         if self._units.own_scales or self._trends() is not None:
             return
-        of_f, noise = self._usual_variances(inputs, task)
         scale = self._units.scale[:, 0]
-        tell_unit(label, Y, scale * np.sqrt(of_f + noise), scale * np.sqrt(noise))
+        largest = sum(self._variances_over_tasks(np.max, inputs, task))
+        _, least = self._variances_over_tasks(np.min, inputs, task)
+        tell_unit(label, Y, scale * np.sqrt(largest), scale * np.sqrt(least))
 
     def _learns_again(self, task):
         """Whether more rows of a task tell its relation, or its unit, better."""

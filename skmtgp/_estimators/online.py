@@ -36,8 +36,8 @@ class OnlineGP(FittedGP):
 
         Later calls give the model that a fit to all rows would give with the
         hyperparameters, means and scales of the first call. They do not decompose the
-        covariance again. Of a task that has joined, the relation to the others is
-        learned again as its rows become more.
+        covariance again. Of a task that has joined, the relation to the others, and the
+        unit, are learned again as its rows become more.
 
         Parameters
         ----------
@@ -70,6 +70,18 @@ class OnlineGP(FittedGP):
             if the engine cannot take or drop these rows. The estimator is then as it
             was before.
 
+        Warns
+        -----
+        OutlierWarning
+            If a target is 20 times as far from the median of its task as all targets so
+            far, of ten or more, and 20 deviations from what the model predicts.
+        RepeatedRowsWarning
+            If most of five or more rows are there already.
+        TaskColumnWarning
+            If a new label differs from a known one in spaces or case alone.
+        TaskUnitWarning
+            If a new task seems to be in another unit than all others.
+
         Notes
         -----
         With dense inference a row takes O(n^2), because the Cholesky factor only grows
@@ -88,10 +100,11 @@ class OnlineGP(FittedGP):
         A few rows of a new task tell little of how it is related to the others. So a
         MultiTaskGPRegressor learns its row of the task covariance again each time that
         the task has half as many rows more, from at most a hundred of them and with the
-        same prior. Without a trend its unit follows, if tasks have units of their own.
-        This takes O(n^2) for each row of the task, and memory for three posteriors.
-        With `trend_per_task`, for tasks with descriptors, and where the rows become a
-        part of a Kronecker product nothing is learned again.
+        same prior; not with `trend_per_task`, nor for tasks with descriptors. If tasks
+        have units of their own, that of the new task is learned again, too, by all
+        estimators; not with a trend. Nothing is learned again where the rows become a
+        part of a Kronecker product. It takes O(n^2) for each row of the task, and
+        memory for three posteriors.
 
         Predictors that were compiled from this estimator are refreshed at the end, see
         :func:`~skmtgp.compile_predictor`.
@@ -150,9 +163,9 @@ class OnlineGP(FittedGP):
     def _join_rows(self, features, codes, Y):
         """Let rows of known tasks join."""
         before, n_new = self._training(), len(Y)
+        tell_rows(self, before, features, codes, Y)
         if before.descriptors is not None:
             features = before.descriptors.inputs(features)
-        tell_rows(before, features, codes, Y)
         training = before.with_rows(features, codes, Y)
         self._check_beside(before, features)
         engine, likelihood = self._engine, self._likelihoods[0]

@@ -16,6 +16,7 @@ from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp._support.followers import as_it_is
 
 
 class PosteriorMixin(RegressorMixin):
@@ -120,7 +121,7 @@ class PosteriorMixin(RegressorMixin):
         if return_std and return_cov:
             raise ValueError("Set return_std or return_cov, not both.")
         check_is_fitted(self)
-        model = self._model()
+        model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         target, rows = model._target, (model, features, codes)
         mean = model._join(target.back(model._means(features, codes)))
@@ -174,7 +175,7 @@ class PosteriorMixin(RegressorMixin):
         """
         _check_level(level)
         check_is_fitted(self)
-        model = self._model()
+        model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         with limit_threads(model._side):
             ends = model._quantiles(
@@ -220,7 +221,7 @@ class PosteriorMixin(RegressorMixin):
         check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)
         check_is_fitted(self)
-        model = self._model()
+        model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         with limit_threads(max(model._side, len(features))):
             draws, noise_std = model._draws(features, codes, n_samples, rng)

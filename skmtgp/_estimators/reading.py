@@ -59,7 +59,7 @@ def read(model, X, y, given=NOTHING):
     if plain and not stay:
         tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
-    elif not plain and repeats and training.known is None and _learns_noise(model):
+    elif not plain and repeats and training.known is None and learns_noise(model):
         copies = count_copies(training.features, training.codes, training.Y)
         warn_of_counts(copies, inference=model.inference)
     return training
@@ -118,18 +118,24 @@ def gathered(model, features, codes, tasks, Y, given=NOTHING):
 
 def tell_copies(model, features, codes, Y):
     """Warn of rows that are there twice, where noise is learned."""
-    if _learns_noise(model) and len(Y) <= MOST_ROWS:
+    if looks_for_copies(model, Y):
         warn_of_copies(count_copies(features, codes, Y))
 
 
 def tell_counts(model, known):
     """Warn of rows that count more than once, as if their measurements were equal."""
-    if known is not None and _learns_noise(model):
+    if known is not None and learns_noise(model):
         spread = known.spread.reshape(len(known.counts), -1)
         warn_of_counts((known.counts - 1.0)[~spread.any(axis=1)].sum())
 
 
-def _learns_noise(model):
+def looks_for_copies(model, Y):
+    """Whether copies among rows with these targets matter, and can be found."""
+    return learns_noise(model) and len(Y) <= MOST_ROWS
+
+
+def learns_noise(model):
+    """Whether the noise is not known before the fit."""
     return model.max_iter and not isinstance(model.noise_variance_bounds, str)
 
 

@@ -279,18 +279,22 @@ def choose(kinds, make, left, tasks, estimators, criterion, *, thoroughly=True):
         What was warned of when the best one was learned.
     """
     options = [(kind, *given) for kind in kinds for given in make(kind)]
-    scores, tried = (tasks, left, criterion), []
+    scores, tried, chosen = (tasks, left, criterion), [], NONE
     if options:
         first, *others = map(_quickly, estimators)
         tried = [_candidate(first, *option, *scores) for option in options]
         best = np.argmin([row[criterion] for _, row, _ in tried])
         full = [e for e in estimators if thoroughly and e.learning == THOROUGH]
-        tried += [_candidate(e, *options[best], *scores) for e in full or others]
+        again = [_candidate(e, *options[best], *scores) for e in full or others]
+        chosen = options[best][0]
+        if full:
+            tried = [of for of in tried if of[0].name != chosen]
+        tried += again
     none = Rest(NONE, None, None, np.mean(np.square(left)))
     found = {NONE: (none, _alone(left, criterion), [])}
     for kind in kinds:
         found[kind] = _best([of for of in tried if of[0].name == kind], criterion)
-    best = _best(found.values(), criterion)
+    best = _best([found[kind] for kind in (NONE, chosen)], criterion)
     table = [{**row, "chosen": row is best[1]} for _, row, _ in found.values()]
     return best[0], table, best[2]
 

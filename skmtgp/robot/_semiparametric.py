@@ -30,6 +30,7 @@ from skmtgp.robot._solving import SMALLEST, evidence, join, power_of, solve
 # errors by less than they differ between draws.
 N_ROUNDS = 2
 REST = "friction", "neighbours", "friction+neighbours"
+STARTS = "", "from the model's links, "
 PARTS = "links", "friction", "load", "process"
 ROUNDING = 1e-20  # power of what is left relative to that of the torque
 CHUNK = 500  # rows of predictions at a time: columns of all tasks' loads are many
@@ -109,8 +110,9 @@ class SemiparametricRegressor(RigidBodyRegressor):
         Number of joints whose processes are learned at the same time, see
         :term:`n_jobs`.
     verbose : int, default=0
-        With 1, learning prints a line for each joint and round. Lines go to the logger
-        "skmtgp"; without handlers they are printed.
+        With 1, learning prints a line for each joint and round, with
+        ``prior="nominal"`` from either start. Lines go to the logger "skmtgp"; without
+        handlers they are printed.
 
     Attributes
     ----------
@@ -160,8 +162,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
     and variances of a joint normal distribution (Rasmussen and Williams (2006), section
     2.7). In the second round the process learns from what these leave. The variances
     treat its hyperparameters, and features that depend on rigid bodies, as known.
-    Candidates are compared by quick searches, those of ``learning="staged"``. The best
-    one of the second round is then learned as `estimator` says.
+    Candidates are compared by quick searches, those of ``learning="staged"``. What is
+    best in the second round is then learned as `estimator` says.
 
     Rows of a recording are neighbours in time, and so are their states. What a model
     does not know of a robot, such as vibrations of its gears, they have in common. If
@@ -265,7 +267,8 @@ class SemiparametricRegressor(RigidBodyRegressor):
         super()._fit(x, codes, tasks, y, progress)
         self._rows_in_training = x, codes, self.y_train_.reshape(len(y), -1)
         learned = [
-            self._learned_from(start, kinds, progress) for start in self._starts()
+            self._learned_from(start, kinds, f"{name}round", progress)
+            for name, start in zip(STARTS, self._starts(), strict=False)
         ]
         _, attributes, told = min(learned, key=itemgetter(0))
         vars(self).update(attributes)
@@ -290,12 +293,12 @@ class SemiparametricRegressor(RigidBodyRegressor):
         found = solve(design @ matrix, known, method)[0]
         return [self._coef, self._centre + matrix @ found.coef]
 
-    def _learned_from(self, start, kinds, progress):
+    def _learned_from(self, start, kinds, name, progress):
         """Deviance, attributes and warnings of what is learned from such links."""
         model = copy(self)
         model._coef = start
         for k in range(1, N_ROUNDS + 1):
-            stage = f"round {k} of {N_ROUNDS}"
+            stage = f"{name} {k} of {N_ROUNDS}"
             describe = partial(model._describe, stage)
             report = progress(stage, len(model._joint_names()), describe)
             told = model._learn_rests(kinds, report, thoroughly=k == N_ROUNDS)

@@ -149,7 +149,7 @@ def of_gallery():
         yield pytest.param(path, marks=mark, id=path.stem)
 
 
-@pytest.mark.parametrize("path", of_gallery())
+@pytest.mark.parametrize("path", list(of_gallery()))
 def test_gallery_runs_like_in_a_browser(lite, path):
     """Those that need a package which a browser has not are not offered there."""
     if not lite.has_notebook(f"auto_examples/{path.stem}"):

@@ -41,15 +41,14 @@ LONG = 120.0  # seconds of learning that a user wants to know of before
 ENOUGH_ROWS_EACH = {"mode": 8, "map": 8, "laplace": 4}
 
 
-def warn_of_duration(learning, seconds):
+def warn_of_duration(learning, seconds, less="inference='sparse' or fewer rows"):
     """Say that learning will take minutes, and what takes less."""
     if seconds < LONG:
         return
     minutes = seconds / 60.0
     about = f"{minutes:.0f} minutes" if minutes < 90 else f"{minutes / 60.0:.0f} hours"
     warn(
-        f"{learning} very roughly {about} on one processor. inference='sparse' or "
-        "fewer rows take less time.",
+        f"{learning} very roughly {about} on one processor. {less} take less time.",
         LongFitWarning,
     )
 

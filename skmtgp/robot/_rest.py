@@ -1,5 +1,6 @@
 """What rigid bodies leave of a joint's torque: a Gaussian process of a few features."""
 
+from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -8,6 +9,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct, Ma
 
 from skmtgp._numerics.linalg import Cholesky, cholesky_with_jitter
 from skmtgp._support.warnings import collect_warnings
+from skmtgp.exceptions import LongFitWarning
 from skmtgp.kernels import Columns
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._columns import FRICTION, check_words
@@ -20,6 +22,9 @@ NEAR, NEAR_BOUNDS = 0.5, (0.02, 10.0)
 SHARE, SHARE_BOUNDS = 0.1, (1e-5, 1e5)  # of the second part of a sum
 NONE = "none"
 THOROUGH = "annealed"
+# Evaluations that a quick and a thorough search take, roughly; what one takes, in
+# decompositions and inverses of its matrix; and the rows with which these are timed.
+QUICK, FULL, EACH, SAMPLE = 60, 250, 3.0, 500
 
 
 class Inputs(NamedTuple):
@@ -299,6 +304,16 @@ def choose(kinds, make, left, tasks, estimators, criterion, *, thoroughly=True):
     return best[0], table, best[2]
 
 
+def foresee(n_rows, n_quick, n_full):
+    """Seconds that so many searches with these rows take, very roughly."""
+    n = min(n_rows, SAMPLE)
+    K = np.asfortranarray(np.full((n, n), 0.5) + np.eye(n))
+    begin = perf_counter()
+    Cholesky(K).invert()
+    each = EACH * (perf_counter() - begin) * (n_rows / n) ** 3
+    return each * (QUICK * n_quick + FULL * n_full)
+
+
 def _quickly(estimator):
     """The same, learned by the paper's heuristic alone."""
     quick = clone(estimator)
@@ -314,7 +329,8 @@ def _candidate(estimator, kind, features, z, tasks, left, criterion):
     with collect_warnings() as warnings:
         model = _learn(estimator, features, np.column_stack([z, tasks]), left)
         row = _tell(kind, model, left, criterion)
-    return Rest(kind, features, model, model.noise_variance_), row, warnings
+    told = [of for of in warnings if of[0] is not LongFitWarning]  # that is over
+    return Rest(kind, features, model, model.noise_variance_), row, told
 
 
 def _learn(estimator, features, Z, left):

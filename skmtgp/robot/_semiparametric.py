@@ -16,13 +16,22 @@ from scipy.linalg import block_diag
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task
+from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp._support.warnings import warn
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.robot._regressor import BLIND, RigidBodyRegressor
-from skmtgp.robot._rest import NONE, Features, check_rest, choose, log_det, whiten
+from skmtgp.robot._rest import (
+    NONE,
+    Features,
+    check_rest,
+    choose,
+    foresee,
+    log_det,
+    whiten,
+)
 from skmtgp.robot._solving import SMALLEST, evidence, join, power_of, solve
 
 # Of learning what is left and, given that, links and friction anew: the first rest is
@@ -266,14 +275,27 @@ class SemiparametricRegressor(RigidBodyRegressor):
         kinds = check_rest(self.rest)
         super()._fit(x, codes, tasks, y, progress)
         self._rows_in_training = x, codes, self.y_train_.reshape(len(y), -1)
+        starts = self._starts()
+        self._foretell(len(y), len(starts), kinds)
         learned = [
             self._learned_from(start, kinds, f"{name}round", progress)
-            for name, start in zip(STARTS, self._starts(), strict=False)
+            for name, start in zip(STARTS, starts, strict=False)
         ]
         _, attributes, told = min(learned, key=itemgetter(0))
         vars(self).update(attributes)
         for category, message in told:
             warn(message, category)
+
+    def _foretell(self, n_rows, n_starts, kinds):
+        """Say before learning begins if it will take minutes."""
+        n_joints, n_models = len(self._joint_names()), len(self._relations())
+        n_searches = sum(len(self._laws(kind)) for kind in kinds) * N_ROUNDS
+        n_quick = n_searches + (N_ROUNDS - 1) * (n_models - 1)
+        with limit_threads(n_rows):
+            seconds = foresee(n_rows, n_quick, n_models) if kinds else 0.0
+        learning = "Learning what rigid bodies leave will take"
+        less = "rest='friction', a larger n_jobs or fewer rows"
+        warn_of_duration(learning, n_starts * n_joints * seconds, less)
 
     def _starts(self):
         """Coefficients to begin with: the likeliest, and those with the model's links.
@@ -352,11 +374,17 @@ class SemiparametricRegressor(RigidBodyRegressor):
         With asymmetric friction its process may differ by direction, or not.
         """
         dynamics, joint = self._columns.dynamics, self._columns.joints[i]
-        laws = ["asymmetric" in self._columns.words]
-        if laws[0] and "friction" in kind and self._chooses_kernels():
-            laws.append(False)
-        found = [Features(kind, dynamics, joint, x, link, asymmetric=a) for a in laws]
+        found = [
+            Features(kind, dynamics, joint, x, link, asymmetric=of)
+            for of in self._laws(kind)
+        ]
         return [(features, features(x, link)) for features in found]
+
+    def _laws(self, kind):
+        """Whether friction differs by direction: what a kind may do."""
+        asymmetric = "asymmetric" in self._columns.words
+        both = asymmetric and "friction" in kind and self._chooses_kernels()
+        return [True, False] if both else [asymmetric]
 
     def _chooses_kernels(self):
         return self.estimator is None or self.estimator.kernel is None

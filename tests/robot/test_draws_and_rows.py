@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skmtgp.datasets import make_puma560
+from skmtgp.exceptions import LongFitWarning
 from skmtgp.robot import RigidBodyRegressor, SemiparametricRegressor
 
 pytest.importorskip("pinocchio")
@@ -94,3 +95,24 @@ def test_lines_for_each_joint_and_round(puma, sticky, caplog):
     assert lines[-1].startswith("joint6 (6 of 6), round 2 of 2: rest ")
     assert all("log likelihood" in line for line in lines)
     np.testing.assert_array_equal(one.predict(X), two.predict(X))
+
+
+def test_what_takes_long_is_foretold(puma, sticky, monkeypatch):
+    """Before it begins, of all searches; what one of them says is over by then."""
+    X, Y = sticky[0][::8], sticky[1][::8, 1]
+    model = SemiparametricRegressor(puma, joint=2)
+    monkeypatch.setattr("skmtgp._estimators.doubts.LONG", 1e-9)
+    monkeypatch.setattr("skmtgp.robot._semiparametric.choose", stopped)
+    match = "what rigid bodies leave will take .* rest='friction', a larger n_jobs"
+    with pytest.warns(LongFitWarning, match=match), pytest.raises(Stopped):
+        model.fit(X, Y)
+    with pytest.raises(Stopped):  # rigid bodies alone take no time
+        model.set_params(rest=None).fit(X, Y)
+
+
+class Stopped(Exception):
+    """Learning has begun."""
+
+
+def stopped(*args, **kwargs):
+    raise Stopped

@@ -260,7 +260,8 @@ class CompiledPredictor:
         Parameters
         ----------
         x : array-like of shape (n_features_in,)
-            The columns of X in their order, without the task and its descriptors.
+            The columns of X in their order, without the task and its descriptors. That
+            they are finite is not checked, to save time: NaN gives NaN.
         task : int or str, default=None
             Label of the task, if the predictor is not compiled for one task.
         descriptors : array-like of shape (n_descriptors,), default=None

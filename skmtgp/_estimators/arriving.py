@@ -84,21 +84,22 @@ def _warn_of_batch(n_copies, n):
     )
 
 
-def tell_task(label, tasks, Y):
+def tell_task(training, label, Y):
     """Say what is odd about a task that joins: its label, or some of its targets.
 
     Parameters
     ----------
+    training : Training
+        The rows so far.
     label : str or int
         Of the task.
-    tasks : ndarray of shape (n_tasks,)
-        Labels that the model knows.
     Y : ndarray of shape (n_samples, n_outputs)
-        Targets of the task.
+        Targets of the task, not transformed.
     """
-    warn_of_alike([of for of in alike([*tasks.tolist(), label]) if label in of])
+    tasks = training.tasks.tolist()
+    warn_of_alike([of for of in alike([*tasks, label]) if label in of])
     alone = np.zeros(len(Y), dtype=int)
-    far = far_off(Y, alone)
+    far = far_off(training.target.forward(Y), alone)
     if far.any():
         warn_of_outliers(far, Y, alone, np.array([label]))
 
@@ -120,8 +121,7 @@ def tell_unit(label, Y, largest, least_noise):
     if len(Y) < TOLD:
         return
     far = far_off(Y, np.zeros(len(Y), dtype=int))
-    spread = np.where(far, np.nan, Y)
-    spread = np.nanstd(spread, axis=0, ddof=1)
+    spread = np.nanstd(np.where(far, np.nan, Y), axis=0, ddof=1)
     large = spread > LARGE * largest
     small = (len(Y) >= FEW) & (spread > 0.0) & (spread < least_noise / LARGE)
     for j in np.flatnonzero(large | small):

@@ -48,7 +48,7 @@ class JoiningGP(OnlineGP):
     def _join_task(self, features, label, Y, prior="tasks"):
         """Become the model with one more task."""
         before = self._training()
-        tell_task(label, before.tasks, Y)
+        tell_task(before, label, Y)
         inputs = features
         if before.descriptors is not None:
             inputs = before.descriptors.inputs(features)

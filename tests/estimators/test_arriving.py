@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC
+from skmtgp._data.outliers import far_off
 from skmtgp.exceptions import (
     OutlierWarning,
     RepeatedRowsWarning,
@@ -108,6 +109,18 @@ def test_a_new_task_has_a_code_for_a_gap():
         with pytest.warns(OutlierWarning, match="-999") as caught:
             model.add_task(X, y)
         assert len(caught) == 1
+
+
+def test_a_new_task_of_several_orders_of_magnitude():
+    """What is far is asked of the transformed targets, as in fit."""
+    X, y = FIRST
+    model = MultiTaskGPRegressor(
+        rank=1, normalize_y="shared", target_transform=(np.log, np.exp), **QUICK
+    ).fit(X, y)
+    new, t = rows("new", 20, 7)
+    t[:2] = [90.0, 80.0]  # 2.0 in logarithms from the median
+    assert far_off(t[:, None], np.zeros(20, dtype=int)).any()
+    model.add_task(new, t)
 
 
 def test_tasks_that_differ_in_size_and_noise():

@@ -157,7 +157,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
-        `alpha` of `fit`.
+        `alpha` of `fit`. With the default, targets that are rounded have at least the
+        noise of rounding.
     normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
         Units in which the targets are learned:
 
@@ -458,9 +459,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     no more than chance, units are shared. Noise of each task is only tried if it
     promises a gain. With ``max_iter=0`` units and noise are shared, and "fixed" noise
     is always shared. Noise is also shared if all targets of a task with more than five
-    rows are equal, because the noise of that task would vanish. After exact inference
-    with shared noise, the choice of the noise is checked once more with the learned
-    model.
+    rows are equal, because the noise of that task would vanish. Such a task does not
+    count in these choices, and with the default `noise_variance_bounds` the noise
+    variance is at least a quarter of what the small model finds in the other tasks.
+    After exact inference with shared noise, the choice of the noise is checked once
+    more with the learned model.
 
     With ``kernel=None`` the same small model says how smooth the functions are: it is
     fitted with "rbf", then "matern52", "matern" and "exponential", as long as each is

@@ -218,8 +218,7 @@ def warn_of_far_levels(far, reason):
 def warn_of_constant_tasks(tasks, *, own_noise):
     """Say which tasks, if any, have targets that do not vary, and what that does."""
     if len(tasks):
-        harm = "which makes the noise of all tasks, and their intervals, too small, "
-        harm += "and their predictions worse. noise='per_task' does less harm"
+        harm = "which makes the noise of all tasks, and their intervals, too small"
         if own_noise:
             harm = "and the kernel may follow these rows alone. Set noise='shared'"
         warn(

@@ -26,6 +26,7 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 CENTRED = 1.0
 ROUNDING = 1e-15  # of the mean of equal numbers, relative to them
 LITTLE = 1e-2  # noise variance of the targets', less than which few rows do not tell
+NOISE_BOUNDS = (1e-10, 1e3)  # where the user gives none
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
@@ -133,6 +134,9 @@ def _scaled(model, prior, data, training, j):
     start, bounds = model.noise_variance, _noise_bounds(model, data.known)
     start = max(start, NO_NOISE)
     bounds = (start,) * 2 if isinstance(bounds, str) else bounds
+    noises = np.multiply([start, *bounds], deviation**2)
+    noises[:2] = np.maximum(noises[:2], _least_noise(model, training, j))
+    log_noise, *log_noise_bounds = np.log(noises).tolist()
     least = CENTRED if training.units.own_scales else prior.least_level
     level, within = max(least, FIRST_LEVEL) * scale**2, np.inf
     if prior.levels:
@@ -143,12 +147,23 @@ def _scaled(model, prior, data, training, j):
         prior,
         scale=scale,
         within=within if within > ROUNDING * scale else np.inf,
-        log_noise=float(np.log(start * deviation**2)),
-        log_noise_bounds=tuple(np.log(np.multiply(bounds, deviation**2))),
+        log_noise=log_noise,
+        log_noise_bounds=tuple(log_noise_bounds),
         log_level=float(np.log(level)),
         least_level=least,
         trend=training.trends and training.trends[j],
     )
+
+
+def _least_noise(model, training, j):
+    """Noise variance that is there at least, if the user gives no bounds."""
+    given = not np.array_equal(model.noise_variance_bounds, NOISE_BOUNDS)
+    if given or getattr(model, "learning", "annealed") != "annealed":  # the paper's
+        return 0.0
+    least = training.rounding[j]
+    if training.least_noise is not None:
+        least = max(least, training.least_noise[j])
+    return least / np.max(training.units.scale[j]) ** 2
 
 
 def _log_little(model, prior):

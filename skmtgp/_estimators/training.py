@@ -12,6 +12,7 @@ from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.known import Known
 from skmtgp._data.labels import sorted_tasks
 from skmtgp._data.oddities import is_binary
+from skmtgp._data.rounding import variance_of_rounding
 from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
@@ -58,6 +59,9 @@ class Training:
         Whether it is not known already that the data are not complete.
     kernel : str
         Name of k^x where the user gives none.
+    least_noise : ndarray of shape (n_outputs,), default=None
+        Noise variance of each output that is there at least, in squared units of Y,
+        beside that of rounding.
     foretold : bool, default=False
         Whether it was said how long learning will take.
     """
@@ -76,6 +80,7 @@ class Training:
     known: Known | None = None
     looks_for_design: bool = True
     kernel: str = DEFAULT
+    least_noise: np.ndarray | None = None
     foretold: bool = False
 
     @cached_property
@@ -119,6 +124,16 @@ class Training:
             return np.zeros(self.Y.shape[1], dtype=bool)
         return is_binary(self.Y)
 
+    @cached_property
+    def rounding(self):
+        """Variance of what rounding added to each output, in squared units of Y.
+
+        Means of measurements and Dask collections are not asked.
+        """
+        if is_dask(self.Y) or self.known is not None:
+            return np.zeros(self.Y.shape[1])
+        return variance_of_rounding(self.features, self.codes, self.Y)
+
     @property
     def measured(self):
         """Number of measurements of each task: a row may stand for several."""
@@ -133,14 +148,15 @@ class Training:
 
     @property
     def chosen(self):
-        """Units and noise, and another k^x than the usual one, in words."""
+        """Units, noise, another k^x than the usual one, and rounding, in words."""
         units = "own units for each task" if self.units.own_scales else "the same units"
         noises = {
             "shared": "one noise variance for all tasks",
             "per_task": "a noise variance for each task",
         }
         kernel = "" if self.kernel == DEFAULT else f', kernel="{self.kernel}"'
-        return f"{units}, {noises[self.noise]}{kernel}"
+        rounded = ", targets that are rounded" * bool(self.rounding.any())
+        return f"{units}, {noises[self.noise]}{kernel}{rounded}"
 
     def unexplained(self, per_task):
         """Targets without what least squares explain by a trend.

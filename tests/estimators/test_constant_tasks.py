@@ -1,0 +1,84 @@
+"""A task whose targets are all equal tells nothing of the noise of the others."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC
+
+NOISE, N = 0.1, 96
+
+
+def draw(noise=NOISE, seed=0):
+    """Rows of four tasks, of which the third is constant, and of the others' f."""
+    rng = np.random.default_rng(seed)
+    X = np.column_stack([rng.uniform(size=(N, 2)), np.arange(N) % 4])
+    X_new = np.column_stack([rng.uniform(size=(300, 2)), rng.choice([0, 1, 3], 300)])
+
+    def function(X):
+        return np.sin(5.0 * X[:, 0]) * (1.0 + X[:, -1]) + X[:, 1]
+
+    is_constant = X[:, -1] == 2
+    y = np.where(is_constant, 3.0, function(X) + noise * rng.standard_normal(N))
+    return X, y, is_constant, X_new, function(X_new)
+
+
+def fitted(model, X, y):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return model.fit(X, y)
+
+
+def error(model, X, f):
+    return np.sqrt(np.mean(np.square(model.predict(X) - f)))
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        MultiTaskGPRegressor(rank=1),
+        MultiTaskGPRegressor(),
+        IndependentGP(),
+        RankSearchIC(ranks=[1, 2]),
+    ],
+    ids=str,
+)
+def test_others_keep_their_noise(model):
+    X, y, is_constant, X_new, f = draw()
+    without = error(fitted(model, X[~is_constant], y[~is_constant]), X_new, f)
+    beside = fitted(model, X, y)
+    assert error(beside, X_new, f) < 1.5 * without
+    of = getattr(beside, "best_estimator_", beside)
+    assert np.sqrt(np.ravel(of.noise_variance_)).min() > 0.4 * NOISE
+
+
+@pytest.mark.parametrize("normalize_y", ["shared", "per_task"])
+def test_it_is_predicted(normalize_y):
+    X, y, is_constant, *_ = draw()
+    model = fitted(MultiTaskGPRegressor(rank=1, normalize_y=normalize_y), X, y)
+    assert model.predict(X[is_constant]) == pytest.approx(3.0, abs=0.01)
+
+
+def test_exact_data_stay_exact():
+    X, y, is_constant, X_new, f = draw(noise=0.0)
+    assert error(fitted(MultiTaskGPRegressor(), X, y), X_new, f) < 0.001
+
+
+def test_a_constant_output_beside_another():
+    X, y, is_constant, *_ = draw()
+    Y = np.column_stack([y, np.full(N, 2.0)])
+    model = fitted(MultiTaskGPRegressor(rank=1), X, Y)
+    assert model.predict(X)[:, 1] == pytest.approx(2.0)
+
+
+def test_weights_and_descriptors():
+    X, y, is_constant, X_new, f = draw()
+    model = fitted(MultiTaskGPRegressor(rank=1), X, y)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        weighted = MultiTaskGPRegressor(rank=1).fit(X, y, sample_weight=np.ones(N))
+    assert error(weighted, X_new, f) < 1.5 * error(model, X_new, f)
+    described = np.column_stack([X[:, :2], np.square(X[:, 2]), X[:, 2]])
+    model = MultiTaskGPRegressor(task_descriptors=[2])
+    assert np.isfinite(fitted(model, described, y).predict(described)).all()

@@ -80,7 +80,7 @@ def report(name, found):
     for model in found[0]:
         error, held, loss = np.array([of[model] for of in found]).T
         print(
-            f"{name:44}{model:14}{error.mean():8.3f}{held.mean():8.3f}"
+            f"{name:46}{model:14}{error.mean():8.3f}{held.mean():8.3f}"
             f"{np.median(loss):10.2f}",
             flush=True,
         )
@@ -91,7 +91,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--draws", type=int, default=10)
     seeds = range(parser.parse_args().draws)
-    print(f"{'data':44}{'model':14}{'error':>8}{'held':>8}{'loss':>10}")
+    print(f"{'data':46}{'model':14}{'error':>8}{'held':>8}{'loss':>10}")
     for sizes in SIZES:
         for noise in NOISES:
             name = f"{sizes[0]} tasks of {sizes[1]} rows, noise {noise}"

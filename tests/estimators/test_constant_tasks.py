@@ -61,19 +61,19 @@ def test_it_is_predicted(normalize_y):
 
 
 def test_exact_data_stay_exact():
-    X, y, is_constant, X_new, f = draw(noise=0.0)
+    X, y, _, X_new, f = draw(noise=0.0)
     assert error(fitted(MultiTaskGPRegressor(), X, y), X_new, f) < 0.001
 
 
 def test_a_constant_output_beside_another():
-    X, y, is_constant, *_ = draw()
+    X, y, *_ = draw()
     Y = np.column_stack([y, np.full(N, 2.0)])
     model = fitted(MultiTaskGPRegressor(rank=1), X, Y)
     assert model.predict(X)[:, 1] == pytest.approx(2.0)
 
 
 def test_weights_and_descriptors():
-    X, y, is_constant, X_new, f = draw()
+    X, y, _, X_new, f = draw()
     model = fitted(MultiTaskGPRegressor(rank=1), X, y)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -22,6 +22,7 @@ from skmtgp.exceptions import (
 SMALLEST = 1e-150  # its square is not rounded, nor are small parts of it
 VERY_FAR = 1e4  # deviations: noise may be a hundredth of the variance within tasks
 FEW_COPIES = 2  # of rows: so many may be there by chance
+FEW_MORE = 5  # rows beside the first of each task
 FEW_ROWS = 20  # so many may well be equal, or each of a task of its own
 # Last words of names of columns that are integers, and seldom name tasks
 TIMES = {"year", "month", "week", "day", "weekday", "hour", "minute", "time"}
@@ -56,9 +57,20 @@ def warn_of_training(estimator, features, tasks, y):
         warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? It is column {column!r}. The first tasks are "
-            f"{tasks[:5].tolist()}.",
+            f"{tasks[:5].tolist()}.{_little_told(len(y) - len(tasks))}",
             TaskColumnWarning,
         )
+
+
+def _little_told(n_more):
+    """What so few rows beside the first of each task do not tell, in words."""
+    if n_more >= FEW_MORE:
+        return ""
+    return (
+        " If it does, hardly any task has a second row, and the rows do not tell noise "
+        "from what each task has of its own: intervals may hold far too little. "
+        "PooledGP takes both for noise."
+    )
 
 
 def _warn_of_default(estimator, column, tasks, features):

@@ -332,3 +332,13 @@ def test_unknown_tasks_of_the_last_column():
     with pytest.raises(ValueError, match="Unknown task 7") as error:
         named.predict(table.assign(kind=7))
     assert "last column" not in str(error.value)
+
+
+@pytest.mark.parametrize("n_more", [0, 4, 5])
+def test_rows_that_do_not_tell_noise_from_levels(n_more):
+    tasks = np.append(np.arange(30), np.arange(n_more))
+    X = np.column_stack([np.linspace(0.0, 1.0, len(tasks)), tasks])
+    with pytest.warns(TaskColumnWarning, match="30 tasks of ") as caught:
+        PooledGP(max_iter=0).fit(X, np.sin(X[:, 0]))
+    told = "PooledGP takes both for noise" in str(caught[0].message)
+    assert told == (n_more < 5)

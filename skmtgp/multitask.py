@@ -108,8 +108,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     shared : bool or list of bool, default=False
         Whether all tasks share one function in equal amounts: :math:`K^\rho = a 1 1^T +
         L L^T`. They differ from it by functions of the given rank. A task that `fit`
-        has not seen is then predicted by the shared function. With several terms a list
-        has one value for each.
+        has not seen is then predicted as a draw from the population of the known tasks:
+        by the shared function, and by the mean and the spread of the rows of L. With
+        several terms a list has one value for each.
     diagonal : bool or "equal", or list of them, default=False
         Whether to add a learned diagonal to the task covariance. It is variation that a
         task shares with no other. True has a variance for each task, and "equal" has
@@ -343,7 +344,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         rank of each.
     shared_ : bool, or list of bool
         Whether all tasks share one function. With several terms that of each. Tasks
-        that `fit` has not seen are predicted only if you asked for ``shared=True``.
+        that `fit` has not seen are predicted only if you set ``shared=True`` before.
     diagonal_ : bool or "equal", or list of them
         Which diagonal the task covariance has. With several terms that of each.
     hyperparameters_ : {"mode", "map", "laplace", "sampled"}

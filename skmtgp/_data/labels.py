@@ -275,9 +275,9 @@ def encode_tasks(
     why = why or _meant(unknown.tolist(), tasks.tolist())
     join = ", or let it join with add_task" * can_join
     share = (
-        " A model with shared=True, or with task_descriptors, predicts tasks that it "
-        "never saw, where normalize_y_ is 'shared' and levels are not hundreds of "
-        "deviations apart."
+        " To predict tasks that it never saw, set the parameter shared=True, or "
+        "task_descriptors, before fit; normalize_y_ must be 'shared', and levels must "
+        "not be hundreds of deviations apart."
     ) * may_share
     raise ValueError(
         f"{what}: the model knows {listed(tasks)}.{why}{beside} Fit with "

@@ -103,11 +103,13 @@ class PosteriorMixin(RegressorMixin):
         Notes
         -----
         Tasks that `fit` has not seen can be predicted by a PooledGP. A
-        MultiTaskGPRegressor predicts them with ``shared=True`` by what all tasks share,
-        and with `task_descriptors` by their descriptors. This needs `normalize_y_`
-        other than "per_task", no levels that are hundreds of deviations apart, and no
-        `trend_per_task`. The uncertainty then includes what tasks differ by otherwise:
-        the variance of the levels and the average of the rest of `task_covariance_`.
+        MultiTaskGPRegressor predicts them, if ``shared=True`` was set before fit, as
+        draws from the population of the known tasks, and with `task_descriptors` by
+        their descriptors. This needs `normalize_y_` other than "per_task", no levels
+        that are hundreds of deviations apart, and no `trend_per_task`. A draw from the
+        population has the mean of the known tasks' rows of the factor of
+        `task_covariance_`. The uncertainty includes what these differ by, the variance
+        of the levels, and the average of the diagonal if there is one.
         Known tasks have the descriptors of `fit`. If tasks have their own noise, a new
         one has the geometric mean of the noise variances, each counted as often as its
         task has rows.

@@ -158,10 +158,10 @@ class ExtendedPosterior(Posterior):
         """Of k^x at each training input in the mean of each task."""
         return self._weights(self.K_rho)
 
-    def with_unseen(self, n_unseen, described=None):
-        """The same that knows tasks without data, too, the last ones."""
-        posterior = super().with_unseen(n_unseen, described)
-        posterior.base = self.base.with_unseen(n_unseen, described)
+    def _with_loadings(self, unseen):
+        """The same that knows tasks without data, too, see `WithUnseen`."""
+        posterior = super()._with_loadings(unseen)
+        posterior.base = self.base._with_loadings(unseen)
         return posterior
 
     def _weights(self, loadings):

@@ -168,8 +168,8 @@ class Loadings:
 
         Parameters
         ----------
-        unseen : list of (ndarray, float)
-            Of each term, see :func:`skmtgp.inference.posterior.loadings_of`.
+        unseen : list of (ndarray, ndarray)
+            Of each term, see :class:`skmtgp.inference.unseen.WithUnseen`.
 
         Returns
         -------
@@ -182,7 +182,7 @@ class Loadings:
             F = self.F[:, columns]
             more = np.zeros((len(loadings), F.shape[1]))
             more[:, : loadings.shape[1]] = loadings
-            kappa = np.append(self.kappa[:, q], np.full(len(loadings), own))
+            kappa = np.append(self.kappa[:, q], own)
             latents.append((np.vstack([F, more]), kappa))
         return Loadings(latents, self.n_inducing)
 

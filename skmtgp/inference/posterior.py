@@ -12,14 +12,14 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference import tiles
-from skmtgp.inference.flat import WithCoefficients
+from skmtgp.inference.unseen import WithUnseen, bordered
 from skmtgp.inference.variances import (
     diagonal,
     in_blocks,
     rounding_of,
     without_negatives,
 )
-from skmtgp.model.several import terms_of, unseen_of
+from skmtgp.model.several import terms_of
 
 BLOCK_SIZE = 2**22  # elements of the cross-covariance held at a time for the variance
 FEW = 2**15  # elements of the last cross-covariance: rows that join need it twice
@@ -53,7 +53,7 @@ class Summand(NamedTuple):
     bind: Callable
 
 
-class Posterior(WithCoefficients, ABC):
+class Posterior(WithUnseen, ABC):
     """Posterior of f at given parameters: the standard GP formulae with eq. 6.
 
     Parameters
@@ -359,31 +359,12 @@ class Posterior(WithCoefficients, ABC):
         of_tasks = np.bincount(self.tasks, self.alpha, self.n_tasks)
         self.levels = self.level * of_tasks
 
-    def with_unseen(self, n_unseen, described=None):
-        """Return a posterior that also knows tasks without data, as the last ones.
-
-        Parameters
-        ----------
-        n_unseen : int
-            Number of these tasks.
-        described : ndarray of shape (n_unseen, n_rows), default=None
-            What is known about each, see :class:`~skmtgp.model.described.Described`.
-
-        Returns
-        -------
-        posterior : Posterior
-            A new one; the present posterior does not change.
-        """
-        posterior = copy(self)
+    def _with_loadings(self, unseen):
+        """The same that knows tasks without data, too, see `WithUnseen`."""
+        posterior, latents = copy(self), self.prior.latents(self.theta)
         K_rhos = [
-            bordered(K_rho, form.latent(rho)[0], *unseen)
-            for (_, K_rho), (_, form), (_, rho), unseen in zip(
-                self.terms,
-                self.prior.terms,
-                self.prior.theta_of_terms(self.theta),
-                loadings_of(self.prior, self.theta, n_unseen, described),
-                strict=True,
-            )
+            bordered(K_rho, F, *of)
+            for (_, K_rho), (F, _), of in zip(self.terms, latents, unseen, strict=True)
         ]
         posterior.K_rho = np.array(K_rhos) if len(K_rhos) > 1 else K_rhos[0]
         posterior._set_means()
@@ -413,41 +394,6 @@ def kernels_of(posterior):
     of_terms = prior.kernels_with(prior.values(posterior.theta).kernel)
     binds = [partial(node.bind, theta) for _, node, theta in of_terms]
     return list(zip(terms_of(posterior.kernel), binds, strict=True))
-
-
-def loadings_of(prior, theta, n_unseen, described):
-    """Of tasks without data, (n_unseen, n_common), and what they have beside these.
-
-    A list of those of each term.
-    """
-    of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
-    known = [unseen_of(form, rho, described) for (_, form), (_, rho) in of_terms]
-    return [(np.broadcast_to(of, (n_unseen, of.shape[1])), own) for of, own in known]
-
-
-def bordered(K_rho, F, loadings, own):
-    """K^rho with tasks that share some of the latent functions, and nothing else.
-
-    Parameters
-    ----------
-    K_rho : ndarray of shape (n_tasks, n_tasks)
-        Of the tasks with data.
-    F : ndarray of shape (n_tasks, n_latent)
-        Their latent functions, see `LowRank.latent`.
-    loadings, own
-        See `loadings_of`.
-
-    Returns
-    -------
-    K_rho : ndarray of shape (n_tasks + n_unseen, n_tasks + n_unseen)
-    """
-    n_tasks = len(K_rho)
-    F = np.vstack([F[:, : loadings.shape[1]], loadings])
-    found = F @ F.T
-    found[:n_tasks, :n_tasks] = K_rho
-    unseen = np.arange(n_tasks, len(found))
-    found[unseen, unseen] += own
-    return found
 
 
 def freedom_of_noise(likelihood, posterior):

@@ -9,15 +9,10 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
-from skmtgp.inference.flat import Coefficients, WithCoefficients
-from skmtgp.inference.posterior import (
-    Summand,
-    bordered,
-    kernels_of,
-    loadings_of,
-    without,
-)
+from skmtgp.inference.flat import Coefficients
+from skmtgp.inference.posterior import Summand, kernels_of, without
 from skmtgp.inference.restricted import Means, unexplained
+from skmtgp.inference.unseen import WithUnseen, bordered
 from skmtgp.inference.variances import (
     diagonal,
     in_blocks,
@@ -32,7 +27,7 @@ SINGULAR = 1e-8  # of k^x(x, x): what rounding of an all but singular K_ZZ may a
 JITTERS = 10.0 ** np.arange(-12, -3)  # of the largest variance of f, to the noise
 
 
-class SparsePosterior(WithCoefficients):
+class SparsePosterior(WithUnseen):
     """Posterior of f at given parameters, by way of the inducing variables.
 
     Parameters
@@ -236,13 +231,9 @@ class SparsePosterior(WithCoefficients):
         """What the trend's coefficients add to f, see Coefficients."""
         return self.coefficients.spread(X, tasks, self.told.at(phi, tasks))
 
-    def with_unseen(self, n_unseen, described=None):
-        """The same that knows tasks without data, too, the last ones.
-
-        See :meth:`skmtgp.inference.posterior.Posterior.with_unseen`.
-        """
-        posterior, loadings = copy(self), self.loadings
-        unseen = loadings_of(self.prior, self.theta, n_unseen, described)
+    def _with_loadings(self, unseen):
+        """The same that knows tasks without data, too, see `WithUnseen`."""
+        posterior, loadings, n_more = copy(self), self.loadings, len(unseen[0][0])
         F = [loadings.F[:, columns] for columns in loadings.columns]
         K_rhos = [K_rho for _, K_rho in self.terms]
         found = [
@@ -254,13 +245,13 @@ class SparsePosterior(WithCoefficients):
         if self.covariances is not None:
             posterior.covariances = self.covariances.with_unseen(unseen)
         mix = posterior.loadings.mix
-        omega = mix(self.V)[-n_unseen:]
+        omega = mix(self.V)[-n_more:]
         posterior.omega = np.vstack([self.omega, omega])
         weights = self.features.pull_back(omega.T).T
         posterior.weights = np.vstack([self.weights, weights])
-        posterior.levels = np.append(self.levels, np.zeros(n_unseen))
+        posterior.levels = np.append(self.levels, np.zeros(n_more))
         if self.told is not None:
-            posterior.told = self.told.with_unseen(mix(self.told.V)[:, -n_unseen:])
+            posterior.told = self.told.with_unseen(mix(self.told.V)[:, -n_more:])
         return posterior
 
     def level_variances(self):

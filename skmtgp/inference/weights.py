@@ -322,7 +322,7 @@ class Covariances:
 
         Parameters
         ----------
-        unseen : list of (ndarray, float)
+        unseen : list of (ndarray, ndarray)
             See `Loadings.with_unseen`.
         """
         other, known, p = copy(self), len(self.Sigma), self.Sigma.shape[1]

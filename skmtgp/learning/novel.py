@@ -19,6 +19,7 @@ from skmtgp.inference.border import BorderLikelihood
 from skmtgp.inference.leeway import OfRow
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
+from skmtgp.model.population import deviations
 
 N_WARM, N_DRAWS = 20, 5  # trajectories of a border that is drawn; the last one counts
 
@@ -338,7 +339,8 @@ class Population:
         moment = np.square(factor).sum(axis=1).mean()
         if moment < np.finfo(float).tiny:  # all but zero: none to be like
             moment = 1.0
-        covariance = np.atleast_2d(np.cov(factor.T, bias=True))
+        axes = deviations(factor)
+        covariance = axes.T @ axes
         covariance[np.diag_indices(self.rank)] += TUNING.ridge * moment
         self.mean, self.scale = np.zeros(self.rank + own), np.eye(self.rank + own)
         self.mean[: self.rank] = factor.mean(axis=0)

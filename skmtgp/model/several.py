@@ -171,17 +171,14 @@ class Forms(Several):
         return np.concatenate([form.parameters(of, truncation) for form, of in pairs])
 
     def unseen(self, parameters, described=None):
-        """Tasks without data, of each term: see `WithShared.unseen`.
-
-        Of one without a function that all share its variance alone is known.
-        """
+        """Tasks without data, of each term: see `unseen_of`."""
         return self._of_each(unseen_of, parameters)
 
 
 def unseen_of(form, parameters, described=None):
     """Tasks without data of a term, see `WithShared.unseen`.
 
-    Of one without a function that all share its variance alone is known.
+    Of tasks that are apart, and of a form that tells nothing, it is the variance alone.
     """
     own = np.diagonal(form.matrix(parameters)).mean()
     return form.unseen(parameters, described) or (np.zeros((1, 0)), own)

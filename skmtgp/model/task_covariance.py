@@ -191,7 +191,8 @@ class LowRank:
         return lower_trapezoid(self.columns(parameters))
 
     def unseen(self, parameters, described=None):
-        """A task without data: None, for it may be any function."""
+        """A task without data: the mean of the rows of F, see `WithShared.unseen`."""
+        return self.columns(parameters).mean(axis=0, keepdims=True), 0.0
 
     def pull_back(self, parameters, D):
         """Gradient of the parameters, from the symmetric D = dL / dK^rho."""
@@ -381,10 +382,12 @@ class WithShared(Enlarged):
         Returns
         -------
         loadings : ndarray of shape (1, n_common) or (n_unseen, n_common)
-            Of the first of the latent functions, those that can be told.
+            Of the first of the latent functions, those that can be told. Without
+            descriptors they are the mean of the tasks', and
+            `skmtgp.model.population` says what they may differ by.
         own : float
-            Variance of what they have beside these: where nothing is known of them,
-            the average over the tasks.
+            Variance of what they have beside these, and of what nothing is told: the
+            average over the tasks.
         """
         parameters, [a] = self._split(parameters)
         known = self.form.unseen(parameters, described)

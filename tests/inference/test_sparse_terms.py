@@ -234,9 +234,10 @@ def test_a_task_without_data(Z):
     bound, theta = make(TERMS["a shared one"], levels=True, Z=Z)
     posterior = bound.posterior(theta).with_unseen(2)
     unseen = np.full(len(NEW), M + 1)
-    shared, own, level = posterior.means_of_terms(NEW, unseen)
-    assert shared.any()
-    np.testing.assert_array_equal([own, level], 0.0)
+    *of_terms, level = posterior.means_of_terms(NEW, unseen)
+    known = [posterior.means_of_terms(NEW, np.full(len(NEW), m)) for m in range(M)]
+    np.testing.assert_allclose(of_terms, np.mean(known, axis=0)[:2], rtol=1e-7)
+    np.testing.assert_array_equal(level, 0.0)
     if len(Z) == len(bound.y):
         exact = dense(TERMS["a shared one"], levels=True)
         expected = exact.posterior(theta).with_unseen(2)

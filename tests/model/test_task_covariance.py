@@ -458,7 +458,19 @@ def test_a_task_without_data_has_the_shared_function_and_the_equal_variance():
     loadings, own = form.unseen(np.log([4.0, 0.5]))
     np.testing.assert_allclose(loadings, [[2.0]])
     assert own == pytest.approx(0.5)
-    assert EQUAL["independent"].unseen(np.log([0.5])) is None
+    loadings, own = EQUAL["independent"].unseen(np.log([0.5]))
+    assert loadings.shape == (1, 0)
+    assert own == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("diagonal", [False, True, "equal"])
+def test_a_task_without_data_has_the_mean_of_the_loadings(diagonal):
+    form = low_rank(3, 2, diagonal, shared=True)
+    F, kappa = np.arange(6.0).reshape(3, 2), np.array([0.5, 2.0, 3.5])[: form.n_own]
+    parameters = np.concatenate([F.ravel(), np.log([4.0]), np.log(kappa)])
+    loadings, own = form.unseen(parameters)
+    np.testing.assert_allclose(loadings, [[2.0, 2.0, 3.0]])
+    assert own == pytest.approx(kappa.mean() if diagonal else 0.0)
 
 
 @pytest.mark.parametrize("shared", [False, True])

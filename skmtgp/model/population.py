@@ -1,0 +1,96 @@
+"""The population of the tasks' rows of F, from which another task's is taken."""
+
+import numpy as np
+
+from skmtgp.model.several import unseen_of
+from skmtgp.model.task_covariance import LowRank
+
+FEWEST = 4  # tasks: fewer tell no variance of another one
+
+
+def deviations(factor):
+    """What rows of F differ by: axes whose squares add up to their covariance.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (n_tasks, rank)
+        F.
+
+    Returns
+    -------
+    axes : ndarray of shape (n_axes, rank)
+        A, no more than there are tasks: A^T A is the covariance of the rows.
+    """
+    centred = factor - factor.mean(axis=0)
+    _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
+    return sizes[:, None] * axes / np.sqrt(len(factor))
+
+
+def leeway_of_another(factor):
+    r"""Axes of what a further row may differ by from the mean of the rows.
+
+    Let rows be normal, and v any sum of the columns. That of a further row, less the
+    mean of the n that are known, has Student's t distribution with n - 1 degrees of
+    freedom, and a variance :math:`(n + 1) / (n - 3)` times that of theirs. Fewer than
+    four tasks tell no variance and count as four. A single one tells nothing of what
+    tasks differ by: then this is as large as its row.
+    """
+    n = len(factor)
+    if n == 1:
+        return factor
+    return np.sqrt((n + 1) / (max(n, FEWEST) - 3)) * deviations(factor)
+
+
+def another_task(prior, theta, described=None):
+    """What is known of a task without data.
+
+    Parameters
+    ----------
+    prior : Prior
+        Of the tasks with data.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+    described : ndarray of shape (n_unseen, n_rows), default=None
+        What is known of each, see :class:`~skmtgp.model.described.Described`.
+
+    Returns
+    -------
+    known : list of (loadings, own)
+        Of each term, see :meth:`WithShared.unseen`.
+    axes : list of ndarray of shape (n_axes, n_common)
+        Of each term what loadings may differ by, see `leeway_of_another`. Terms differ
+        together, as those of the known tasks do.
+    """
+    terms = [
+        (form, rho)
+        for (_, form), (_, rho) in zip(
+            prior.terms, prior.theta_of_terms(theta), strict=True
+        )
+    ]
+    known = [unseen_of(form, rho, described) for form, rho in terms]
+    factors = [_drawn(form, rho) for form, rho in terms]
+    ends = np.cumsum([F.shape[1] for F in factors])
+    axes = leeway_of_another(np.hstack(factors))
+    axes = axes[axes.any(axis=1)]
+    of_terms = np.split(axes, ends[:-1], axis=1)
+    return known, [
+        _behind(part, loadings)
+        for part, (loadings, _) in zip(of_terms, known, strict=True)
+    ]
+
+
+def _drawn(form, rho):
+    """The rows of F of a term that are those of a population; no columns of others."""
+    inner = form
+    while hasattr(inner, "form"):
+        inner = inner.form
+    if isinstance(inner, LowRank):
+        return form.columns(rho)
+    return np.zeros((form.n_tasks, 0))
+
+
+def _behind(axes, loadings):
+    """Axes of all loadings, of which those of the population come last."""
+    whole = np.zeros((len(axes), loadings.shape[1]))
+    whole[:, loadings.shape[1] - axes.shape[1] :] = axes
+    return whole

@@ -1,8 +1,7 @@
 """Rounded targets, and a constant task: what the least noise variance gains.
 
 ``python benchmarks/rounded.py`` draws ten sets of rows of each kind, fits
-``MultiTaskGPRegressor()``, and the same with the bounds of the noise variance given,
-which are then the only ones, and prints
+``MultiTaskGPRegressor()`` and others, and prints
 
 - "error": the root mean squared error of the function, over its deviation;
 - "held": the share of 95 % intervals that hold a new (rounded) target;
@@ -10,8 +9,10 @@ which are then the only ones, and prints
   whose unit is the deviation of the functions.
 
 Tasks are weighted sums of two draws of a Gaussian process with length-scale 1.5 on
-[0, 8]. They are rounded to steps of so many deviations, or one of them is constant
-(then the other tasks are scored, and "left out" is a fit without its rows).
+[0, 8]. They are rounded to steps of so many deviations ("bounds given" is a fit with
+bounds of the noise variance, which are then the only ones). Or one of them is constant:
+then the other tasks are scored, "own noise" is a fit with a noise variance for each
+task, and "left out" one without the rows of the constant task.
 """
 
 import argparse
@@ -70,7 +71,7 @@ def constant(sizes, noise, seed):
     new = X[test], f[test], y[test]
     return {
         "default": scores(MultiTaskGPRegressor(), X[:n], y[:n], *new),
-        "bounds given": scores(MultiTaskGPRegressor(**GIVEN), X[:n], y[:n], *new),
+        "own noise": scores(MultiTaskGPRegressor(noise="per_task"), X[:n], y[:n], *new),
         "left out": scores(MultiTaskGPRegressor(), X[learned], y[learned], *new),
     }
 

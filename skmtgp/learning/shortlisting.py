@@ -308,7 +308,7 @@ def _revealed(sketches):
     If that is something, other forms are sketched from there, too. Of so few rows that
     they are learned again in any case, it is not asked.
     """
-    best = max(sketches, key=lambda sketch: sketch.ascent.mode.value)
+    best = _likeliest_of_worth(sketches)
     problem, mode = best.problem, best.ascent.mode
     if len(problem.data) <= problem.tuning.quick:
         return sketches
@@ -332,6 +332,15 @@ def _revealed(sketches):
     for sketch in again if problem.budget.verbose else ():
         _tell(sketch, "once noise was explained")
     return _descended(again)
+
+
+def _likeliest_of_worth(sketches):
+    """The likeliest sketch, but for those whose parameters cost far more than that."""
+    worths = [sketch.worth() for sketch in sketches]
+    least = max(worths) - sketches[0].problem.tuning.poorer
+    pairs = zip(sketches, worths, strict=True)
+    able = [sketch for sketch, of in pairs if of >= least]
+    return max(able, key=lambda sketch: sketch.ascent.mode.value)
 
 
 def _tell(sketch, how):

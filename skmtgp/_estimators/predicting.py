@@ -14,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_test
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.targets import AS_GIVEN
+from skmtgp._numerics.linalg import draw_normal
 from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import as_it_is
@@ -217,6 +218,14 @@ class PosteriorMixin(RegressorMixin):
             If X is a Dask collection.
         ValueError
             If a task was not seen in fit and cannot be predicted, see `predict`.
+
+        Notes
+        -----
+        Draws come from a Cholesky factor of the covariance of all rows. If it has none
+        in double precision, 1e-12 to 1e-7 of each variance is added to it, as little
+        as is enough. Draws then have that much noise of their own, at most a 3000th of
+        the standard deviation. If that is not enough, they come from eigenvectors,
+        which take many times as long.
         """
         check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)
@@ -236,10 +245,7 @@ class PosteriorMixin(RegressorMixin):
         covariances = self._covariances(features, codes, include_noise=False)
         outputs = zip(means.T, np.moveaxis(covariances, 2, 0), strict=True)
         with limit_threads(len(features)):
-            draws = [
-                rng.multivariate_normal(mean, cov, n_draws, check_valid="ignore").T
-                for mean, cov in outputs
-            ]
+            draws = [draw_normal(*moments, n_draws, rng) for moments in outputs]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
 
     def _quantiles(self, features, codes, probabilities, include_noise):

@@ -14,7 +14,7 @@ from skmtgp._data.dask import is_dask
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import lower_rank
-from skmtgp._numerics.linalg import correlation
+from skmtgp._numerics.linalg import correlation, draw_normal
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
@@ -150,9 +150,7 @@ class SampledMixin:
                 part = mixture.parts[k]
                 moments = part.mean(features, codes), part.covariance(features, codes)
                 with limit_threads(len(features)):
-                    draws[rows, :, j] = rng.multivariate_normal(
-                        *moments, len(rows), check_valid="ignore"
-                    )
+                    draws[rows, :, j] = draw_normal(*moments, len(rows), rng).T
         centre = self._units.of_rows(self._units.centre, codes)
         draws = draws * self._scales(codes) + centre
         noise = np.sqrt(self._noises(codes)[which])

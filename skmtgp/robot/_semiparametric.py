@@ -18,6 +18,7 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
+from skmtgp._numerics.linalg import draw_normal
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp._support.warnings import warn
@@ -620,9 +621,7 @@ class SemiparametricRegressor(RigidBodyRegressor):
         draws = self._means(features, codes)[..., None] + design @ (self._factor @ z)
         for i, rows, V in self._explained(features, codes):
             left = self._rests[i].covariance(rows, rows) - V.T @ V
-            none = np.zeros(len(left))
-            own = rng.multivariate_normal(none, left, n_draws, check_valid="ignore")
-            draws[:, i] += own.T
+            draws[:, i] += draw_normal(np.zeros(len(left)), left, n_draws, rng)
         return draws, np.sqrt(self._noise(codes))[..., None]
 
 

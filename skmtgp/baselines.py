@@ -160,9 +160,10 @@ class IndependentGP(_FixedTaskCovarianceGP):
         random.
     n_exact : int, default=1100
         Number of samples for the first part of learning, only for "sparse". They are
-        drawn at random and learned from exactly, before the bound is maximised. Without
-        noise they determine most of the kernel. Time grows with the cube of their
-        number, memory with its square.
+        drawn at random and learned from exactly, before the bound is maximised: of each
+        task its share or, if that is fewer than four of each, four of each of some.
+        Without noise they determine most of the kernel. Time grows with the cube of
+        their number, memory with its square.
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 
@@ -470,9 +471,10 @@ class PooledGP(_FixedTaskCovarianceGP):
         random.
     n_exact : int, default=1100
         Number of samples for the first part of learning, only for "sparse". They are
-        drawn at random and learned from exactly, before the bound is maximised. Without
-        noise they determine most of the kernel. Time grows with the cube of their
-        number, memory with its square.
+        drawn at random and learned from exactly, before the bound is maximised: of each
+        task its share or, if that is fewer than four of each, four of each of some.
+        Without noise they determine most of the kernel. Time grows with the cube of
+        their number, memory with its square.
     hyperparameters : {"mode", "map", "laplace", "sampled", "auto"}, default="mode"
         Which values of the hyperparameters predictions use:
 

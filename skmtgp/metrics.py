@@ -16,7 +16,7 @@ from scipy.special import ndtri
 from sklearn.utils import check_consistent_length
 
 from skmtgp._data.labels import Labels, check_labels
-from skmtgp._data.numbers import check_numbers
+from skmtgp._data.numbers import as_array, check_numbers
 from skmtgp._data.task_column import task_labels
 from skmtgp._support.pipelines import at_the_end, end_of
 
@@ -358,7 +358,7 @@ def make_coverage_scorer(
 def _minus_msll(estimator, X, y, *, y_train, task_feature):
     y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
     if _is_wide(end_of(estimator)):
-        y_train = np.ravel(np.asarray(y_train, dtype=np.float64))
+        y_train = np.ravel(as_array(y_train)).astype(np.float64)
         y_train = y_train[~np.isnan(y_train)]
     return -mean_standardized_log_loss(y, *found, y_train=y_train, tasks=tasks)
 

@@ -209,11 +209,12 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         random.
     n_exact : int, default=1100
         Number of samples for the first part of learning, only for "sparse". They are
-        drawn at random and learned from exactly, before the bound is maximised. Without
-        noise they determine most of the kernel. Time grows with the cube of their
-        number, memory with its square. Ranks with fewer than four of these samples for
-        each number of the task covariance are learned from all rows alone. They start
-        at the mode of a lower rank.
+        drawn at random and learned from exactly, before the bound is maximised: of each
+        task its share or, if that is fewer than four of each, four of each of some.
+        Without noise they determine most of the kernel. Time grows with the cube of
+        their number, memory with its square. Ranks with fewer than four
+        of these samples for each number of the task covariance are learned from all
+        rows alone. They start at the mode of a lower rank.
     learning : {"annealed", "staged", "simultaneous"}, default="annealed"
         How the mode is searched for. "annealed" finds the best modes. "staged" follows
         section 3 of the paper to the letter. "simultaneous" learns all parameters at

@@ -20,7 +20,13 @@ from sklearn.utils.validation import (
 
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.labels import check_labels
-from skmtgp._data.numbers import as_frame, check_numbers, column_names, refuse_empty
+from skmtgp._data.numbers import (
+    as_array,
+    as_frame,
+    check_numbers,
+    column_names,
+    refuse_empty,
+)
 from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._support.pipelines import at_the_end, end_of
@@ -601,7 +607,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         scores = []
         for j in told:
             rows = seen[:, j]
-            weight = None if sample_weight is None else np.asarray(sample_weight)[rows]
+            weight = None if sample_weight is None else as_array(sample_weight)[rows]
             pair = Y[rows, j], mean[rows, j]
             scores.append(r2_score(*pair, sample_weight=weight))
         return float(np.mean(scores))

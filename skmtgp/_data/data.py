@@ -79,9 +79,10 @@ class Data:
         return self._part(np.flatnonzero(kept[self.tasks]))
 
     def drawn(self, size):
-        """The same number of rows, whatever their order, and wherever they lie.
+        """`size` of the rows, of each task its share, or a few of some tasks.
 
-        They come into memory. Less is not part of more.
+        They are as many whatever their order, and wherever they lie. They come into
+        memory. Less is not part of more.
         """
         return self._part(draw_rows(self.tasks, self.n_tasks, size))
 

@@ -20,6 +20,7 @@ import numpy as np
 from sklearn.utils import _safe_indexing
 from sklearn.utils.validation import _num_features, _num_samples
 
+from skmtgp._data.numbers import as_array
 from skmtgp._data.order import (
     PANDAS,
     are_of_the_same_rows,
@@ -272,7 +273,7 @@ def _numbers(name, value, shape, *, default):
 
 
 def _as_floats(value):
-    given = np.asarray(value)
+    given = as_array(value)
     if given.dtype.kind == "c":  # NumPy would drop what is imaginary
         raise TypeError("complex numbers")
     return given.astype(np.float64)

@@ -25,7 +25,7 @@ def as_frame(values):
     """A frame as one of pandas with dense columns; anything else as it is.
 
     As one array its columns would get a common type: dates become integers, and
-    integers floats.
+    integers floats. What is masked in an array is missing.
 
     Raises
     ------
@@ -37,10 +37,23 @@ def as_frame(values):
     if isinstance(values, pd.DataFrame):
         return _dense(values)
     if not hasattr(values, "columns"):
-        return values
+        return unmasked(values)
     if type(values).__module__.startswith("pyarrow"):  # its columns have no names
         return values.to_pandas()
     return pd.DataFrame({name: as_array(values[name]) for name in values.columns})
+
+
+def unmasked(values):
+    """A masked array as one with NaN for what is masked; anything else as it is.
+
+    Arrays of numbers that are no floats become objects, which keep all digits.
+    """
+    if not isinstance(values, np.ma.MaskedArray):
+        return values
+    if not np.ma.is_masked(values):
+        return np.ma.getdata(values)
+    kept = values if values.dtype.kind == "f" else values.astype(object)
+    return kept.filled(np.nan)
 
 
 def _dense(frame):
@@ -54,7 +67,9 @@ def _dense(frame):
 
 def as_array(column):
     """A column as an array; NumPy alone gives the strings of polars a fixed width."""
-    return column.to_numpy() if hasattr(column, "to_numpy") else np.asarray(column)
+    if hasattr(column, "to_numpy"):
+        return column.to_numpy()
+    return np.asarray(unmasked(column))
 
 
 def check_numbers(values, name, columns=None, *, advise=None, estimator=None):

@@ -41,6 +41,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     _descriptors = _known = None
 
+    @property
+    def _n_outputs(self):
+        return len(self._predictive)
+
     @steady
     def loo_predict(
         self, include_noise: bool = False
@@ -294,9 +298,10 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
 
     def _covariances(self, features, codes, include_noise):
         posteriors, X = self._predicting(features, codes)
-        covariances = [p.covariance(X, codes) for p in posteriors]
-        scale = self._scales(codes)
-        covariances = np.stack(covariances, axis=2) * (scale[:, None] * scale)
+        covariances = _together(posteriors, X, codes)
+        scales = np.broadcast_to(self._scales(codes), (len(X), len(posteriors)))
+        for of_row, scale in zip(covariances, scales, strict=True):
+            of_row *= scale * scales
         if include_noise:
             rows = np.arange(len(features))
             covariances[rows, rows] += self._noise(codes)
@@ -507,6 +512,16 @@ def _evidence_at(likelihood, theta):
     k = likelihood.prior.n_hyperparameters
     eq_8 = likelihood.value(theta) - price(k, n)
     return max(evidence_around(likelihood, theta), eq_8 - TUNING.most_charged * k)
+
+
+def _together(posteriors, X, codes):
+    """Covariances of f of each output, (n_samples, n_samples, n_outputs)."""
+    if len(posteriors) == 1:
+        return posteriors[0].covariance(X, codes)[..., None]
+    covariances = np.empty((len(X), len(X), len(posteriors)))
+    for j, posterior in enumerate(posteriors):
+        covariances[..., j] = posterior.covariance(X, codes)
+    return covariances
 
 
 def starts_of(problems, modes):

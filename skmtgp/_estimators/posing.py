@@ -18,7 +18,7 @@ from skmtgp.learning.problem import THE_OUTPUT, Problem
 from skmtgp.learning.ranges import begun_in_sight
 from skmtgp.model.kernel_check import check_kernel
 from skmtgp.model.prior import Prior
-from skmtgp.model.task_covariance import identity
+from skmtgp.model.task_covariance import identity, low_rank
 
 FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targets'
 # Its least where each task was taken off its own mean: learned from such targets it
@@ -54,11 +54,12 @@ def pose(model, training, n_ranks=1, n_kept=1):
     InsufficientMemoryError
         If memory is too small.
     """
-    kernels = kernels_of(model, training)
-    prior = _prior(model, training, kernels)
+    kernels, n_tasks = kernels_of(model, training), len(training.tasks)
+    prior = _prior(model, training, kernels, low_rank(n_tasks, 0))  # without a matrix
     engine = choose(model.inference, prior, training, **model._options())
     _check_engine(model, engine, prior, training)
     _check_memory(model, engine, prior, training, n_ranks, n_kept)
+    prior = _prior(model, training, kernels, identity(n_tasks))
     of_outputs = training.data(engine)
     engine.check(prior, of_outputs[0], training.tasks)
     n, budget, problems = len(of_outputs), model._budget(), []
@@ -98,10 +99,9 @@ def kernel_made(model, kernel, features, default=DEFAULT):
     return with_positions(clone(kernel), lambda: names_of_inputs(model))
 
 
-def _prior(model, training, kernels):
-    """The model, with K^rho = I until its form is known."""
+def _prior(model, training, kernels, of_tasks):
+    """The model, with the same form of K^rho in all terms until it is known."""
     n_tasks = len(training.tasks)
-    of_tasks = identity(n_tasks)
     prior = Prior(
         kernels[0],
         of_tasks,

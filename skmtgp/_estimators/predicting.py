@@ -14,17 +14,28 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_test
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.targets import AS_GIVEN
+from skmtgp._numerics.linalg import draw_normal
+from skmtgp._numerics.memory import check_available
 from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import as_it_is
+
+MANY = 1000  # rows; of fewer nobody asks whether memory suffices for covariances
+BESIDE = 4  # matrices between rows that come and go beside those of the outputs
+JOINTLY = (
+    "sample_y",
+    "Draw fewer rows at a time. Only rows of one call are drawn jointly: where that "
+    "does not matter, take predict(X, return_std=True).",
+)
+OF_DRAWS = 4  # arrays of draws that there are at the same time
 
 
 class PosteriorMixin(RegressorMixin):
     """Regressor with a task column whose predictions have a covariance.
 
-    What `_model` returns has `task_feature`, `tasks_`, `_single_output`, `_side`, rows
-    of the largest matrices that predictions are made with, `_target`, the way from what
-    is learned to y, and, in units of the former,
+    What `_model` returns has `task_feature`, `tasks_`, `_single_output`, `_n_outputs`,
+    `_side`, rows of the largest matrices that predictions are made with, `_target`, the
+    way from what is learned to y, and, in units of the former,
 
     - ``_means(features, codes)``, of shape (n_samples, n_outputs);
     - ``_variances(features, codes, include_noise)``, of the same shape;
@@ -99,6 +110,8 @@ class PosteriorMixin(RegressorMixin):
             If a task was not seen in fit and cannot be predicted. If both `return_std`
             and `return_cov` are set. If `return_cov` is set with a `target_transform`,
             or its inverse overflows.
+        InsufficientMemoryError
+            If `return_cov` is set and there is no memory for matrices between all rows.
 
         Notes
         -----
@@ -126,6 +139,13 @@ class PosteriorMixin(RegressorMixin):
         model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         target, rows = model._target, (model, features, codes)
+        if return_cov:
+            check_joint(
+                model,
+                len(features),
+                "predict(return_cov=True)",
+                "Predict fewer rows at a time, or set return_std=True instead.",
+            )
         mean = model._join(target.back(model._means(features, codes)))
         if return_std:
             with limit_threads(model._side):
@@ -219,12 +239,23 @@ class PosteriorMixin(RegressorMixin):
             If X is a Dask collection.
         ValueError
             If a task was not seen in fit and cannot be predicted, see `predict`.
+        InsufficientMemoryError
+            If there is no memory for matrices between all rows, or for the draws.
+
+        Notes
+        -----
+        Draws come from a Cholesky factor of the covariance of all rows. If it has none
+        in double precision, 1e-12 to 1e-7 of each variance is added to it, as little
+        as is enough. Draws then have that much noise of their own, at most a 3000th of
+        the standard deviation. If that is not enough, they come from eigenvectors,
+        which take many times as long.
         """
         check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)
         check_is_fitted(self)
         model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
+        _check_draws(len(features), model._n_outputs, n_samples)
         with limit_threads(max(model._side, len(features))):
             draws, noise_std = model._draws(features, codes, n_samples, rng)
         if include_noise:
@@ -234,14 +265,12 @@ class PosteriorMixin(RegressorMixin):
 
     def _draws(self, features, codes, n_draws, rng):
         """Draws of f and the standard deviations of the noise around them."""
+        check_joint(self, len(features), *JOINTLY)
         means = self._means(features, codes)
         covariances = self._covariances(features, codes, include_noise=False)
         outputs = zip(means.T, np.moveaxis(covariances, 2, 0), strict=True)
         with limit_threads(len(features)):
-            draws = [
-                rng.multivariate_normal(mean, cov, n_draws, check_valid="ignore").T
-                for mean, cov in outputs
-            ]
+            draws = [draw_normal(*moments, n_draws, rng) for moments in outputs]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
 
     def _quantiles(self, features, codes, probabilities, include_noise):
@@ -276,6 +305,26 @@ class PosteriorMixin(RegressorMixin):
         tags.input_tags.categorical = True
         tags.target_tags.multi_output = True
         return tags
+
+
+def check_joint(model, n, what, advice, at_once=None):
+    """Raise an InsufficientMemoryError where n rows cannot have covariances.
+
+    Those of as many outputs are held `at_once`, of all by default.
+    """
+    if n > MANY:
+        n_matrices = (at_once or model._n_outputs) + BESIDE
+        n_columns = n * n_matrices + 2 * model._side
+        check_available(8.0 * n * n_columns, f"{what} of {n} rows", advice)
+
+
+def _check_draws(n, n_outputs, n_draws):
+    """The same of draws, also of models that draw without covariances."""
+    size = n * n_outputs * n_draws
+    if size > MANY**2:
+        what = f"sample_y of {n} rows with n_samples={n_draws}"
+        advice = "Take fewer draws at a time, with another random_state for each time."
+        check_available(8.0 * OF_DRAWS * size, what, advice)
 
 
 def _check_level(level):

@@ -14,7 +14,8 @@ from skmtgp._data.dask import is_dask
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import lower_rank
-from skmtgp._numerics.linalg import correlation
+from skmtgp._estimators.predicting import JOINTLY, check_joint
+from skmtgp._numerics.linalg import correlation, draw_normal
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
@@ -140,6 +141,7 @@ class SampledMixin:
         """Draws of f, each by a draw of the hyperparameters, and of the noise."""
         if not self._is_sampled():
             return super()._draws(features, codes, n_draws, rng)
+        check_joint(self, len(features), *JOINTLY, at_once=1)
         mixtures, features = self._predicting(features, codes)
         n = len(self.theta_samples_)
         which = rng.randint(n, size=n_draws)
@@ -150,9 +152,7 @@ class SampledMixin:
                 part = mixture.parts[k]
                 moments = part.mean(features, codes), part.covariance(features, codes)
                 with limit_threads(len(features)):
-                    draws[rows, :, j] = rng.multivariate_normal(
-                        *moments, len(rows), check_valid="ignore"
-                    )
+                    draws[rows, :, j] = draw_normal(*moments, len(rows), rng).T
         centre = self._units.of_rows(self._units.centre, codes)
         draws = draws * self._scales(codes) + centre
         noise = np.sqrt(self._noises(codes)[which])

@@ -356,7 +356,7 @@ class KroneckerPosterior(Posterior):
         """Mean and covariance of f, and k^x(X, inputs), of which both are made."""
         cross = self.cross(X)
         along = self._dependence(cross @ self.eigen.U, tasks)
-        covariance = self._covariance(X, tasks, self._between(along, along))
+        covariance = self._covariance(X, tasks, lambda *_: self._between(along, along))
         mean = np.einsum("ij,ij->i", cross, self.weights[tasks]) + self.levels[tasks]
         return mean, covariance, cross
 

@@ -177,7 +177,9 @@ class Widened:
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
         covariance = self.posterior.covariance(X, tasks)
-        return covariance + sum(of.T @ of for of in self._spread(X, tasks))
+        for of_parameter in self._spread(X, tasks):
+            covariance += of_parameter.T @ of_parameter
+        return covariance
 
     def leave_one_out(self, include_noise=False):
         """Each training sample predicted from the others, see Posterior."""

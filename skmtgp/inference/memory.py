@@ -20,6 +20,7 @@ OF_COLUMN, OF_PRODUCTS, OF_BLOCK = 12, 3, 5
 # Matrices between the rows of the Fisher information, beside three for each parameter
 # of k^x and two for each function that tasks share
 OF_INFORMATION = 12
+ALONE = "a SingleTaskGP, whose matrices are of one task each, or "
 
 
 class TileMemory:
@@ -123,14 +124,13 @@ def check_memory(demand, tiles, n_rows, *, rows, n_matrices, n_of_tasks=0, why="
     of_tasks = _of_tasks(demand, demand.n_climbs, demand.n_parameters)
     of_tasks += _matrices(demand.n_tasks, n_of_tasks * demand.n_climbs)
     tasks = f" and {demand.n_tasks} tasks" if of_tasks > of_rows else ""
-    single = "a SingleTaskGP, whose matrices are of one task each, or "
     check_available(
         of_rows + of_tasks,
         f"Exact inference with {n_rows} {rows}{tasks}{_at_a_time(demand.n_climbs)}",
         f"{why} "
         "Set inference='sparse', which approximates by inducing inputs, "
         f"{'lower n_jobs, ' if demand.n_climbs > 1 else ''}fit fewer samples, or "
-        f"{'' if demand.alone else single}a BayesianLinearRegression, which has none.",
+        f"{'' if demand.alone else ALONE}a BayesianLinearRegression, which has none.",
     )
 
 
@@ -173,7 +173,14 @@ def check_sparse_memory(demand, tiles, n_inducing, n_exact):
     of_exact += tiles.of_triangle(n_exact, n_exact_climbs)
     n_at_once = max(n_climbs, n_exact_climbs)
     of_exact = max(of_exact, _of_information(demand, tiles.kernel, n_at_once))
-    of_tasks = _of_tasks(demand, max(n_climbs, n_exact_climbs), n_tasks * rank)
+    of_tasks = _of_tasks(demand, n_at_once, n_tasks * rank)
+    check_available(
+        of_tasks,
+        f"Sparse inference with {n_tasks} tasks{_at_a_time(n_at_once)}",
+        "Its matrices between tasks take that, with any number of inducing inputs. "
+        f"{'Lower n_jobs, ' if n_at_once > 1 else 'Take '}fewer tasks, such as groups "
+        f"of them, {ALONE}a BayesianLinearRegression, which has none.",
+    )
     check_available(
         max(of_bound, of_exact) + of_tasks,
         f"Sparse inference with n_inducing={n_inducing}, {n_tasks} tasks and rank "

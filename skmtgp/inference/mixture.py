@@ -95,7 +95,9 @@ class Mixture:
         away = (means - means.mean(axis=0)) / np.sqrt(len(means))
         total = away.T @ away
         for part in self.parts:
-            total += part.covariance(X, tasks) / len(means)
+            of_part = part.covariance(X, tasks)
+            of_part /= len(means)
+            total += of_part
         return total
 
     def leave_one_out(self, include_noise=False):

@@ -281,15 +281,17 @@ class Posterior(WithUnseen, ABC):
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
-        return self._covariance(X, tasks, self.explained_covariance(X, tasks))
+        return self._covariance(X, tasks, self.explained_covariance)
 
     def _covariance(self, X, tasks, explained):
-        """The same, from what the data take off that of the prior."""
-        between = np.ix_(tasks, tasks)
-        prior = sum(of[between] * k(X) for k, of in self.terms)
-        prior += self.level * np.equal.outer(tasks, tasks)
-        covariance = prior - explained
-        without_negatives(diagonal(covariance), np.diagonal(prior), self.rounding)
+        """The same, where `explained` makes what the data take off that of the prior.
+
+        It does once that is there, of which no copy is then left.
+        """
+        covariance = prior_between(self.terms, self.level, X, tasks)
+        prior = np.diagonal(covariance).copy()
+        covariance -= explained(X, tasks)
+        without_negatives(diagonal(covariance), prior, self.rounding)
         return covariance
 
     def leave_one_out(self, include_noise=False):
@@ -378,6 +380,22 @@ class Posterior(WithUnseen, ABC):
         for cols in (slice(a, min(a + step, n)) for a in range(0, n, step)):
             total += cross.times(rows, cols, weights[:, cols].T)
         return total
+
+
+def prior_between(terms, level, X, tasks):
+    """Prior covariance of f between rows, (n_samples, n_samples), in few copies."""
+    covariance = 0.0
+    for kernel, K_rho in terms:
+        K_x = kernel(X)
+        of_term = K_rho[np.ix_(tasks, tasks)]
+        of_term *= K_x
+        del K_x
+        of_term += covariance
+        covariance = of_term
+    if level:
+        same = np.equal.outer(tasks, tasks)
+        np.add(covariance, level, out=covariance, where=same)
+    return covariance
 
 
 def without(posterior, names):

@@ -266,9 +266,11 @@ class SparsePosterior(WithUnseen):
         for (kernel, K_rho), part in zip(
             self.terms, self.features.split(phi), strict=True
         ):
-            K_x = kernel(X)
-            covariance += K_rho[between] * (K_x - part.T @ part)
-            prior = prior + np.diagonal(K_rho[between]) * np.diagonal(K_x)
+            K_x, of_tasks, left = kernel(X), K_rho[between], part.T @ part
+            prior = prior + np.diagonal(of_tasks) * np.diagonal(K_x)
+            np.subtract(K_x, left, out=left)
+            left *= of_tasks
+            covariance += left
         if self.told is not None:
             spread = self._of_trend(phi, X, tasks)
             covariance += spread.T @ spread

@@ -401,6 +401,10 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
     def _side(self):
         return self.n_features_in_
 
+    @property
+    def _n_outputs(self):
+        return len(self._noise_variances)
+
     def _rows(self, features, codes):
         """What predictions are linear in, a row for each sample and joint, by task.
 

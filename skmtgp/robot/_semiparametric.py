@@ -18,6 +18,8 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_new_task
 from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import public
+from skmtgp._estimators.predicting import JOINTLY, check_joint
+from skmtgp._numerics.linalg import draw_normal
 from skmtgp._numerics.parallel import limit_threads, run
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp._support.warnings import warn
@@ -615,14 +617,14 @@ class SemiparametricRegressor(RigidBodyRegressor):
 
     def _draws(self, features, codes, n_draws, rng):
         """Draws of the parameters, and of what each process leaves beside them."""
+        if any(rest.name != NONE for rest in self._rests):
+            check_joint(self, len(features), *JOINTLY, at_once=1)
         design, _ = self._unknown(features, codes)
         z = rng.standard_normal((self._factor.shape[1], n_draws))
         draws = self._means(features, codes)[..., None] + design @ (self._factor @ z)
         for i, rows, V in self._explained(features, codes):
             left = self._rests[i].covariance(rows, rows) - V.T @ V
-            none = np.zeros(len(left))
-            own = rng.multivariate_normal(none, left, n_draws, check_valid="ignore")
-            draws[:, i] += own.T
+            draws[:, i] += draw_normal(np.zeros(len(left)), left, n_draws, rng)
         return draws, np.sqrt(self._noise(codes))[..., None]
 
 

@@ -19,7 +19,7 @@ from skmtgp import (
     make_inverse_dynamics_regressor,
 )
 from skmtgp._data.dask import is_dask
-from skmtgp._data.subsets import draw_rows
+from skmtgp._data.subsets import draw_rows, shares_of
 from skmtgp.exceptions import UnderflowWarning
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.preprocessing import InverseDynamicsFeatures
@@ -213,8 +213,10 @@ class TestDrawing:
     def test_shares(self):
         rows = draw_rows(self.tasks, 3, 100)
         assert (np.diff(rows) > 0).all()
-        shares = -(-np.bincount(self.tasks) * 100 // 1000)
-        assert_array_equal(np.bincount(self.tasks[rows]), shares)
+        shares = np.bincount(self.tasks[rows])
+        assert_array_equal(shares, shares_of(np.bincount(self.tasks), 100))
+        expected = np.bincount(self.tasks) / 10
+        assert_allclose(shares, np.maximum(expected, 1.0), atol=1.0)
         assert_array_equal(draw_rows(self.tasks, 3, 1000), np.arange(1000))
 
 

@@ -29,6 +29,30 @@ class TestMemory:
         with pytest.raises(InsufficientMemoryError, match=match):
             model.fit(*draw())
 
+    @pytest.mark.parametrize("rank", [1, None])
+    def test_that_cannot_suffice_for_many_tasks(self, monkeypatch, rank):
+        """Whatever the inducing inputs; no matrix between tasks is made before."""
+        n_tasks = 1000
+        X = np.column_stack([np.linspace(0.0, 9.0, 2000), np.arange(2000) % n_tasks])
+        y = np.sin(X[:, 0])
+        demand = Demand(2000, n_tasks)
+        needed = _of_inference._of_tasks(demand, n_climbs=1, n_parameters=n_tasks)
+        monkeypatch.setattr(_memory, "available_memory", lambda: needed - 1.0)
+        model = MultiTaskGPRegressor(rank=rank, inference="sparse", n_inducing=1)
+        match = "with 1000 tasks needs about .* Take fewer tasks, .* a SingleTaskGP"
+        with pytest.raises(InsufficientMemoryError, match=match):
+            model.fit(X, y)  # libraries are loaded
+        tracemalloc.start()
+        with pytest.raises(InsufficientMemoryError, match=match):
+            model.fit(X, y)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert peak < 0.5 * 8.0 * n_tasks**2
+        options = {"rank": 1, "inference": "sparse", "n_inducing": 900}
+        monkeypatch.setattr(_memory, "available_memory", lambda: needed + 1.0)
+        with pytest.raises(InsufficientMemoryError, match="fewer inducing inputs, a"):
+            MultiTaskGPRegressor(**options).fit(X, y)
+
     def test_too_much_memory_of_the_rows_that_are_learned_exactly(self, monkeypatch):
         X, y = draw()
         tiles = TileMemory(RBF(), X[:1]).of_triangle(SPARSE["n_exact"], 1)

@@ -38,7 +38,7 @@ pytestmark = [
 PACKAGE = str(Path(skmtgp.__file__).parent)
 LINEAR = re.compile(
     r" @ |\b(eigh|inv|solve|cholesky|Cholesky|qr|lstsq|tensordot|svd|cho_\w+|dpotr."
-    r"|dtr\w+|dsyr|dlauum|multivariate_normal|half_solve|solve_triangular)\("
+    r"|dtr\w+|dsyr|dlauum|draw_normal|half_solve|solve_triangular)\("
 )
 VECTORS = re.compile(r"(s|y|g|direction) @ (\(x - |(q|s|y|g|direction|Bs)\b)")
 X, y = draw(per_task=8)

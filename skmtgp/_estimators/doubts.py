@@ -29,7 +29,7 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
-from skmtgp.learning.own_kernels import gain_of_own_kernels
+from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
 from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
@@ -241,9 +241,8 @@ def warn_of_doubts(
                 _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
-            unrelated = not compared and _warn_of_unrelated(problem, mode)
-            if not (unrelated or one_kernel):
-                _warn_of_own_kernels(training, problem, mode)
+        if ended:
+            _warn_of_others(training, problem, mode, compared, one_kernel)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -309,40 +308,43 @@ def _warn_of_rivals(problem, mode):
         )
 
 
-def _warn_of_unrelated(problem, mode):
-    """Say if a model of each task is likelier; whether it was said."""
-    gain = gain_of_separate_models(problem, mode)
-    if gain > TELLING:
+def _warn_of_others(training, problem, mode, compared, one_kernel):
+    """Say which other model is likelier: one of each task, or one of two kernels."""
+    apart = two = -np.inf
+    if mode.converged and not compared:
+        apart = gain_of_separate_models(problem, mode)
+    if not one_kernel:
+        two = gain_of_own_kernels(problem, mode, max(TELLING, apart))
+    if two > max(TELLING, apart):
+        _tell_own_kernels(training, problem, mode, two)
+    elif apart > TELLING:
         warn(
             f"No two tasks of {problem.name} are closely related, and a model of each "
-            f"task by itself is likelier by {gain:.0f} nats (BIC). One kernel does not "
-            "suit all tasks: their functions may depend on different inputs, or some "
-            "may vary faster than others. RankSearchIC compares both models, and "
+            f"task by itself is likelier by {apart:.0f} nats (BIC). One kernel does "
+            "not suit all tasks: their functions may depend on different inputs, or "
+            "some may vary faster than others. RankSearchIC compares both models, and "
             "SingleTaskGP learns each task by itself.",
             UnrelatedTasksWarning,
         )
-    return gain > TELLING
 
 
-def _warn_of_own_kernels(training, problem, mode):
-    """Say if two kernels are likelier, beside the units and the noise of this fit."""
-    gain = gain_of_own_kernels(problem, mode)
-    if gain > TELLING:
-        name = None if training.kernel == DEFAULT else training.kernel
-        options = {
-            "kernel": [name] * 2,
-            "rank": [problem.prior.task_covariance.rank - 1, 1],
-            "noise": training.noise,
-            "normalize_y": training.units.name,
-        }
-        named = ", ".join(f"{key}={value!r}" for key, value in options.items())
-        warn(
-            f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
-            "(BIC): functions that the tasks share vary at different speeds, or depend "
-            "on different inputs. "
-            f"Try MultiTaskGPRegressor({named}). This takes longer.",
-            SeveralKernelsWarning,
-        )
+def _named(training, **options):
+    """Parameters in words, with the units and the noise of this fit."""
+    options |= {"noise": training.noise, "normalize_y": training.units.name}
+    return ", ".join(f"{key}={value!r}" for key, value in options.items())
+
+
+def _tell_own_kernels(training, problem, mode, gain):
+    """Say which parameters give two kernels, beside the units and noise of this fit."""
+    name = None if training.kernel == DEFAULT else training.kernel
+    named = _named(training, kernel=[name] * 2, rank=ranks_of_two(problem, mode))
+    warn(
+        f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
+        "(BIC): functions that the tasks share vary at different speeds, or depend "
+        "on different inputs. "
+        f"Try MultiTaskGPRegressor({named}). This takes longer.",
+        SeveralKernelsWarning,
+    )
 
 
 def warn_of_noise(told, tasks=None, lower=""):

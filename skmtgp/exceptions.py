@@ -21,6 +21,7 @@ __all__ = [
     "OutlierWarning",
     "PrecisionWarning",
     "RepeatedRowsWarning",
+    "RowEffectsWarning",
     "SamplingWarning",
     "SeveralKernelsWarning",
     "SkewedInputWarning",
@@ -296,6 +297,24 @@ class PrecisionWarning(RuntimeWarning):
     >>> import warnings
     >>> from skmtgp.exceptions import PrecisionWarning
     >>> warnings.simplefilter("ignore", PrecisionWarning)
+    """
+
+
+class RowEffectsWarning(UserWarning):
+    """Rows have effects of their own, which the tasks share and inputs do not tell.
+
+    Where tasks are observed at the same inputs, as in a table with a column for each,
+    a row may be a patient or a place: all its targets are high, or low. One kernel
+    takes that for a very rough function of the inputs, and predictions of new rows
+    return to the mean. A second kernel, by which a row is related to itself alone,
+    leaves the first one to the inputs. The message names a model to try, with the noise
+    and the units that this fit has chosen; of several outputs each has a message.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import RowEffectsWarning
+    >>> warnings.simplefilter("error", RowEffectsWarning)
     """
 
 

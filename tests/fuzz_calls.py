@@ -27,6 +27,7 @@ WARNINGS = (
     exceptions.OutlierWarning,
     exceptions.PrecisionWarning,
     exceptions.RepeatedRowsWarning,
+    exceptions.RowEffectsWarning,
     exceptions.SamplingWarning,
     exceptions.SeveralKernelsWarning,
     exceptions.SkewedInputWarning,

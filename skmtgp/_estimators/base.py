@@ -174,6 +174,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """Whether the user leaves the kernel open, and nothing asks for one alone."""
         return (
             self._kernels() == [None]
+            and not self._shares()
             and self.normalize_y is not False
             and self.hyperparameters in ("mode", "map")
             and getattr(self, "learning", "annealed") == "annealed"

@@ -9,7 +9,7 @@ from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.labels import name_tasks
 from skmtgp._data.skewness import is_skewed, share_far
-from skmtgp._estimators.named_kernels import DEFAULT
+from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks
 from skmtgp._support.guide import NOISE
@@ -20,6 +20,7 @@ from skmtgp.exceptions import (
     CorrelatedResidualsWarning,
     LongFitWarning,
     NarrowIntervalsWarning,
+    RowEffectsWarning,
     SeveralKernelsWarning,
     SkewedInputWarning,
     SmallTaskWarning,
@@ -29,7 +30,8 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.ambiguity import doubt_about
 from skmtgp.learning.neighbours import LARGE, correlated_share
-from skmtgp.learning.own_kernels import gain_of_own_kernels
+from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
+from skmtgp.learning.row_effects import effects_of_rows
 from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
@@ -241,9 +243,8 @@ def warn_of_doubts(
                 _warn_of_neighbours(problem, mode)
             if not sampled:
                 _warn_of_rivals(problem, mode)
-            unrelated = not compared and _warn_of_unrelated(problem, mode)
-            if not (unrelated or one_kernel):
-                _warn_of_own_kernels(training, problem, mode)
+        if ended:
+            _warn_of_others(training, problem, mode, compared, one_kernel)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -309,40 +310,69 @@ def _warn_of_rivals(problem, mode):
         )
 
 
-def _warn_of_unrelated(problem, mode):
-    """Say if a model of each task is likelier; whether it was said."""
-    gain = gain_of_separate_models(problem, mode)
-    if gain > TELLING:
+def _warn_of_others(training, problem, mode, compared, one_kernel):
+    """Say which other model is likelier: one of each task, or one of two kernels."""
+    if not one_kernel and _warn_of_rows(training, problem, mode):
+        return
+    apart = two = -np.inf
+    if mode.converged and not compared:
+        apart = gain_of_separate_models(problem, mode)
+    if not one_kernel:
+        two = gain_of_own_kernels(problem, mode, max(TELLING, apart))
+    if two > max(TELLING, apart):
+        _tell_own_kernels(training, problem, mode, two)
+    elif apart > TELLING:
         warn(
             f"No two tasks of {problem.name} are closely related, and a model of each "
-            f"task by itself is likelier by {gain:.0f} nats (BIC). One kernel does not "
-            "suit all tasks: their functions may depend on different inputs, or some "
-            "may vary faster than others. RankSearchIC compares both models, and "
+            f"task by itself is likelier by {apart:.0f} nats (BIC). One kernel does "
+            "not suit all tasks: their functions may depend on different inputs, or "
+            "some may vary faster than others. RankSearchIC compares both models, and "
             "SingleTaskGP learns each task by itself.",
             UnrelatedTasksWarning,
         )
-    return gain > TELLING
 
 
-def _warn_of_own_kernels(training, problem, mode):
-    """Say if two kernels are likelier, beside the units and the noise of this fit."""
-    gain = gain_of_own_kernels(problem, mode)
-    if gain > TELLING:
-        name = None if training.kernel == DEFAULT else training.kernel
-        options = {
-            "kernel": [name] * 2,
-            "rank": [problem.prior.task_covariance.rank - 1, 1],
-            "noise": training.noise,
-            "normalize_y": training.units.name,
-        }
-        named = ", ".join(f"{key}={value!r}" for key, value in options.items())
+def _warn_of_rows(training, problem, mode):
+    """Say if rows have effects of their own; whether it was said."""
+    kernels = (named_kernel(name, problem.data.X) for name in (DEFAULT, LINEAR))
+    found = effects_of_rows(problem, mode, *kernels)
+    told = found is not None and found.gain > TELLING and found.clear
+    if told:
+        first = LINEAR if found.straight else None
+        kernel = f"[{first!r}, RBF({found.length_scale!r}, 'fixed')]"
+        rest = _named(training, rank=found.ranks)
         warn(
-            f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
-            "(BIC): functions that the tasks share vary at different speeds, or depend "
-            "on different inputs. "
-            f"Try MultiTaskGPRegressor({named}). This takes longer.",
-            SeveralKernelsWarning,
+            f"Rows of {problem.name} have effects of their own, which the tasks share "
+            "and inputs do not tell, as those of patients or places where each has a "
+            "row of a table. The kernel took them for a rough function of the inputs, "
+            "so predictions of new rows are poor. With a second kernel for them the "
+            f"model is likelier by {found.gain:.0f} nats (BIC), and the mean squared "
+            f"error at rows that are left out is {1.0 - found.ratio:.0%} lower. Try "
+            f"MultiTaskGPRegressor(kernel={kernel}, {rest}), with RBF of "
+            "sklearn.gaussian_process.kernels, in the WideRegressor or pipeline if "
+            "there is one. This takes longer.",
+            RowEffectsWarning,
         )
+    return told
+
+
+def _named(training, **options):
+    """Parameters in words, with the units and the noise of this fit."""
+    options |= {"noise": training.noise, "normalize_y": training.units.name}
+    return ", ".join(f"{key}={value!r}" for key, value in options.items())
+
+
+def _tell_own_kernels(training, problem, mode, gain):
+    """Say which parameters give two kernels, beside the units and noise of this fit."""
+    name = None if training.kernel == DEFAULT else training.kernel
+    named = _named(training, kernel=[name] * 2, rank=ranks_of_two(problem, mode))
+    warn(
+        f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
+        "(BIC): functions that the tasks share vary at different speeds, or depend "
+        "on different inputs. "
+        f"Try MultiTaskGPRegressor({named}). This takes longer.",
+        SeveralKernelsWarning,
+    )
 
 
 def warn_of_noise(told, tasks=None, lower=""):

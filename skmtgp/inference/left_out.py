@@ -1,4 +1,4 @@
-r"""Tasks that are left out: whether the model is as sure of them as it may be.
+r"""Tasks or rows left out: their errors, and whether the model is as sure as it may be.
 
 Let the task m have the rows i. What all other rows say of them follows from the inverse
 of the covariance K of all, as in Rasmussen and Williams (2006), section 5.4.2:
@@ -59,6 +59,31 @@ def inflation(likelihood, theta, usual):
     return max(1.0, float(found / (1.0 + weights @ expected)))
 
 
+def errors_left_out(problem, theta, groups):
+    """Errors of observations that are left out together with all of their group.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of an output, in memory, without a trend.
+    theta : ndarray of shape (n_theta,)
+        Parameters.
+    groups : ndarray of shape (n_samples,)
+        Which group each observation belongs to.
+
+    Returns
+    -------
+    errors : ndarray of shape (n_samples,)
+        Targets minus what all other groups say.
+    """
+    data, prior = problem.data, problem.prior
+    noise = np.broadcast_to(prior.values(theta).noise, data.n_tasks)
+    K = prior.covariance(theta, data.X, data.tasks)
+    K.flat[:: len(K) + 1] += noise[data.tasks]
+    with limit_threads(len(K)):
+        return _left_out(K, data.y, groups)[0]
+
+
 def some_of_each(tasks, most):
     """Ascending positions of at most so many rows; each task has its share of them."""
     order = np.argsort(tasks, kind="stable")
@@ -72,7 +97,7 @@ def _noise(likelihood, theta):
 
 
 def _left_out(K, y, tasks):
-    """Errors of rows whose tasks are left out, and their variances."""
+    """Errors of rows whose tasks, or groups, are left out, and their variances."""
     cholesky = cholesky_with_jitter(lambda: K.copy(order="F"))
     inverse, alpha = cholesky.solve(np.eye(len(K))), cholesky.solve(y)
     errors, variances = np.empty((2, len(y)))

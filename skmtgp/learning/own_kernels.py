@@ -2,7 +2,9 @@
 
 The model of one kernel and rank r is that of two equal ones and ranks r - 1 and 1. Any
 direction in the space of the latent functions may be that of the second: from the
-likeliest, with length-scales that are longer or shorter, both are learned on.
+likeliest, with length-scales that are longer or shorter, both are learned on. Another
+form of few tasks, as with a diagonal, is that of the rank of its K^rho. One function
+is two, the second of which is zero.
 """
 
 from dataclasses import replace
@@ -13,18 +15,20 @@ from sklearn.gaussian_process.kernels import RBF, Matern
 
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.engines import Dense
-from skmtgp.learning.climbing import climb
-from skmtgp.model.task_covariance import LowRank
+from skmtgp.learning.climbing import annealed, climb
+from skmtgp.model.task_covariance import Enlarged, LowRank, leading_eigenvectors
 
 # What is asked: of more rows, or functions, it would take long. Of complete data
 # learning takes little, and the question as long as elsewhere.
 MOST_ROWS, MOST_COMPLETE, MOST_RANK = 600, 200, 4
+MOST_FULL = 3  # rank of another form, of which nothing says that its rank is low
 MOST_STEPS = 300  # of the climb: valleys without noise may be endless
+NONE = 1e-12  # of the largest eigenvalue of K^rho, that is none
 ANGLES = 6  # in half a turn
 SCALES = np.log([0.5, 2.0])  # by which length-scales of the second differ
 
 
-def gain_of_own_kernels(problem, mode):
+def gain_of_own_kernels(problem, mode, enough=np.inf):
     """Nats of BIC that a kernel of its own for one latent function gains.
 
     Parameters
@@ -33,27 +37,45 @@ def gain_of_own_kernels(problem, mode):
         Of an output, in memory.
     mode : Mode
         Its mode.
+    enough : float, default=inf
+        Once this much is gained, no better mode is looked for.
 
     Returns
     -------
     gain : float
-        Minus infinity where it is not asked: K^rho is not of rank two to four, or has
-        functions of another kind beside these, k^x has no length-scales alone, or rows
-        are many.
+        Minus infinity where it is not asked: K^rho is held, or of rank five or more,
+        with a diagonal four or more, k^x has no length-scales alone, or rows are many.
     """
-    if not _can_be_asked(problem):
+    if not _can_be_asked(problem) or _rank_is_high(problem, mode):
         return -np.inf
-    prior, data = problem.prior, problem.data
-    [(kernel, form)] = prior.terms
-    forms = LowRank(form.n_tasks, form.rank - 1), LowRank(form.n_tasks, 1)
-    both = replace(problem, prior=prior.with_terms([(kernel, of) for of in forms]))
-    steps = min(MOST_STEPS, problem.budget.max_iter)
-    budget = replace(problem.budget, max_iter=steps, verbose=0)
-    both = replace(both, engine=Dense(), budget=budget)
-    price = both.prior.n_hyperparameters - prior.n_hyperparameters
-    gain = both.log_likelihood(split(both, problem, mode))
-    gain -= problem.log_likelihood(mode)
-    return float(gain - 0.5 * price * np.log(len(data)))
+    both = _with_two_kernels(problem, mode)
+    price = both.prior.n_hyperparameters - problem.prior.n_hyperparameters
+    charged = 0.5 * price * np.log(len(problem.data)) + problem.log_likelihood(mode)
+    gain = -np.inf
+    with limit_threads(len(both.data)):
+        for found in _climbs(both, problem, mode):
+            gain = max(gain, both.log_likelihood(found) - charged)
+            if gain > enough:
+                break
+    return float(gain)
+
+
+def ranks_of_two(problem, mode):
+    """The ranks of two kernels into which a mode of one is split.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of an output, with one kernel.
+    mode : Mode
+        Its mode.
+
+    Returns
+    -------
+    ranks : list of int
+        That of the second is one.
+    """
+    return [_factor(problem, mode).shape[1] - 1, 1]
 
 
 def split(both, problem, mode):
@@ -77,24 +99,84 @@ def split(both, problem, mode):
         return climb(both, _likeliest_start(both, problem, mode))
 
 
+def _with_two_kernels(problem, mode):
+    """The problem of two kernels of the same kind, in dense inference."""
+    [(kernel, form)] = problem.prior.terms
+    ranks = ranks_of_two(problem, mode)
+    terms = [(kernel, LowRank(form.n_tasks, rank)) for rank in ranks]
+    steps = min(MOST_STEPS, problem.budget.max_iter)
+    return replace(
+        problem,
+        prior=problem.prior.with_terms(terms),
+        engine=Dense(),
+        budget=replace(problem.budget, max_iter=steps, verbose=0),
+    )
+
+
+def _climbs(both, problem, mode):
+    """Modes of two kernels; without noise several, as many starts lead nowhere."""
+    yield climb(both, _likeliest_start(both, problem, mode))
+    if not problem.is_noisy(mode):
+        start = _likeliest_start(both, problem, mode, noisy=True)
+        yield annealed(both, start).mode
+        yield climb(both, start)
+
+
 def _can_be_asked(problem):
+    most = MOST_ROWS if problem.data.design is None else MOST_COMPLETE
+    return len(problem.data) <= most and is_of_one_smooth_kernel(problem)
+
+
+def is_of_one_smooth_kernel(problem):
+    """Whether k^x has length-scales alone, and K^rho is learned, and nothing else is.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of an output.
+
+    Returns
+    -------
+    alone : bool
+    """
     data, prior = problem.data, problem.prior
-    most = MOST_ROWS if data.design is None else MOST_COMPLETE
-    if not problem.engine.exact or len(data) > most or data.Q is not None:
+    if not problem.engine.exact or data.Q is not None:
         return False
     if prior.n_terms > 1 or prior.trend or data.known:
         return False
     if type(prior.kernel) not in (RBF, Matern) or not prior.kernel.n_dims:
         return False
-    form = prior.task_covariance
-    return type(form) is LowRank and 1 < form.rank <= MOST_RANK
+    return prior.n_tasks > 1 and _is_learned(prior.task_covariance)
 
 
-def _likeliest_start(both, problem, mode):
+def _rank_is_high(problem, mode):
+    """Whether K^rho has so many functions that it takes long."""
+    is_low = type(problem.prior.task_covariance) is LowRank
+    return sum(ranks_of_two(problem, mode)) > (MOST_RANK if is_low else MOST_FULL)
+
+
+def _is_learned(form):
+    """Whether it is of a factor that is learned, perhaps with something more."""
+    while isinstance(form, Enlarged):
+        form = form.form
+    return type(form) is LowRank
+
+
+def _factor(problem, mode):
+    """F with F F^T = K^rho, of two columns or more, the second perhaps empty."""
+    form, K_rho = problem.prior.task_covariance, problem.prior.K_rho_at(mode.theta)
+    values = np.linalg.eigvalsh(K_rho)
+    rank = (
+        (values > NONE * values[-1]).sum() if form.shared or form.n_own else form.rank
+    )
+    return leading_eigenvectors(K_rho, max(2, int(rank)))
+
+
+def _likeliest_start(both, problem, mode, *, noisy=False):
     """The best of some directions and length-scales of the second term."""
     likelihood, prior = both.likelihood(), problem.prior
-    [(kernel, factor)] = prior.theta_of_terms(mode.theta)
-    F = factor.reshape(problem.data.n_tasks, -1)
+    [(kernel, _)] = prior.theta_of_terms(mode.theta)
+    F = _factor(problem, mode)
     is_scale = prior.n_length_scales[prior.of_kernel] > 0
     found = []
     for u in _directions(F):
@@ -102,6 +184,7 @@ def _likeliest_start(both, problem, mode):
         for scale in SCALES:
             terms = (kernel, rest.ravel()), (kernel + scale * is_scale, F @ u)
             theta = both.prior.with_theta_of_terms(mode.theta, terms)
+            theta = both.with_noise(theta) if noisy else theta
             theta = np.clip(theta, *both.prior.bounds())
             found.append((likelihood.value(theta), theta))
     return max(found, key=itemgetter(0))[1]

@@ -8,8 +8,8 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, RankSearchIC
-from skmtgp._estimators import doubts
-from skmtgp.exceptions import SeveralKernelsWarning
+from skmtgp._estimators import base, doubts
+from skmtgp.exceptions import SeveralKernelsWarning, UnrelatedTasksWarning
 from skmtgp.learning import own_kernels
 
 N_TASKS, ROWS = 4, 25
@@ -41,7 +41,7 @@ def gains(monkeypatch, model, X, y, *given):
     """What the fit finds that two kernels gain, and the problems and modes."""
     found, ask = [], own_kernels.gain_of_own_kernels
 
-    def asked(problem, mode):
+    def asked(problem, mode, enough):
         found.append((ask(problem, mode), problem, mode))
         return found[-1][0]
 
@@ -133,14 +133,89 @@ def test_the_gain_is_that_of_a_model_that_is_fitted(monkeypatch):
     assert gain == pytest.approx(bics[1] - bics[0], abs=0.5)
 
 
+def simulated(seed):
+    """60 rows of a cheap simulation and 20 of a dear one, and rows of the dear one."""
+    rng = np.random.default_rng(seed)
+    cheap, dear, new = (rng.uniform(size=(n, 2)) for n in (60, 20, 300))
+
+    def low(u):
+        return np.sin(8.0 * u[:, 0]) * u[:, 1] + u.sum(axis=1)
+
+    def high(u):
+        return 1.5 * low(u) + 0.3 * np.cos(5.0 * u[:, 1])
+
+    X = np.column_stack([np.vstack([cheap, dear]), np.repeat([0, 1], [60, 20])])
+    Z = np.column_stack([new, np.ones(len(new))])
+    return X, np.r_[low(cheap), high(dear)], Z, high(new)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_simulations_without_noise(seed):
+    """The first is of independent tasks, the last of compound symmetry."""
+    X, y, Z, g = simulated(seed)
+    one = MultiTaskGPRegressor()
+    (message,) = said(one, X, y)
+    two = MultiTaskGPRegressor(**advised(message))
+    assert said(two, X, y) == []
+    gain = two.log_marginal_likelihood_value_ - one.log_marginal_likelihood_value_
+    assert gain > 10.0
+    errors = [np.square(of.predict(Z) - g).mean() for of in (one, two)]
+    assert errors[1] < 1e-3 * errors[0]
+
+
+@pytest.mark.parametrize(
+    ("form", "ranks"),
+    [
+        ({"rank": 1}, [1, 1]),
+        ({"rank": 1, "diagonal": True}, [2, 1]),
+        ({"rank": 0, "diagonal": "equal"}, [2, 1]),
+        ({"rank": 0, "shared": True, "diagonal": "equal"}, [2, 1]),
+        ({"rank": 0, "shared": True}, [1, 1]),
+    ],
+    ids=str,
+)
+def test_other_forms(monkeypatch, form, ranks):
+    """What a user has not chosen, a model of two kernels can be, with another rank."""
+    X, y, _ = drawn()
+    X, y = X[X[:, 1] < 3], y[X[:, 1] < 3]
+    model = MultiTaskGPRegressor(**RANK_2 | form)
+    monkeypatch.setattr(MultiTaskGPRegressor, "_shares", lambda self: False)
+    [(gain, problem, mode)] = gains(monkeypatch, model, X, y)
+    assert np.isfinite(gain)
+    assert own_kernels.ranks_of_two(problem, mode) == ranks
+    F = own_kernels._factor(problem, mode)
+    np.testing.assert_allclose(F @ F.T, problem.prior.K_rho_at(mode.theta), atol=1e-8)
+
+
+def test_modes_that_stalled(monkeypatch):
+    kept = []
+    monkeypatch.setattr(base, "warn_of_doubts", lambda *of, **_: kept.append(of))
+    X, y, _ = drawn()
+    said(MultiTaskGPRegressor(**RANK_2), X, y)
+    [(training, problems, [mode])] = kept
+    stalled = mode._replace(converged=False, stalled=True)
+    with pytest.warns(SeveralKernelsWarning):
+        doubts.warn_of_doubts(training, problems, [stalled])
+
+
+def test_the_likelier_of_two_models_is_named(monkeypatch):
+    """Tasks apart, or two kernels."""
+    X, y, _ = drawn()
+    for apart, told in ((11.0, SeveralKernelsWarning), (1e3, UnrelatedTasksWarning)):
+        monkeypatch.setattr(doubts, "gain_of_separate_models", lambda *_, a=apart: a)
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            MultiTaskGPRegressor(**RANK_2).fit(X, y)
+        assert [of.category for of in caught] == [told]
+
+
 def test_where_nothing_is_asked(monkeypatch):
     X, y, _ = drawn()
     model = MultiTaskGPRegressor(**RANK_2)
     two = {"rank": [1, 1], "kernel": ["rbf", "rbf"]}
     cases = {
-        "rank 1": (clone(model).set_params(rank=1), X, y),
         "a function of all": (clone(model).set_params(shared=True), X, y),
-        "a diagonal": (clone(model).set_params(diagonal=True), X, y),
+        "a diagonal of four": (clone(model).set_params(diagonal=True), X, y),
         "two kernels": (clone(model).set_params(**two), X, y),
         "held length-scales": (
             clone(model).set_params(kernel=RBF(0.5, "fixed")),

@@ -43,10 +43,11 @@ def gain_of_own_kernels(problem, mode, enough=np.inf):
     Returns
     -------
     gain : float
-        Minus infinity where it is not asked: K^rho is held, or of rank five or more,
-        with a diagonal four or more, k^x has no length-scales alone, or rows are many.
+        Minus infinity where it is not asked: K^rho is held, or of rank five or more, or
+        there is noise and it is not of rank two or more alone, k^x has no length-scales
+        alone, or rows are many.
     """
-    if not _can_be_asked(problem) or _rank_is_high(problem, mode):
+    if not _can_be_asked(problem) or _takes_long(problem, mode):
         return -np.inf
     both = _with_two_kernels(problem, mode)
     price = both.prior.n_hyperparameters - problem.prior.n_hyperparameters
@@ -149,10 +150,15 @@ def is_of_one_smooth_kernel(problem):
     return prior.n_tasks > 1 and _is_learned(prior.task_covariance)
 
 
-def _rank_is_high(problem, mode):
-    """Whether K^rho has so many functions that it takes long."""
-    is_low = type(problem.prior.task_covariance) is LowRank
-    return sum(ranks_of_two(problem, mode)) > (MOST_RANK if is_low else MOST_FULL)
+def _takes_long(problem, mode):
+    """Whether K^rho has too many functions, or noise and another form than low rank.
+
+    With noise hardly any other form has two kernels, and asking takes as long.
+    """
+    form = problem.prior.task_covariance
+    if type(form) is LowRank and form.rank > 1:
+        return form.rank > MOST_RANK
+    return problem.is_noisy(mode) or sum(ranks_of_two(problem, mode)) > MOST_FULL
 
 
 def _is_learned(form):

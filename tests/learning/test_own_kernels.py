@@ -175,9 +175,10 @@ def test_simulations_without_noise(seed):
     ids=str,
 )
 def test_other_forms(monkeypatch, form, ranks):
-    """What a user has not chosen, a model of two kernels can be, with another rank."""
-    X, y, _ = drawn()
+    """Without noise; a model of two kernels can be each of them, with another rank."""
+    X, _, y = drawn()
     X, y = X[X[:, 1] < 3], y[X[:, 1] < 3]
+    y = y if ranks[0] > 1 else np.sin(X[:, 0])
     model = MultiTaskGPRegressor(**RANK_2 | form)
     monkeypatch.setattr(MultiTaskGPRegressor, "_shares", lambda self: False)
     [(gain, problem, mode)] = gains(monkeypatch, model, X, y)
@@ -215,7 +216,8 @@ def test_where_nothing_is_asked(monkeypatch):
     two = {"rank": [1, 1], "kernel": ["rbf", "rbf"]}
     cases = {
         "a function of all": (clone(model).set_params(shared=True), X, y),
-        "a diagonal of four": (clone(model).set_params(diagonal=True), X, y),
+        "a diagonal": (clone(model).set_params(diagonal=True), X, y),
+        "rank 1, with noise": (clone(model).set_params(rank=1), X, y),
         "two kernels": (clone(model).set_params(**two), X, y),
         "held length-scales": (
             clone(model).set_params(kernel=RBF(0.5, "fixed")),

@@ -158,8 +158,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
-        `alpha` of `fit`. With the default, targets that are rounded have at least the
-        noise of rounding.
+        `alpha` of `fit`. With the default, targets that are rounded mostly have the
+        noise of rounding at least, see the user guide.
     normalize_y : {"auto", "per_task", "shared"} or bool, default="auto"
         Units in which the targets are learned:
 
@@ -463,7 +463,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     is always shared. Noise is also shared if all targets of a task with more than five
     rows are equal, because the noise of that task would vanish. Such a task does not
     count in these choices, and with the default `noise_variance_bounds` the noise
-    variance is at least a quarter of what the small model finds in the other tasks.
+    variance is at least a quarter of what the small model finds in the other tasks, if
+    that is noise beyond doubt.
     After exact inference with shared noise, the choice of the noise is checked once
     more with the learned model.
 

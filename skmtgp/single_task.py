@@ -116,8 +116,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
     noise_variance_bounds : pair of floats or "fixed", default=(1e-10, 1e3)
         Bounds of the noise variance, relative to the same variance. "fixed" keeps
         `noise_variance`. "fixed" with ``noise_variance=0`` leaves all noise to the
-        `alpha` of `fit`. With the default, targets that are rounded have at least the
-        noise of rounding.
+        `alpha` of `fit`. With the default, targets that are rounded mostly have the
+        noise of rounding at least, see the user guide.
     normalize_y : {"auto", "per_task", "shared"} or bool, default=True
         Whether to subtract the mean of each output and divide by its standard deviation
         before learning, for each task separately. "auto", "per_task" and "shared" mean

@@ -15,9 +15,9 @@ MOST = 0.25  # of the variance within tasks: most of a rare event is no rounding
 def variance_of_rounding(features, codes, Y):
     """Variance of what rounding added to targets; zero where they are not rounded.
 
-    Rounding to multiples of a step adds an error of a twelfth of its square. Targets
-    that are all multiples of a step may also be exact, as an integer function of
-    integers is. Exact ones seldom repeat within a task at other inputs.
+    Rounding to multiples of a step adds an error of a twelfth of its square. Rounded
+    targets repeat within a task at other inputs. Integers that are exact may do so,
+    too: of these it says what rounding would have added.
 
     Parameters
     ----------
@@ -43,10 +43,12 @@ def step_of(y):
     between = between[between > CLOSE * np.abs(values).max()]
     if len(y) < FEW or not len(between):
         return 0.0
-    step = between.min()
-    steps = (values - values[0]) / step
-    if steps[-1] > MOST_STEPS:
+    size = values[-1] - values[0]
+    n_steps = np.round(size / between.min())  # which is the less exact of both
+    if n_steps > MOST_STEPS:
         return 0.0
+    step = size / n_steps
+    steps = (values - values[0]) / step
     return float(step) if np.abs(steps - np.round(steps)).max() < EXACT else 0.0
 
 

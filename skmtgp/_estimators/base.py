@@ -171,7 +171,10 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         warn_of_doubts(training, problems, modes, **options)
 
     def _may_have_more_kernels(self):
-        """Whether the user leaves the kernel open, and nothing asks for one alone."""
+        """Whether the user leaves the kernel open, and nothing asks for one alone.
+
+        One function that all share has one kernel: two could not be so named.
+        """
         return (
             self._kernels() == [None]
             and not self._shares()

@@ -1,6 +1,7 @@
 """In which units targets are learned, with which noise and how smooth a k^x."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from skmtgp._data.oddities import (
     warn_of_far_levels,
 )
 from skmtgp._data.overlap import share_overlapping
+from skmtgp._estimators.least_noise import with_least_noise
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import FAR, shared_units, units_of_tasks
@@ -37,7 +39,6 @@ from skmtgp.learning.tuning import TUNING
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
-SURELY_NOISE = 0.25  # of what a small model takes for noise
 NOTHING = 1e-8  # variances of the targets
 ROWS_OF_RANGES = 3000
 
@@ -82,9 +83,10 @@ def _decided(model, training, foretell):
         units = _units(model, training)
     training = replace(training, noise=noises[0])
     candidates = [training.with_units(of) for of in units]
-    if _may_hide_noise(model, training):
-        least = _noise_of_others(model, candidates[0])
-        candidates = [replace(of, least_noise=least) for of in candidates]
+    first = candidates[0]
+    learn = partial(_learned_small, model, first)
+    least = with_least_noise(model, first, learn).least_noise
+    candidates = [replace(of, least_noise=least) for of in candidates]
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
     if foretell is not None and are_many(*training.Y.shape):
@@ -99,23 +101,11 @@ def _decided(model, training, foretell):
     return found[int(np.argmax(scores))][1]
 
 
-def _may_hide_noise(model, training):
-    """Whether there are constant tasks, and one noise for all that they would hide."""
-    learned = model.max_iter > 0 and not isinstance(model.noise_variance_bounds, str)
-    told = training.constant.any() and not training.constant.all()
-    return bool(learned and told and training.noise == "shared")
-
-
-def _noise_of_others(model, training):
-    """Part of the noise variance that all but the constant tasks have, by output.
-
-    A constant task is likelier without bound, the less noise there is.
-    """
+def _learned_small(model, training):
+    """The problem and the mode of each output of the small model."""
     small = training.without_levels() if model._has_levels() else training
     with limit_threads(len(training.Y)):
-        found = [screen(problem) for problem in _small(model, small)]
-    noises = [np.exp(of.prior.log_noise_at(mode.theta)).mean() for of, mode in found]
-    return SURELY_NOISE * np.array(noises) * small.units.scale.max(axis=1) ** 2
+        return [screen(problem) for problem in _small(model, small)]
 
 
 def _units(model, training):
@@ -306,15 +296,21 @@ def _vanishes(problem, mode):
 def _small(model, training):
     """The problems of a model whose tasks tell each other nothing but k^x.
 
-    Constant tasks are left out, unless all are.
+    Tasks that are constant in an output are left out there, unless all are.
     """
-    form, constant = model._form_for_screening(len(training.tasks)), training.constant
+    form = model._form_for_screening(len(training.tasks))
     problems = exact_part([of.with_form(form) for of in pose(model, training)], [form])
-    if not constant.any() or constant.all():
-        return problems
     return [
-        replace(of, data=of.data.of_tasks(~constant), engine=Dense()) for of in problems
+        _without(problem, constant)
+        for problem, constant in zip(problems, training.constants.T, strict=True)
     ]
+
+
+def _without(problem, constant):
+    """The problem without the rows of some tasks, unless these are none, or all."""
+    if not constant.any() or constant.all():
+        return problem
+    return replace(problem, data=problem.data.of_tasks(~constant), engine=Dense())
 
 
 def _score(training, found):

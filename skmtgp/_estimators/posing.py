@@ -26,7 +26,6 @@ FIRST_LEVEL = 1e-2  # where learning of the levels' variance starts, of the targ
 CENTRED = 1.0
 ROUNDING = 1e-15  # of the mean of equal numbers, relative to them
 LITTLE = 1e-2  # noise variance of the targets', less than which few rows do not tell
-NOISE_BOUNDS = (1e-10, 1e3)  # where the user gives none
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
@@ -135,7 +134,7 @@ def _scaled(model, prior, data, training, j):
     start = max(start, NO_NOISE)
     bounds = (start,) * 2 if isinstance(bounds, str) else bounds
     noises = np.multiply([start, *bounds], deviation**2)
-    noises[:2] = np.maximum(noises[:2], _least_noise(model, training, j))
+    noises[:2] = np.maximum(noises[:2], _least_noise(training, j))
     log_noise, *log_noise_bounds = np.log(noises).tolist()
     least = CENTRED if training.units.own_scales else prior.least_level
     level, within = max(least, FIRST_LEVEL) * scale**2, np.inf
@@ -155,15 +154,11 @@ def _scaled(model, prior, data, training, j):
     )
 
 
-def _least_noise(model, training, j):
-    """Noise variance that is there at least, if the user gives no bounds."""
-    given = not np.array_equal(model.noise_variance_bounds, NOISE_BOUNDS)
-    if given or getattr(model, "learning", "annealed") != "annealed":  # the paper's
+def _least_noise(training, j):
+    """Noise variance that an output has at least, in the unit of the largest task."""
+    if training.least_noise is None:
         return 0.0
-    least = training.rounding[j]
-    if training.least_noise is not None:
-        least = max(least, training.least_noise[j])
-    return least / np.max(training.units.scale[j]) ** 2
+    return training.least_noise[j] / np.max(training.units.scale[j]) ** 2
 
 
 def _log_little(model, prior):

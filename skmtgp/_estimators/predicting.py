@@ -20,8 +20,8 @@ from skmtgp._numerics.mixtures import quantiles
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import as_it_is
 
-MANY = 1000  # rows; of fewer nobody asks whether memory suffices for covariances
-BESIDE = 4  # matrices between rows that come and go beside those of the outputs
+MANY = 1000  # rows of one output: nobody asks whether fewer have enough memory
+BESIDE = 6  # matrices between rows that come and go beside those of the outputs
 JOINTLY = (
     "sample_y",
     "Draw fewer rows at a time. Only rows of one call are drawn jointly: where that "
@@ -244,9 +244,9 @@ class PosteriorMixin(RegressorMixin):
 
         Notes
         -----
-        Draws come from a Cholesky factor of the covariance of all rows. If it has none
-        in double precision, 1e-12 to 1e-7 of each variance is added to it, as little
-        as is enough. Draws then have that much noise of their own, at most a 3000th of
+        Draws come from a Cholesky factor of the covariance of all rows. For that 1e-12
+        of each variance is added to it, or up to 1e-7 where less is not enough. Draws
+        have that much noise of their own, at most a 3000th of
         the standard deviation. If that is not enough, they come from eigenvectors,
         which take many times as long.
         """
@@ -312,8 +312,8 @@ def check_joint(model, n, what, advice, at_once=None):
 
     Those of as many outputs are held `at_once`, of all by default.
     """
-    if n > MANY:
-        n_matrices = (at_once or model._n_outputs) + BESIDE
+    n_matrices = (at_once or model._n_outputs) + BESIDE
+    if n**2 * n_matrices > MANY**2 * (1 + BESIDE):
         n_columns = n * n_matrices + 2 * model._side
         check_available(8.0 * n * n_columns, f"{what} of {n} rows", advice)
 

@@ -12,7 +12,6 @@ from skmtgp._data.descriptors import Descriptors
 from skmtgp._data.known import Known
 from skmtgp._data.labels import sorted_tasks
 from skmtgp._data.oddities import is_binary
-from skmtgp._data.rounding import variance_of_rounding
 from skmtgp._estimators.named_kernels import DEFAULT
 from skmtgp._estimators.slopes import NOWHERE, OF_TASKS, Slopes, trends_with_task
 from skmtgp._estimators.targets import AS_GIVEN, AsGiven
@@ -60,8 +59,8 @@ class Training:
     kernel : str
         Name of k^x where the user gives none.
     least_noise : ndarray of shape (n_outputs,), default=None
-        Noise variance of each output that is there at least, in squared units of Y,
-        beside that of rounding.
+        Noise variance that each output has at least, in squared units of Y. None is
+        not known.
     foretold : bool, default=False
         Whether it was said how long learning will take.
     """
@@ -106,16 +105,21 @@ class Training:
         return count_tasks(self.codes, len(self.tasks))
 
     @cached_property
-    def constant(self):
-        """Whether all rows of each task have the same y, if they are not few.
+    def constants(self):
+        """Whether all rows of a task have the same y, (n_tasks, n_outputs).
 
-        It is not asked of outputs that do not vary at all, nor of Dask collections.
+        It is not asked of tasks of few rows, of outputs that do not vary at all, nor of
+        Dask collections.
         """
         if is_dask(self.Y):
-            return np.zeros(len(self.tasks), dtype=bool)
+            return np.zeros((len(self.tasks), self.Y.shape[1]), dtype=bool)
         same = equal_in_tasks(self.Y, self.codes, self.counts, self.known)
-        varies = np.ptp(self.Y, axis=0) > 0.0
-        return (self.counts > FEW_ROWS) & same[:, varies].any(axis=1)
+        return same & (self.counts > FEW_ROWS)[:, None] & (np.ptp(self.Y, axis=0) > 0.0)
+
+    @property
+    def constant(self):
+        """Which tasks are constant in an output."""
+        return self.constants.any(axis=1)
 
     @cached_property
     def binary(self):
@@ -123,16 +127,6 @@ class Training:
         if is_dask(self.Y):
             return np.zeros(self.Y.shape[1], dtype=bool)
         return is_binary(self.Y)
-
-    @cached_property
-    def rounding(self):
-        """Variance of what rounding added to each output, in squared units of Y.
-
-        Means of measurements and Dask collections are not asked.
-        """
-        if is_dask(self.Y) or self.known is not None:
-            return np.zeros(self.Y.shape[1])
-        return variance_of_rounding(self.features, self.codes, self.Y)
 
     @property
     def measured(self):
@@ -148,15 +142,15 @@ class Training:
 
     @property
     def chosen(self):
-        """Units, noise, another k^x than the usual one, and rounding, in words."""
+        """Units, noise and its least variance, and an unusual k^x, in words."""
         units = "own units for each task" if self.units.own_scales else "the same units"
         noises = {
             "shared": "one noise variance for all tasks",
             "per_task": "a noise variance for each task",
         }
         kernel = "" if self.kernel == DEFAULT else f', kernel="{self.kernel}"'
-        rounded = ", targets that are rounded" * bool(self.rounding.any())
-        return f"{units}, {noises[self.noise]}{kernel}{rounded}"
+        least = "" if self.least_noise is None else ", a least noise variance"
+        return f"{units}, {noises[self.noise]}{kernel}{least}"
 
     def unexplained(self, per_task):
         """Targets without what least squares explain by a trend.

@@ -5,7 +5,8 @@ import numpy as np
 from skmtgp.model.several import unseen_of
 from skmtgp.model.task_covariance import LowRank
 
-FEWEST = 4  # tasks: fewer tell no variance of another one
+LEAST_FREEDOM = 3  # fewer degrees tell no variance of another row
+ROUNDING = 1e-12  # of the longest axis: a shorter one is none
 
 
 def deviations(factor):
@@ -31,14 +32,17 @@ def leeway_of_another(factor):
 
     Let rows be normal, and v any sum of the columns. That of a further row, less the
     mean of the n that are known, has Student's t distribution with n - 1 degrees of
-    freedom, and a variance :math:`(n + 1) / (n - 3)` times that of theirs. Fewer than
-    four tasks tell no variance and count as four. A single one tells nothing of what
-    tasks differ by: then this is as large as its row.
+    freedom :math:`\nu`. Its variance is :math:`(n + 1) / (n - 1) \, \nu / (\nu - 2)`
+    times theirs around their mean. Less than three degrees of freedom tell no variance,
+    and count as three. A single task tells nothing of what tasks differ by: then this
+    is as large as its row.
     """
     n = len(factor)
     if n == 1:
         return factor
-    return np.sqrt((n + 1) / (max(n, FEWEST) - 3)) * deviations(factor)
+    freedom = max(n - 1, LEAST_FREEDOM)
+    variance = (n + 1) / (n - 1) * freedom / (freedom - 2)
+    return np.sqrt(variance) * deviations(factor)
 
 
 def another_task(prior, theta, described=None):
@@ -71,7 +75,8 @@ def another_task(prior, theta, described=None):
     factors = [_drawn(form, rho) for form, rho in terms]
     ends = np.cumsum([F.shape[1] for F in factors])
     axes = leeway_of_another(np.hstack(factors))
-    axes = axes[axes.any(axis=1)]
+    lengths = np.linalg.norm(axes, axis=1)
+    axes = axes[lengths > ROUNDING * lengths.max(initial=0.0)]
     of_terms = np.split(axes, ends[:-1], axis=1)
     return known, [
         _behind(part, loadings)

@@ -54,6 +54,15 @@ def test_a_twelfth_of_the_square_of_the_step(step):
     assert variance_of_rounding(*rounded(step)) == pytest.approx(step**2 / 12.0)
 
 
+@pytest.mark.parametrize("most", [1e2, 1e3])
+def test_single_precision_and_far_levels(most):
+    wholes = np.random.default_rng(0).integers(0, most, 200)
+    wholes[:2] = 3, 4
+    single = (0.1 * wholes).astype(np.float32).astype(float)
+    assert step_of(single) == pytest.approx(0.1, rel=1e-5)
+    assert step_of(1e9 + 0.1 * wholes) == pytest.approx(0.1, rel=1e-5)
+
+
 def test_integers_of_integers_may_be_exact():
     x = np.tile(np.arange(15.0), 2)[:, None]
     tasks = np.repeat([0, 1], 15)

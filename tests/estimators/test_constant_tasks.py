@@ -65,6 +65,27 @@ def test_exact_data_stay_exact():
     assert error(fitted(MultiTaskGPRegressor(), X, y), X_new, f) < 0.001
 
 
+@pytest.mark.parametrize("n_rows", [3, 4])
+def test_few_exact_rows_stay_exact(n_rows):
+    """A small model might take their curves for noise."""
+    rng = np.random.default_rng(1)
+    tasks = np.repeat(np.arange(6), [n_rows] * 5 + [10])
+    x = rng.uniform(0.0, 1.0, len(tasks))
+    y = np.where(tasks == 5, 3.0, np.sin(5.0 * x) * (1.0 + 0.3 * tasks) + 0.2 * tasks)
+    model = fitted(MultiTaskGPRegressor(), np.column_stack([x, tasks]), y)
+    assert np.sqrt(np.ravel(model.noise_variance_)[0]) < 1e-3
+
+
+def test_each_task_constant_in_another_output():
+    X, *_ = draw()
+    rng, tasks = np.random.default_rng(0), X[:, -1].astype(int)
+    f = np.sin(5.0 * X[:, 0]) * (1.0 + tasks) + X[:, 1]
+    Y = f[:, None] + NOISE * rng.standard_normal((N, 4))
+    Y[np.arange(N), tasks] = 1.0
+    model = fitted(MultiTaskGPRegressor(rank=1), X, Y)
+    assert np.sqrt(model.noise_variance_).min() > 0.4 * NOISE
+
+
 def test_a_constant_output_beside_another():
     X, y, *_ = draw()
     Y = np.column_stack([y, np.full(N, 2.0)])

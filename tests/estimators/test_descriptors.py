@@ -180,7 +180,7 @@ def test_without_descriptors_an_unknown_label_is_an_error():
 def test_units_of_each_task_are_not_known_of_another():
     options = QUICK | {"normalize_y": "per_task"}
     model = MultiTaskGPRegressor(rank=1, **options).fit(X, y)
-    with pytest.raises(ValueError, match="normalize_y_ is 'shared'"):
+    with pytest.raises(ValueError, match="normalize_y_ must be 'shared'"):
         model.predict(NEW)
     large = y * np.exp(X[:, 3])  # "auto" would give each task its own
     options = PLAIN | {"normalize_y": "auto", "max_iter": 1, "rank": 1}

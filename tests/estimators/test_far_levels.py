@@ -115,7 +115,7 @@ def test_rows_join():
 def test_tasks_that_fit_has_not_seen_are_refused():
     X, y, level = draw()
     of = MultiTaskGPRegressor("rbf", rank=0, shared=True).fit(X, FAR * level + y)
-    with pytest.raises(ValueError, match="not hundreds of deviations apart"):
+    with pytest.raises(ValueError, match="must not be hundreds of deviations apart"):
         of.predict([[1.0, 9]])
     with pytest.raises(ValueError, match="hundreds of deviations apart"):
         TaskIdentifier(MODELS[0].fit(X, FAR * level + y)).estimate(X[:3, :1], y[:3])

@@ -46,7 +46,8 @@ def loadings_of(prior, theta):
 
 def population(factor):
     """Rows, all as likely, with the mean and the covariance of another task's row."""
-    S = np.atleast_2d(np.cov(factor.T, bias=True)) * (M + 1.0)  # / (4 - 3)
+    spread = (M + 1.0) / (M - 1.0) * 3.0  # freedom 3 / (3 - 2)
+    S = np.atleast_2d(np.cov(factor.T, bias=True)) * spread
     values, vectors = np.linalg.eigh(S)
     axes = (np.sqrt(len(S) * np.maximum(values, 0.0)) * vectors).T
     return factor.mean(axis=0) + np.vstack([axes, -axes])

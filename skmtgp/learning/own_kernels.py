@@ -105,7 +105,26 @@ def _with_two_kernels(problem, mode):
     [(kernel, form)] = problem.prior.terms
     ranks = ranks_of_two(problem, mode)
     terms = [(kernel, LowRank(form.n_tasks, rank)) for rank in ranks]
-    steps = min(MOST_STEPS, problem.budget.max_iter)
+    return with_terms(problem, terms, MOST_STEPS)
+
+
+def with_terms(problem, terms, most_steps):
+    """The problem of other terms, to be learned quietly by dense inference.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of an output, in memory.
+    terms : list of (kernel, form)
+        See `Prior.terms`.
+    most_steps : int
+        Most iterations of a climb, if the user does not want fewer.
+
+    Returns
+    -------
+    problem : Problem
+    """
+    steps = min(most_steps, problem.budget.max_iter)
     return replace(
         problem,
         prior=problem.prior.with_terms(terms),

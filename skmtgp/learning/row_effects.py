@@ -8,7 +8,6 @@ rough in truth, too. So a model is learned that has a second kernel, by which a 
 related to itself alone: is it likelier, and better at rows that are left out?
 """
 
-from dataclasses import replace
 from itertools import product
 from operator import itemgetter
 from typing import NamedTuple
@@ -20,10 +19,9 @@ from sklearn.gaussian_process.kernels import RBF
 from skmtgp._data.complete import design_of
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp.inference.engines import Dense
 from skmtgp.inference.left_out import errors_left_out
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.own_kernels import is_of_one_smooth_kernel
+from skmtgp.learning.own_kernels import is_of_one_smooth_kernel, with_terms
 from skmtgp.model.task_covariance import LowRank, leading_eigenvectors
 
 MOST_ROWS, FEWEST = 600, 10  # rows, of which inputs: of more it would take long
@@ -144,13 +142,7 @@ def _with_effects(problem, kernel):
     n_tasks, rank = form.n_tasks, max(2, form.rank)
     of_rows = RBF(_separation(problem.data.X), "fixed")
     terms = [(kernel, LowRank(n_tasks, rank)), (of_rows, LowRank(n_tasks, 1))]
-    steps = min(MOST_STEPS, problem.budget.max_iter)
-    return replace(
-        problem,
-        prior=problem.prior.with_terms(terms),
-        engine=Dense(),
-        budget=replace(problem.budget, max_iter=steps, verbose=0),
-    )
+    return with_terms(problem, terms, MOST_STEPS)
 
 
 def _separation(X):

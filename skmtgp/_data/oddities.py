@@ -57,14 +57,17 @@ def warn_of_training(estimator, features, tasks, y):
         warn(
             f"{len(tasks)} tasks of {len(y)} rows: does task_feature name the task "
             f"column? It is column {column!r}. The first tasks are "
-            f"{tasks[:5].tolist()}.{_little_told(len(y) - len(tasks))}",
+            f"{tasks[:5].tolist()}.{_little_told(estimator, len(y) - len(tasks))}",
             TaskColumnWarning,
         )
 
 
-def _little_told(n_more):
-    """What so few rows beside the first of each task do not tell, in words."""
-    if n_more >= FEW_MORE:
+def _little_told(estimator, n_more):
+    """What so few rows beside the first of each task do not tell, in words.
+
+    A model without levels takes what a task has of its own for noise.
+    """
+    if n_more >= FEW_MORE or not getattr(estimator, "task_levels", False):
         return ""
     return (
         " If it does, hardly any task has a second row, and the rows do not tell noise "

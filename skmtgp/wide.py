@@ -562,6 +562,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If the model was not fitted.
         ValueError
             If X cannot be used.
+        InsufficientMemoryError
+            If there is no memory for matrices between all rows, or for the draws.
         """
         return self._ask("sample_y", X, n_samples, random_state, include_noise)
 

@@ -246,9 +246,9 @@ class PosteriorMixin(RegressorMixin):
         -----
         Draws come from a Cholesky factor of the covariance of all rows. For that 1e-12
         of each variance is added to it, or up to 1e-7 where less is not enough. Draws
-        have that much noise of their own, at most a 3000th of
-        the standard deviation. If that is not enough, they come from eigenvectors,
-        which take many times as long.
+        have that much noise of their own, at most a 3000th of the standard deviation.
+        If that is not enough, they come from eigenvectors, which take many times as
+        long.
         """
         check_scalar(n_samples, "n_samples", Integral, min_val=0)
         rng = check_random_state(random_state)

@@ -39,6 +39,7 @@ from skmtgp.learning.tuning import TUNING
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
+BEYOND = np.log(10.0)  # where noise is held up, more than which is noise for certain
 NOTHING = 1e-8  # variances of the targets
 ROWS_OF_RANGES = 3000
 
@@ -98,7 +99,9 @@ def _decided(model, training, foretell):
         # noise of each task can take the place of units: then functions decide
         if len(found) > 1 and found[0][1].noise != noises[0]:
             scores += [_gain_as_large(*of) for _, *of in found]
-    return found[int(np.argmax(scores))][1]
+    _, best, of_outputs = found[int(np.argmax(scores))]
+    noisy = all(of.is_noisy(mode, beyond=BEYOND) for of, mode in of_outputs)
+    return replace(best, noisy=noisy)
 
 
 def _learned_small(model, training):

@@ -74,6 +74,7 @@ def pose(model, training, n_ranks=1, n_kept=1):
             log_little=_log_little(model, scaled),
             noise_deviation=model._noise_deviation(),
             log_scales=np.log(training.units.scale[j]),
+            noisy=training.noisy,
         )
         problems.append(begun_in_sight(problem))
     return problems

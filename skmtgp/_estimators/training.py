@@ -61,6 +61,8 @@ class Training:
     least_noise : ndarray of shape (n_outputs,), default=None
         Noise variance that each output has at least, in squared units of Y. None is
         not known.
+    noisy : bool, default=False
+        Whether all outputs are known to have noise.
     foretold : bool, default=False
         Whether it was said how long learning will take.
     """
@@ -80,6 +82,7 @@ class Training:
     looks_for_design: bool = True
     kernel: str = DEFAULT
     least_noise: np.ndarray | None = None
+    noisy: bool = False
     foretold: bool = False
 
     @cached_property

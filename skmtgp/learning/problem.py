@@ -79,6 +79,9 @@ class Problem:
         How far apart the logarithms of tasks' noise variances are, see `AlikeNoise`.
     log_scales : ndarray of shape (1,) or (n_tasks,)
         Logarithms of what the targets were divided by, for the lines.
+    noisy : bool, default=False
+        Whether the targets are known to have noise, so that fewer rows tell the modes
+        apart.
     """
 
     prior: Prior
@@ -91,6 +94,7 @@ class Problem:
     log_little: float = -np.inf
     noise_deviation: float = np.inf
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
+    noisy: bool = False
 
     def with_form(self, form):
         """The same with another form of K^rho."""
@@ -195,16 +199,23 @@ class Problem:
         problems : list of Problem
             The data of each are part of the next's; the last is `self`.
         """
-        data, n = self.data, self.data.n_inputs
-        coarsest = self.tuning.coarse
-        if data.design is None:
-            coarsest = max(coarsest, self.tuning.coarse_per_task * data.n_tasks)
-        coarsest += 2 * self.prior.n_coefficients  # which explain as many rows
+        data, n, coarsest = self.data, self.data.n_inputs, self._coarsest()
         if n < 2 * coarsest:
             return [self]
         steps = ceil(log(n / coarsest) / log(self.tuning.refinement))
         sizes = np.geomspace(coarsest, n, steps + 1)[:-1]
         return [*(self.with_data(data.thinned(int(size))) for size in sizes), self]
+
+    def _coarsest(self):
+        """Rows, of complete data inputs, of the coarsest level."""
+        tuning, data = self.tuning, self.data
+        coarsest = tuning.coarse
+        if data.design is None:
+            share = tuning.coarse_share * len(data) if self.noisy else coarsest
+            told = tuning.coarse_per_dim * self.prior.node.n_dims
+            coarsest = min(coarsest, max(share, told, tuning.least_coarse))
+            coarsest = max(coarsest, tuning.coarse_per_task * data.n_tasks)
+        return coarsest + 2 * self.prior.n_coefficients  # which explain as many rows
 
 
 class Mode(NamedTuple):

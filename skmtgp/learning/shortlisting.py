@@ -16,6 +16,7 @@ from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import say, silent
 from skmtgp.learning.climbing import Ascent, climb
 from skmtgp.learning.contenders import penalties, plausible, weighed, worth
+from skmtgp.learning.further import with_higher
 from skmtgp.learning.hidden import reveal
 from skmtgp.learning.nesting import descend, has_columns_more, with_columns
 from skmtgp.learning.problem import Problem, best_of
@@ -67,6 +68,9 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         likely = list(range(len(sketches[0])))
         kept, modes = _learned(problems, sketches, likely, starts, **options)
     every = bool(weighed(*_by_form(sketches), n))
+    if len(coarse[0].data) < min(len(problems[0].data), coarse[0].tuning.coarse):
+        most = max(form.rank for form in forms)
+        kept, modes = with_higher(problems, kept, modes, most, n_jobs)
     best, of_best = chosen(problems, kept, modes, n_jobs, every=every)
     found = []
     for mode, others, of, begun in zip(of_best, modes, sketches, starts, strict=True):

@@ -17,6 +17,11 @@ class Tuning:
         Rows, of complete data inputs, that are learned from first: as many tell the
         modes apart, in a hundredth of a second an evaluation. More with many tasks, of
         which each needs some.
+    coarse_share : float
+        Fewer than that of noisy data with few features: this share of the rows,
+    least_coarse, coarse_per_dim : int
+        if these are as many, and as many for each parameter of k^x. The modes of data
+        without noise are told by all rows.
     refinement : float
         Most rows in a level for each of the coarser one: a mode of a quarter of the
         rows is near one of all.
@@ -236,6 +241,9 @@ class Tuning:
     held: float = 1e-5
     coarse: int = 300
     coarse_per_task: int = 20
+    coarse_share: float = 1 / 3
+    least_coarse: int = 130
+    coarse_per_dim: int = 20
     refinement: float = 4.0
     single_tol: float = 1e-2
     relaxed: float = 5.0

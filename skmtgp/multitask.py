@@ -255,9 +255,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
         nats.
     n_jobs : int, default=None
-        Number of processes that share the outputs, the starts of each and, with
-        ``rank=None``, the candidates, or the chains of an output if hyperparameters are
-        sampled, see :term:`n_jobs`.
+        Number of processes, see :term:`n_jobs`. They share the outputs and the starts
+        of each and, with ``rank=None``, the candidates. If hyperparameters are sampled,
+        they then share the chains of an output.
     random_state : int, RandomState instance or None, default=None
         Source of the random starts, if `n_restarts_optimizer` is not 0 or `learning` is
         "simultaneous", and of the chains, if hyperparameters are sampled. With None the

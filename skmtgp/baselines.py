@@ -176,7 +176,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes ten to 200 times as long.
+          uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, with sparse inference, too. With more rows it is "laplace",
           or "mode" with sparse inference. With several kernels it is "mode".
@@ -229,7 +229,8 @@ class IndependentGP(_FixedTaskCovarianceGP):
         units of y per unit of the trend's column. These and the next two exist only
         with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
-        Names of the trend's columns.
+        Names of the trend's columns. Those of an array are x0, x1, ... by their
+        position, and a constant is 1.
     trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
         What is subtracted from the trend's columns, as `y_mean_` is from the targets.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])
@@ -486,7 +487,7 @@ class PooledGP(_FixedTaskCovarianceGP):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes ten to 200 times as long.
+          uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, with sparse inference, too. With more rows it is "laplace",
           or "mode" with sparse inference. With several kernels it is "mode".
@@ -532,7 +533,8 @@ class PooledGP(_FixedTaskCovarianceGP):
         units of y per unit of the trend's column. These and the next two exist only
         with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
-        Names of the trend's columns.
+        Names of the trend's columns. Those of an array are x0, x1, ... by their
+        position, and a constant is 1.
     trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
         What is subtracted from the trend's columns, as `y_mean_` is from the targets.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])

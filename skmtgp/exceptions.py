@@ -401,12 +401,12 @@ class TargetScaleWarning(UserWarning):
 class TaskColumnWarning(UserWarning):
     """The column that counts as the task column may be the wrong one, or need tidying.
 
-    It has more tasks than half of the rows, or labels that differ in spaces or case
-    alone, or, in cross-validation, a task of one row. Or it is the last column by
-    default, and has integers and the name of a quantity, such as "hour" or "count"; or
-    another column has integers and a name such as "site" or "patient_id"; or the one
-    before it looks more like labels, as if something had been appended to X. The
-    message says what to do.
+    It has more tasks than half of the rows, of more than 20, or labels that differ in
+    spaces or case alone, or, in cross-validation, a task of one row. Or it is the last
+    column by default, and has integers and the name of a quantity, such as "hour" or
+    "count"; or another column has integers and a name such as "site" or "patient_id";
+    or the one before it looks more like labels, as if something had been appended to X.
+    The message says what to do.
 
     Examples
     --------

@@ -183,6 +183,9 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
 
         Raises
         ------
+        TypeError
+            If X is sparse, or if a label, a feature or a target has a type that cannot
+            be used, such as a label that is a tuple.
         ValueError
             If a parameter, a feature, a label or a target cannot be used. The estimator
             is then as it was before.

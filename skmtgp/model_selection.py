@@ -290,6 +290,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
 
         Raises
         ------
+        TypeError
+            If X is sparse, or if a label, a feature or a target has a type that cannot
+            be used, such as a label that is a tuple.
         ValueError
             If a rank, a feature, a label or a target cannot be used.
         """

@@ -237,7 +237,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes ten to 200 times as long.
+          uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" with at most 500 rows and at most 16 rows for each
           hyperparameter, with sparse inference, too. With more rows it is "laplace",
           or "mode" with sparse inference. With several kernels it is "mode".
@@ -255,8 +255,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         "sparse" the bound's tolerance is at least 1e-4 nats for each row, up to 10
         nats.
     n_jobs : int, default=None
-        Number of outputs learned at the same time, or of chains if hyperparameters are
-        sampled, see :term:`n_jobs`.
+        Number of processes, see :term:`n_jobs`. They share the outputs and the starts
+        of each and, with ``rank=None``, the candidates. If hyperparameters are sampled,
+        they then share the chains of an output.
     random_state : int, RandomState instance or None, default=None
         Source of the random starts, if `n_restarts_optimizer` is not 0 or `learning` is
         "simultaneous", and of the chains, if hyperparameters are sampled. With None the
@@ -298,7 +299,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         units of y per unit of the trend's column. These and the next two exist only
         with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
-        Names of the trend's columns.
+        Names of the trend's columns. Those of an array are x0, x1, ... by their
+        position, and a constant is 1.
     trend_mean_ : ndarray of shape ([n_tasks,] n_trend)
         What is subtracted from the trend's columns, as `y_mean_` is from the targets.
     noise_variance_ : float or ndarray of shape ([n_outputs,] [n_tasks])

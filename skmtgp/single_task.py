@@ -93,7 +93,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         - "periodic" and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
-        "exponential". The one that was chosen is in `kernel_`.
+        "exponential". `kernel_` of a task's model in `estimators_` is the one chosen.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels, which are integers or
         strings.
@@ -168,7 +168,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
           the same priors). It takes about as long as "mode".
         - "sampled" averages over draws from that posterior, by Hamiltonian Monte Carlo.
           Its intervals are right even where few rows leave the hyperparameters
-          uncertain. It takes ten to 200 times as long.
+          uncertain. It takes ten to 300 times as long.
         - "auto" is "sampled" for a task with at most 500 rows and at most 16 rows for
           each hyperparameter, with sparse inference, too. With more rows it is
           "laplace", or "mode" with sparse inference.
@@ -219,7 +219,8 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         deviations, in units of y per unit of the trend's column. These and the next two
         exist only with `trend`.
     trend_names_ : ndarray of shape (n_trend,)
-        Names of the trend's columns.
+        Names of the trend's columns. Those of an array are x0, x1, ... by their
+        position, and a constant is 1.
     trend_mean_ : ndarray of shape (n_tasks, n_trend)
         What is subtracted from the trend's columns, as the mean is from the targets.
     target_transformer_ : transformer or list of n_outputs transformers
@@ -337,6 +338,16 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         -------
         self : object
             Fitted estimator.
+
+        Raises
+        ------
+        TypeError
+            If X is sparse, or if a label, a feature or a target has a type that cannot
+            be used, such as a label that is a tuple.
+        ValueError
+            If a parameter, a feature, a label or a target cannot be used, or if the
+            kernel is not a valid covariance of the features. The estimator is then as
+            it was before.
         """
         with fitting(self, X, y, verbose=self.verbose) as progress:
             given = alpha, sample_weight, repeat_variance

@@ -99,7 +99,7 @@ def fits_section(fits):
     """Medians for each n, then by joint."""
     text = []
     for n in sorted({r["n"] for r in usable(fits)}):
-        text.append(f"## Fits at n = {n}\n")
+        text.append(f"## Fits of {n} rows\n")
         text.append(f"![likelihood against time](images/benchmark-fits-{n}.png)\n")
         text += [medians_table(fits, n)]
         if len({row["fits"] for row in summary(fits, n)}) > 1:

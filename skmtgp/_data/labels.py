@@ -142,8 +142,8 @@ def _refuse_objects(labels):
         if not isinstance(label, (str, numbers.Real))
     )
     raise TypeError(  # in the words that scikit-learn's checks ask for
-        "Task labels in an argument must be all strings or all numbers, not "
-        f"{type(label).__name__}, such as {label!r} in row {row}. {CONVERT}"
+        "Task labels in a column or an argument must be all strings or all numbers, "
+        f"not {type(label).__name__}, such as {label!r} in row {row}. {CONVERT}"
     )
 
 

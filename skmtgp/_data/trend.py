@@ -102,10 +102,11 @@ def read_trend(trend, X, position, names, feature_names, descriptors=None):
     kept = np.arange(len(names))
     if descriptors is not None:
         kept = np.delete(kept, descriptors)
-    inputs = tuple(map(str, names[kept]))
+    called = np.array([_called(name) for name in names.tolist()], dtype=object)
+    inputs = tuple(called[kept])
     if isinstance(trend, str):
         columns = kept if trend == "linear" else kept[:0]
-        named = "1", *map(str, names[columns])
+        named = "1", *called[columns]
         return TrendColumns(np.searchsorted(kept, columns), None, True, named)
     if hasattr(trend, "transform"):
         return _fitted(trend, X, inputs, feature_names is not None)
@@ -117,14 +118,17 @@ def read_trend(trend, X, position, names, feature_names, descriptors=None):
             f"trend={list(trend)!r} has {names[found[described][0]]!r}, which is one "
             "of the task_descriptors, and no input. Name it in one of the two."
         )
-    return TrendColumns(
-        np.searchsorted(kept, found), names=tuple(map(str, names[found]))
-    )
+    return TrendColumns(np.searchsorted(kept, found), names=tuple(called[found]))
 
 
-def _fitted(transformer, X, inputs, named):
+def _called(name):
+    """The name of a column, or of one at a position, as scikit-learn calls it."""
+    return name if isinstance(name, str) else f"x{name}"
+
+
+def _fitted(transformer, X, called, named):
     """Columns that a clone of the transformer makes, fitted to the inputs."""
-    fitted, inputs = clone(transformer), inputs if named else None
+    fitted, inputs = clone(transformer), called if named else None
     with_names = _named(X, inputs)
     try:
         fitted.fit(with_names)
@@ -135,7 +139,7 @@ def _fitted(transformer, X, inputs, named):
             f"task column: {error}"
         ) from error
     try:
-        names = fitted.get_feature_names_out(inputs)
+        names = fitted.get_feature_names_out(called)
     except (AttributeError, TypeError, ValueError):
         names = range(found.shape[1])
     return TrendColumns(transformer=fitted, names=tuple(map(str, names)), inputs=inputs)

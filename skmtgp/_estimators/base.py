@@ -132,6 +132,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
 
         Raises
         ------
+        TypeError
+            If X is sparse, or if a label, a feature or a target has a type that cannot
+            be used, such as a label that is a tuple.
         ValueError
             If a parameter, a feature, a label or a target cannot be used, or if the
             kernel is not a valid covariance of the features. The estimator is then as

@@ -249,10 +249,11 @@ def _check_columns(H, names, of="", otherwise=""):
     if not dependent.size:
         return
     zero = [names[j] for j in dependent if not H[:, j].any()]
+    others = [name for j, name in enumerate(names) if j not in dependent]
     why = (
         "zero everywhere"
         if len(zero) == len(dependent)
-        else f"a linear combination of the others ({listed(names)})"
+        else f"a linear combination of the others ({listed(others)})"
     )
     which = listed([names[j] for j in dependent])
     raise ValueError(

@@ -140,8 +140,8 @@ class Column:
                 f"target_transform does not lead back: y[{i}] = {y[i]} becomes "
                 f"{z[i]}, and the inverse turns that into {again[i]}. Give a strictly "
                 "monotone function and its inverse, such as (np.log, np.exp). A "
-                "QuantileTransformer needs subsample=None, and in add_task targets "
-                "within the range that it was fitted to."
+                "QuantileTransformer needs subsample=None, and in add_task and "
+                "partial_fit targets within the range that it was fitted to."
             )
         return z
 

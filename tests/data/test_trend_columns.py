@@ -38,6 +38,13 @@ def test_words():
     assert constant.names == ("1",)
 
 
+def test_columns_without_names_have_those_of_scikit_learn():
+    positions = np.array([0, 2, 3], dtype=object)  # that of the task is 1
+    linear = read_trend("linear", X, 1, positions, None)
+    assert linear.names == ("1", "x0", "x2", "x3")
+    assert read_trend([2], X, 1, positions, None).names == ("x2",)
+
+
 def test_beside_descriptors():
     described = np.array([1])  # b, which X is without
     options = {"descriptors": described}
@@ -56,7 +63,7 @@ def test_transformers():
     assert columns(X).shape == (3, 9)
     assert columns.inputs == ("a", "b", "c")
     without = read_trend(squares, X, 1, np.array([0, 2, 3], object), None)
-    assert without.names[0] == "x0"
+    assert without.names[:4] == ("x0", "x2", "x3", "x0^2")
     assert without.inputs is None
     assert not hasattr(squares, "n_output_features_")
     sparse = read(OneHotEncoder())

@@ -229,7 +229,7 @@ def test_rows_that_do_not_tell_the_trend():
     X, y = draw()
     X = np.column_stack([X[:, 0], 3.0 * X[:, 0] - 1.0, np.ones(N), X])
     for inference in ("dense", "sparse"):
-        with pytest.raises(ValueError, match=r"trend's '.' is a linear combination"):
+        with pytest.raises(ValueError, match=r"trend's 'x.' is a linear combination"):
             model((0, 1, 2), RBF(), inference=inference).fit(X, y)
 
 

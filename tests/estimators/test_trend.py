@@ -149,7 +149,7 @@ def test_own_constants_take_the_place_of_levels():
     X, y, _ = draw(slope=2.0)
     fitted = model("linear", trend_per_task=True).fit(X, y)
     assert fitted.coef_.shape == fitted.coef_std_.shape == (3, 3)
-    assert fitted.trend_names_.tolist() == ["1", "0", "1"]
+    assert fitted.trend_names_.tolist() == ["1", "x0", "x1"]
     assert fitted.level_variance_ == 0.0
     assert not np.any(fitted.task_level_)
     assert not np.any(fitted.y_mean_)
@@ -172,7 +172,7 @@ def test_a_constant_is_an_intercept():
     predicted = [of.predict(Z, return_std=True) for of in found]
     np.testing.assert_allclose(*predicted, rtol=1e-10)
     assert [of.trend_names_.tolist() for of in found] == [
-        ["1", "0", "1"],
+        ["1", "x0", "x1"],
         ["1", "x0", "x1"],
     ]
     assert found[0].y_mean_ == 0.0
@@ -433,9 +433,9 @@ def test_refusals(case):
 def test_columns_that_cannot_be_told():
     X, y, _ = draw()
     X = np.column_stack([X[:, 0], 3.0 * X[:, 0] - 1.0, np.ones(48), X])
-    with pytest.raises(ValueError, match=r"trend's '.' is a linear combination"):
+    with pytest.raises(ValueError, match=r"'(x.)' is .* the others \((?!.*'\1')"):
         MultiTaskGPRegressor(trend=[0, 1, 2]).fit(X, y)
-    with pytest.raises(ValueError, match="'2' is zero everywhere"):
+    with pytest.raises(ValueError, match="'x2' is zero everywhere"):
         MultiTaskGPRegressor(trend=[0, 2]).fit(X * [1, 1, 0, 1, 1, 1], y)
     few = (X[:, -1] < 2) | (np.arange(48) < 3)
     own = MultiTaskGPRegressor(trend=[0, 4], trend_per_task=True)
@@ -453,7 +453,7 @@ def test_columns_that_cannot_be_told():
 def test_tools_that_take_no_trend():
     X, y, _ = draw(slope=2.0)
     fitted = model(normalize_y="shared").fit(X, y)
-    with pytest.raises(ValueError, match=r"without a trend, .* columns '0', '1'"):
+    with pytest.raises(ValueError, match=r"without a trend, .* columns 'x0', 'x1'"):
         TaskIdentifier(fitted).predict_proba(X[:3, :2], y[:3])
     with pytest.raises(ValueError, match=r"TransferDisplay compares .* no trend"):
         TransferDisplay.from_estimator(fitted)

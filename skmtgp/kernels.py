@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from numbers import Integral
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -103,6 +103,30 @@ class ARDLinear(Kernel):
             n = len(self.weights)
             return Hyperparameter("weights", "numeric", self.weights_bounds, n)
         return Hyperparameter("weights", "numeric", self.weights_bounds)
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: Literal[False] = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: Literal[True] = ...,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
     def __call__(
         self,
@@ -239,6 +263,30 @@ class Columns(Kernel):
             and list(self.columns) == list(other.columns)
         )
 
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: Literal[False] = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: Literal[True] = ...,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
     def __call__(
         self,
         X: ArrayLike,
@@ -342,6 +390,30 @@ class Spherical(RBF):
     >>> Spherical(2.0)(np.array([[0.0]]), np.array([[0.0], [1.0], [2.0], [3.0]]))
     array([[1.    , 0.3125, 0.    , 0.    ]])
     """
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: Literal[False] = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: Literal[True] = ...,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    @overload
+    def __call__(
+        self,
+        X: ArrayLike,
+        Y: ArrayLike | None = None,
+        eval_gradient: bool = False,
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
     def __call__(
         self,

@@ -7,7 +7,7 @@ import reprlib
 from collections.abc import Callable, Mapping
 from functools import partial
 from numbers import Real
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, overload
 
 import numpy as np
 import pandas as pd
@@ -31,6 +31,28 @@ __all__ = [
 
 OF_OBSERVATIONS = {"return_std": True, "include_noise": True}
 Variances: TypeAlias = Mapping[Any, ArrayLike] | pd.Series | pd.DataFrame  # by task
+
+
+@overload
+def normalized_mean_squared_error(
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    *,
+    tasks: ArrayLike | None = None,
+    y_var: Variances | None = None,
+    multioutput: Literal["uniform_average"] = "uniform_average",
+) -> float: ...
+
+
+@overload
+def normalized_mean_squared_error(
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    *,
+    tasks: ArrayLike | None = None,
+    y_var: Variances | None = None,
+    multioutput: Literal["raw_values"],
+) -> NDArray[np.float64]: ...
 
 
 def normalized_mean_squared_error(
@@ -99,6 +121,30 @@ def normalized_mean_squared_error(
     return _average((errors / variances).mean(axis=0), multioutput)
 
 
+@overload
+def mean_standardized_log_loss(
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    y_std: ArrayLike,
+    *,
+    y_train: ArrayLike,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["uniform_average"] = "uniform_average",
+) -> float: ...
+
+
+@overload
+def mean_standardized_log_loss(
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    y_std: ArrayLike,
+    *,
+    y_train: ArrayLike,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["raw_values"],
+) -> NDArray[np.float64]: ...
+
+
 def mean_standardized_log_loss(
     y_true: ArrayLike,
     y_pred: ArrayLike,
@@ -162,6 +208,30 @@ def mean_standardized_log_loss(
     trivial = _log_loss(y_true, y_train.mean(axis=0), y_train.std(axis=0))
     loss = _log_loss(y_true, y_pred, y_std) - trivial
     return _average(by_task.mean(loss).mean(axis=0), multioutput)
+
+
+@overload
+def coverage(
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    y_std: ArrayLike,
+    *,
+    level: float = 0.95,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["uniform_average"] = "uniform_average",
+) -> float: ...
+
+
+@overload
+def coverage(
+    y_true: ArrayLike,
+    y_pred: ArrayLike,
+    y_std: ArrayLike,
+    *,
+    level: float = 0.95,
+    tasks: ArrayLike | None = None,
+    multioutput: Literal["raw_values"],
+) -> NDArray[np.float64]: ...
 
 
 def coverage(

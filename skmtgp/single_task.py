@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from functools import reduce
 from operator import add
-from typing import Literal, Self
+from typing import Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -716,6 +716,21 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         names = ["output", "task"]
         index = pd.MultiIndex.from_product([outputs, self.tasks_], names=names)
         return pd.concat(of_outputs).set_axis(index)
+
+    @overload
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: Literal[False] = False
+    ) -> float: ...
+
+    @overload
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: Literal[True] = ...
+    ) -> tuple[float, NDArray[np.float64]]: ...
+
+    @overload
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: bool = False
+    ) -> float | tuple[float, NDArray[np.float64]]: ...
 
     def log_marginal_likelihood(
         self, theta: ArrayLike | None = None, eval_gradient: bool = False

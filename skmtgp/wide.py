@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from functools import partial
-from typing import Any, Self
+from typing import Any, Literal, Self, overload
 
 import numpy as np
 import pandas as pd
@@ -434,6 +434,24 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         """Values of the rows, the tasks as the second axis; none for a single one."""
         wide = values.reshape(len(self.outputs_), n, *values.shape[1:])
         return wide[0] if self._single else np.moveaxis(wide, 0, 1)
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = False,
+        include_noise: bool = False,
+    ) -> NDArray[np.float64]: ...
+
+    @overload
+    def predict(
+        self, X: ArrayLike, return_std: Literal[True], include_noise: bool = False
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    @overload
+    def predict(
+        self, X: ArrayLike, return_std: bool = False, include_noise: bool = False
+    ) -> NDArray[np.float64] | tuple[NDArray[np.float64], NDArray[np.float64]]: ...
 
     @public
     def predict(

@@ -2,6 +2,7 @@
 
 import importlib
 import inspect
+from typing import Literal, Unpack, get_args, get_origin, get_overloads, get_type_hints
 
 import pytest
 
@@ -42,6 +43,9 @@ def callables():
 
 
 CALLABLES = dict(callables())
+OVERLOADED = [
+    path for path, item in CALLABLES.items() if get_overloads(inspect.unwrap(item))
+]
 
 
 def unhinted(function):
@@ -65,6 +69,50 @@ def test_hints(path):
 def test_signatures_can_be_read(path):
     """Aliases such as ArrayLike are not written out, over five lines of help()."""
     assert "numpy._typing" not in str(inspect.signature(CALLABLES[path]))
+
+
+def arguments(function):
+    """Hints of the arguments by their names; those of a TypedDict count one by one."""
+    hints = get_type_hints(function)
+    del hints["return"]
+    for name, hint in list(hints.items()):
+        if get_origin(hint) is Unpack:
+            hints |= get_type_hints(*get_args(hints.pop(name)))
+    return hints
+
+
+def depends(function):
+    """Whether one of several types is returned, and a flag may say which."""
+    signature = inspect.signature(function)
+    hints = [str(each.annotation) for each in signature.parameters.values()]
+    flags = [hint for hint in hints if "bool" in hint or "Literal" in hint]
+    return bool(flags) and " | " in str(signature.return_annotation)
+
+
+@pytest.mark.parametrize("path", CALLABLES)
+def test_what_a_flag_decides_has_overloads(path):
+    if depends(CALLABLES[path]):
+        assert path in OVERLOADED
+
+
+@pytest.mark.parametrize("path", OVERLOADED)
+def test_overloads_have_the_arguments_of_the_function(path):
+    function = inspect.unwrap(CALLABLES[path])
+    whole = arguments(function)
+    for variant in get_overloads(function):
+        found = arguments(variant)
+        assert found.keys() == whole.keys()
+        other = [hint for name, hint in found.items() if hint != whole[name]]
+        assert all(get_origin(hint) is Literal for hint in other)
+
+
+def test_functions_without_overloads_are_found():
+    def example(std: bool) -> int | str:
+        pass
+
+    assert depends(example)
+    assert "skmtgp.datasets.make_puma560" in OVERLOADED
+    assert "skmtgp.WideRegressor.predict" in OVERLOADED  # behind a decorator
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal, overload
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.exceptions import ConvergenceWarning
@@ -148,6 +150,21 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         scale = self._scales(self.tasks_train_)
         mean = self.y_train_.reshape(residual.shape) - residual * scale
         return mean, np.sqrt(variance) * scale
+
+    @overload
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: Literal[False] = False
+    ) -> float: ...
+
+    @overload
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: Literal[True] = ...
+    ) -> tuple[float, NDArray[np.float64]]: ...
+
+    @overload
+    def log_marginal_likelihood(
+        self, theta: ArrayLike | None = None, eval_gradient: bool = False
+    ) -> float | tuple[float, NDArray[np.float64]]: ...
 
     @steady
     def log_marginal_likelihood(

@@ -66,6 +66,24 @@ class PosteriorMixin(RegressorMixin):
     def predict(
         self,
         X: ArrayLike,
+        return_std: Literal[True],
+        return_cov: bool = False,
+        include_noise: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
+        return_std: Literal[False] = False,
+        return_cov: Literal[True] = ...,
+        include_noise: bool = False,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+    @overload
+    def predict(
+        self,
+        X: ArrayLike,
         return_std: bool = False,
         return_cov: bool = False,
         include_noise: bool = False,

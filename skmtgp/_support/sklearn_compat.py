@@ -14,13 +14,14 @@ from sklearn.utils._set_output import _get_output_config
 from sklearn.utils.validation import _check_feature_names_in as check_feature_names_in
 
 try:
-    from sklearn.callback import CallbackSupportMixin, with_callbacks
+    from sklearn.callback import CallbackSupportMixin
+    from sklearn.callback import with_callbacks as _with_callbacks
 except ImportError:  # before scikit-learn 1.9
 
     class CallbackSupportMixin:  # type: ignore[no-redef]
         """Callbacks do not exist."""
 
-    def with_callbacks(method):
+    def _with_callbacks(method):
         """Callbacks do not exist."""
         return method
 
@@ -39,7 +40,9 @@ __all__ = [
 ]
 
 Method = TypeVar("Method", bound=Callable)
-fit_context: Callable[..., Callable[[Method], Method]] = _fit_context  # keeps the hints
+# These keep the hints of what they decorate.
+fit_context: Callable[..., Callable[[Method], Method]] = _fit_context
+with_callbacks: Callable[[Method], Method] = _with_callbacks
 
 
 def wants_pandas(transformer):

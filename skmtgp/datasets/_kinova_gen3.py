@@ -8,15 +8,17 @@ from importlib import resources
 from numbers import Integral
 from os import PathLike
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, Unpack, overload
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from sklearn.datasets import get_data_home
 from sklearn.utils import Bunch
 
 from ._checks import check_flag
 from ._download import fetch_file
+from ._options import Recorded
 from ._recordings import prepare_trajectory
 
 REVISION = "ff2f3becf7b0f25d4959491404844a29a27d286b"
@@ -56,6 +58,39 @@ FEATURE_NAMES = [f"{name}{j}" for name in ("q", "qd", "qdd") for j in _JOINTS]
 TARGET_NAMES = [f"tau{j}" for j in _JOINTS]
 
 
+@overload
+def fetch_kinova_gen3(
+    *,
+    return_X_y: Literal[False] = False,
+    as_frame: bool = False,
+    **others: Unpack[Recorded],
+) -> Bunch: ...
+
+
+@overload
+def fetch_kinova_gen3(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[False] = False,
+    **others: Unpack[Recorded],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+
+@overload
+def fetch_kinova_gen3(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[True],
+    **others: Unpack[Recorded],
+) -> tuple[pd.DataFrame, pd.DataFrame]: ...
+
+
+@overload
+def fetch_kinova_gen3(
+    *, return_X_y: bool, as_frame: bool = False, **others: Unpack[Recorded]
+) -> Bunch | Any: ...  # not tuple: callers would have to rule it out
+
+
 def fetch_kinova_gen3(
     *,
     recordings: Sequence[str] | None = None,
@@ -67,7 +102,7 @@ def fetch_kinova_gen3(
     delay: float = 1.0,
     return_X_y: bool = False,
     as_frame: bool = False,
-) -> Bunch | Any:  # not tuple: callers would have to rule it out
+) -> Bunch | Any:
     """Fetch recordings of a Kinova Gen3, a real robot arm (multi-output regression).
 
     These are states and torques of seven joints without a load, filtered and

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, Unpack, overload
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from ._loads import (
     draw_loads,
 )
 from ._loads import INERTIAL as INERTIAL_COLUMNS
+from ._options import Making
 from ._robot import N_JOINTS, import_pinocchio, link_torques
 from ._trajectories import (
     EIGHT,
@@ -35,6 +36,39 @@ from ._trajectories import (
 )
 
 _RIGID = Drive()
+
+
+@overload
+def make_puma560(
+    *,
+    return_X_y: Literal[False] = False,
+    as_frame: bool = False,
+    **others: Unpack[Making],
+) -> Bunch: ...
+
+
+@overload
+def make_puma560(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[False] = False,
+    **others: Unpack[Making],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+
+@overload
+def make_puma560(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[True],
+    **others: Unpack[Making],
+) -> tuple[pd.DataFrame, pd.DataFrame]: ...
+
+
+@overload
+def make_puma560(
+    *, return_X_y: bool, as_frame: bool = False, **others: Unpack[Making]
+) -> Bunch | Any: ...  # not tuple: callers would have to rule it out
 
 
 def make_puma560(
@@ -61,7 +95,7 @@ def make_puma560(
     descriptors: Sequence[str] | None = None,
     return_X_y: bool = False,
     as_frame: bool = False,
-) -> Bunch | Any:  # not tuple: callers would have to rule it out
+) -> Bunch | Any:
     """Make inverse dynamics data of a Puma 560 that holds different loads.
 
     Every load is carried along every path at every speed. With the default parameters

@@ -3,20 +3,56 @@
 from collections.abc import Sequence
 from importlib import resources
 from os import PathLike
-from typing import Any, Literal
+from typing import Any, Literal, Unpack, overload
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 from sklearn.utils import Bunch
 
 from . import _store as store
 from ._bunch import Rows, check_descriptors, package
 from ._checks import check_flag, check_loads, check_n_per_load, check_seed, check_subset
 from ._loads import N_LOADS
+from ._options import Fetching, Loading
 from ._split import subset_rows
 from ._trajectories import N_SAMPLES
 from ._whole import LABELS, loads_table, select_rows, stored_arrays
 
 BUNDLED = "the bundled Puma 560 data, seed 0"
+
+
+@overload
+def fetch_puma560(
+    *,
+    return_X_y: Literal[False] = False,
+    as_frame: bool = False,
+    **others: Unpack[Fetching],
+) -> Bunch: ...
+
+
+@overload
+def fetch_puma560(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[False] = False,
+    **others: Unpack[Fetching],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+
+@overload
+def fetch_puma560(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[True],
+    **others: Unpack[Fetching],
+) -> tuple[pd.DataFrame, pd.DataFrame]: ...
+
+
+@overload
+def fetch_puma560(
+    *, return_X_y: bool, as_frame: bool = False, **others: Unpack[Fetching]
+) -> Bunch | Any: ...  # not tuple: callers would have to rule it out
 
 
 def fetch_puma560(
@@ -29,7 +65,7 @@ def fetch_puma560(
     descriptors: Sequence[str] | None = None,
     return_X_y: bool = False,
     as_frame: bool = False,
-) -> Bunch | Any:  # not tuple: callers would have to rule it out
+) -> Bunch | Any:
     """Fetch the Puma 560 inverse dynamics data (multi-task regression).
 
     These are the 960,000 samples of [1]_, section 6: 15 loads, 16 trajectories and 4000
@@ -142,6 +178,39 @@ def fetch_puma560(
     return package(rows, return_X_y, as_frame, descriptors)
 
 
+@overload
+def load_puma560(
+    *,
+    return_X_y: Literal[False] = False,
+    as_frame: bool = False,
+    **others: Unpack[Loading],
+) -> Bunch: ...
+
+
+@overload
+def load_puma560(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[False] = False,
+    **others: Unpack[Loading],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+
+
+@overload
+def load_puma560(
+    *,
+    return_X_y: Literal[True],
+    as_frame: Literal[True],
+    **others: Unpack[Loading],
+) -> tuple[pd.DataFrame, pd.DataFrame]: ...
+
+
+@overload
+def load_puma560(
+    *, return_X_y: bool, as_frame: bool = False, **others: Unpack[Loading]
+) -> Bunch | Any: ...  # not tuple: callers would have to rule it out
+
+
 def load_puma560(
     *,
     subset: Literal["train", "interpolation", "extrapolation"] = "train",
@@ -150,7 +219,7 @@ def load_puma560(
     descriptors: Sequence[str] | None = None,
     return_X_y: bool = False,
     as_frame: bool = False,
-) -> Bunch | Any:  # not tuple: callers would have to rule it out
+) -> Bunch | Any:
     """Load the bundled part of the Puma 560 inverse dynamics data.
 
     These are the first rows of each set of ``fetch_puma560(random_state=0)``. Loading

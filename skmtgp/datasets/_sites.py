@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from numbers import Integral
+from typing import Any, Literal, overload
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,36 @@ from sklearn.utils import check_random_state
 # The curve of a day is the same at all sites, but for a level and a factor.
 LEVEL = {"north": 2.0, "east": 0.0, "south": -1.0, "west": 1.0, "hill": 4.0}
 FACTOR = {"north": 1.0, "east": 1.5, "south": 0.6, "west": -0.8, "hill": 2.0}
+
+
+@overload
+def make_sites(
+    n_per_site: Sequence[int] = (30, 20, 12, 7, 4),
+    *,
+    noise: float = 0.15,
+    random_state: int | np.random.RandomState | None = 0,
+    return_truth: Literal[False] = False,
+) -> tuple[pd.DataFrame, pd.Series]: ...
+
+
+@overload
+def make_sites(
+    n_per_site: Sequence[int] = (30, 20, 12, 7, 4),
+    *,
+    noise: float = 0.15,
+    random_state: int | np.random.RandomState | None = 0,
+    return_truth: Literal[True],
+) -> tuple[pd.DataFrame, pd.Series, Callable[[pd.DataFrame], pd.Series]]: ...
+
+
+@overload
+def make_sites(
+    n_per_site: Sequence[int] = (30, 20, 12, 7, 4),
+    *,
+    noise: float = 0.15,
+    random_state: int | np.random.RandomState | None = 0,
+    return_truth: bool,
+) -> tuple[Any, ...]: ...
 
 
 def make_sites(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal, overload
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -16,6 +18,39 @@ LOG_MEANS = np.log([0.9, 18.0, 70.0])  # of ppm
 LENGTHS = 1.5, 0.3  # km
 PARTS = np.array([[0.35, 0.45, 0.30], [0.45, 0.05, 0.40]])
 N_GRID = 41
+
+
+@overload
+def make_soil(
+    n_samples: int = 180,
+    *,
+    n_cadmium: int = 60,
+    noise: float = 0.1,
+    random_state: int | np.random.RandomState | None = 0,
+    return_truth: Literal[False] = False,
+) -> pd.DataFrame: ...
+
+
+@overload
+def make_soil(
+    n_samples: int = 180,
+    *,
+    n_cadmium: int = 60,
+    noise: float = 0.1,
+    random_state: int | np.random.RandomState | None = 0,
+    return_truth: Literal[True],
+) -> tuple[pd.DataFrame, pd.DataFrame]: ...
+
+
+@overload
+def make_soil(
+    n_samples: int = 180,
+    *,
+    n_cadmium: int = 60,
+    noise: float = 0.1,
+    random_state: int | np.random.RandomState | None = 0,
+    return_truth: bool,
+) -> pd.DataFrame | tuple[pd.DataFrame, pd.DataFrame]: ...
 
 
 def make_soil(

@@ -12,6 +12,8 @@ from skmtgp.learning.screening import with_kernel
 def rougher(model, training, found, n_jobs=None):
     """Kernels that are ever less smooth, as long as that is likelier.
 
+    A step may gain little where several gain enough.
+
     Parameters
     ----------
     model : BaseMultiTaskGP
@@ -30,16 +32,17 @@ def rougher(model, training, found, n_jobs=None):
     found : list of (Problem, Mode)
         With the last. What was tried in vain counts as spent.
     """
-    names, least = [training.kernel], found[0][0].tuning.rougher
-    of_output = least if len(found) == 1 else 0.0  # others may gain what one lacks
+    names, least = [training.kernel], log_likelihood(found) + found[0][0].tuning.rougher
+    tried, last = names, found
     for name in _kernels(model, training)[1]:
-        kernel = as_named(model, training, name)
-        change = partial(with_kernel, kernel=kernel, gain=of_output)
-        others = run(change, found, n_jobs=n_jobs)
-        if log_likelihood(others) < log_likelihood(found) + least:
+        change = partial(with_kernel, kernel=as_named(model, training, name), gain=0.0)
+        others = run(change, last, n_jobs=n_jobs)
+        if log_likelihood(others) < log_likelihood(last):
             return names, counting(found, others)
-        names, found = [*names, name], others
-    return names, found
+        tried, last = [*tried, name], others
+        if log_likelihood(last) >= least:
+            names, found = tried, last
+    return names, counting(found, last)
 
 
 def smoother(model, training, found, n_jobs=None):

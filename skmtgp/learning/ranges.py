@@ -187,12 +187,17 @@ def _others(problem, scales):
 
 
 def _best_value(problem, theta):
-    """The best likelihood of independent tasks and of one function, by the noise."""
+    """The best likelihood of independent tasks and of one function, by the noise.
+
+    Not by one as large as levels are, beside which no function counts.
+    """
     prior, forms = problem.prior, [problem.prior.task_covariance]
     if prior.n_terms == 1 and prior.n_tasks > 1:
         forms.append(ones(prior.n_tasks))
-    more = np.log(problem.tuning.much_noise * prior.scale**2)
-    noises = {prior.log_noise, float(np.clip(more, *prior.log_noise_bounds))}
+    size = min(prior.scale, prior.within)
+    less = prior.log_noise + 2.0 * np.log(size / prior.scale)
+    more = np.log(problem.tuning.much_noise * size**2)
+    noises = set(np.clip([less, more], *prior.log_noise_bounds).tolist())
     values = []
     for form, log_noise in product(forms, noises):
         of_form = problem.with_form(form)

@@ -1,5 +1,7 @@
 """`kernel=None`: the data say how smooth the functions are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from sklearn.gaussian_process.kernels import RBF, Matern
@@ -11,7 +13,9 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
+from skmtgp._estimators import smoothness as smoothness_of
 from skmtgp._estimators.named_kernels import SMOOTHNESS, named_kernel
+from skmtgp.learning.tuning import TUNING
 
 TRUTHS = {
     "rbf": RBF(0.1),
@@ -85,6 +89,34 @@ class TestChoice:
         y = np.append(y, -y + 0.02 * np.random.default_rng(1).standard_normal(len(y)))
         options = {"inference": inference, "n_inducing": 30, **ONE}
         assert smoothness(MultiTaskGPRegressor(**options).fit(X, y)) == "exponential"
+
+
+@pytest.mark.parametrize(
+    ("gains", "chosen"),
+    [
+        ((1.5, 1.0, -0.1), "matern"),
+        ((1.0, 0.5, 0.6), "exponential"),
+        ((1.0, 0.5, 0.1), "rbf"),
+        ((1.5, -0.1, 9.0), "rbf"),
+        ((3.0, 1.0, -0.1), "matern"),
+        ((3.0, -0.1, 9.0), "matern52"),
+    ],
+)
+def test_small_steps_count_together(monkeypatch, gains, chosen):
+    values = dict(zip(SMOOTHNESS, np.cumsum([0.0, *gains]), strict=True))
+
+    def with_kernel(problem, mode, kernel, gain):
+        found = SimpleNamespace(value=values[kernel], spending=lambda _: mode)
+        return problem, found
+
+    monkeypatch.setattr(smoothness_of, "with_kernel", with_kernel)
+    monkeypatch.setattr(smoothness_of, "as_named", lambda *_: _[-1])
+    first = SimpleNamespace(value=0.0, spending=lambda _: first)
+    found = [(SimpleNamespace(tuning=TUNING), first)]
+    training = SimpleNamespace(kernel="rbf")
+    names, _ = smoothness_of.rougher(MultiTaskGPRegressor(), training, found)
+    assert names[-1] == chosen
+    assert names == list(SMOOTHNESS[: len(names)])
 
 
 def test_many_short_tasks_tell_it_together():

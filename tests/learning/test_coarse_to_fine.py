@@ -1,4 +1,5 @@
 import time
+from dataclasses import replace
 from itertools import pairwise
 
 import building
@@ -16,6 +17,7 @@ from drawn import (
     pose,
     start_of,
 )
+from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp.learning import climbing
 from skmtgp.learning.climbing import climb, refine
@@ -64,6 +66,26 @@ class TestCoarseToFine:
         assert problems[-1] is problem
         for few, more in pairwise(problems):
             assert set(few.data.y) < set(more.data.y)
+
+    @pytest.mark.parametrize(
+        ("n", "M", "sizes"),
+        [
+            (259, 6, [259]),
+            (288, 6, [130, 288]),
+            (288, 14, [288]),
+            (600, 3, [200, 600]),
+            (900, 3, [300, 900]),
+        ],
+    )
+    def test_sizes_of_noisy_data(self, n, M, sizes):
+        """Fewer rows of few features tell where there is noise."""
+        tasks = np.sort(np.arange(n) % M)
+        data = building.data(np.zeros((n, 1)), tasks, np.zeros(n), M)
+        problem = replace(pose(data, kernel=RBF()), noisy=True)
+        found = [len(each.data) for each in problem.coarse_to_fine()]
+        np.testing.assert_allclose(found, sizes, atol=M)
+        many = replace(pose(data, kernel=RBF(np.ones(16))), noisy=True)
+        assert len(many.coarse_to_fine()[0].data) >= min(n, 300)
 
     @pytest.mark.parametrize(
         ("n", "M", "sizes"),

@@ -42,6 +42,21 @@ def test_units_of_coordinates_do_not_matter(cls, kernel):
     np.testing.assert_allclose(*values, atol=0.02)
 
 
+@pytest.mark.parametrize("kernel", [Matern(nu=0.5), Spherical()])
+def test_nor_do_levels(kernel):
+    """Beside noise as large as they are, no function would count."""
+    at, y = places()
+    X, far = rows(METRES * at, 2), np.array([0.0, 200.0])
+    near, model = (
+        MultiTaskGPRegressor(kernel, rank=0, shared=True, noise_variance=0.1).fit(
+            X, y + gap * far[X[:, -1].astype(int)]
+        )
+        for gap in (0.01, 1.0)
+    )
+    scales = [of.kernel_.length_scale for of in (near, model)]
+    np.testing.assert_allclose(*scales, rtol=0.3)
+
+
 def test_several_terms_keep_their_ratio():
     at, y = places()
     X, targets = rows(np.tile(METRES * at, (2, 1))), np.concatenate([y, -y])

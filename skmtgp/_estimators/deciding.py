@@ -39,9 +39,12 @@ from skmtgp.learning.tuning import TUNING
 # far more than one that is too large (benchmarks/grouped.py). Less is enough with more
 # than so many rows of a task.
 SURE, FEW_ROWS = 8.0, 20.0
-BEYOND = np.log(10.0)  # where noise is held up, more than which is noise for certain
+# Of where noise is held up: a deviation of 2 % of the functions'. With less of it, few
+# rows have other modes than all.
+BEYOND = np.log(50.0)
 NOTHING = 1e-8  # variances of the targets
 ROWS_OF_RANGES = 3000
+ASKED = 2  # times as many rows: the small model is learned several times
 
 
 def decide(model, training, progress=None, foretell=None):
@@ -90,7 +93,7 @@ def _decided(model, training, foretell):
     candidates = [replace(of, least_noise=least) for of in candidates]
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
-    if foretell is not None and are_many(*training.Y.shape):
+    if foretell is not None and _takes_long(model, candidates[0]):
         foretell(pose(model, candidates[0]))
         candidates = [replace(of, foretold=True) for of in candidates]
     with limit_threads(len(training.Y)):
@@ -102,6 +105,14 @@ def _decided(model, training, foretell):
     _, best, of_outputs = found[int(np.argmax(scores))]
     noisy = all(of.is_noisy(mode, beyond=BEYOND) for of, mode in of_outputs)
     return replace(best, noisy=noisy)
+
+
+def _takes_long(model, training):
+    """Whether the small model does, so that time is to be foretold before."""
+    if not are_many(*training.Y.shape):
+        return False
+    few = _small(model, training)[0].coarse_to_fine()[0]
+    return are_many(ASKED * len(few.data), training.Y.shape[1])
 
 
 def _learned_small(model, training):

@@ -9,7 +9,8 @@ from skmtgp._numerics.parallel import limit_threads
 
 FEW = 1500  # rows: what one model of fewer takes is not worth saying
 SAMPLE, TIMED = 500, 2  # rows of the evaluations that are timed, and how many are
-COARSE, FINE = 250, 120  # evaluations that a model takes at each level, roughly
+# Evaluations that a model takes at the first level, and at others; of noisy data
+COARSE, FINE, NOISY = 250, 120, 30
 
 
 class Forecast(NamedTuple):
@@ -86,7 +87,8 @@ def foresee(problems, n_forms=1):
     if not is_large(problem, n_models):
         return Forecast([], [], 0.0)
     sides = [problem.engine.side(of.data) for of in problem.coarse_to_fine()]
-    counts = [COARSE] + [FINE] * (len(sides) - 1)
+    fine = NOISY if problem.noisy else FINE
+    counts = [COARSE] + [fine] * (len(sides) - 1)
     return Forecast(sides, [n * n_models for n in counts], _pace(problem))
 
 

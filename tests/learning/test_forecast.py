@@ -1,5 +1,6 @@
 """Fits that take minutes are foreseen."""
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -8,7 +9,7 @@ from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP, single_task
-from skmtgp._estimators import base, doubts
+from skmtgp._estimators import base, deciding, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
 from skmtgp.learning.forecast import Forecast, foresee
@@ -26,6 +27,31 @@ def test_more_models_take_longer(few):
     one, many = foresee([problem]), foresee([problem] * 20, 20)
     assert one.seconds > 0.0
     assert np.divide(many.n_evaluations, one.n_evaluations).tolist() == [400.0]
+
+
+def test_noisy_data_take_fewer_steps_from_all_rows(few):
+    levels = {"coarse": 12, "coarse_per_task": 2, "refinement": 2.0}
+    problem = pose(draw(np.eye(3)), **levels)
+    assert foresee([problem]).n_evaluations == [250, 120, 120]
+    assert foresee([replace(problem, noisy=True)]).n_evaluations == [250, 30, 30]
+
+
+@pytest.mark.parametrize(("asked", "noisy"), [(0.1, True), (1, False)])
+def test_the_small_model_says_first_whether_they_are_unless_it_takes_long(
+    few, monkeypatch, asked, noisy
+):
+    monkeypatch.setattr(deciding, "ASKED", asked)
+    data, found = draw(np.eye(3), per_task=20), []
+    y = data.y + np.random.default_rng(0).standard_normal(60)
+
+    def record(problems, n_forms):
+        found.append(problems[0].noisy)
+        return foresee(problems, n_forms)
+
+    monkeypatch.setattr(base, "foresee", record)
+    X = np.column_stack([data.X, data.tasks])
+    MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, max_iter=9).fit(X, y)
+    assert found[0] is noisy
 
 
 def test_few_rows_are_not_foreseen():

@@ -163,8 +163,8 @@ class TaskTimeSeriesSplit(TimeSeriesSplit):
         needed = self.n_splits * size + self.gap + 1
         if n_times < needed:
             raise ValueError(
-                f"n_splits={self.n_splits} with {size} times each and gap={self.gap} "
-                f"needs {needed} distinct times or more. Column {name} has {n_times}. "
+                f"n_splits={self.n_splits}, test_size={size} and gap={self.gap} need "
+                f"{needed} distinct times or more. Column {name} has {n_times}. "
                 "Set a smaller n_splits, test_size or gap."
             )
 

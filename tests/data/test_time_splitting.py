@@ -252,12 +252,12 @@ def test_bad_times(times, match):
 @pytest.mark.parametrize(
     ("params", "match"),
     [
-        ({"n_splits": 5}, r"n_splits=5 with 1 times each and gap=0 needs 6 distinct"),
+        ({"n_splits": 5}, r"n_splits=5, test_size=1 and gap=0 need 6 distinct"),
         (
             {"test_size": 2},
-            r"2 times each and gap=0 needs 5 .*'date'.* has 4\. Set a sm",
+            r"test_size=2 and gap=0 need 5 .*'date'.* has 4\. Set a sm",
         ),
-        ({"gap": 2}, "gap=2 needs 5 distinct times or more. Column 'date'"),
+        ({"gap": 2}, "gap=2 need 5 distinct times or more. Column 'date'"),
     ],
 )
 def test_too_few_times(params, match):

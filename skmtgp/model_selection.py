@@ -18,6 +18,7 @@ from skmtgp._data.complete import count_copies
 from skmtgp._data.dask import is_dask
 from skmtgp._data.group_splitting import TaskStratifiedGroupKFold
 from skmtgp._data.splitting import TaskStratifiedKFold
+from skmtgp._data.time_splitting import TaskTimeSeriesSplit
 from skmtgp._estimators.base import side
 from skmtgp._estimators.candidates import (
     and_own_part,
@@ -52,7 +53,12 @@ from skmtgp.model.task_covariance import low_rank
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.single_task import SingleTaskGP, alone_like
 
-__all__ = ["RankSearchIC", "TaskStratifiedGroupKFold", "TaskStratifiedKFold"]
+__all__ = [
+    "RankSearchIC",
+    "TaskStratifiedGroupKFold",
+    "TaskStratifiedKFold",
+    "TaskTimeSeriesSplit",
+]
 
 MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
 EVIDENCES = "laplace", "bic"  # minus half of which is a log evidence, or nearly

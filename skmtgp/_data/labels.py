@@ -282,7 +282,8 @@ def encode_tasks(
     raise ValueError(
         f"{what}: the model knows {listed(tasks)}.{why}{beside} Fit with "
         f"samples of every task{join}. In cross-validation set "
-        "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection."
+        "cv=TaskStratifiedKFold(task_feature=...) of skmtgp.model_selection, or "
+        "TaskTimeSeriesSplit for forecasts."
         f"{share}"
     )
 

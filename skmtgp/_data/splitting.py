@@ -46,6 +46,7 @@ class TaskStratifiedKFold(StratifiedKFold):
     See Also
     --------
     TaskStratifiedGroupKFold : The same, and rows of a group stay together.
+    TaskTimeSeriesSplit : Folds in order of time, for forecasts.
     sklearn.model_selection.StratifiedKFold : The same by the classes in y.
     RankSearchIC : Chooses the rank without cross-validation.
 
@@ -198,10 +199,10 @@ def sets(fold_of_row, codes, n_splits):
     """Training and test rows of each fold."""
     for fold in range(n_splits):
         test = fold_of_row == fold
-        yield _in_turns(np.flatnonzero(~test), codes), np.flatnonzero(test)
+        yield in_turns(np.flatnonzero(~test), codes), np.flatnonzero(test)
 
 
-def _in_turns(rows, codes):
+def in_turns(rows, codes):
     """The rows in an order in which any first ones have the tasks in proportion."""
     tasks = pd.Series(codes[rows])
     of_task = tasks.groupby(tasks)

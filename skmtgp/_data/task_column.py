@@ -201,24 +201,24 @@ def read_table(estimator, X, *, reset):
     return table
 
 
-def _refuse_levels(frame, task_feature):
+def _refuse_levels(frame, column, parameter="task_feature"):
     """Raise a ValueError where a name is looked for among columns of several levels."""
-    if isinstance(task_feature, str) and frame.columns.nlevels > 1:
+    if isinstance(column, str) and frame.columns.nlevels > 1:
         raise ValueError(
-            f"task_feature={task_feature!r} names a column, but the columns of X have "
+            f"{parameter}={column!r} names a column, but the columns of X have "
             f"{frame.columns.nlevels} levels, such as {frame.columns[0]!r}. Make them "
             "one, by X.columns = ['_'.join(map(str, c)) for c in X.columns] for "
             "example, or give the position of the column."
         )
 
 
-def _refuse_index(frame, task_feature):
-    """Raise a ValueError where the tasks are in the index, which is no column."""
-    named = isinstance(task_feature, str) and task_feature in frame.index.names
-    if named and task_feature not in frame.columns:
+def _refuse_index(frame, column, parameter="task_feature"):
+    """Raise a ValueError where a column is looked for that is in the index."""
+    named = isinstance(column, str) and column in frame.index.names
+    if named and column not in frame.columns:
         raise ValueError(
-            f"task_feature={task_feature!r} is in the index of X, which is no column. "
-            f"Make it one, by X.reset_index({task_feature!r}) for example."
+            f"{parameter}={column!r} is in the index of X, which is no column. "
+            f"Make it one, by X.reset_index({column!r}) for example."
         )
 
 
@@ -369,19 +369,52 @@ def task_labels(X, task_feature=-1, owner=None):
         If X is not two-dimensional, has no such column, or a label is missing or is a
         number that is not an integer.
     """
+    X, position, name = find_column(X, task_feature, owner)
+    return _labels_of(X, position, name)
+
+
+def find_column(X, column, owner, parameter="task_feature", what="task column"):
+    """Where a column of the user's data is, and what errors call it.
+
+    Parameters
+    ----------
+    X : array-like of shape (n_samples, n_features)
+        Data as the user has them.
+    column : int or str
+        Its position or name.
+    owner : object or None
+        Whose parameter that is.
+    parameter, what : str
+        The parameter, and what the column is for.
+
+    Returns
+    -------
+    X : ndarray or DataFrame of shape (n_samples, n_features)
+        The data; lists are an array of objects.
+    position : int
+        0 to n_features - 1.
+    name : str
+        Name or position, with the parameter.
+
+    Raises
+    ------
+    TypeError
+        If `column` is neither an int nor a str.
+    ValueError
+        If X is not two-dimensional or has no such column.
+    """
     X = as_frame(X)
     if isinstance(X, pd.DataFrame):
-        _refuse_levels(X, task_feature)
-        _refuse_index(X, task_feature)
+        _refuse_levels(X, column, parameter)
+        _refuse_index(X, column, parameter)
     elif not hasattr(X, "dtype"):
         X = np.asarray(X, dtype=object)
     if X.ndim != 2:
         raise ValueError(f"X must be two-dimensional, but has {X.ndim} dimensions.")
     names = getattr(X, "columns", None)
-    position = locate_task_column(task_feature, X.shape[1], names)
+    position = locate_column(column, X.shape[1], names, parameter, what)
     of = "" if owner is None else f" of {type(owner).__name__}"
-    name = column_names(X)[position]
-    return _labels_of(X, position, f"{name!r} (task_feature={task_feature!r}{of})")
+    return X, position, f"{column_names(X)[position]!r} ({parameter}={column!r}{of})"
 
 
 def _labels_of(table, position, name):

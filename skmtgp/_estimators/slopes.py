@@ -16,6 +16,10 @@ TrendOf = Literal["constant", "linear"] | Sequence[int | str] | TransformerMixin
 # Where in `Slopes.means` are those that columns are taken off
 OF_TASKS, OF_ALL, NOWHERE = range(3)
 OR_SHARED = ", or set trend_per_task=False"
+AS_TERM = (
+    " A term of the kernel may have them instead, Columns(DotProduct(), [...]) for "
+    "example: it shrinks effects that rows do not tell."
+)
 
 
 @dataclass(frozen=True)
@@ -258,7 +262,7 @@ def _check_columns(H, names, of="", otherwise=""):
     which = listed([names[j] for j in dependent])
     raise ValueError(
         f"In the rows{of} the trend's {which} is {why}, so its coefficient cannot be "
-        f"determined. Leave such columns out of trend{otherwise}."
+        f"determined. Leave such columns out of trend{otherwise}.{AS_TERM * bool(of)}"
     )
 
 

@@ -264,7 +264,8 @@ class TestInScikitLearn:
 
     @pytest.mark.parametrize("cv", [KFold(3), GroupKFold(3)], ids=repr)
     def test_other_splits_say_what_to_use(self, cv):
-        with pytest.raises(ValueError, match=r"Unknown tasks? .*TaskStratifiedKFold"):
+        said = r"Unknown tasks? .*TaskStratifiedKFold.*, or TaskTimeSeriesSplit for"
+        with pytest.raises(ValueError, match=said):
             cross_val_score(
                 self.model,
                 self.X,

@@ -32,7 +32,7 @@ def rougher(model, training, found, n_jobs=None):
     found : list of (Problem, Mode)
         With the last. What was tried in vain counts as spent.
     """
-    names, least = [training.kernel], log_likelihood(found) + found[0][0].tuning.rougher
+    names, least = [training.kernel], found[0][0].tuning.rougher
     tried, last = names, found
     for name in _kernels(model, training)[1]:
         change = partial(with_kernel, kernel=as_named(model, training, name), gain=0.0)
@@ -40,7 +40,7 @@ def rougher(model, training, found, n_jobs=None):
         if log_likelihood(others) < log_likelihood(last):
             return names, counting(found, others)
         tried, last = [*tried, name], others
-        if log_likelihood(last) >= least:
+        if log_likelihood(last) >= log_likelihood(found) + least:
             names, found = tried, last
     return names, counting(found, last)
 

@@ -204,6 +204,8 @@ class Tuning:
         Steps to that one at most: kilometres to nanometres.
     much_noise : float
         Noise variance with which they are tried, too, of the targets'.
+    noises_of_period : tuple of float
+        Noise variances, of the targets', with which periods are tried.
     bent : int
         Rows up to which spherical ranges are looked at once more: the likelihood of
         more rows bends less.
@@ -320,6 +322,7 @@ class Tuning:
     doublings: int = 10
     most_doublings: int = 40
     much_noise: float = 0.3
+    noises_of_period: tuple = (1e-2, 0.1, 1.0)
     bent: int = 1000
     around: float = 1.2
     n_around: int = 21

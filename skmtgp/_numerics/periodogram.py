@@ -11,12 +11,22 @@ multiple has harmonics that explain nothing.
 import numpy as np
 from scipy.special import ive
 
-CELLS, FINER = 2**14, 8  # of the grid, and frequencies for each cycle in its width
+FINEST = 2**14  # most cells of the grid
+CELLS, FINER = 8.0, 8  # for each cycle, and frequencies for each in the width
 HARMONICS = 5  # more vary little
 SHAPES = 1.0, 0.4  # length-scales of the periodic kernel: a wave, and pulses
 SIGNALS = 3.0, 30.0, 300.0  # variance of the function, of the noise's
 SUMMED = 1, 3  # harmonics whose power is summed at a time
 MOST_TASKS = 16  # that are told apart: the largest
+RATIOS = (
+    2.0,
+    3.0,
+    1 / 2,
+    1 / 3,
+    2 / 3,
+    3 / 2,
+)  # to frequencies that may be mistaken for one
+STEPS = 0.06, 0.02  # cycles, to the top of a peak
 EACH = 8  # peaks that are looked at, of each sort
 NEAR = 0.3  # cycles between frequencies that are one peak's
 AT_ONCE = 50_000  # rows times frequencies
@@ -44,7 +54,7 @@ def frequencies(x, tasks, y, most_cycles, n_best=2):
     cycles : ndarray of shape (n_found,)
         Ascending, from 1 on. Some are multiples of others.
     """
-    most_cycles, found = min(most_cycles, CELLS / 8.0), []
+    most_cycles, found = min(most_cycles, FINEST / CELLS), []
     for degree in (0, 2):
         rest = _without_slow(x, tasks, y, degree)
         if np.abs(rest).max(initial=0.0) <= 1e-10 * np.abs(y).max(initial=0.0):
@@ -76,10 +86,16 @@ def _largest(tasks):
 
 def _peaks(x, tasks, y, most_cycles):
     """Highest peaks of the classical periodogram, in cycles."""
-    cells = np.rint(x * CELLS).astype(int)
+    n_cells = 2 ** int(np.ceil(np.log2(CELLS * max(most_cycles, 2.0))))
+    cells = np.rint(x * n_cells).astype(int) % n_cells
+
+    def power(rows):
+        sums = np.bincount(cells[rows], y[rows], n_cells)
+        return np.abs(np.fft.rfft(sums, n_cells * FINER)) ** 2
+
     parts = [tasks == task for task in _largest(tasks)]
-    power = [_power(cells[rows], y[rows]) / rows.sum() for rows in parts]
-    kinds = [np.sum(power, axis=0), _power(cells, y)]
+    of_parts = [power(rows) / rows.sum() for rows in parts]
+    kinds = [np.sum(of_parts, axis=0), power(slice(None))]
     first, last = FINER, int(most_cycles * FINER)
     found = []
     for of_kind in kinds:
@@ -90,10 +106,6 @@ def _peaks(x, tasks, y, most_cycles):
             tops = tops[(tops >= first) & (tops <= last)]
             found.append(tops[np.argsort(-here[tops], kind="stable")[:EACH]])
     return _apart(np.concatenate([np.array([1.0]), np.concatenate(found) / FINER]))
-
-
-def _power(cells, y):
-    return np.abs(np.fft.rfft(np.bincount(cells, y), CELLS * FINER)) ** 2
 
 
 def _harmonics(power, n_summed, last):
@@ -114,18 +126,21 @@ def _apart(cycles):
 def _best(score, cycles, most_cycles, n_best):
     """The best of the peaks, their multiples and fractions, each at its top."""
     values = score(cycles)
-    best = cycles[np.argsort(-values, kind="stable")[:n_best]]
-    ratios = np.array([1.0, 2.0, 3.0, 1 / 2, 1 / 3, 2 / 3, 3 / 2])
-    cycles = np.concatenate([cycles, np.outer(best, ratios).ravel()])
-    cycles = _apart(cycles[(cycles >= 1.0) & (cycles <= most_cycles)])
-    values = score(cycles)
-    best = cycles[np.argsort(-values, kind="stable")[: 2 * n_best]]
-    for step in (0.08, 0.03, 0.01):
+    best = cycles[_order(values)[:n_best]]
+    others = np.outer(best, RATIOS).ravel()
+    others = others[(others >= 1.0) & (others <= most_cycles)]
+    cycles, values = np.append(cycles, others), np.append(values, score(others))
+    best = cycles[_order(values)[: n_best + 1]]
+    for step in STEPS:
         tried = best[:, None] + step * np.arange(-2, 3)
         values = score(tried.ravel()).reshape(tried.shape)
         best = tried[np.arange(len(best)), values.argmax(axis=1)]
-    order = np.argsort(-values.max(axis=1), kind="stable")
-    return best[order[:n_best]]
+    return best[_order(values.max(axis=1))[:n_best]]
+
+
+def _order(values):
+    """From the highest on."""
+    return np.argsort(-values, kind="stable")
 
 
 class _Score:
@@ -147,9 +162,9 @@ class _Score:
         return np.concatenate(list(map(self._of, parts))) - np.log(cycles)
 
     def _of(self, cycles):
-        k = np.arange(1, HARMONICS + 1)
-        angles = 2.0 * np.pi * cycles[:, None, None] * (k[:, None] * self.x)
-        waves = np.concatenate([np.cos(angles), np.sin(angles)], axis=1)
+        first = np.exp(2j * np.pi * np.outer(cycles, self.x))[:, None]
+        powers = np.cumprod(np.repeat(first, HARMONICS, axis=1), axis=1)
+        waves = np.concatenate([powers.real, powers.imag], axis=1)
         waves -= (waves @ self.mean_of)[:, :, self.tasks]
         values = [self._with(waves * _sizes(shape)[:, None]) for shape in SHAPES]
         return np.max(values, axis=(0, 1))

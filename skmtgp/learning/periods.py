@@ -54,11 +54,12 @@ def begun_in_time(problem):
     if not periods or not problem.budget.max_iter:
         return problem
     kernel, theta = problem.prior.kernel, problem.prior.kernel.theta
-    coarse = exact_part([problem], [problem.prior.task_covariance])[0]
-    coarse = coarse.coarse_to_fine()[0]
-    with limit_threads(len(coarse.data)):
+    some = _some(problem)
+    with limit_threads(len(some.data)):
         for period in periods * (2 if len(periods) > 1 else 1):
-            theta = _likeliest(problem, coarse, theta, period)
+            longest = _most_cycles(problem, period)
+            if longest >= 1.0:
+                theta = _Choice(some, period, longest).best(theta)
     if (theta == kernel.theta).all():
         return problem
     if problem.budget.verbose:
@@ -66,6 +67,13 @@ def begun_in_time(problem):
         say(f"{about(problem)}learning begins at a period of {found}")
     begun = kernel.clone_with_theta(theta)
     return replace(problem, prior=replace(problem.prior, kernel=begun))
+
+
+def _some(problem):
+    """The problem with a few hundred of the rows."""
+    exact = exact_part([problem], [problem.prior.task_covariance])[0]
+    data, most = exact.data, problem.tuning.coarse
+    return exact if data.n_inputs <= most else exact.with_data(data.thinned(most))
 
 
 def periods_of(kernels, n_features):
@@ -105,50 +113,99 @@ def _column(kernel, name, columns):
     return int(columns[0]) if is_period and len(columns) == 1 else None
 
 
-def _likeliest(problem, coarse, theta, period):
-    """Theta with another period, if that is likelier."""
-    column = coarse.data.X[:, period.column]
-    start, width = column.min(), np.ptp(column)
-    most_cycles = _most_cycles(problem, period, width)
-    if most_cycles < 1.0:
-        return theta
-    data, tuning = coarse.data, coarse.tuning
-    cycles = frequencies((column - start) / width, data.tasks, data.y, most_cycles)
-    thetas = [theta]
-    for log_period in np.log(width / cycles):
-        moved = theta.copy()
-        moved[period.position] = log_period
-        thetas.append(np.clip(moved, *problem.prior.kernel.bounds.reshape(-1, 2).T))
-    values = []
-    for tried in thetas:
-        price = max(0.0, np.log(width) - tried[period.position])
-        values.append(_best_value(coarse, tried) - price)
-    best = int(np.argmax(values))
-    return thetas[best] if values[best] > values[0] + tuning.doubt else theta
-
-
-def _most_cycles(problem, period, width):
+def _most_cycles(problem, period):
     """Of the shortest period that can be told from a longer one, and is allowed."""
-    if width <= 0.0:
-        return 0.0
-    lower = np.exp(problem.prior.kernel.bounds.reshape(-1, 2)[period.position, 0])
-    X = problem.data.X
-    gap = 0.0 if is_dask(X) else least_gap(X[:, period.column])
-    return width / max(lower, 2.0 * gap, width * np.finfo(float).eps)
+    X, dims = problem.data.X, problem.prior.kernel.bounds.reshape(-1, 2)
+    column = X[:, period.column]
+    width = float(column.max() - column.min())
+    gap = 0.0 if is_dask(X) else least_gap(column)
+    least = max(np.exp(dims[period.position, 0]), 2.0 * gap)
+    return width / least if width > 0.0 else 0.0
 
 
-def _best_value(problem, theta):
-    """The best likelihood of independent tasks and of one function, by the noise."""
-    prior, forms = problem.prior, [problem.prior.task_covariance]
-    if prior.n_terms == 1 and prior.n_tasks > 1:
-        forms.append(ones(prior.n_tasks))
-    values = []
-    for form in forms:
-        of_form = problem.with_form(form)
-        likelihood = of_form.likelihood()
-        for noise in problem.tuning.noises_of_period:
-            log_noise = np.clip(np.log(noise * prior.scale**2), *prior.log_noise_bounds)
-            start = of_form.theta(kernel=theta, log_noise=log_noise)
-            with np.errstate(all="ignore"):
-                values.append(likelihood.value(start))
-    return max(values)
+class _Choice:
+    """Which period is the likeliest of those that a periodogram finds.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of some of the rows.
+    period : Period
+        The one to choose.
+    most_cycles : float
+        The highest frequency, in cycles in the width of the data.
+    """
+
+    def __init__(self, problem, period, most_cycles):
+        column = problem.data.X[:, period.column]
+        self.problem, self.period, self.most_cycles = problem, period, most_cycles
+        self.start, self.width = column.min(), np.ptp(column)
+        self.forms = self._forms()
+
+    def best(self, theta):
+        """Theta with another period, if that is likelier."""
+        if self.width <= 0.0:
+            return theta
+        tuning, data = self.problem.tuning, self.problem.data
+        x = (data.X[:, self.period.column] - self.start) / self.width
+        found = frequencies(x, data.tasks, data.y, self.most_cycles)
+        ratios = np.outer(found, [1.0, *tuning.harmonics]).ravel()
+        cycles = np.unique(ratios[(ratios >= 1.0) & (ratios <= self.most_cycles)])
+        if not len(cycles):
+            return theta
+        given = max(self._values(theta, self.forms))
+        forms = self._likely_forms(theta, found)
+        values = [self._value(theta, c, forms) for c in cycles]
+        order = np.argsort(-np.array(values), kind="stable")[: tuning.refined]
+        tops = [self._top(theta, cycles[k], values[k], forms) for k in order]
+        value, likeliest = max(tops)
+        if value <= given - self._price(theta) + tuning.doubt:
+            return theta
+        return self._moved(theta, likeliest)
+
+    def _likely_forms(self, theta, cycles):
+        """The two forms of the best."""
+        values = [self._values(self._moved(theta, c), self.forms) for c in cycles]
+        order = np.argsort(-np.max(values, axis=0), kind="stable")
+        return [self.forms[k] for k in order[:2]]
+
+    def _top(self, theta, cycles, value, forms):
+        """The top of a peak near a frequency: its value, and where it is."""
+        for step in self.problem.tuning.to_top:
+            near = [
+                (self._value(theta, c, forms), c)
+                for c in (cycles - step, cycles + step)
+            ]
+            value, cycles = max((value, cycles), *near)
+        return value, cycles
+
+    def _value(self, theta, cycles, forms):
+        moved = self._moved(theta, cycles)
+        return max(self._values(moved, forms)) - self._price(moved)
+
+    def _price(self, theta):
+        """There are as many other periods as short."""
+        return max(0.0, np.log(self.width) - theta[self.period.position])
+
+    def _moved(self, theta, cycles):
+        moved = theta.copy()
+        moved[self.period.position] = np.log(self.width / cycles)
+        return np.clip(moved, *self.problem.prior.kernel.bounds.reshape(-1, 2).T)
+
+    def _forms(self):
+        """Likelihoods of independent tasks and of one function, and noise variances."""
+        prior, forms = self.problem.prior, [self.problem.prior.task_covariance]
+        if prior.n_terms == 1 and prior.n_tasks > 1:
+            forms.append(ones(prior.n_tasks))
+        of_forms = [self.problem.with_form(form) for form in forms]
+        noises = np.multiply(self.problem.tuning.noises_of_period, prior.scale**2)
+        noises = np.unique(np.clip(np.log(noises), *prior.log_noise_bounds))
+        return [(of, of.likelihood(), noise) for of in of_forms for noise in noises]
+
+    def _values(self, theta, forms):
+        """Their values at theta of k^x."""
+        with np.errstate(all="ignore"):
+            return [
+                likelihood.value(of_form.theta(kernel=theta, log_noise=noise))
+                for of_form, likelihood, noise in forms
+            ]

@@ -206,6 +206,12 @@ class Tuning:
         Noise variance with which they are tried, too, of the targets'.
     noises_of_period : tuple of float
         Noise variances, of the targets', with which periods are tried.
+    harmonics : tuple of float
+        Times a frequency to others that may be mistaken for it, which are tried, too.
+    refined : int
+        How many of the likeliest periods are compared at the tops of their peaks,
+    to_top : tuple of float
+        and the steps there, in cycles in the width of the data.
     bent : int
         Rows up to which spherical ranges are looked at once more: the likelihood of
         more rows bends less.
@@ -323,6 +329,9 @@ class Tuning:
     most_doublings: int = 40
     much_noise: float = 0.3
     noises_of_period: tuple = (1e-2, 0.1, 1.0)
+    harmonics: tuple = (2.0, 3.0, 0.5)
+    refined: int = 3
+    to_top: tuple = (0.04, 0.02, 0.01)
     bent: int = 1000
     around: float = 1.2
     n_around: int = 21

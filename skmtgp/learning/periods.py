@@ -153,35 +153,31 @@ class _Choice:
         cycles = np.unique(ratios[(ratios >= 1.0) & (ratios <= self.most_cycles)])
         if not len(cycles):
             return theta
-        given = max(self._values(theta, self.forms))
-        forms = self._likely_forms(theta, found)
-        values = [self._value(theta, c, forms) for c in cycles]
+        likely = self._likely_form(theta, found)
+        values = [self._value(theta, c, likely) for c in cycles]
         order = np.argsort(-np.array(values), kind="stable")[: tuning.refined]
-        tops = [self._top(theta, cycles[k], values[k], forms) for k in order]
-        value, likeliest = max(tops)
-        if value <= given - self._price(theta) + tuning.doubt:
-            return theta
-        return self._moved(theta, likeliest)
+        value, likeliest = max(
+            self._top(theta, cycles[k], values[k], likely) for k in order
+        )
+        given = max(self._values(theta)) - self._price(theta)
+        return theta if value <= given + tuning.doubt else self._moved(theta, likeliest)
 
-    def _likely_forms(self, theta, cycles):
-        """The two forms of the best."""
-        values = [self._values(self._moved(theta, c), self.forms) for c in cycles]
-        order = np.argsort(-np.max(values, axis=0), kind="stable")
-        return [self.forms[k] for k in order[:2]]
+    def _likely_form(self, theta, cycles):
+        """The one by which one of some frequencies is likeliest."""
+        values = [self._values(self._moved(theta, c)) for c in cycles]
+        return self.forms[int(np.argmax(np.max(values, axis=0)))]
 
-    def _top(self, theta, cycles, value, forms):
+    def _top(self, theta, cycles, value, form):
         """The top of a peak near a frequency: its value, and where it is."""
         for step in self.problem.tuning.to_top:
-            near = [
-                (self._value(theta, c, forms), c)
-                for c in (cycles - step, cycles + step)
-            ]
+            others = cycles - step, cycles + step
+            near = [(self._value(theta, c, form), c) for c in others]
             value, cycles = max((value, cycles), *near)
         return value, cycles
 
-    def _value(self, theta, cycles, forms):
+    def _value(self, theta, cycles, form):
         moved = self._moved(theta, cycles)
-        return max(self._values(moved, forms)) - self._price(moved)
+        return self._values(moved, [form])[0] - self._price(moved)
 
     def _price(self, theta):
         """There are as many other periods as short."""
@@ -202,10 +198,10 @@ class _Choice:
         noises = np.unique(np.clip(np.log(noises), *prior.log_noise_bounds))
         return [(of, of.likelihood(), noise) for of in of_forms for noise in noises]
 
-    def _values(self, theta, forms):
+    def _values(self, theta, forms=None):
         """Their values at theta of k^x."""
         with np.errstate(all="ignore"):
             return [
                 likelihood.value(of_form.theta(kernel=theta, log_noise=noise))
-                for of_form, likelihood, noise in forms
+                for of_form, likelihood, noise in forms or self.forms
             ]

@@ -330,7 +330,7 @@ class Tuning:
     much_noise: float = 0.3
     noises_of_period: tuple = (1e-2, 0.1, 1.0)
     harmonics: tuple = (2.0, 3.0, 0.5)
-    refined: int = 3
+    refined: int = 2
     to_top: tuple = (0.04, 0.02, 0.01)
     bent: int = 1000
     around: float = 1.2

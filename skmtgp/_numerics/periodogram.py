@@ -18,14 +18,8 @@ SHAPES = 1.0, 0.4  # length-scales of the periodic kernel: a wave, and pulses
 SIGNALS = 3.0, 30.0, 300.0  # variance of the function, of the noise's
 SUMMED = 1, 3  # harmonics whose power is summed at a time
 MOST_TASKS = 16  # that are told apart: the largest
-RATIOS = (
-    2.0,
-    3.0,
-    1 / 2,
-    1 / 3,
-    2 / 3,
-    3 / 2,
-)  # to frequencies that may be mistaken for one
+# To frequencies that may be mistaken for one.
+RATIOS = 2.0, 3.0, 1 / 2, 1 / 3, 2 / 3, 3 / 2
 STEPS = 0.06, 0.02  # cycles, to the top of a peak
 EACH = 8  # peaks that are looked at, of each sort
 NEAR = 0.3  # cycles between frequencies that are one peak's
@@ -80,8 +74,7 @@ def _without_slow(x, tasks, y, degree):
 def _largest(tasks):
     """The tasks that are told apart."""
     counts = np.bincount(tasks)
-    largest = np.argsort(-counts, kind="stable")[:MOST_TASKS]
-    return [task for task in largest if counts[task]]
+    return [task for task in _order(counts)[:MOST_TASKS] if counts[task]]
 
 
 def _peaks(x, tasks, y, most_cycles):
@@ -104,7 +97,7 @@ def _peaks(x, tasks, y, most_cycles):
             inner = (here[1:-1] >= here[:-2]) & (here[1:-1] >= here[2:])
             tops = 1 + np.flatnonzero(inner)
             tops = tops[(tops >= first) & (tops <= last)]
-            found.append(tops[np.argsort(-here[tops], kind="stable")[:EACH]])
+            found.append(tops[_order(here[tops])[:EACH]])
     return _apart(np.concatenate([np.array([1.0]), np.concatenate(found) / FINER]))
 
 
@@ -181,7 +174,7 @@ class _Score:
             widened = 1.0 + signals[..., None] * np.maximum(e, 0.0)
             determinant = determinant + np.log(widened).sum(axis=2)
             explained = explained + (signals[..., None] * b**2 / widened).sum(axis=2)
-        total = self.y @ self.y
+        total = self.y @ self.y or 1.0
         left = np.maximum(1.0 - explained / total, 1e-10)
         return -0.5 * determinant - 0.5 * self.n_free * np.log(left)
 

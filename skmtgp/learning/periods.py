@@ -159,8 +159,15 @@ class _Choice:
         value, likeliest = max(
             self._top(theta, cycles[k], values[k], likely) for k in order
         )
+        if value <= self._without(theta) + tuning.repeating:
+            return theta
+        return self._moved(theta, likeliest)
+
+    def _without(self, theta):
+        """The value of the given period or, if that is likelier, of none at all."""
+        flat = self._moved(theta, 1.0 / self.problem.tuning.aperiodic)
         given = max(self._values(theta)) - self._price(theta)
-        return theta if value <= given + tuning.doubt else self._moved(theta, likeliest)
+        return max(given, *self._values(flat))
 
     def _likely_form(self, theta, cycles):
         """The one by which one of some frequencies is likeliest."""

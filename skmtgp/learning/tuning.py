@@ -212,6 +212,11 @@ class Tuning:
         How many of the likeliest periods are compared at the tops of their peaks,
     to_top : tuple of float
         and the steps there, in cycles in the width of the data.
+    aperiodic : float
+        A period, in widths of the data, of which functions hardly vary,
+    repeating : float
+        and nats by which a shorter one must be likelier than it: in pure noise one of
+        12 is.
     bent : int
         Rows up to which spherical ranges are looked at once more: the likelihood of
         more rows bends less.
@@ -332,6 +337,8 @@ class Tuning:
     harmonics: tuple = (2.0, 3.0, 0.5)
     refined: int = 2
     to_top: tuple = (0.04, 0.02, 0.01)
+    aperiodic: float = 50.0
+    repeating: float = 3.0
     bent: int = 1000
     around: float = 1.2
     n_around: int = 21

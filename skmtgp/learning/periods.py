@@ -150,9 +150,10 @@ class _Choice:
         x = (data.X[:, self.period.column] - self.start) / self.width
         found = frequencies(x, data.tasks, data.y, self.most_cycles)
         ratios = np.outer(found, [1.0, *tuning.harmonics]).ravel()
-        cycles = np.unique(ratios[(ratios >= 1.0) & (ratios <= self.most_cycles)])
-        if not len(cycles):
+        within = (ratios >= 1.0) & (ratios <= self.most_cycles)
+        if not within.any():
             return theta
+        cycles = np.unique([*tuning.slow, *ratios[within]])
         likely = self._likely_form(theta, found)
         values = [self._value(theta, c, likely) for c in cycles]
         order = np.argsort(-np.array(values), kind="stable")[: tuning.refined]

@@ -68,7 +68,7 @@ class IndependentGP(_FixedTaskCovarianceGP):
         - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
-        - "periodic" and "linear".
+        - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential". The one that was chosen is in `kernel_`.
@@ -399,7 +399,7 @@ class PooledGP(_FixedTaskCovarianceGP):
         - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
-        - "periodic" and "linear".
+        - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential". The one that was chosen is in `kernel_`.

@@ -90,7 +90,7 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         - "rbf": the squared exponential;
         - "exponential", "matern" and "matern52": Matérn kernels with nu = 1/2, 3/2 and
           5/2;
-        - "periodic" and "linear".
+        - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
         "exponential". `kernel_` of a task's model in `estimators_` is the one chosen.

@@ -5,6 +5,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import gen_batches
 
 from skmtgp._data.dask import is_dask
+from skmtgp._numerics.linalg import RESOLVED
 
 AT_ONCE = 100_000  # of which the standard deviation is taken at once
 
@@ -26,6 +27,14 @@ def deviation_of(values):
     if len(values) <= AT_ONCE or is_dask(values):
         return np.asarray(values.std(axis=0))
     return np.sqrt(_scaler_of(values).var_)
+
+
+def least_gap(column):
+    """The smallest gap between different values of a column; 0 if all are equal."""
+    values = np.unique(column)
+    gaps = np.diff(values)
+    gaps = gaps[gaps > RESOLVED * np.abs(values).max(initial=0.0)]
+    return float(gaps.min(initial=np.inf)) if len(gaps) else 0.0
 
 
 def _scaler_of(values):

@@ -6,7 +6,8 @@ from operator import mul
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
 
-from skmtgp._data.statistics import deviation_of, largest_of, mean_of
+from skmtgp._data.dask import is_dask
+from skmtgp._data.statistics import deviation_of, largest_of, least_gap, mean_of
 from skmtgp._data.task_column import locate_column
 from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._support.sklearn_compat import StrOptions
@@ -15,8 +16,9 @@ from skmtgp.kernels import ARDLinear, Columns
 DEFAULT, LINEAR = "rbf", "linear"
 SMOOTHNESS = [DEFAULT, "matern52", "matern", "exponential"]  # ever less, default first
 BOUNDS = np.array([1e-2, 1e3])  # of a length-scale, relative to where it starts
-# A period starts at half the width of features that are spread evenly.
-PERIOD, PERIODS = np.sqrt(3.0), np.array([5e-2, 1e2])
+# A period starts at half the width of features that are spread evenly. It is never
+# shorter than twice the smallest gap, which repeats whatever a longer one does.
+PERIOD, LONGEST, SHORTEST = np.sqrt(3.0), 1e2, 1e-3
 
 
 def _rbf(scale, features):
@@ -32,15 +34,24 @@ def _matern(nu):
 
 def _periodic(scale, features):
     """A product of one for each feature, for it is a covariance on one alone."""
-    root = np.sqrt(len(scale))
-    periods = PERIOD / root * scale
-    of_features = [
-        ExpSineSquared(root, period, root * BOUNDS, period * PERIODS)
-        for period in periods
-    ]
-    if len(of_features) == 1:
-        return of_features[0]
-    return reduce(mul, (Columns(of, [d]) for d, of in enumerate(of_features)))
+    parts = [_along(scale, features, d) for d in range(len(scale))]
+    if len(parts) == 1:
+        return parts[0]
+    return reduce(mul, (Columns(part, [d]) for d, part in enumerate(parts)))
+
+
+def _along(scale, features, d):
+    """Periodic along a feature, unless that has no three different values."""
+    root, period = np.sqrt(len(scale)), PERIOD / np.sqrt(len(scale)) * scale[d]
+    shortest = SHORTEST * period
+    if not is_dask(features):
+        column = np.asarray(features[:, d])
+        gap = least_gap(column)
+        if np.ptp(column) < 1.5 * gap or gap == 0.0:
+            return RBF(scale[d], scale[d] * BOUNDS)
+        shortest = max(2.0 * gap, shortest)
+    period = max(period, shortest)
+    return ExpSineSquared(root, period, root * BOUNDS, (shortest, LONGEST * period))
 
 
 def _linear(scale, features):

@@ -14,6 +14,7 @@ from skmtgp._numerics.parallel import at_a_time
 from skmtgp.inference.engine import Demand, check_known, check_terms, check_trend
 from skmtgp.inference.engines import choose
 from skmtgp.inference.memory import TileMemory
+from skmtgp.learning.periods import begun_in_time
 from skmtgp.learning.problem import THE_OUTPUT, Problem
 from skmtgp.learning.ranges import begun_in_sight
 from skmtgp.model.kernel_check import check_kernel
@@ -76,7 +77,7 @@ def pose(model, training, n_ranks=1, n_kept=1):
             log_scales=np.log(training.units.scale[j]),
             noisy=training.noisy,
         )
-        problems.append(begun_in_sight(problem))
+        problems.append(begun_in_time(begun_in_sight(problem)))
     return problems
 
 

@@ -7,8 +7,8 @@ learns several ranks, which help each other by ``nesting``, and ``summarised`` g
 from there with inducing inputs, to ranks that need all rows by ``growing``. ``paper``
 is section 3 without our additions, ``novel`` adds a task to a model, ``settling``
 learns tasks of few rows again as if they joined, and ``terms`` grows several terms one
-after another. ``ranges`` says at which length-scales to begin. What goes beyond the
-paper:
+after another. ``ranges`` says at which length-scales to begin, and ``periods`` at which
+periods. What goes beyond the paper:
 
 - *Relaxed*: a wide penalty on the logarithms of k^x's parameters, at first.
 - *Annealed*: the noise variance is held up, at first.

@@ -209,6 +209,22 @@ class Tuning:
         Steps to that one at most: kilometres to nanometres.
     much_noise : float
         Noise variance with which they are tried, too, of the targets'.
+    noises_of_period : tuple of float
+        Noise variances, of the targets', with which periods are tried.
+    harmonics : tuple of float
+        Times a frequency to others that may be mistaken for it, which are tried, too.
+    slow : tuple of float
+        Frequencies of trends, in cycles in the width of the data, which are tried, too:
+        of even rows short periods may explain them otherwise.
+    refined : int
+        How many of the likeliest periods are compared at the tops of their peaks,
+    to_top : tuple of float
+        and the steps there, in cycles in the width of the data.
+    aperiodic : float
+        A period, in widths of the data, of which functions hardly vary,
+    repeating : float
+        and nats by which a shorter one must be likelier than it: in pure noise one of
+        12 is.
     bent : int
         Rows up to which spherical ranges are looked at once more: the likelihood of
         more rows bends less.
@@ -328,6 +344,13 @@ class Tuning:
     doublings: int = 10
     most_doublings: int = 40
     much_noise: float = 0.3
+    noises_of_period: tuple = (1e-2, 0.1, 1.0)
+    harmonics: tuple = (2.0, 3.0, 0.5)
+    slow: tuple = (0.25, 0.5)
+    refined: int = 2
+    to_top: tuple = (0.04, 0.02, 0.01)
+    aperiodic: float = 50.0
+    repeating: float = 3.0
     bent: int = 1000
     around: float = 1.2
     n_around: int = 21

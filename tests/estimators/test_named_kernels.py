@@ -77,6 +77,26 @@ def test_a_period_of_each_feature():
     assert type(named_kernel("periodic", X[:, :1])) is ExpSineSquared
 
 
+def test_bounds_of_periods():
+    """One below twice the gap of even rows repeats what a longer one does."""
+    even = np.arange(24.0)[:, None]
+    kernel = named_kernel("periodic", even)
+    assert kernel.periodicity_bounds[0] == pytest.approx(2.0)
+    assert kernel.periodicity == pytest.approx(12.0, rel=0.01)
+    uneven = np.append(even, [[0.01]], axis=0)
+    assert named_kernel("periodic", uneven).periodicity_bounds[0] < 0.05
+    few = named_kernel("periodic", even[:3])
+    assert few.periodicity_bounds[0] == few.periodicity == pytest.approx(2.0)
+
+
+def test_columns_that_have_no_period():
+    dummy = np.column_stack([np.arange(8.0), np.tile([0.0, 1.0], 4), np.ones(8)])
+    parts = named_kernel("periodic", dummy)
+    assert type(parts.k1.k1.kernel) is ExpSineSquared
+    for of in (parts.k1.k2, parts.k2, named_kernel("periodic", dummy[:, [1]])):
+        assert type(getattr(of, "kernel", of)) is RBF
+
+
 def test_a_line_far_from_zero():
     """Years, say: the intercept is as far from zero as the slope makes it."""
     x = np.repeat(np.linspace(2000.0, 2020.0, 15), 2)[:, None]

@@ -27,6 +27,6 @@ kernels, would be likelier, and ``row_effects`` whether rows have effects of the
 ``penalised`` adds weak priors, ``sampling`` draws hyperparameters, ``evidence``
 integrates them out, and ``laplace`` has what rows leave open around a mode.
 ``shortlisting`` learns the best of several forms, which ``contenders`` and ``weighing``
-compare; ``vanishing`` finds numbers of a diagonal that do not count. ``identifying``
-finds which task some samples are of.
+compare, and goes ``further`` to higher ranks; ``vanishing`` finds numbers of a diagonal
+that do not count. ``identifying`` finds which task some samples are of.
 """

@@ -5,6 +5,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.utils import gen_batches
 
 from skmtgp._data.dask import is_dask
+from skmtgp._numerics.linalg import RESOLVED
 
 AT_ONCE = 100_000  # of which the standard deviation is taken at once
 
@@ -26,6 +27,11 @@ def deviation_of(values):
     if len(values) <= AT_ONCE or is_dask(values):
         return np.asarray(values.std(axis=0))
     return np.sqrt(_scaler_of(values).var_)
+
+
+def varying(values, deviation):
+    """Which columns, of such standard deviations, vary by more than rounding."""
+    return deviation > RESOLVED * largest_of(values)
 
 
 def _scaler_of(values):

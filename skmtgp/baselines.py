@@ -29,8 +29,9 @@ class _FixedTaskCovarianceGP(BaseMultiTaskGP):
         "diagonal": ["boolean"],
     }
 
-    def _named_kernel(self, name, features):
-        return ConstantKernel(1.0, (1e-3, 1e3)) * named_kernel(name, features)
+    def _named_kernel(self, name, features, *, alike=False):
+        kernel = named_kernel(name, features, alike=alike)
+        return ConstantKernel(1.0, (1e-3, 1e3)) * kernel
 
     def _learns_amplitude(self):
         return self.kernel is None or isinstance(self.kernel, str)
@@ -71,7 +72,9 @@ class IndependentGP(_FixedTaskCovarianceGP):
         - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
-        "exponential". The one that was chosen is in `kernel_`.
+        "exponential". If there are more than a quarter as many features as rows, and
+        that is clearly likelier, all have one length-scale. The kernel that was chosen
+        is in `kernel_`.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, with a variance for
         each task. The functions of some tasks may then vary more than those of others.
@@ -402,7 +405,9 @@ class PooledGP(_FixedTaskCovarianceGP):
         - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
-        "exponential". The one that was chosen is in `kernel_`.
+        "exponential". If there are more than a quarter as many features as rows, and
+        that is clearly likelier, all have one length-scale. The kernel that was chosen
+        is in `kernel_`.
     diagonal : bool, default=False
         Whether to add a learned diagonal to the task covariance, with a variance for
         each task. It is how much the task's function deviates from the common one.

@@ -73,7 +73,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
-        "exponential", see Notes. The one that was chosen is in `kernel_`.
+        "exponential", see Notes. If there are more than a quarter as many features as
+        rows, and that is clearly likelier, all have one length-scale. The kernel that
+        was chosen is in `kernel_`.
 
         A list has a kernel for each of several terms, see Notes. In it, None is "rbf".
     rank : int or list of int or None, default=None

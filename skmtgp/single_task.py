@@ -93,7 +93,9 @@ class SingleTaskGP(PosteriorMixin, Estimator):
         - "periodic", whose periods are looked for, and "linear".
 
         None is "rbf" or, where that is likelier, "linear", "matern52", "matern" or
-        "exponential". `kernel_` of a task's model in `estimators_` is the one chosen.
+        "exponential". If there are more than a quarter as many features as rows, and
+        that is clearly likelier, all have one length-scale. `kernel_` of a task's model
+        in `estimators_` is the one chosen.
     task_feature : int or str, default=-1
         Position or name of the column of X with the task labels, which are integers or
         strings.

@@ -29,7 +29,7 @@ from skmtgp._data.numbers import (
 )
 from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.estimator import Estimator, public
-from skmtgp._support.pipelines import at_the_end, end_of
+from skmtgp._support.pipelines import at_the_end, end_of, name_in_fit
 from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
 from skmtgp.multitask import MultiTaskGPRegressor
@@ -226,6 +226,36 @@ def _with_gaps(values, columns, name):
     return np.where(gaps, np.nan, Y)
 
 
+def _alpha_of(cells, alpha, y, names):
+    """Known noise variances of values of y; a number, or None, holds for all.
+
+    `cells` are their rows and columns.
+    """
+    if alpha is None or np.ndim(alpha) == 0:
+        return alpha
+    table, targets = _as_table(alpha), _as_table(y)
+    if table.shape != targets.shape:
+        raise ValueError(
+            f"alpha must be a number or of the shape of y, {targets.shape}, not "
+            f"{table.shape}."
+        )
+    if isinstance(table, pd.DataFrame) and isinstance(targets, pd.DataFrame):
+        columns = column_names(table)
+        if columns != names:
+            raise ValueError(
+                f"alpha has the columns {columns}, and y has {names}. Give "
+                "alpha[y.columns]."
+            )
+    values = _with_gaps(table, names, "alpha")[cells]
+    for k in np.flatnonzero(np.isnan(values))[:1]:
+        row, column = (of[k] for of in cells)
+        raise ValueError(
+            f"alpha is NaN in row {row} of column {names[column]!r}, where y has a "
+            "value."
+        )
+    return values
+
+
 def _names(values):
     """Names of the columns of targets, which are checked."""
     if values.ndim not in (1, 2):
@@ -320,6 +350,12 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         "task": [str],
     }
 
+    _call_hints = {
+        "return_cov": "For a covariance of all outputs draw them together, by "
+        "sample_y; or learn the rows of stack_tasks with a MultiTaskGPRegressor, whose "
+        "predict has return_cov."
+    }
+
     def __init__(
         self, estimator: BaseEstimator | None = None, *, task: str = TASK
     ) -> None:
@@ -328,7 +364,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
 
     @with_callbacks
     @fit_context(prefer_skip_nested_validation=False)
-    def fit(self, X: ArrayLike, y: ArrayLike) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, alpha: ArrayLike | None = None) -> Self:
         """Learn all columns of the targets together.
 
         Parameters
@@ -337,6 +373,10 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             Inputs, without a column of tasks.
         y : array-like of shape (n_samples, n_outputs) or (n_samples,)
             Targets, with NaN where nothing was measured.
+        alpha : float or array-like of the shape of y, default=None
+            Known noise variance of each value, in squared units of y. It is added to
+            the learned one, see :meth:`MultiTaskGPRegressor.fit`. It may be NaN where y
+            is. None is 0.
 
         Returns
         -------
@@ -346,17 +386,17 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         Raises
         ------
         TypeError
-            If X or y is a Dask collection.
+            If X, y or `alpha` is a Dask collection, or if the model takes no `alpha`.
         ValueError
             If a column of y has no value or an infinite one, or if the model cannot use
-            X or y. The estimator is then as it was before.
+            X, y or `alpha`. The estimator is then as it was before.
         """
         with fitting(self, X, y):
-            self._fit(X, y)
+            self._fit(X, y, alpha)
         return self
 
-    def _fit(self, X, y):
-        for name, data in (("X", X), ("y", y)):
+    def _fit(self, X, y, alpha):
+        for name, data in (("X", X), ("y", y), ("alpha", alpha)):
             refuse_dask(name, data, "Stack the columns into rows with a task.")
         if y is None:
             raise ValueError(
@@ -368,6 +408,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         self._single, names = Y.ndim == 1, _names(Y)
         if isinstance(table, pd.DataFrame):
             _check_labels(names)
+        refuse_another_order(X, alpha, "alpha")
         Y = _check_wide(Y, names)
         check_consistent_length(table, Y)
         self.outputs_ = np.empty(len(names), dtype=object)
@@ -376,7 +417,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
         self._check_task_feature(model)
         stacked = self._stack(table, rows, codes)
-        self.estimator_ = clone(model).fit(stacked, Y[rows, codes])
+        alpha = _alpha_of((rows, codes), alpha, y, names)
+        known = {} if alpha is None else {name_in_fit(model, "alpha"): alpha}
+        self.estimator_ = clone(model).fit(stacked, Y[rows, codes], **known)
         self._cells, self._shape = (rows, codes), Y.shape
 
     def _check_task_feature(self, model):

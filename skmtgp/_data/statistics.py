@@ -37,6 +37,11 @@ def least_gap(column):
     return float(gaps.min(initial=np.inf)) if len(gaps) else 0.0
 
 
+def varying(values, deviation):
+    """Which columns, of such standard deviations, vary by more than rounding."""
+    return deviation > RESOLVED * largest_of(values)
+
+
 def _scaler_of(values):
     scaler = StandardScaler()
     for rows in gen_batches(len(values), AT_ONCE):

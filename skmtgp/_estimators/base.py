@@ -166,7 +166,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         self._warn_of_noise(problems, modes)
         if self.max_iter and not sampled:
             warn_of_small_tasks(training, problems[0].prior.task_covariance)
-            warn_of_few_rows(problems[0], self.hyperparameters_)
+            [kernel, *others] = self._kernels()
+            given = kernel is not None and not others
+            warn_of_few_rows(problems[0], self.hyperparameters_, given=given)
         tell_counts(self, training.known)
         warn_of_skew(problems, modes, names_of_inputs(self))
         options = {"sampled": sampled, "compared": compared}
@@ -220,9 +222,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """K^rho of the small model that says in which units to learn."""
         return low_rank(n_tasks, 0, diagonal=True)
 
-    def _named_kernel(self, name, features):
+    def _named_kernel(self, name, features, *, alike=False):
         """The kernel of a name."""
-        return named_kernel(name, features)
+        return named_kernel(name, features, alike=alike)
 
     def _learns_amplitude(self):
         """Whether the model can scale itself to the targets."""

@@ -13,6 +13,7 @@ from skmtgp._data.oddities import (
 )
 from skmtgp._data.overlap import share_overlapping
 from skmtgp._estimators.least_noise import with_least_noise
+from skmtgp._estimators.many_columns import with_alike_columns
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.smoothness import log_likelihood, rougher
 from skmtgp._estimators.units import FAR, shared_units, units_of_tasks
@@ -88,9 +89,10 @@ def _decided(model, training, foretell):
     training = replace(training, noise=noises[0])
     candidates = [training.with_units(of) for of in units]
     first = candidates[0]
-    learn = partial(_learned_small, model, first)
-    least = with_least_noise(model, first, learn).least_noise
-    candidates = [replace(of, least_noise=least) for of in candidates]
+    learn = partial(_learned_small, model)
+    least = with_least_noise(model, first, partial(learn, first)).least_noise
+    alike = with_alike_columns(model, first, learn).alike
+    candidates = [replace(of, least_noise=least, alike=alike) for of in candidates]
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
     if foretell is not None and _takes_long(model, candidates[0]):

@@ -9,6 +9,7 @@ from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.labels import name_tasks
 from skmtgp._data.skewness import is_skewed, share_far
+from skmtgp._estimators.many_columns import columns_are_many
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks
@@ -101,7 +102,7 @@ def warn_of_small_tasks(training, form):
         )
 
 
-def warn_of_few_rows(problem, way):
+def warn_of_few_rows(problem, way, *, given=False):
     """Say that rows are too few to take the hyperparameters for certain.
 
     Repeats of a row tell the noise alone, so they do not count. Noise variances of
@@ -113,6 +114,8 @@ def warn_of_few_rows(problem, way):
         What was learned.
     way : {"mode", "map", "laplace", "sampled"}
         Which hyperparameters predict.
+    given : bool, default=False
+        Whether the user chose k^x, one for all tasks.
     """
     prior, data, enough = problem.prior, problem.data, ENOUGH_ROWS_EACH.get(way, 0)
     n_noise = 0 if prior.noise_is_fixed else prior.n_noise
@@ -128,8 +131,20 @@ def warn_of_few_rows(problem, way):
         "hyperparameters more uncertain than predictions count: a 95 % interval may "
         "hold only 50 to 90 % of new observations, and less where there is almost no "
         "noise. This helps: "
-        f"{'more rows' if stay else helps}.",
+        f"{'more rows' if stay else helps}.{_fewer_length_scales(problem, given)}",
         NarrowIntervalsWarning,
+    )
+
+
+def _fewer_length_scales(problem, given):
+    """What to do where k^x, which the user chose, has many numbers for the rows."""
+    X, n_tasks = problem.data.X, problem.data.n_tasks
+    each = given and problem.prior.kernel.n_dims >= X.shape[1]
+    if not (each and columns_are_many(X, n_tasks)):
+        return ""
+    return (
+        " The kernel has a number for each column. One length-scale for all columns "
+        "suits spectra: kernel=Matern(1.0, nu=2.5). The default, kernel=None, compares."
     )
 
 
@@ -334,7 +349,8 @@ def _warn_of_others(training, problem, mode, compared, one_kernel):
 
 def _warn_of_rows(training, problem, mode):
     """Say if rows have effects of their own; whether it was said."""
-    kernels = (named_kernel(name, problem.data.X) for name in (DEFAULT, LINEAR))
+    X, alike = problem.data.X, training.alike
+    kernels = (named_kernel(name, X, alike=alike) for name in (DEFAULT, LINEAR))
     found = effects_of_rows(problem, mode, *kernels)
     told = found is not None and found.gain > TELLING and found.clear
     if told:
@@ -364,8 +380,10 @@ def _named(training, **options):
 
 def _tell_own_kernels(training, problem, mode, gain):
     """Say which parameters give two kernels, beside the units and noise of this fit."""
-    name = None if training.kernel == DEFAULT else training.kernel
-    named = _named(training, kernel=[name] * 2, rank=ranks_of_two(problem, mode))
+    kernel = None if training.kernel == DEFAULT else training.kernel
+    if training.alike:  # names give each column a length-scale
+        kernel = problem.prior.kernel_at(mode.theta)
+    named = _named(training, kernel=[kernel] * 2, rank=ranks_of_two(problem, mode))
     warn(
         f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
         "(BIC): functions that the tasks share vary at different speeds, or depend "

@@ -23,6 +23,8 @@ class Estimator(CallbackSupportMixin, BaseEstimator):
         "one, such as X['site'] + ' ' + X['machine'] of strings."
     }
 
+    _call_hints: ClassVar[dict[str, str]] = {}  # instead of arguments there are not
+
     _doc_link_module = "skmtgp"
     _doc_link_template = DOCUMENTATION + "/api/{estimator_name}.html"
 
@@ -50,9 +52,9 @@ def public(method: Method) -> Method:
             signature.bind(self, *args, **kwargs)
         except TypeError as error:
             known = ", ".join(list(signature.parameters)[1:])
-            raise TypeError(
-                f"{type(self).__name__}.{method.__name__}() {error}. It takes {known}."
-            ) from None
+            name, hints = f"{type(self).__name__}.{method.__name__}()", self._call_hints
+            hint = next((f" {hints[key]}" for key in kwargs if key in hints), "")
+            raise TypeError(f"{name} {error}. It takes {known}.{hint}") from None
         return method(self, *args, **kwargs)
 
     return call

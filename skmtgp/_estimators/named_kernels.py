@@ -7,9 +7,8 @@ import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
 
 from skmtgp._data.dask import is_dask
-from skmtgp._data.statistics import deviation_of, largest_of, least_gap, mean_of
+from skmtgp._data.statistics import deviation_of, least_gap, mean_of, varying
 from skmtgp._data.task_column import locate_column
-from skmtgp._numerics.linalg import RESOLVED
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.kernels import ARDLinear, Columns
 
@@ -22,12 +21,12 @@ PERIOD, LONGEST, SHORTEST = np.sqrt(3.0), 1e2, 1e-3
 
 
 def _rbf(scale, features):
-    return RBF(scale, np.outer(scale, BOUNDS))
+    return RBF(scale, np.multiply.outer(scale, BOUNDS))
 
 
 def _matern(nu):
     def make(scale, features):
-        return Matern(scale, np.outer(scale, BOUNDS), nu=nu)
+        return Matern(scale, np.multiply.outer(scale, BOUNDS), nu=nu)
 
     return make
 
@@ -58,7 +57,9 @@ def _linear(scale, features):
     """Slopes of the size of a deviation, and a value at the mean."""
     weights, wide = scale**-2.0, np.array([1e-7, 1e3])
     center = mean_of(features)
-    return ARDLinear(weights, 1.0, np.outer(weights, wide), tuple(wide), center)
+    return ARDLinear(
+        weights, 1.0, np.multiply.outer(weights, wide), tuple(wide), center
+    )
 
 
 KERNELS = {
@@ -110,7 +111,7 @@ def _has_names(columns):
     return listed and any(isinstance(one, str) for one in columns)
 
 
-def named_kernel(name, features):
+def named_kernel(name, features, *, alike=False):
     """A kernel scaled to the features.
 
     Parameters
@@ -119,13 +120,20 @@ def named_kernel(name, features):
         One of `KERNELS`.
     features : ndarray of shape (n_samples, n_features)
         Training inputs.
+    alike : bool, default=False
+        Whether all features have one length-scale. Not of a periodic kernel.
 
     Returns
     -------
     kernel : Kernel
         Length-scales start at the square root of n_features times the standard
-        deviation of their feature, between a hundredth and a thousand times that.
+        deviation of their feature, between a hundredth and a thousand times that. A
+        common one starts at the root of the sum of all variances.
     """
-    deviation, rounding = deviation_of(features), RESOLVED * largest_of(features)
-    scale = np.where(deviation > rounding, deviation, 1.0) * np.sqrt(features.shape[1])
+    deviation = deviation_of(features)
+    varies = varying(features, deviation)
+    if alike:
+        scale = float(np.linalg.norm(deviation[varies])) or 1.0
+    else:
+        scale = np.where(varies, deviation, 1.0) * np.sqrt(features.shape[1])
     return KERNELS[name](scale, features)

@@ -85,7 +85,7 @@ def kernels_of(model, training):
     """k^x of each term with its starting values, checked."""
     features = training.features
     kernels = [
-        kernel_made(model, kernel, features, training.kernel)
+        kernel_made(model, kernel, features, training.kernel, alike=training.alike)
         for kernel in model._kernels()
     ]
     for kernel in kernels:
@@ -93,10 +93,10 @@ def kernels_of(model, training):
     return kernels
 
 
-def kernel_made(model, kernel, features, default=DEFAULT):
+def kernel_made(model, kernel, features, default=DEFAULT, *, alike=False):
     """A kernel as the user gave it, or that of the name, or of the default's."""
     if kernel is None or isinstance(kernel, str):
-        return model._named_kernel(kernel or default, features)
+        return model._named_kernel(kernel or default, features, alike=alike)
     return with_positions(clone(kernel), lambda: names_of_inputs(model))
 
 

@@ -15,6 +15,7 @@ from skmtgp.model.trend import Basis, Trend
 TrendOf = Literal["constant", "linear"] | Sequence[int | str] | TransformerMixin | None
 # Where in `Slopes.means` are those that columns are taken off
 OF_TASKS, OF_ALL, NOWHERE = range(3)
+ALIKE = 1e-6  # how much weights of columns that add up to a constant may differ
 OR_SHARED = ", or set trend_per_task=False"
 AS_TERM = (
     " A term of the kernel may have them instead, Columns(DotProduct(), [...]) for "
@@ -56,10 +57,12 @@ class Slopes:
     def check(self):
         """Raise a ValueError where the rows do not tell the coefficients."""
         H, names = self.columns(self.features), self.columns.names
+        told = Basis(H).rank == len(names)  # by all rows
+        otherwise = OR_SHARED * (told and self.per_task)
+        instead = "" if told else _without_constant(H, names)
         for task in range(len(self.tasks)) if self.per_task else [None]:
             rows = H if task is None else H[self.codes == task]
-            of = _named(self.tasks, task)
-            _check_columns(rows, names, of, OR_SHARED * bool(of))
+            _check_columns(rows, names, _named(self.tasks, task), otherwise, instead)
         if len(H) <= (n := self._plain.n_coefficients):
             raise ValueError(
                 f"trend has {n} coefficients, and n_samples={len(H)} leaves nothing to "
@@ -242,7 +245,24 @@ def check_alone(columns, features, label):
         )
 
 
-def _check_columns(H, names, of="", otherwise=""):
+def _without_constant(H, names):
+    """What to do where columns beside a constant add up to one; else nothing."""
+    is_constant = np.ptp(H, axis=0) == 0.0
+    others, basis = H[:, ~is_constant], Basis(H[:, ~is_constant])
+    if basis.rank < others.shape[1] or basis.rank < Basis(H).rank:
+        return ""
+    weights = basis.least_squares(np.ones((len(H), 1)))[:, 0]
+    added = np.abs(weights) > ALIKE * np.abs(weights).max(initial=0.0)
+    if added.sum() < 2 or np.ptp(weights[added]) > ALIKE * weights[added].max():
+        return ""
+    shares = [name for name, of in zip(names, is_constant, strict=True) if not of]
+    return (
+        "Columns add up to a constant, as shares of a mixture do: leave the constant "
+        f"out, by trend=[...] with the others alone ({listed(shares)})."
+    )
+
+
+def _check_columns(H, names, of="", otherwise="", instead=""):
     """Raise a ValueError where columns of some rows are not independent."""
     if len(H) < len(names):
         raise ValueError(
@@ -262,7 +282,8 @@ def _check_columns(H, names, of="", otherwise=""):
     which = listed([names[j] for j in dependent])
     raise ValueError(
         f"In the rows{of} the trend's {which} is {why}, so its coefficient cannot be "
-        f"determined. Leave such columns out of trend{otherwise}.{AS_TERM * bool(of)}"
+        f"determined. {instead or f'Leave such columns out of trend{otherwise}.'}"
+        f"{AS_TERM * (bool(of) and not instead)}"
     )
 
 

@@ -58,6 +58,8 @@ class Training:
         Whether it is not known already that the data are not complete.
     kernel : str
         Name of k^x where the user gives none.
+    alike : bool, default=False
+        Whether all features have one length-scale where the user gives no k^x.
     least_noise : ndarray of shape (n_outputs,), default=None
         Noise variance that each output has at least, in squared units of Y. None is
         not known.
@@ -81,6 +83,7 @@ class Training:
     known: Known | None = None
     looks_for_design: bool = True
     kernel: str = DEFAULT
+    alike: bool = False
     least_noise: np.ndarray | None = None
     noisy: bool = False
     foretold: bool = False
@@ -152,6 +155,7 @@ class Training:
             "per_task": "a noise variance for each task",
         }
         kernel = "" if self.kernel == DEFAULT else f', kernel="{self.kernel}"'
+        kernel += ", one length-scale for all features" if self.alike else ""
         least = "" if self.least_noise is None else ", a least noise variance"
         return f"{units}, {noises[self.noise]}{kernel}{least}"
 

@@ -1,7 +1,9 @@
 """The model at the end of pipelines and searches, and its rows."""
 
+from sklearn import get_config
 from sklearn.frozen import FrozenEstimator
 from sklearn.pipeline import Pipeline
+from sklearn.utils.validation import has_fit_parameter
 
 
 def end_of(model):
@@ -26,6 +28,20 @@ def at_the_end(model, X):
             model = model.estimator
         else:
             return model, X
+
+
+def name_in_fit(model, name):
+    """How an argument is called in `fit`, for the model at the end of it.
+
+    With metadata routing it has its own name, and the model must have requested it.
+    """
+    if has_fit_parameter(model, name) or get_config()["enable_metadata_routing"]:
+        return name
+    if isinstance(model, Pipeline):
+        return f"{model.steps[-1][0]}__{name_in_fit(model[-1], name)}"
+    if hasattr(model, "estimator"):  # a search
+        return name_in_fit(model.estimator, name)
+    raise TypeError(f"{type(model).__name__} takes no {name} in fit.")
 
 
 def instead_of(model):

@@ -151,18 +151,18 @@ class _Choice:
         found = frequencies(x, data.tasks, data.y, self.most_cycles)
         ratios = np.outer(found, [1.0, *tuning.harmonics]).ravel()
         within = (ratios >= 1.0) & (ratios <= self.most_cycles)
-        if not within.any():
-            return theta
         cycles = np.unique([*tuning.slow, *ratios[within]])
-        likely = self._likely_form(theta, found)
+        likely = self._likely_form(theta, [*tuning.slow, *found])
         values = [self._value(theta, c, likely) for c in cycles]
         order = np.argsort(-np.array(values), kind="stable")[: tuning.refined]
-        value, likeliest = max(
+        _, likeliest = max(
             self._top(theta, cycles[k], values[k], likely) for k in order
         )
+        moved = self._moved(theta, likeliest)
+        value = max(self._values(moved)) - self._price(moved)
         if value <= self._without(theta) + tuning.repeating:
             return theta
-        return self._moved(theta, likeliest)
+        return moved
 
     def _without(self, theta):
         """The value of the given period or, if that is likelier, of none at all."""

@@ -214,8 +214,9 @@ class Tuning:
     harmonics : tuple of float
         Times a frequency to others that may be mistaken for it, which are tried, too.
     slow : tuple of float
-        Frequencies of trends, in cycles in the width of the data, which are tried, too:
-        of even rows short periods may explain them otherwise.
+        Frequencies of trends and of about one cycle, in cycles in the width of the
+        data, which are tried, too: a periodogram does not tell them from a slow part,
+        and of even rows short periods may explain them otherwise.
     refined : int
         How many of the likeliest periods are compared at the tops of their peaks,
     to_top : tuple of float
@@ -346,7 +347,7 @@ class Tuning:
     much_noise: float = 0.3
     noises_of_period: tuple = (1e-2, 0.1, 1.0)
     harmonics: tuple = (2.0, 3.0, 0.5)
-    slow: tuple = (0.25, 0.5)
+    slow: tuple = (0.25, 0.5, 0.65, 0.8, 0.95, 1.1)
     refined: int = 2
     to_top: tuple = (0.04, 0.02, 0.01)
     aperiodic: float = 50.0

@@ -134,6 +134,25 @@ def test_inputs_without_a_width():
     assert begun_in_time(constant) is constant
 
 
+@pytest.mark.parametrize(
+    "values, period",
+    [(np.arange(24.0), 24.0), (np.linspace(0.0, 2.0 * np.pi, 200), 2.0 * np.pi)],
+    ids=["hours", "angles"],
+)
+@pytest.mark.parametrize("wave", [1, 3])
+def test_about_one_cycle(values, period, wave):
+    """The periodogram does not tell it from a slow part, but the likelihood does."""
+    rng, tasks = np.random.default_rng(0), np.arange(90) % 2
+    x = rng.choice(values, 90)
+    angle = 2.0 * np.pi * x / period
+    y = np.sin(angle) + (wave > 1) * np.sin(wave * angle + 1.0)
+    X, y = np.column_stack([x, tasks]), y + 0.1 * rng.standard_normal(90)
+    known = ExpSineSquared(1.0, period, periodicity_bounds="fixed")
+    models = [IndependentGP(of, max_iter=30).fit(X, y) for of in ("periodic", known)]
+    found, true = [of.log_marginal_likelihood() for of in models]
+    assert found >= true - 1.0
+
+
 @pytest.mark.parametrize("cls", [MultiTaskGPRegressor, IndependentGP, PooledGP])
 def test_it_is_learned(cls):
     X, tasks, y = meters(n=25)

@@ -13,6 +13,7 @@ from scipy.special import ive
 
 FINEST = 2**14  # most cells of the grid
 CELLS, FINER = 8.0, 8  # for each cycle, and frequencies for each in the width
+MOST_CYCLES = FINEST / CELLS
 HARMONICS = 5  # more vary little
 SHAPES = 1.0, 0.4  # length-scales of the periodic kernel: a wave, and pulses
 SIGNALS = 3.0, 30.0, 300.0  # variance of the function, of the noise's
@@ -46,9 +47,9 @@ def frequencies(x, tasks, y, most_cycles, n_best=2):
     Returns
     -------
     cycles : ndarray of shape (n_found,)
-        Ascending, from 1 on. Some are multiples of others.
+        Ascending, from about 1 on. Some are multiples of others.
     """
-    most_cycles, found = min(most_cycles, FINEST / CELLS), []
+    most_cycles, found = min(most_cycles, MOST_CYCLES), []
     for degree in (0, 2):
         rest = _without_slow(x, tasks, y, degree)
         if np.abs(rest).max(initial=0.0) <= 1e-10 * np.abs(y).max(initial=0.0):

@@ -6,6 +6,7 @@ which periods there may be, and the likelihood of a small model, which of them i
 """
 
 from dataclasses import replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +15,7 @@ from sklearn.gaussian_process.kernels import ExpSineSquared
 from skmtgp._data.dask import is_dask
 from skmtgp._data.statistics import least_gap
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._numerics.periodogram import frequencies
+from skmtgp._numerics.periodogram import MOST_CYCLES, frequencies
 from skmtgp._support.progress import say
 from skmtgp.kernels import Columns
 from skmtgp.learning.summarised import exact_part
@@ -55,11 +56,12 @@ def begun_in_time(problem):
         return problem
     kernel, theta = problem.prior.kernel, problem.prior.kernel.theta
     some = _some(problem)
+    most_cycles = [_most_cycles(problem, period) for period in periods]
+    pairs = zip(periods, most_cycles, strict=True)
+    choices = [_Choice(some, *pair) for pair in pairs if pair[1] >= 1.0]
     with limit_threads(len(some.data)):
-        for period in periods * (2 if len(periods) > 1 else 1):
-            longest = _most_cycles(problem, period)
-            if longest >= 1.0:
-                theta = _Choice(some, period, longest).best(theta)
+        for choice in choices * 2:
+            theta = choice.best(theta)
     if (theta == kernel.theta).all():
         return problem
     if problem.budget.verbose:
@@ -138,21 +140,33 @@ class _Choice:
 
     def __init__(self, problem, period, most_cycles):
         column = problem.data.X[:, period.column]
-        self.problem, self.period, self.most_cycles = problem, period, most_cycles
+        self.problem, self.period = problem, period
+        self.most_cycles = min(most_cycles, MOST_CYCLES)
         self.start, self.width = column.min(), np.ptp(column)
-        self.forms = self._forms()
+        self.forms, self.chosen = self._forms(), None
 
     def best(self, theta):
-        """Theta with another period, if that is likelier."""
-        if self.width <= 0.0:
-            return theta
-        tuning, data = self.problem.tuning, self.problem.data
+        """Theta with another period, if that is likelier.
+
+        It is as it was if it is what was chosen before: no other period has moved.
+        """
+        if self.width > 0.0 and not np.array_equal(theta, self.chosen):
+            self.chosen = theta = self._best(theta)
+        return theta
+
+    @cached_property
+    def found(self):
+        """Frequencies of the targets, whatever theta is."""
+        data = self.problem.data
         x = (data.X[:, self.period.column] - self.start) / self.width
-        found = frequencies(x, data.tasks, data.y, self.most_cycles)
-        ratios = np.outer(found, [1.0, *tuning.harmonics]).ravel()
+        return frequencies(x, data.tasks, data.y, self.most_cycles)
+
+    def _best(self, theta):
+        tuning = self.problem.tuning
+        ratios = np.outer(self.found, [1.0, *tuning.harmonics]).ravel()
         within = (ratios >= 1.0) & (ratios <= self.most_cycles)
         cycles = np.unique([*tuning.slow, *ratios[within]])
-        likely = self._likely_form(theta, [*tuning.slow, *found])
+        likely = self._likely_form(theta, [*tuning.slow, *self.found])
         values = [self._value(theta, c, likely) for c in cycles]
         order = np.argsort(-np.array(values), kind="stable")[: tuning.refined]
         _, likeliest = max(

@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, ExpSineSquared
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
 from skmtgp._estimators.named_kernels import named_kernel
 from skmtgp.kernels import Columns
+from skmtgp.learning import periods as module
 from skmtgp.learning.periods import begun_in_time, periods_of
 from skmtgp.model.task_covariance import identity
 
@@ -125,6 +126,18 @@ def test_each_input_has_its_period():
     assert found == pytest.approx([24.0, 1.7], **CLOSE)
 
 
+@pytest.mark.parametrize(("moving", "n_looks"), [([0], 3), ([2], 5), ([0, 2], 5)])
+def test_looked_at_again_only_if_another_moved(monkeypatch, moving, n_looks):
+    X = np.random.default_rng(0).uniform(0.0, 10.0, (150, 3))
+    y = np.sin(2.0 * np.pi * X[:, moving] / 1.3).sum(axis=1)
+    looks, best = [], module._Choice._best
+    monkeypatch.setattr(
+        module._Choice, "_best", lambda of, theta: looks.append(of) or best(of, theta)
+    )
+    begun(named(X), X, np.repeat([0, 1], 75), y)
+    assert len(looks) == n_looks
+
+
 def test_inputs_without_a_width():
     X, tasks, y = meters()
     Z = np.column_stack([X, np.ones(len(X))])
@@ -135,7 +148,7 @@ def test_inputs_without_a_width():
 
 
 @pytest.mark.parametrize(
-    "values, period",
+    ("values", "period"),
     [(np.arange(24.0), 24.0), (np.linspace(0.0, 2.0 * np.pi, 200), 2.0 * np.pi)],
     ids=["hours", "angles"],
 )

@@ -13,8 +13,9 @@ from scipy.special import ive
 
 FINEST = 2**14  # most cells of the grid
 CELLS, FINER = 8.0, 8  # for each cycle, and frequencies for each in the width
-MOST_CYCLES = FINEST / CELLS
+MOST_CYCLES = FINEST / CELLS  # of which the grid is fine enough
 HARMONICS = 5  # more vary little
+TAKEN_OFF = 3  # of a period that is known
 SHAPES = 1.0, 0.4  # length-scales of the periodic kernel: a wave, and pulses
 SIGNALS = 3.0, 30.0, 300.0  # variance of the function, of the noise's
 SUMMED = 1, 3  # harmonics whose power is summed at a time
@@ -61,10 +62,34 @@ def frequencies(x, tasks, y, most_cycles, n_best=2):
     return _apart(np.array(found))
 
 
+def without_waves(x, tasks, y, cycles):
+    """Targets without the first harmonics, of each task, of some frequencies.
+
+    Parameters
+    ----------
+    x, tasks, y : ndarray of shape (n_samples,)
+        See `frequencies`.
+    cycles : ndarray of shape (n_cycles,)
+        The frequencies.
+
+    Returns
+    -------
+    rest : ndarray of shape (n_samples,)
+    """
+    of_waves = np.outer(cycles, np.arange(1, TAKEN_OFF + 1)).ravel()
+    waves = np.exp(2j * np.pi * np.outer(x, of_waves))
+    V = np.column_stack([np.ones(len(x)), waves.real, waves.imag])
+    return _without(V, tasks, y)
+
+
 def _without_slow(x, tasks, y, degree):
     """Targets without a polynomial of each task."""
-    V = (2.0 * x[:, None] - 1.0) ** np.arange(degree + 1)
-    G = np.zeros((tasks.max(initial=-1) + 1, degree + 1, degree + 1))
+    return _without((2.0 * x[:, None] - 1.0) ** np.arange(degree + 1), tasks, y)
+
+
+def _without(V, tasks, y):
+    """Targets without some functions of each task."""
+    G = np.zeros((tasks.max(initial=-1) + 1, *V.shape[1:] * 2))
     b = np.zeros(G.shape[:2])
     np.add.at(G, tasks, V[:, :, None] * V[:, None, :])
     np.add.at(b, tasks, V * y[:, None])
@@ -81,10 +106,10 @@ def _largest(tasks):
 def _peaks(x, tasks, y, most_cycles):
     """Highest peaks of the classical periodogram, in cycles."""
     n_cells = 2 ** int(np.ceil(np.log2(CELLS * max(most_cycles, 2.0))))
-    cells = np.rint(x * n_cells).astype(int) % n_cells
+    cells = np.rint(x * n_cells).astype(int)  # the last has another phase than 0
 
     def power(rows):
-        sums = np.bincount(cells[rows], y[rows], n_cells)
+        sums = np.bincount(cells[rows], y[rows], n_cells + 1)
         return np.abs(np.fft.rfft(sums, n_cells * FINER)) ** 2
 
     parts = [tasks == task for task in _largest(tasks)]
@@ -124,12 +149,22 @@ def _best(score, cycles, most_cycles, n_best):
     others = np.outer(best, RATIOS).ravel()
     others = others[(others >= 1.0) & (others <= most_cycles)]
     cycles, values = np.append(cycles, others), np.append(values, score(others))
-    best = cycles[_order(values)[: n_best + 1]]
+    best = cycles[_order(values)[: 4 * n_best]]
     for step in STEPS:
         tried = best[:, None] + step * np.arange(-2, 3)
         values = score(tried.ravel()).reshape(tried.shape)
         best = tried[np.arange(len(best)), values.argmax(axis=1)]
-    return best[_order(values.max(axis=1))[:n_best]]
+    return _unrelated(best[_order(values.max(axis=1))])[:n_best]
+
+
+def _unrelated(cycles):
+    """Those that may not be mistaken for one before: others have other periods."""
+    kept = []
+    for one in cycles:
+        others = np.outer(kept, [1.0, *RATIOS])
+        if not (np.abs(one - others) <= NEAR).any():
+            kept.append(one)
+    return np.array(kept)
 
 
 def _order(values):

@@ -15,7 +15,7 @@ from sklearn.gaussian_process.kernels import ExpSineSquared
 from skmtgp._data.dask import is_dask
 from skmtgp._data.statistics import least_gap
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._numerics.periodogram import MOST_CYCLES, frequencies
+from skmtgp._numerics.periodogram import MOST_CYCLES, frequencies, without_waves
 from skmtgp._support.progress import say
 from skmtgp.kernels import Columns
 from skmtgp.learning.summarised import exact_part
@@ -58,7 +58,7 @@ def begun_in_time(problem):
     some = _some(problem)
     most_cycles = [_most_cycles(problem, period) for period in periods]
     pairs = zip(periods, most_cycles, strict=True)
-    choices = [_Choice(some, *pair) for pair in pairs if pair[1] >= 1.0]
+    choices = [_Choice(some, *pair, periods) for pair in pairs if pair[1] >= 1.0]
     with limit_threads(len(some.data)):
         for choice in choices * 2:
             theta = choice.best(theta)
@@ -136,14 +136,19 @@ class _Choice:
         The one to choose.
     most_cycles : float
         The highest frequency, in cycles in the width of the data.
+    periods : list of Period
+        All of them: an input may have several.
     """
 
-    def __init__(self, problem, period, most_cycles):
+    def __init__(self, problem, period, most_cycles, periods):
         column = problem.data.X[:, period.column]
         self.problem, self.period = problem, period
         self.most_cycles = min(most_cycles, MOST_CYCLES)
         self.start, self.width = column.min(), np.ptp(column)
         self.forms, self.chosen = self._forms(), None
+        self.others = [
+            of.position for of in periods if of.column == period.column and of != period
+        ]
 
     def best(self, theta):
         """Theta with another period, if that is likelier.
@@ -155,18 +160,32 @@ class _Choice:
         return theta
 
     @cached_property
+    def x(self):
+        """The input, from 0 to 1."""
+        return (self.problem.data.X[:, self.period.column] - self.start) / self.width
+
+    @cached_property
     def found(self):
         """Frequencies of the targets, whatever theta is."""
-        data = self.problem.data
-        x = (data.X[:, self.period.column] - self.start) / self.width
-        return frequencies(x, data.tasks, data.y, self.most_cycles)
+        return self._frequencies(self.problem.data.y)
+
+    def _frequencies(self, y):
+        return frequencies(self.x, self.problem.data.tasks, y, self.most_cycles)
+
+    def _beside(self, theta):
+        """Frequencies of targets without what other periods of the input explain."""
+        if not self.others:
+            return self.found
+        data, cycles = self.problem.data, self.width / np.exp(theta[self.others])
+        rest = without_waves(self.x, data.tasks, data.y, cycles)
+        return np.union1d(self.found, self._frequencies(rest))
 
     def _best(self, theta):
-        tuning = self.problem.tuning
-        ratios = np.outer(self.found, [1.0, *tuning.harmonics]).ravel()
+        tuning, found = self.problem.tuning, self._beside(theta)
+        ratios = np.outer(found, [1.0, *tuning.harmonics]).ravel()
         within = (ratios >= 1.0) & (ratios <= self.most_cycles)
         cycles = np.unique([*tuning.slow, *ratios[within]])
-        likely = self._likely_form(theta, [*tuning.slow, *self.found])
+        likely = self._likely_form(theta, [*tuning.slow, *found])
         values = [self._value(theta, c, likely) for c in cycles]
         order = np.argsort(-np.array(values), kind="stable")[: tuning.refined]
         _, likeliest = max(

@@ -126,6 +126,16 @@ def test_each_input_has_its_period():
     assert found == pytest.approx([24.0, 1.7], **CLOSE)
 
 
+@pytest.mark.parametrize("others", [(1.0, 2.618), (5.0, 13.3), (24.0 / 7.0, 17.0)])
+def test_two_periods_of_an_input(others):
+    rng = np.random.default_rng(1)
+    x, tasks = rng.uniform(0.0, 100.0, 300), np.repeat([0, 1, 2], 100)
+    y = np.sin(2.0 * np.pi * x[:, None] / others).sum(axis=1)
+    y += 0.1 * rng.standard_normal(300)
+    found = begun(ExpSineSquared() + ExpSineSquared(), x[:, None], tasks, y)
+    assert np.sort(found) == pytest.approx(others, **CLOSE)
+
+
 @pytest.mark.parametrize(("moving", "n_looks"), [([0], 3), ([2], 5), ([0, 2], 5)])
 def test_looked_at_again_only_if_another_moved(monkeypatch, moving, n_looks):
     X = np.random.default_rng(0).uniform(0.0, 10.0, (150, 3))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skmtgp._numerics.periodogram import frequencies
+from skmtgp._numerics.periodogram import frequencies, without_waves
 
 CYCLES = 23.7
 SHAPES = {
@@ -35,6 +35,22 @@ def test_the_frequency_is_among_the_best(shape):
 def test_no_multiple_is_better(shape):
     found = frequencies(*draw(shape), 300.0, n_best=1)
     np.testing.assert_allclose(found, CYCLES, atol=0.1)
+
+
+def test_another_period_is_found_not_a_multiple():
+    x, tasks, y = draw("sine")
+    found = frequencies(x, tasks, y + np.sin(2.0 * np.pi * 61.3 * x), 300.0)
+    assert np.abs(found - CYCLES).min() < 0.1
+    assert np.abs(found - 61.3).min() < 0.1
+
+
+def test_without_waves():
+    x, tasks, y = draw("second harmonic")
+    rest = without_waves(x, tasks, y, np.array([CYCLES]))
+    assert np.abs(rest).max() < 0.5
+    few = np.arange(3)
+    rest = without_waves(few / 2.0, few, few + 1.0, np.array([1.3]))
+    np.testing.assert_allclose(rest, 0.0, atol=1e-9)
 
 
 def test_slow_parts_and_many_small_tasks():

@@ -96,7 +96,7 @@ def _decided(model, training, foretell):
     if len(candidates) == len(noises) == 1:  # k^x is asked when it is learned
         return candidates[0]
     if foretell is not None and _takes_long(model, candidates[0]):
-        foretell(pose(model, candidates[0]))
+        foretell(pose(model, candidates[0], told=False))
         candidates = [replace(of, foretold=True) for of in candidates]
     with limit_threads(len(training.Y)):
         found = [screened(model, candidate, noises) for candidate in candidates]
@@ -315,7 +315,8 @@ def _small(model, training):
     Tasks that are constant in an output are left out there, unless all are.
     """
     form = model._form_for_screening(len(training.tasks))
-    problems = exact_part([of.with_form(form) for of in pose(model, training)], [form])
+    posed = pose(model, training, told=False)
+    problems = exact_part([of.with_form(form) for of in posed], [form])
     return [
         _without(problem, constant)
         for problem, constant in zip(problems, training.constants.T, strict=True)

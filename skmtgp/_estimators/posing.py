@@ -30,7 +30,7 @@ LITTLE = 1e-2  # noise variance of the targets', less than which few rows do not
 NO_NOISE = 1e-200  # in place of a noise variance of 0, whose logarithm is none
 
 
-def pose(model, training, n_ranks=1, n_kept=1):
+def pose(model, training, n_ranks=1, n_kept=1, *, told=True):
     """What is learned for each output.
 
     Parameters
@@ -41,6 +41,8 @@ def pose(model, training, n_ranks=1, n_kept=1):
         From what.
     n_ranks, n_kept : int, default=1
         How many models, by the rank, are learned, and how many of them are kept.
+    told : bool, default=True
+        Whether `verbose` says where learning begins: not of models for screening.
 
     Returns
     -------
@@ -77,7 +79,7 @@ def pose(model, training, n_ranks=1, n_kept=1):
             log_scales=np.log(training.units.scale[j]),
             noisy=training.noisy,
         )
-        problems.append(begun_in_time(begun_in_sight(problem)))
+        problems.append(begun_in_time(begun_in_sight(problem), told))
     return problems
 
 

@@ -38,13 +38,15 @@ class Period(NamedTuple):
     column: int
 
 
-def begun_in_time(problem):
+def begun_in_time(problem, told=True):
     """The problem with periods from which learning finds its way.
 
     Parameters
     ----------
     problem : Problem
         What is to be learned.
+    told : bool, default=True
+        Whether `verbose` says which.
 
     Returns
     -------
@@ -64,7 +66,7 @@ def begun_in_time(problem):
             theta = choice.best(theta)
     if (theta == kernel.theta).all():
         return problem
-    if problem.budget.verbose:
+    if told and problem.budget.verbose:
         found = ", ".join(f"{np.exp(theta[of.position]):.4g}" for of in periods)
         say(f"{about(problem)}learning begins at a period of {found}")
     begun = kernel.clone_with_theta(theta)

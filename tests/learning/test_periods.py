@@ -223,8 +223,9 @@ def test_complete_data():
 
 
 def test_it_is_told(told):
+    """Once, not of models for screening, too."""
     X, tasks, y = meters(n=20)
-    model = PooledGP("periodic", verbose=1, max_iter=3)
-    model.fit(np.column_stack([X, np.zeros_like(tasks)]), y)
+    model = IndependentGP("periodic", verbose=1, max_iter=3)
+    model.fit(np.column_stack([X, tasks]), y)
     lines = [of for of in told() if "learning begins at a period of 2" in of]
     assert len(lines) == 1

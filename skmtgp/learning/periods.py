@@ -20,6 +20,7 @@ from skmtgp._support.progress import say
 from skmtgp.kernels import Columns
 from skmtgp.learning.summarised import exact_part
 from skmtgp.learning.telling import about
+from skmtgp.model.remembered import remembered
 from skmtgp.model.task_covariance import ones
 
 
@@ -236,7 +237,8 @@ class _Choice:
         prior, forms = self.problem.prior, [self.problem.prior.task_covariance]
         if prior.n_terms == 1 and prior.n_tasks > 1:
             forms.append(ones(prior.n_tasks))
-        of_forms = [self.problem.with_form(form) for form in forms]
+        priors, node = map(prior.with_form, forms), remembered(prior.node)
+        of_forms = [replace(self.problem, prior=of.with_node(node)) for of in priors]
         noises = np.multiply(self.problem.tuning.noises_of_period, prior.scale**2)
         noises = np.unique(np.clip(np.log(noises), *prior.log_noise_bounds))
         return [(of, of.likelihood(), noise) for of in of_forms for noise in noises]

@@ -570,6 +570,12 @@ class Prior:
         vars(prior).update(self._kernels)
         return prior
 
+    def with_node(self, node):
+        """The same with another fast form of k^x."""
+        prior = replace(self)
+        vars(prior)["node"] = node
+        return prior
+
     @property
     def terms(self):
         """The kernel and the form of K^rho of each term."""

@@ -40,7 +40,7 @@ N_JOINTS, N_UR10E = 6, 200
 LIMITS = {"q": 2.0 * np.pi, "qd": np.pi, "current": 40.0}  # of an undamaged row
 AT_REST = 0.03  # rad/s, about which the direction of motion changes
 SMOOTHING = {"window_length": 21, "polyorder": 3}  # of accelerations: 0.2 s
-TRAIN_MEATS, COMPONENTS = 172, 10
+TRAIN_MEATS, COMPONENTS, STEP = 172, 10, 0.1
 MEATS = ["water", "fat", "protein"]
 PUPILS = ["IQ.verb", "IQ.perf", "sex", "Minority", "repeatgr", "ses", "schoolSES"]
 
@@ -74,6 +74,8 @@ class Part:
         The usual one of the set.
     back : callable or None
         From the scale of the targets to that in which the error is measured.
+    step : float or None
+        Of which the targets are multiples, where models come near to it.
     """
 
     train: Rows
@@ -82,6 +84,7 @@ class Part:
     own_units: bool = False
     measure: str = "nMSE"
     back: object = None
+    step: float | None = None
 
 
 def jura(folder, seed, *, logarithms=False):
@@ -200,7 +203,7 @@ def split_meat(table):
         return Rows(long[[*inputs, "task"]], long["value"].to_numpy())
 
     train, test = wide[:TRAIN_MEATS], wide[TRAIN_MEATS:]
-    return [Part(rows(train), {"samples": rows(test)}, own_units=True)]
+    return [Part(rows(train), {"samples": rows(test)}, own_units=True, step=STEP)]
 
 
 def pupils(folder, seed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from numbers import Integral
 from typing import Any
 
@@ -224,22 +225,29 @@ def _times_of_rows(splitter, X):
             f"Column {name} has {missing.size} missing times, the first in row "
             f"{missing[0]}. Fill them in, or leave their rows out."
         )
-    return *pd.factorize(values, sort=True), name
+    try:
+        return *pd.factorize(values, sort=True), name
+    except (TypeError, ValueError):  # with time zones and without, for example
+        raise ValueError(
+            f"Column {name} holds times that have no common order, such as "
+            f"{values.iloc[0]!r} and {values.iloc[-1]!r}. Convert them to one type, by "
+            "pd.to_datetime for example."
+        ) from None
 
 
 def _orderly(values, name):
     """Times as numbers or dates, which have an order."""
     if isinstance(values.dtype, pd.CategoricalDtype):
-        values = values.astype(values.cat.categories.dtype)
+        values = values.astype(object)
     values = values.infer_objects()
     if values.dtype == object or pd.api.types.is_string_dtype(values):
         found = values.dropna()
         if found.map(lambda value: isinstance(value, DATES)).all():
             _refuse_several(found, name)
             return values
-        for value in found:
-            _check_number(value, name)
-        values = pd.to_numeric(values, errors="coerce")
+        return values.map(partial(_number, name=name), na_action="ignore")
+    if pd.api.types.is_complex_dtype(values):
+        _refuse(values.iloc[0], name)
     if pd.api.types.is_numeric_dtype(values):
         numbers = values.to_numpy(float, na_value=np.nan)
         for value in numbers[np.isinf(numbers)]:
@@ -247,12 +255,15 @@ def _orderly(values, name):
     return values
 
 
-def _check_number(value, name):
-    """Raise a ValueError where a time is text that is no number."""
+def _number(value, name):
+    """A time as a number; a ValueError where it is text that is none."""
+    if isinstance(value, Integral):  # which may have more digits than a float
+        return value
     try:
-        float(value)
+        number = float(value)
     except (TypeError, ValueError):
         _refuse(value, name)
+    return number if np.isfinite(number) else _refuse(value, name)
 
 
 def _refuse(value, name):

@@ -283,7 +283,7 @@ def _check_columns(H, names, of="", otherwise="", instead=""):
     raise ValueError(
         f"In the rows{of} the trend's {which} is {why}, so its coefficient cannot be "
         f"determined. {instead or f'Leave such columns out of trend{otherwise}.'}"
-        f"{AS_TERM * (bool(of) and not instead)}"
+        f"{AS_TERM * bool(otherwise and not instead)}"
     )
 
 

@@ -210,11 +210,16 @@ def refine(problem, mode):
     """Learn with more and more of the rows, from a mode of the coarsest level.
 
     The noise variance that a few rows asked for is too small for more of them. The
-    second level anneals once more, for a better mode; later ones only climb.
+    second level anneals once more, for a better mode; later ones only climb. Levels
+    that vanished could not come back, so noisy data try them anew.
     """
     for k, finer in enumerate(problem.coarse_to_fine()[1:]):
         theta = problem.with_noise(mode.theta)
-        mode = mode.then(climb(finer, theta) if k else annealed(finer, theta).mode)
+        found = mode.then(climb(finer, theta) if k else annealed(finer, theta).mode)
+        if problem.noisy and not k and problem.prior.levels_vanish(mode.theta):
+            anew = problem.prior.with_usual_levels(theta)
+            found = best_of([found, mode.led_to(annealed(finer, anew).mode)])
+        mode = found
     return mode
 
 

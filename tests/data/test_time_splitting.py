@@ -1,5 +1,7 @@
 """Folds in order of time, which test later rows of known tasks."""
 
+from fractions import Fraction
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -241,12 +243,25 @@ def test_bad_tables(params, table, error, match):
         (["5 Jan", "12 Jan", "2", "3"], "holds '5 Jan', but .* by pd.to_datetime"),
         ([1, "2", WEEKS[0], 3], r"holds Timestamp\(.*by pd.to_datetime"),
         ([WEEKS[0], WEEKS[0].date(), WEEKS[1], WEEKS[2]], "of several types"),
+        ([WEEKS[0], WEEKS[1].tz_localize("UTC")] * 2, "'t' .* no common order.*to_d"),
+        (pd.Categorical([1, 2, None, 4]), "has 1 missing times, the first in row 2"),
+        ([1j, 2j, 3j, 4j], r"holds .*1j.*, but times must be finite numbers or dates"),
     ],
 )
 def test_bad_times(times, match):
     X = pd.DataFrame({"t": times, "store": "a"})
     with pytest.raises(ValueError, match=match):
         next(TaskTimeSeriesSplit(2, time_feature="t").split(X))
+
+
+@pytest.mark.parametrize(
+    "times",
+    [[Fraction(k, 3) for k in range(6)], [2**70 + k for k in range(6)], list("012345")],
+)
+def test_numbers_of_any_type(times):
+    X = pd.DataFrame({"t": times, "store": "a"})
+    folds = TaskTimeSeriesSplit(2, time_feature="t").split(X)
+    assert [test.tolist() for _, test in folds] == [[2, 3], [4, 5]]
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,20 @@ class TestCoarseToFine:
         assert mode.seconds > first.seconds
         assert is_stationary(problem, mode.theta)
 
+    @pytest.mark.parametrize("noisy", [True, False])
+    def test_refine_tries_levels_anew_that_vanished_of_few_noisy_rows(self, noisy):
+        data = draw(FACTOR @ FACTOR.T, kernel=RBF([1.0, 1.0]))
+        data = replace(data, y=data.y + 9.0 * data.tasks)
+        problem = pose(data, identity(M), kernel=RBF([1.0, 1.0]), **SMALL)
+        prior = replace(problem.prior, levels=True)
+        problem = replace(problem, prior=prior, noisy=noisy)
+        theta = prior.with_least_levels(prior.less_levels(problem.theta()))
+        few = problem.coarse_to_fine()[0]
+        mode = climb(few, theta)
+        assert prior.levels_vanish(mode.theta)
+        found = refine(problem, mode)
+        assert prior.levels_vanish(found.theta) is not noisy
+
     def test_refine_starts_with_noise_that_is_not_too_small(self, data, monkeypatch):
         starts, problem = [], pose(data, low_rank(M, 2), **SMALL)
         mode = mode_at(problem, np.r_[start_of(problem)[:-1], -22.0])

@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from sklearn.gaussian_process.kernels import Kernel, Sum
 
 from skmtgp._data.dask import is_dask
 from skmtgp._data.oddities import (
@@ -106,7 +107,18 @@ def _decided(model, training, foretell):
             scores += [_gain_as_large(*of) for _, *of in found]
     _, best, of_outputs = found[int(np.argmax(scores))]
     noisy = all(of.is_noisy(mode, beyond=BEYOND) for of, mode in of_outputs)
-    return replace(best, noisy=noisy)
+    return replace(best, noisy=noisy and not _adds_up(model._kernels()))
+
+
+def _adds_up(kernels):
+    """Whether functions are sums, of which noise may hide one if rows are few."""
+    parts = [
+        part
+        for kernel in kernels
+        if isinstance(kernel, Kernel)
+        for part in (kernel, *kernel.get_params().values())
+    ]
+    return len(kernels) > 1 or any(isinstance(part, Sum) for part in parts)
 
 
 def _takes_long(model, training):

@@ -64,7 +64,7 @@ class Training:
         Noise variance that each output has at least, in squared units of Y. None is
         not known.
     noisy : bool, default=False
-        Whether all outputs are known to have noise.
+        Whether all outputs are known to have noise, and functions are no sums.
     foretold : bool, default=False
         Whether it was said how long learning will take.
     """

@@ -6,6 +6,7 @@ from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor
+from skmtgp.kernels import Columns
 from skmtgp.learning import shortlisting
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.further import with_higher
@@ -64,9 +65,17 @@ def test_of_another_form_nothing_is_tried(problem, form):
     assert modes == [[before]]
 
 
-@pytest.mark.parametrize(("noise", "tried"), [(0.2, True), (0.0, False)])
-def test_the_default_tries_them_of_noisy_data(monkeypatch, noise, tried):
-    """Whose forms were compared by fewer rows than usual."""
+@pytest.mark.parametrize(
+    ("kernel", "noise", "tried"),
+    [
+        ("rbf", 0.2, True),
+        (1.0 * RBF(1.0), 0.2, True),
+        ("rbf", 0.0, False),
+        (Columns(RBF(1.0) + RBF(0.1), [0]), 0.2, False),
+    ],
+)
+def test_they_are_tried_of_noisy_data(monkeypatch, kernel, noise, tried):
+    """Whose forms were compared by fewer rows than usual; not of sums."""
     rng, calls = np.random.default_rng(1), []
 
     def record(problems, forms, modes, most, n_jobs):
@@ -76,5 +85,5 @@ def test_the_default_tries_them_of_noisy_data(monkeypatch, noise, tried):
     monkeypatch.setattr(shortlisting, "with_higher", record)
     x, task = rng.uniform(0.0, 6.0, 264), np.arange(264) % 2
     y = np.sin(x) + 0.5 * task * np.cos(x) + noise * rng.standard_normal(264)
-    MultiTaskGPRegressor("rbf", tol=0.1).fit(np.column_stack([x, task]), y)
+    MultiTaskGPRegressor(kernel, tol=0.1).fit(np.column_stack([x, task]), y)
     assert bool(calls) is tried

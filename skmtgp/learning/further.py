@@ -3,7 +3,7 @@
 from skmtgp._numerics.parallel import run
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.contenders import worth
-from skmtgp.learning.nesting import descend, grow
+from skmtgp.learning.nesting import grow
 
 
 def with_higher(problems, forms, modes, most, n_jobs=None):
@@ -39,12 +39,12 @@ def with_higher(problems, forms, modes, most, n_jobs=None):
             for problem, of in zip(problems, modes, strict=True)
         ]
         found = run(_grown, jobs, n_jobs=n_jobs)
-        jobs = [(*job, mode) for job, mode in zip(jobs, found, strict=True)]
         higher = [[*of, mode] for of, mode in zip(modes, found, strict=True)]
         if _best(problems, [*forms, form], higher) != len(forms):
-            for of, mode in zip(modes, run(_cut, jobs, n_jobs=n_jobs), strict=True):
-                of[best] = mode
+            for of, mode in zip(modes, found, strict=True):
+                of[best] = of[best].counting([mode])
             break
+        jobs = [(job[1], mode) for job, mode in zip(jobs, found, strict=True)]
         for of, mode in zip(modes, run(_finished, jobs, n_jobs=n_jobs), strict=True):
             of.append(mode)
         forms.append(form)
@@ -67,16 +67,6 @@ def _grown(lower, higher, mode):
     return grow(lower, higher.quickly(), mode)
 
 
-def _finished(lower, higher, mode, found):
+def _finished(higher, found):
     """The same, learned to the end."""
     return found.then(climb(higher, found.theta))
-
-
-def _cut(lower, higher, mode, found):
-    """The lower rank's mode, or a better one that the higher one's leads to.
-
-    Few rows may lead to a mode that is none of the best of all rows.
-    """
-    if found.value < mode.value + lower.tuning.doubt:
-        return mode.counting([found])
-    return descend([lower, higher], [mode, found])[0].counting([found])

@@ -139,8 +139,8 @@ def learning_words(rows):
             f"{number(middle[k])} ({number(most[k])})"
             for k in ("staged", "simultaneous", "annealed")
         )
-        text = "usually not: at once is closer to the best fit. Its worst case is worse. "
-        text += "Median (largest) number of nats below the best of three ways: "
+        text = "usually not: at once is closer to the best fit. Its worst case is "
+        text += "worse. Median (largest) number of nats below the best of three ways: "
         text += f"{staged} in stages, {at_once} at once, {ours} by skmtgp's default"
     return [("learning all parameters at once is worse than in stages", text)]
 

@@ -123,9 +123,8 @@ def _with_lines(model, training, problems, modes):
 
 
 def _asks_for_lines(model, training, problem):
-    """Whether the user leaves k^x to the data, of which the smoothest was taken."""
-    asks = model._kernels() == [None] and model.max_iter > 0
-    if not asks or training.kernel != DEFAULT:
+    """Whether the user leaves k^x to the data."""
+    if model._kernels() != [None] or model.max_iter == 0:
         return False
     if len(training.tasks) > 1 and is_apart(problem):
         return False

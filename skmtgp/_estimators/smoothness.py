@@ -12,8 +12,6 @@ from skmtgp.learning.screening import with_kernel
 def rougher(model, training, found, n_jobs=None):
     """Kernels that are ever less smooth, as long as that is likelier.
 
-    A step may gain little where several gain enough.
-
     Parameters
     ----------
     model : BaseMultiTaskGP
@@ -32,22 +30,19 @@ def rougher(model, training, found, n_jobs=None):
     found : list of (Problem, Mode)
         With the last. What was tried in vain counts as spent.
     """
-    names, least = [training.kernel], found[0][0].tuning.rougher
-    tried, last = names, found
+    names, least = [training.kernel], found[0][0].tuning.likelier
     for name in _kernels(model, training)[1]:
-        change = partial(with_kernel, kernel=as_named(model, training, name), gain=0.0)
-        others = run(change, last, n_jobs=n_jobs)
-        if log_likelihood(others) < log_likelihood(last):
+        kernel = as_named(model, training, name)
+        others = run(partial(with_kernel, kernel=kernel, gain=least), found, n_jobs=n_jobs)
+        if log_likelihood(others) < log_likelihood(found) + least:
             return names, counting(found, others)
-        tried, last = [*tried, name], others
-        if log_likelihood(last) >= log_likelihood(found) + least:
-            names, found = tried, last
-    return names, counting(found, last)
+        names, found = [*names, name], others
+    return names, found
 
 
 def smoother(model, training, found, n_jobs=None):
     """The same of ever smoother ones, unless they are less likely."""
-    names, least = [training.kernel], log_likelihood(found) - found[0][0].tuning.rougher
+    names, least = [training.kernel], log_likelihood(found) - found[0][0].tuning.likelier
     for name in _kernels(model, training)[0]:
         kernel = as_named(model, training, name)
         others = run(partial(with_kernel, kernel=kernel), found, n_jobs=n_jobs)

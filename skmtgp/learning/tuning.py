@@ -164,9 +164,9 @@ class Tuning:
         Share of the noise of other forms, of which functions of each task leave less
     seldom_taken : float
         if so many nats are taken off: "very strong".
-    rougher : float
-        Nats by which functions that are less smooth must be likelier: drawn smooth
-        ones are by one now and then, real rough ones by tens.
+    likelier : float
+        Nats by which functions that are less smooth must be likelier. Climbs that
+        agree end about so far apart.
     long : float
         Deviations of a feature that its length-scale must be longer than where
         functions may be linear,
@@ -325,7 +325,7 @@ class Tuning:
     seldom: float = 3.0
     taken: float = 0.2
     seldom_taken: float = 5.0
-    rougher: float = 2.0
+    likelier: float = 0.1
     long: float = 2.0
     linear: float = 3.0
     rounds: int = 2

@@ -6,6 +6,9 @@ model with the parameters that the warning names, to
 - two speeds: four tasks of 25 rows, each with more or less of a slow function and of a
   fast one;
 - drifts: six sensors of 25 rows that see the same function, and drift apart;
+- panels: 15 countries in 20 years, of which three quarters of the rows are known, with
+  levels, slopes in time, three covariates that count and one that does not, and shocks
+  of the years that all feel;
 - simulations: 25 rows of a cheap one and six of a dear one, without noise, which differ
   by a line;
 - the problems of ordinary.py, in every class in turn.
@@ -13,21 +16,26 @@ model with the parameters that the warning names, to
 "told" is how many fits warn. "error" is the geometric mean of the root mean squared
 error of the model that is named over that of the default, "better" the share of fits in
 which it is lower. "coverage" is of 95 % intervals of y, before and after. "seconds" is
-the share of the default fit that the question takes.
+the share of the default fit that both questions take.
 """
 
 import argparse
+import re
 import warnings
 
 import numpy as np
 import pandas as pd
 from separate import asked, ordinary
+from sklearn.gaussian_process.kernels import Matern
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor
 from skmtgp.exceptions import SeveralKernelsWarning
+from skmtgp.kernels import Columns
 
 N_TEST = 60
+QUESTIONS = "gain_of_own_kernels", "common_function"
+END = r"\)\. This|\), with"  # of the parameters that are named
 
 
 def two_speeds(rng):
@@ -53,6 +61,19 @@ def drifts(rng):
         return np.column_stack([x, task]), f
 
     return with_noise(draw, 25, 0.2, rng)
+
+
+def panels(rng):
+    """The same of a panel: rows that are left out are to be predicted."""
+    n, years = 15, np.arange(20.0)
+    x, shock = rng.standard_normal((n, 20, 4)), rng.normal(0.0, 0.5, 20)
+    level, slope = rng.normal(0.0, 2.0, n), rng.normal(0.1, 0.05, n)
+    f = level[:, None] + np.outer(slope, years) + shock + x @ [0.8, -0.5, 0.3, 0.0]
+    y = (f + rng.normal(0.0, 0.4, f.shape)).ravel()
+    task, year = np.repeat(np.arange(n), 20), np.tile(years, n)
+    X = np.column_stack([year, x.reshape(-1, 4), task])
+    new = rng.random(len(y)) < 0.25
+    return X[~new], y[~new], X[new], y[new], f.ravel()[new]
 
 
 def simulations(rng):
@@ -94,8 +115,10 @@ def advised(caught):
     told = [str(of.message) for of in caught if of.category is SeveralKernelsWarning]
     if not told:
         return None
-    named = told[0].split("Try MultiTaskGPRegressor(")[1].split("). This")[0]
-    return eval(f"dict({named})")
+    named = told[0].split("Try MultiTaskGPRegressor(")[1]
+    return eval(
+        f"dict({re.split(END, named)[0]})", {"Columns": Columns, "Matern": Matern}
+    )
 
 
 def scores(model, X, y, f):
@@ -107,7 +130,7 @@ def scores(model, X, y, f):
 
 def row(X, y, X_test, y_test, f_test):
     """What one data set says."""
-    model, caught, share = asked(X, y, "gain_of_own_kernels")
+    model, caught, share = asked(X, y, *QUESTIONS)
     found = {"told": False, "share": share}
     if (options := advised(caught)) is not None:
         with warnings.catch_warnings():
@@ -124,7 +147,8 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--draws", type=int, default=20)
     n = parser.parse_args().draws
-    kinds = {"two speeds": two_speeds, "drifts": drifts, "simulations": simulations}
+    draws = two_speeds, drifts, panels, simulations
+    kinds = {draw.__name__.replace("_", " "): draw for draw in draws}
     sets = {name: drawn(draw, n) for name, draw in kinds.items()}
     lines = []
     with threadpool_limits(1):

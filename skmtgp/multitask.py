@@ -474,8 +474,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     With ``kernel=None`` the same small model says how smooth the functions are: it is
     fitted with "rbf", then "matern52", "matern" and "exponential", as long as each is
-    likelier by two nats than the one before. After exact inference the learned model is
-    asked once more. The kernels have the same parameters, so nothing is counted. If all
+    likelier than the one before. After exact inference the learned model is asked once
+    more. The kernels have the same parameters, so nothing is counted. If all
     length-scales are then longer than two standard deviations of their feature,
     functions may be straight lines or planes: learning goes on with "linear", which is
     taken if it is better by three nats (of the evidence, or of eq. 8). This is not

@@ -170,8 +170,9 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             given = kernel is not None and not others
             warn_of_few_rows(problems[0], self.hyperparameters_, given=given)
         tell_counts(self, training.known)
-        warn_of_skew(problems, modes, names_of_inputs(self))
-        options = {"sampled": sampled, "compared": compared}
+        names = names_of_inputs(self)
+        warn_of_skew(problems, modes, names)
+        options = {"names": names, "sampled": sampled, "compared": compared}
         options["one_kernel"] = not self._may_have_more_kernels()
         warn_of_doubts(training, problems, modes, **options)
 

@@ -9,6 +9,7 @@ from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.labels import name_tasks
 from skmtgp._data.skewness import is_skewed, share_far
+from skmtgp._estimators.forms import diagonal_of
 from skmtgp._estimators.many_columns import columns_are_many
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
 from skmtgp._estimators.targets import AS_GIVEN
@@ -30,6 +31,7 @@ from skmtgp.exceptions import (
     UnrelatedTasksWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
+from skmtgp.learning.common_function import NOT_ASKED, common_function
 from skmtgp.learning.neighbours import LARGE, correlated_share
 from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
 from skmtgp.learning.row_effects import effects_of_rows
@@ -178,7 +180,7 @@ def tell_skewed(skewed, names):
         Of the inputs.
     """
     for k in sorted(skewed):
-        name = f"column {k} of the inputs" if names is None else repr(names[k])
+        name = _name(k, names)
         warn(
             f"Rows are dense at small values of {name} and sparse at large ones. The "
             f"length-scale follows the small ones. So more than {MUCH:.0%} of its "
@@ -186,6 +188,11 @@ def tell_skewed(skewed, names):
             f"return to the mean. Try the logarithm of {name}.",
             SkewedInputWarning,
         )
+
+
+def _name(k, names):
+    """Of an input, in words."""
+    return f"column {k} of the inputs" if names is None else repr(names[k])
 
 
 def inputs_far_apart(prior, theta, X):
@@ -229,7 +236,14 @@ def _length_scales(prior, theta, n_features):
 
 
 def warn_of_doubts(
-    training, problems, modes, *, sampled=False, compared=False, one_kernel=False
+    training,
+    problems,
+    modes,
+    *,
+    names=None,
+    sampled=False,
+    compared=False,
+    one_kernel=False,
 ):
     """Say what the modes that were learned leave in doubt.
 
@@ -241,6 +255,8 @@ def warn_of_doubts(
         Of each output.
     modes : sequence of Mode
         Their modes.
+    names : list of str, default=None
+        Of the inputs.
     sampled : bool, default=False
         Whether predictions average over draws, which are of other modes too.
     compared : bool, default=False
@@ -259,7 +275,7 @@ def warn_of_doubts(
             if not sampled:
                 _warn_of_rivals(problem, mode)
         if ended:
-            _warn_of_others(training, problem, mode, compared, one_kernel)
+            _warn_of_others(training, problem, mode, names, compared, one_kernel)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -325,16 +341,19 @@ def _warn_of_rivals(problem, mode):
         )
 
 
-def _warn_of_others(training, problem, mode, compared, one_kernel):
+def _warn_of_others(training, problem, mode, names, compared, one_kernel):
     """Say which other model is likelier: one of each task, or one of two kernels."""
     if not one_kernel and _warn_of_rows(training, problem, mode):
         return
-    apart = two = -np.inf
+    apart, common, two = -np.inf, NOT_ASKED, -np.inf
     if mode.converged and not compared:
         apart = gain_of_separate_models(problem, mode)
     if not one_kernel:
-        two = gain_of_own_kernels(problem, mode, max(TELLING, apart))
-    if two > max(TELLING, apart):
+        common = common_function(problem, mode)
+        two = gain_of_own_kernels(problem, mode, max(TELLING, apart, common.gain))
+    if common.gain > max(TELLING, apart, two):
+        _tell_common_function(training, problem, mode, names, common)
+    elif two > max(TELLING, apart):
         _tell_own_kernels(training, problem, mode, two)
     elif apart > TELLING:
         warn(
@@ -380,9 +399,7 @@ def _named(training, **options):
 
 def _tell_own_kernels(training, problem, mode, gain):
     """Say which parameters give two kernels, beside the units and noise of this fit."""
-    kernel = None if training.kernel == DEFAULT else training.kernel
-    if training.alike:  # names give each column a length-scale
-        kernel = problem.prior.kernel_at(mode.theta)
+    kernel = _kernel_in_lists(training, problem, mode)
     named = _named(training, kernel=[kernel] * 2, rank=ranks_of_two(problem, mode))
     warn(
         f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
@@ -391,6 +408,35 @@ def _tell_own_kernels(training, problem, mode, gain):
         f"Try MultiTaskGPRegressor({named}). This takes longer.",
         SeveralKernelsWarning,
     )
+
+
+def _tell_common_function(training, problem, mode, names, found):
+    """The same of a second kernel, for a function of one input."""
+    form, j = problem.prior.task_covariance, found.feature
+    first, second = _kernel_in_lists(training, problem, mode), found.kernel
+    least, most = second.length_scale_bounds
+    scale = np.clip(second.length_scale, 2.0 * least, 0.5 * most)  # before rounding
+    of_input = f"Matern({scale:.2g}, ({least:.1g}, {most:.1g}), nu=1.5)"
+    column = j if names is None else names[j]
+    kernel = f"[{first!r}, Columns({of_input}, [{column!r}])]"
+    diagonal = [diagonal_of(form), False]
+    several = {"rank": [form.rank, 0], "shared": [form.shared, True]}
+    rest = _named(training, **several, diagonal=diagonal)
+    warn(
+        f"All tasks of {problem.name} share a function of {_name(j, names)} alone, as "
+        "the shocks of a year that all countries feel. One kernel of all inputs cannot "
+        f"tell it. With a second one the model is likelier by {found.gain:.0f} nats "
+        f"(BIC). Try MultiTaskGPRegressor(kernel={kernel}, {rest}), with Columns of "
+        "skmtgp.kernels and Matern of sklearn.gaussian_process.kernels.",
+        SeveralKernelsWarning,
+    )
+
+
+def _kernel_in_lists(training, problem, mode):
+    """The kernel of this fit as an element of a list of kernels."""
+    if training.alike:  # names give each column a length-scale
+        return problem.prior.kernel_at(mode.theta)
+    return None if training.kernel == DEFAULT else training.kernel
 
 
 def warn_of_noise(told, tasks=None, lower=""):

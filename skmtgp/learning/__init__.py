@@ -22,7 +22,8 @@ features where there is no noise. ``forecast`` and ``telling`` say how long it t
 how far it is, ``ambiguity`` and ``neighbours`` what a mode leaves in doubt,
 ``transformed`` which scale of the targets is likelier, and ``lines`` whether curves may
 be straight. ``separate`` and ``own_kernels`` say whether a model of each task, or two
-kernels, would be likelier, and ``row_effects`` whether rows have effects of their own.
+kernels, would be likelier, ``common_function`` whether tasks share one more function,
+and ``row_effects`` whether rows have effects of their own.
 
 ``penalised`` adds weak priors, ``sampling`` draws hyperparameters, ``evidence``
 integrates them out, and ``laplace`` has what rows leave open around a mode.

@@ -143,12 +143,16 @@ def _climbs(both, problem, mode):
 
 
 def _can_be_asked(problem):
-    most = MOST_ROWS if problem.data.design is None else MOST_COMPLETE
-    return len(problem.data) <= most and is_of_one_smooth_kernel(problem)
+    return are_few(problem.data) and is_of_one_smooth_kernel(problem)
 
 
-def is_of_one_smooth_kernel(problem):
-    """Whether k^x has length-scales alone, and K^rho is learned, and nothing else is.
+def are_few(data):
+    """Whether rows are so few that another model is learned quickly."""
+    return len(data) <= (MOST_ROWS if data.design is None else MOST_COMPLETE)
+
+
+def is_of_one_kernel(problem):
+    """Whether k^x and K^rho are learned, and nothing else but levels and noise is.
 
     Parameters
     ----------
@@ -162,11 +166,24 @@ def is_of_one_smooth_kernel(problem):
     data, prior = problem.data, problem.prior
     if not problem.engine.exact or data.Q is not None:
         return False
-    if prior.n_terms > 1 or prior.trend or data.known:
-        return False
-    if type(prior.kernel) not in (RBF, Matern) or not prior.kernel.n_dims:
+    if prior.n_terms > 1 or prior.trend or data.known or not prior.kernel.n_dims:
         return False
     return prior.n_tasks > 1 and _is_learned(prior.task_covariance)
+
+
+def is_of_one_smooth_kernel(problem):
+    """Whether the same is true, and k^x has length-scales alone.
+
+    Parameters
+    ----------
+    problem : Problem
+        Of an output.
+
+    Returns
+    -------
+    alone : bool
+    """
+    return type(problem.prior.kernel) in (RBF, Matern) and is_of_one_kernel(problem)
 
 
 def _takes_long(problem, mode):

@@ -78,9 +78,9 @@ class Clock:
     def __init__(self, function):
         self.function, self.seconds = function, 0.0
 
-    def __call__(self, *given):  # noqa: D102
+    def __call__(self, *given, **named):  # noqa: D102
         begin = time.process_time()
-        found = self.function(*given)
+        found = self.function(*given, **named)
         self.seconds += time.process_time() - begin
         return found
 

@@ -1,6 +1,7 @@
 """What a user should know before learning begins, and what it leaves in doubt."""
 
 from itertools import permutations
+from operator import itemgetter
 
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
@@ -345,16 +346,16 @@ def _warn_of_others(training, problem, mode, names, compared, one_kernel):
     """Say which other model is likelier: one of each task, or one of two kernels."""
     if not one_kernel and _warn_of_rows(training, problem, mode):
         return
-    apart, common, two = -np.inf, NOT_ASKED, -np.inf
+    apart, common, two = -np.inf, NOT_ASKED, (-np.inf, None)
     if mode.converged and not compared:
         apart = gain_of_separate_models(problem, mode)
     if not one_kernel:
         common = common_function(problem, mode)
-        two = gain_of_own_kernels(problem, mode, max(TELLING, apart, common.gain))
-    if common.gain > max(TELLING, apart, two):
+        two = _two_kernels(training, problem, mode, max(TELLING, apart, common.gain))
+    if common.gain > max(TELLING, apart, two[0]):
         _tell_common_function(training, problem, mode, names, common)
-    elif two > max(TELLING, apart):
-        _tell_own_kernels(training, problem, mode, two)
+    elif two[0] > max(TELLING, apart):
+        _tell_own_kernels(training, problem, mode, *two)
     elif apart > TELLING:
         warn(
             f"No two tasks of {problem.name} are closely related, and a model of each "
@@ -397,9 +398,23 @@ def _named(training, **options):
     return ", ".join(f"{key}={value!r}" for key, value in options.items())
 
 
-def _tell_own_kernels(training, problem, mode, gain):
-    """Say which parameters give two kernels, beside the units and noise of this fit."""
+def _two_kernels(training, problem, mode, enough):
+    """Nats that two kernels gain, and which: as rough as the one, or smooth.
+
+    Two smooth functions that vary at different speeds are a rough one to one kernel.
+    """
     kernel = _kernel_in_lists(training, problem, mode)
+    gain = gain_of_own_kernels(problem, mode, enough)
+    if gain > enough or training.kernel == DEFAULT:
+        return gain, kernel
+    smooth = named_kernel(DEFAULT, problem.data.X, alike=training.alike)
+    of_smooth = gain_of_own_kernels(problem, mode, enough, kernel=smooth)
+    smooth = smooth if training.alike else None
+    return max((gain, kernel), (of_smooth, smooth), key=itemgetter(0))
+
+
+def _tell_own_kernels(training, problem, mode, gain, kernel):
+    """Say which parameters give two kernels, beside the units and noise of this fit."""
     named = _named(training, kernel=[kernel] * 2, rank=ranks_of_two(problem, mode))
     warn(
         f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "

@@ -67,7 +67,8 @@ def common_function(problem, mode):
     if not (can_be_asked and problem.is_noisy(mode)):
         return NOT_ASKED
     X = problem.data.X
-    inputs = [j for j, x in enumerate(X.T) if len(np.unique(x)) >= FEWEST]
+    varies = X.std(axis=0) > 0.0  # perhaps not, of numbers that are tiny
+    inputs = [j for j in np.flatnonzero(varies) if len(np.unique(X[:, j])) >= FEWEST]
     if not inputs:
         return NOT_ASKED
     with limit_threads(len(X)):
@@ -78,7 +79,7 @@ def common_function(problem, mode):
     gain = both.log_likelihood(found) - problem.log_likelihood(mode)
     _, of_input = both.prior.kernel_at(found.theta)
     gain = float(gain - 0.5 * price * np.log(len(X)))
-    return CommonFunction(gain, feature, of_input.kernel)
+    return CommonFunction(gain, int(feature), of_input.kernel)
 
 
 def _likeliest_start(problem, mode, feature):

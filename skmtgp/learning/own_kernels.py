@@ -28,7 +28,7 @@ ANGLES = 6  # in half a turn
 SCALES = np.log([0.5, 2.0])  # by which length-scales of the second differ
 
 
-def gain_of_own_kernels(problem, mode, enough=np.inf):
+def gain_of_own_kernels(problem, mode, enough=np.inf, *, kernel=None):
     """Nats of BIC that a kernel of its own for one latent function gains.
 
     Parameters
@@ -39,6 +39,8 @@ def gain_of_own_kernels(problem, mode, enough=np.inf):
         Its mode.
     enough : float, default=inf
         Once this much is gained, no better mode is looked for.
+    kernel : Kernel, default=None
+        That of each, with the parameters of the one that was learned. None is that one.
 
     Returns
     -------
@@ -49,7 +51,7 @@ def gain_of_own_kernels(problem, mode, enough=np.inf):
     """
     if not _can_be_asked(problem) or _takes_long(problem, mode):
         return -np.inf
-    both = _with_two_kernels(problem, mode)
+    both = _with_two_kernels(problem, mode, kernel)
     price = both.prior.n_hyperparameters - problem.prior.n_hyperparameters
     charged = 0.5 * price * np.log(len(problem.data)) + problem.log_likelihood(mode)
     gain = -np.inf
@@ -100,9 +102,10 @@ def split(both, problem, mode):
         return climb(both, _likeliest_start(both, problem, mode))
 
 
-def _with_two_kernels(problem, mode):
+def _with_two_kernels(problem, mode, kernel=None):
     """The problem of two kernels of the same kind, in dense inference."""
-    [(kernel, form)] = problem.prior.terms
+    [(learned, form)] = problem.prior.terms
+    kernel = learned if kernel is None else kernel
     ranks = ranks_of_two(problem, mode)
     terms = [(kernel, LowRank(form.n_tasks, rank)) for rank in ranks]
     return with_terms(problem, terms, MOST_STEPS)

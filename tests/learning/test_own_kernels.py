@@ -41,8 +41,8 @@ def gains(monkeypatch, model, X, y, *given):
     """What the fit finds that two kernels gain, and the problems and modes."""
     found, ask = [], own_kernels.gain_of_own_kernels
 
-    def asked(problem, mode, enough):
-        found.append((ask(problem, mode), problem, mode))
+    def asked(problem, mode, enough, **kernel):
+        found.append((ask(problem, mode, **kernel), problem, mode))
         return found[-1][0]
 
     monkeypatch.setattr(doubts, "gain_of_own_kernels", asked)

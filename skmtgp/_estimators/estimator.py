@@ -9,6 +9,7 @@ from sklearn.base import BaseEstimator
 
 from skmtgp._support.followers import as_it_is
 from skmtgp._support.sklearn_compat import CallbackSupportMixin, InvalidParameterError
+from skmtgp._support.versions import with_versions, without_versions
 
 DOCUMENTATION = "https://skmtgp.readthedocs.io/en/stable"
 
@@ -37,6 +38,20 @@ class Estimator(CallbackSupportMixin, BaseEstimator):
                 if str(error).startswith(f"The {name!r} parameter of "):
                     raise InvalidParameterError(f"{error} {hint}") from None
             raise
+
+    def __getstate__(self):
+        return with_versions(super().__getstate__())
+
+    def __setstate__(self, state):
+        """As it was saved; parameters that are newer have their defaults."""
+        state = without_versions(state, type(self).__name__)
+        super().__setstate__(self._defaults() | state)
+
+    @classmethod
+    def _defaults(cls):
+        """Parameters that have a default."""
+        parameters = inspect.signature(cls).parameters.values()
+        return {of.name: of.default for of in parameters if of.default is not of.empty}
 
 
 def public(method: Method) -> Method:

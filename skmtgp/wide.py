@@ -582,6 +582,56 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         return self._ask("predict_interval", X, level, include_noise)
 
     @public
+    def log_predictive_density(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+        """Return the log density of each new value by itself.
+
+        See :meth:`MultiTaskGPRegressor.log_predictive_density`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
+            Values, with NaN where nothing was measured.
+
+        Returns
+        -------
+        log_density : ndarray of the shape of y
+            Natural logarithm of the density in units of y; NaN where y is.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        TypeError
+            If the estimator has no `log_predictive_density`.
+        ValueError
+            If X or y cannot be used.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import WideRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> X = rng.uniform(0, 6, (30, 1))
+        >>> Y = np.sin(X) * [1.0, 2.0] + 0.05 * rng.standard_normal((30, 2))
+        >>> model = WideRegressor().fit(X, Y)
+        >>> model.log_predictive_density([[1.5], [4.5]], [[1, 2], [1, np.nan]]) > -5
+        array([[ True,  True],
+               [False, False]])
+        """
+        check_is_fitted(self)
+        refuse_another_order(X, y)
+        table, Y = self._table(X, reset=False), self._targets(y)
+        check_consistent_length(table, Y)
+        codes, rows = np.nonzero(~np.isnan(Y.T))
+        found = np.full(Y.shape, np.nan)
+        model, X = at_the_end(self.estimator_, self._stack(table, rows, codes))
+        ask = _method(model, "log_predictive_density")
+        found[rows, codes] = ask(X, Y[rows, codes])
+        return found[:, 0] if self._single else found
+
+    @public
     def loo_predict(
         self, include_noise: bool = False
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -12,10 +12,9 @@ from scipy.stats import t as student_t
 
 from skmtgp._data.checks import check_training
 from skmtgp._data.labels import rows_by_code
-from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import Interval, fit_context, with_callbacks
 from skmtgp.inference.linear import LinearPosterior
 

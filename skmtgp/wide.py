@@ -28,9 +28,8 @@ from skmtgp._data.numbers import (
     refuse_empty,
 )
 from skmtgp._data.order import refuse_another_order
-from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.estimator import Estimator, fitting, public
 from skmtgp._support.pipelines import at_the_end, end_of, name_in_fit
-from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
 from skmtgp.multitask import MultiTaskGPRegressor
 

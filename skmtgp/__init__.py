@@ -8,6 +8,7 @@ from skmtgp.model_selection import RankSearchIC
 from skmtgp.multitask import MultiTaskGPRegressor
 from skmtgp.pipeline import (
     add_task,
+    log_predictive_density,
     make_inverse_dynamics_regressor,
     partial_fit,
     predict_interval,
@@ -33,6 +34,7 @@ __all__ = [
     "add_task",
     "average_repeats",
     "compile_predictor",
+    "log_predictive_density",
     "make_inverse_dynamics_regressor",
     "partial_fit",
     "predict_interval",

@@ -21,7 +21,7 @@ from skmtgp._estimators.carried import (
     learned_from,
     noise_of,
 )
-from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.estimator import Estimator, public
 from skmtgp._estimators.unlabelled import inputs_of_any_task
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.pipelines import end_of
@@ -183,6 +183,7 @@ class TaskIdentifier(Estimator):
         self.inflation = inflation
         self.switching = switching
 
+    @public
     def predict_proba(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         """Return the probability that all samples come from each of the tasks.
 
@@ -220,6 +221,7 @@ class TaskIdentifier(Estimator):
         weights = np.exp(log_density - log_density.max())
         return weights / weights.sum()
 
+    @public
     def predict(self, X: ArrayLike, y: ArrayLike) -> int | str | None:
         """The most probable task that all samples come from.
 
@@ -242,6 +244,7 @@ class TaskIdentifier(Estimator):
         """
         return self.classes_[self.predict_proba(X, y).argmax()]
 
+    @public
     def estimate(self, X: ArrayLike, y: ArrayLike) -> tuple[pd.Series, pd.DataFrame]:
         """Estimate the descriptors of the task that all samples come from.
 
@@ -281,6 +284,7 @@ class TaskIdentifier(Estimator):
         covariance = scale @ found.covariance @ scale.T
         return mean, pd.DataFrame(covariance, index=names, columns=names)
 
+    @public
     def partial_fit(self, X: ArrayLike, y: ArrayLike) -> Self:
         """Follow a stream of samples whose task may switch at any of them.
 

@@ -8,13 +8,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
+from scipy.stats import t as student_t
 
 from skmtgp._data.checks import check_training
 from skmtgp._data.labels import rows_by_code
-from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import Interval, fit_context, with_callbacks
 from skmtgp.inference.linear import LinearPosterior
 
@@ -257,13 +257,20 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
         return covariances
 
     def _quantiles(self, features, codes, probabilities, include_noise):
-        """Those of Student's t: noise variances are integrated out."""
+        degrees, means, scale = self._student(features, codes, include_noise)
+        return [means + scale * stdtrit(degrees, p) for p in probabilities]
+
+    def _log_density(self, features, codes, values):
+        degrees, means, scale = self._student(features, codes, include_noise=True)
+        return student_t.logpdf(values, degrees, means, scale)
+
+    def _student(self, features, codes, include_noise):
+        """Degrees of freedom, means and scales: noise variances are integrated out."""
         which, posterior = self._regressions[codes], self._posterior
         shape = posterior.shape[which][:, None]
         relative = posterior.variances(features, which) + float(include_noise)
         scale = np.sqrt(relative[:, None] * posterior.rate[which] / shape)
-        means = self._means(features, codes)
-        return [means + scale * stdtrit(2.0 * shape, p) for p in probabilities]
+        return 2.0 * shape, self._means(features, codes), scale
 
     def _draws(self, features, codes, n_draws, rng):
         draws, noise_std = np.empty((2, len(features), self._n_outputs, n_draws))

@@ -18,7 +18,7 @@ from sklearn.utils import check_consistent_length
 from skmtgp._data.labels import Labels, check_labels
 from skmtgp._data.numbers import as_array, check_numbers
 from skmtgp._data.task_column import task_labels
-from skmtgp._support.pipelines import at_the_end, end_of
+from skmtgp._support.pipelines import at_the_end
 
 __all__ = [
     "coverage",
@@ -201,13 +201,8 @@ def mean_standardized_log_loss(
     """
     y_true, y_pred, by_task = _check(y_true, y_pred, tasks)
     y_std = _check_std(y_std, y_true)
-    y_train = _columns(y_train, "y_train")
-    _check_outputs(y_true, y_train, "y_train")
-    if _constant(y_train).any():
-        raise ValueError("y_train is constant, so there is no trivial model.")
-    trivial = _log_loss(y_true, y_train.mean(axis=0), y_train.std(axis=0))
-    loss = _log_loss(y_true, y_pred, y_std) - trivial
-    return _average(by_task.mean(loss).mean(axis=0), multioutput)
+    loss = _log_loss(y_true, y_pred, y_std)
+    return _average(_standardized(loss, y_true, y_train, by_task), multioutput)
 
 
 @overload
@@ -286,8 +281,7 @@ def coverage(
     y_true, y_pred, by_task = _check(y_true, y_pred, tasks)
     y_std = _check_std(y_std, y_true)
     inside = np.abs(y_true - y_pred) <= y_std * ndtri(0.5 + 0.5 * level)
-    shares = by_task.mean(inside.astype(np.float64))
-    return _average(shares.mean(axis=0), multioutput)
+    return _average(_shares(inside, by_task), multioutput)
 
 
 def make_normalized_mse_scorer(
@@ -366,14 +360,23 @@ def make_standardized_log_loss_scorer(
     Returns
     -------
     scorer : callable
-        ``scorer(estimator, X, y)`` returns minus :func:`mean_standardized_log_loss` of
-        ``estimator.predict(X, return_std=True, include_noise=True)``, in nats. Greater
-        is better and 0 is the trivial model. Pass it as `scoring`.
+        ``scorer(estimator, X, y)`` returns the mean log density of y, less that of the
+        trivial model, in nats. Greater is better and 0 is the trivial model. Pass it as
+        `scoring`.
 
     Raises
     ------
     TypeError
         If `y_train` is not an array of numbers.
+
+    Notes
+    -----
+    The density is that of ``estimator.log_predictive_density(X, y)``, which knows draws
+    of hyperparameters, Student's t and `target_transform`. An estimator that has no
+    such method is scored by minus :func:`mean_standardized_log_loss` of
+    ``estimator.predict(X, return_std=True, include_noise=True)``. The scorer raises a
+    ValueError for a y in which the inverse of `target_transform` ends, such as 0 of a
+    root: its density is infinite.
 
     Examples
     --------
@@ -407,8 +410,10 @@ def make_coverage_scorer(
     -------
     scorer : callable
         ``scorer(estimator, X, y)`` returns minus the absolute difference between
-        `level` and :func:`coverage` of ``estimator.predict(X, return_std=True,
-        include_noise=True)``. 0 is perfect. Pass it as `scoring`.
+        `level` and the share of y in ``estimator.predict_interval(X, level)``, averaged
+        over tasks. 0 is perfect. Pass it as `scoring`. An estimator without such a
+        method is scored by :func:`coverage` of ``estimator.predict(X, return_std=True,
+        include_noise=True)``.
 
     Examples
     --------
@@ -426,16 +431,41 @@ def make_coverage_scorer(
 
 
 def _minus_msll(estimator, X, y, *, y_train, task_feature):
-    y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
-    if _is_wide(end_of(estimator)):
+    model, rows = at_the_end(estimator, X)
+    if not hasattr(model, "log_predictive_density"):
+        y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
+        return -mean_standardized_log_loss(y, *found, y_train=y_train, tasks=tasks)
+    log_density = model.log_predictive_density(rows, y)
+    y, tasks, [log_density] = _measured(model, X, y, task_feature, log_density)
+    _refuse_infinite(y, log_density)
+    if _is_wide(model):
         y_train = np.ravel(as_array(y_train)).astype(np.float64)
         y_train = y_train[~np.isnan(y_train)]
-    return -mean_standardized_log_loss(y, *found, y_train=y_train, tasks=tasks)
+    y, _, by_task = _check(y, y, tasks)
+    return -float(
+        _standardized(-log_density.reshape(y.shape), y, y_train, by_task).mean()
+    )
+
+
+def _refuse_infinite(y, log_density):
+    for value in as_array(y)[log_density == np.inf][:1]:
+        raise ValueError(
+            f"The predictive density of y = {value} is infinite: the inverse of "
+            "target_transform ends there. Give a transform without such an end, such "
+            "as (np.log1p, np.expm1), or score the coverage."
+        )
 
 
 def _minus_miscoverage(estimator, X, y, *, level, task_feature):
-    y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
-    return -abs(coverage(y, *found, level=level, tasks=tasks) - level)
+    model, rows = at_the_end(estimator, X)
+    if not hasattr(model, "predict_interval"):
+        y, tasks, found = _compared(estimator, X, y, task_feature, **OF_OBSERVATIONS)
+        return -abs(coverage(y, *found, level=level, tasks=tasks) - level)
+    ends = model.predict_interval(rows, level)
+    y, tasks, ends = _measured(model, X, y, task_feature, *ends)
+    y, _, by_task = _check(y, y, tasks)
+    lower, upper = (end.reshape(y.shape) for end in ends)
+    return -abs(float(_shares((lower <= y) & (y <= upper), by_task).mean()) - level)
 
 
 def _minus_nmse(estimator, X, y, *, task_feature, y_var):
@@ -444,10 +474,7 @@ def _minus_nmse(estimator, X, y, *, task_feature, y_var):
 
 
 def _compared(estimator, X, y, task_feature, **options):
-    """Targets, the task of each, and what `predict` returns of it.
-
-    The columns of y are the tasks of a WideRegressor, and gaps are left out.
-    """
+    """Targets, the task of each, and what `predict` returns of it."""
     model, rows = at_the_end(estimator, X)
     missing = sorted(options.keys() - _parameters(model.predict))
     if missing:
@@ -456,7 +483,14 @@ def _compared(estimator, X, y, task_feature, **options):
             "The scorer needs deviations of new observations: use a model of skmtgp."
         )
     found = model.predict(rows, **options)
-    found = found if options else [found]
+    return _measured(model, X, y, task_feature, *(found if options else [found]))
+
+
+def _measured(model, X, y, task_feature, *found):
+    """Targets, the task of each, and what was found of it.
+
+    The columns of y are the tasks of a WideRegressor, and gaps are left out.
+    """
     if not _is_wide(model):
         return y, task_labels(X, task_feature).of_rows(), found
     table = model._targets(y)
@@ -478,6 +512,21 @@ def _parameters(method):
 def _is_wide(model):
     """Whether it is a WideRegressor, whose tasks are columns of y."""
     return hasattr(model, "outputs_")
+
+
+def _standardized(loss, y_true, y_train, by_task):
+    """Losses less those of a trivial model, averaged over tasks for each output."""
+    y_train = _columns(y_train, "y_train")
+    _check_outputs(y_true, y_train, "y_train")
+    if _constant(y_train).any():
+        raise ValueError("y_train is constant, so there is no trivial model.")
+    trivial = _log_loss(y_true, y_train.mean(axis=0), y_train.std(axis=0))
+    return by_task.mean(loss - trivial).mean(axis=0)
+
+
+def _shares(inside, by_task):
+    """Shares of targets inside of intervals, averaged over tasks for each output."""
+    return by_task.mean(inside.astype(np.float64)).mean(axis=0)
 
 
 def _variances(targets, by_task):

@@ -30,7 +30,7 @@ from skmtgp._estimators.candidates import (
 )
 from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide
-from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.forms import ROWS, SIMPLER, rows_for
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.predicting import PosteriorMixin
@@ -45,7 +45,7 @@ from skmtgp._estimators.revising import revise
 from skmtgp._estimators.sampled import MOST_ROWS
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
-from skmtgp._support.progress import fitting, say
+from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.learning.weighing import is_unrelated, log_odds, preferred, simplest
 from skmtgp.model.described import task_covariance

@@ -1,4 +1,4 @@
-"""Pipelines: the paper's model of a robot; tasks and rows that join; intervals."""
+"""Pipelines: the paper's model of a robot; what joins; intervals and densities."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_stream
+from skmtgp._data.order import refuse_another_order
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._support.pipelines import at_the_end, instead_of
 from skmtgp.kernels import (
@@ -34,6 +35,7 @@ from skmtgp.single_task import SingleTaskGP
 
 __all__ = [
     "add_task",
+    "log_predictive_density",
     "make_inverse_dynamics_regressor",
     "partial_fit",
     "predict_interval",
@@ -238,14 +240,71 @@ def predict_interval(
     >>> bool(((lower <= y) & (y <= upper)).mean() > 0.9)
     True
     """
+    model, X = _able_to("predict_interval", "intervals", model, X)
+    return model.predict_interval(X, level, include_noise)
+
+
+def log_predictive_density(
+    model: BaseEstimator, X: ArrayLike, y: ArrayLike
+) -> NDArray[np.float64]:
+    """Return log densities by a model, which may be the last step of a Pipeline.
+
+    The model's own method ``log_predictive_density``, after the transformers of a
+    Pipeline and inside of a search: scikit-learn's have no such method.
+
+    Parameters
+    ----------
+    model : estimator, or Pipeline or search that ends with one
+        Fitted: any model of the package.
+    X : array-like of shape (n_samples, n_features)
+        Inputs, with the task labels, as `model` takes them.
+    y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+        Observations.
+
+    Returns
+    -------
+    log_density : ndarray of the shape of y
+        Natural logarithm of the density of each observation by itself, in units of y.
+
+    Raises
+    ------
+    TypeError
+        If the model has no densities.
+    ValueError
+        If X or y cannot be used, see
+        :meth:`MultiTaskGPRegressor.log_predictive_density`.
+
+    Examples
+    --------
+    >>> from sklearn.compose import make_column_transformer
+    >>> from sklearn.pipeline import make_pipeline
+    >>> from sklearn.preprocessing import StandardScaler
+    >>> from skmtgp import MultiTaskGPRegressor, log_predictive_density
+    >>> from skmtgp.datasets import make_sites
+    >>> X, y = make_sites()
+    >>> scaled = make_column_transformer(
+    ...     (StandardScaler(), ["hour"]), remainder="passthrough"
+    ... )
+    >>> model = make_pipeline(scaled, MultiTaskGPRegressor(rank=1)).fit(X, y)
+    >>> of_what_was = log_predictive_density(model, X, y).mean()
+    >>> bool(of_what_was > log_predictive_density(model, X, y + 1).mean() + 1)
+    True
+    """
+    refuse_another_order(X, y)
+    model, X = _able_to("log_predictive_density", "densities", model, X)
+    return model.log_predictive_density(X, y)
+
+
+def _able_to(method, what, model, X):
+    """The model at the end, which has the method, and X as it takes them."""
     model, X = at_the_end(model, X)
-    if hasattr(model, "predict_interval"):
-        return model.predict_interval(X, level, include_noise)
+    if hasattr(model, method):
+        return model, X
     check_is_fitted(model)  # of a search there is no best estimator yet
     advice = ""
     if isinstance(model, TransformedTargetRegressor):
         advice = (
-            " It has no intervals. Use the model that it wraps, with the functions or "
+            f" It has no {what}. Use the model that it wraps, with the functions or "
             "the transformer of y as its target_transform, such as (np.log, np.exp)."
         )
     raise TypeError(

@@ -26,8 +26,7 @@ from skmtgp._data.joints import (
 )
 from skmtgp._data.labels import FIRST_INEXACT
 from skmtgp._data.task_column import locate, locate_task_column, read_table, split_table
-from skmtgp._estimators.estimator import Estimator
-from skmtgp._support.progress import fitting
+from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._support.sklearn_compat import (
     check_feature_names_in,
     wants_pandas,

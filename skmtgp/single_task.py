@@ -32,7 +32,7 @@ from skmtgp._estimators.doubts import (
     warn_of_constants_alone,
     warn_of_duration,
 )
-from skmtgp._estimators.estimator import Estimator
+from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
 from skmtgp._estimators.posing import kernel_made, pose
@@ -43,7 +43,7 @@ from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
 from skmtgp._estimators.training import FEW_ROWS, equal_in_tasks
 from skmtgp._numerics.parallel import at_a_time, run
-from skmtgp._support.progress import fitting, part, say
+from skmtgp._support.progress import part, say
 from skmtgp._support.sklearn_compat import fit_context, with_callbacks
 from skmtgp._support.warnings import collect_warnings, warn
 from skmtgp.baselines import PooledGP

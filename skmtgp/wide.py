@@ -28,9 +28,8 @@ from skmtgp._data.numbers import (
     refuse_empty,
 )
 from skmtgp._data.order import refuse_another_order
-from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.estimator import Estimator, fitting, public
 from skmtgp._support.pipelines import at_the_end, end_of, name_in_fit
-from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import HasMethods, fit_context, with_callbacks
 from skmtgp.multitask import MultiTaskGPRegressor
 
@@ -312,7 +311,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     Attributes
     ----------
     estimator_ : estimator
-        The fitted model. Its tasks are `outputs_`, or their positions if X is an array.
+        The fitted model. Its tasks are `outputs_`. If X is an array, names that are
+        strings are its tasks, and of others their positions.
     outputs_ : ndarray of shape (n_outputs,)
         Names of the columns of Y, or their positions.
     n_features_in_ : int
@@ -406,21 +406,34 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         refuse_another_order(X, y)
         table, Y = self._table(X, reset=True), _as_table(y)
         self._single, names = Y.ndim == 1, _names(Y)
-        if isinstance(table, pd.DataFrame):
-            _check_labels(names)
+        model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
+        self._check_task_feature(model)
+        self._name_tasks(model, table, names)
         refuse_another_order(X, alpha, "alpha")
         Y = _check_wide(Y, names)
         check_consistent_length(table, Y)
-        self.outputs_ = np.empty(len(names), dtype=object)
-        self.outputs_[:] = names
         codes, rows = np.nonzero(~np.isnan(Y.T))
-        model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
-        self._check_task_feature(model)
         stacked = self._stack(table, rows, codes)
         alpha = _alpha_of((rows, codes), alpha, y, names)
         known = {} if alpha is None else {name_in_fit(model, "alpha"): alpha}
         self.estimator_ = clone(model).fit(stacked, Y[rows, codes], **known)
         self._cells, self._shape = (rows, codes), Y.shape
+
+    def _name_tasks(self, model, table, names):
+        """Keep the names of the outputs, and the labels of their tasks.
+
+        Other models than ours take numbers alone from an array.
+        """
+        self.outputs_ = np.empty(len(names), dtype=object)
+        self.outputs_[:] = names
+        text = all(isinstance(name, str) for name in names)
+        named = isinstance(table, pd.DataFrame)
+        if named:
+            _check_labels(names)
+        if named or (text and isinstance(end_of(model), Estimator)):
+            self._labels = self.outputs_
+        else:
+            self._labels = np.arange(len(names))
 
     def _check_task_feature(self, model):
         """Raise a ValueError where a model of the package asks for another column."""
@@ -435,7 +448,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             )
 
     def _table(self, X, *, reset):
-        """X as a frame, or as an array where its columns have no names."""
+        """X as a frame, or as an array where its columns had no names in fit."""
         X = as_frame(X)
         refuse_empty("X", X)
         if isinstance(X, pd.DataFrame) and all(isinstance(c, str) for c in X.columns):
@@ -445,9 +458,20 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
                     "column. Set `task` to another name. If X has the tasks already, "
                     "fit the model itself."
                 )
-            return validate_data(self, X, reset=reset, skip_check_array=True)
-        options = {"dtype": None, "ensure_all_finite": False}
-        return validate_data(self, X, reset=reset, **options)
+            table = validate_data(self, X, reset=reset, skip_check_array=True)
+        else:
+            options = {"dtype": None, "ensure_all_finite": False}
+            table = validate_data(self, X, reset=reset, **options)
+        return self._as_in_fit(table)
+
+    def _as_in_fit(self, table):
+        """A table with names where fit had them, and an array where it had none."""
+        names = getattr(self, "feature_names_in_", None)
+        if names is None:
+            return np.asarray(table)
+        if isinstance(table, pd.DataFrame):
+            return table
+        return pd.DataFrame(table, columns=names).infer_objects()
 
     def _stack(self, table, rows, codes):
         """Rows of X, and as the last column the task of each."""
@@ -455,10 +479,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             used = _safe_indexing(table, np.unique(rows))  # a pipeline may encode text
             check_numbers(used, "X", advise=partial(_advise_text, column_names(used)))
         if isinstance(table, pd.DataFrame):
-            return table.iloc[rows].assign(**{self.task: self.outputs_[codes]})
+            return table.iloc[rows].assign(**{self.task: self._labels[codes]})
         kind = object if table.dtype.kind in "OSU" else np.float64
-        tasks = np.arange(len(self.outputs_))[codes]
-        return np.column_stack([table[rows].astype(kind), tasks])
+        return np.column_stack([table[rows].astype(kind), self._labels[codes]])
 
     def _ask(self, method, X, *args, **kwargs):
         """What a method of the model gives for each row of X and each task."""
@@ -556,6 +579,56 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             If X or `level` cannot be used.
         """
         return self._ask("predict_interval", X, level, include_noise)
+
+    @public
+    def log_predictive_density(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+        """Return the log density of each new value by itself.
+
+        See :meth:`MultiTaskGPRegressor.log_predictive_density`.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs.
+        y : array-like of shape (n_samples, n_outputs) or (n_samples,)
+            Values, with NaN where nothing was measured.
+
+        Returns
+        -------
+        log_density : ndarray of the shape of y
+            Natural logarithm of the density in units of y; NaN where y is.
+
+        Raises
+        ------
+        NotFittedError
+            If the model was not fitted.
+        TypeError
+            If the estimator has no `log_predictive_density`.
+        ValueError
+            If X or y cannot be used.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> from skmtgp import WideRegressor
+        >>> rng = np.random.default_rng(0)
+        >>> X = rng.uniform(0, 6, (30, 1))
+        >>> Y = np.sin(X) * [1.0, 2.0] + 0.05 * rng.standard_normal((30, 2))
+        >>> model = WideRegressor().fit(X, Y)
+        >>> model.log_predictive_density([[1.5], [4.5]], [[1, 2], [1, np.nan]]) > -5
+        array([[ True,  True],
+               [False, False]])
+        """
+        check_is_fitted(self)
+        refuse_another_order(X, y)
+        table, Y = self._table(X, reset=False), self._targets(y)
+        check_consistent_length(table, Y)
+        codes, rows = np.nonzero(~np.isnan(Y.T))
+        found = np.full(Y.shape, np.nan)
+        model, X = at_the_end(self.estimator_, self._stack(table, rows, codes))
+        ask = _method(model, "log_predictive_density")
+        found[rows, codes] = ask(X, Y[rows, codes])
+        return found[:, 0] if self._single else found
 
     @public
     def loo_predict(

@@ -7,12 +7,11 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.stats import norm
-from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.dummy import DummyRegressor
-from sklearn.model_selection import GridSearchCV, StratifiedKFold, cross_val_score
+from sklearn.model_selection import GridSearchCV, cross_val_score
 from sklearn.neighbors import KNeighborsRegressor
 
-from skmtgp import BayesianLinearRegression
 from skmtgp.metrics import (
     coverage,
     make_coverage_scorer,
@@ -327,50 +326,6 @@ def test_scorer_without_such_a_column():
     scorer = make_normalized_mse_scorer("context")
     with pytest.raises(ValueError, match=r"'context' is not a column: \['x', 'load'\]"):
         scorer(DummyRegressor().fit(X, y), X, y)
-
-
-@pytest.fixture(scope="module")
-def case():
-    """A fitted model, its frame and targets."""
-    rng = np.random.default_rng(1)
-    task = np.repeat(["a", "b"], 30)
-    frame = pd.DataFrame({"x": rng.normal(size=60), "load": task})
-    y = frame["x"].to_numpy() + rng.normal(size=60) * np.where(task == "a", 1, 3)
-    return BayesianLinearRegression(task_feature="load").fit(frame, y), frame, y
-
-
-class TestScorersOfUncertainty:
-    def test_log_loss(self, case):
-        model, X, y = case
-        mean, std = model.predict(X, return_std=True, include_noise=True)
-        expected = mean_standardized_log_loss(
-            y[:20], mean[:20], std[:20], y_train=y, tasks=X["load"][:20]
-        )
-        scorer = make_standardized_log_loss_scorer(y, "load")
-        assert scorer(model, X[:20], y[:20]) == pytest.approx(-expected, rel=1e-12)
-
-    @pytest.mark.parametrize("level", [0.5, 0.95])
-    def test_coverage(self, case, level):
-        model, X, y = case
-        mean, std = model.predict(X, return_std=True, include_noise=True)
-        share = coverage(y, mean, std, level=level, tasks=X["load"])
-        found = make_coverage_scorer(level, "load")(model, X, y)
-        assert found == pytest.approx(-abs(share - level), rel=1e-12)
-        assert -0.3 < found <= 0.0
-
-    @pytest.mark.parametrize("kind", ["log loss", "coverage"])
-    def test_in_cross_validation_and_pickled(self, case, kind):
-        model, X, y = case
-        scorer = {
-            "log loss": make_standardized_log_loss_scorer(y, "load"),
-            "coverage": make_coverage_scorer(task_feature="load"),
-        }[kind]
-        scorer = pickle.loads(pickle.dumps(scorer))
-        cv = list(StratifiedKFold(3, shuffle=True, random_state=0).split(X, X["load"]))
-        scores = cross_val_score(model, X, y, scoring=scorer, cv=cv)
-        for (train, test), score in zip(cv, scores, strict=True):
-            alone = clone(model).fit(X.iloc[train], y[train])
-            assert score == pytest.approx(scorer(alone, X.iloc[test], y[test]))
 
 
 WRONG = {

@@ -1,6 +1,7 @@
-"""Intervals through a pipeline and a search."""
+"""Intervals and densities through a pipeline and a search."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.exceptions import NotFittedError
@@ -13,6 +14,7 @@ from skmtgp import (
     PooledGP,
     RankSearchIC,
     SingleTaskGP,
+    log_predictive_density,
     make_inverse_dynamics_regressor,
     predict_interval,
 )
@@ -39,6 +41,9 @@ def test_of_a_pipeline(name):
     found = predict_interval(model[-1], model[0].transform(X))
     usual = model[-1].predict_interval(model[0].transform(X))
     np.testing.assert_array_equal(found, usual)
+    found = log_predictive_density(model, X, Y[:, 0])
+    usual = model[-1].log_predictive_density(model[0].transform(X), Y[:, 0])
+    np.testing.assert_array_equal(found, usual)
 
 
 def test_of_a_search():
@@ -55,6 +60,15 @@ def test_other_models_are_refused():
     model = make_pipeline(LinearRegression()).fit(X, Y[:, 0])
     with pytest.raises(TypeError, match="not a LinearRegression"):
         predict_interval(model, X)
+    with pytest.raises(TypeError, match="not a LinearRegression"):
+        log_predictive_density(model, X, Y[:, 0])
+
+
+def test_targets_in_another_order_are_refused():
+    model = make_inverse_dynamics_regressor(PooledGP(max_iter=0)).fit(X, Y[:, 0])
+    y = pd.Series(Y[:, 0])[::-1]
+    with pytest.raises(ValueError, match="order"):
+        log_predictive_density(model, pd.DataFrame(X), y)
 
 
 def test_transformed_targets_are_those_of_the_model():

@@ -19,6 +19,7 @@ from skmtgp import (
     WideRegressor,
     add_task,
     compile_predictor,
+    log_predictive_density,
     make_inverse_dynamics_regressor,
     predict_interval,
     stack_tasks,
@@ -71,6 +72,7 @@ def predictions(uncertain: bool) -> None:
     assert_type(model.predict(X, uncertain), Array | tuple[Array, Array])
     lower, upper = model.predict_interval(X, 0.95)
     assert_type(upper, Array)
+    assert_type(model.log_predictive_density(X, y), Array)
     assert_type(model.log_marginal_likelihood(), float)
     value, gradient = model.log_marginal_likelihood(model.theta_, True)
     assert_type(value, float)
@@ -93,6 +95,7 @@ def models_of_other_kinds() -> None:
     pipe = make_inverse_dynamics_regressor(PooledGP(), kernel="geometric")
     lower, upper = predict_interval(add_task(pipe, X, y), X)
     assert_type(upper, Array)
+    assert_type(log_predictive_density(pipe, X, y), Array)
 
 
 def tables_with_columns_of_tasks() -> None:
@@ -100,6 +103,7 @@ def tables_with_columns_of_tasks() -> None:
     X, y = stack_tasks(make_soil(60, n_cadmium=20), ["cadmium", "zinc"])
     wide = WideRegressor().fit(survey[["east", "north"]], survey[["cadmium", "zinc"]])
     assert_type(wide.predict(truth), Array)
+    assert_type(wide.log_predictive_density(truth, survey), Array)
     mean, std = wide.predict(truth, return_std=True)
     assert_type(mean, Array)
 

@@ -169,13 +169,30 @@ def _check_joining(estimator, X, y):
     features, labels = _split(estimator, table)
     _check_descriptors(estimator, features, labels)
     y = check_target(table, y)
-    shape = getattr(estimator, "y_train_", y).shape[1:]  # of Dask's rows none is kept
+    # Of Dask's rows none is kept
+    y = _check_outputs(y, getattr(estimator, "y_train_", y).shape[1:])
+    return features, labels, y
+
+
+def check_observed(estimator, X, y, shape):
+    """Targets of rows that are predicted, of shape (n_samples, n_outputs).
+
+    `shape` is that of a row of the training targets.
+    """
+    refuse_dask("y", y, "Pass y.compute().")
+    check_given(estimator, y)
+    refuse_another_order(X, y)
+    return _check_outputs(check_target(X, y), shape)
+
+
+def _check_outputs(y, shape):
+    """Targets in columns; a row must have the shape of one of fit."""
     if y.shape[1:] != shape:
         raise ValueError(
             f"y has shape {y.shape}; the model was fitted to targets of shape "
             f"{('n_samples', *shape)}.".replace("'", "")
         )
-    return features, labels, y.reshape(len(y), -1)
+    return y.reshape(len(y), -1)
 
 
 def check_test(estimator, X, *, unseen=False):

@@ -21,14 +21,14 @@ from skmtgp._estimators.doubts import (
     warn_of_skew,
     warn_of_small_tasks,
 )
-from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.estimator import Estimator, fitting, public
 from skmtgp._estimators.joining import JoiningGP
 from skmtgp._estimators.named_kernels import KERNEL, named_kernel
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import names_of_inputs, read, tell_counts
 from skmtgp._estimators.revising import revise
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.progress import fitting, say
+from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import (
     HasMethods,
     Interval,

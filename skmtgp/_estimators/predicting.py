@@ -11,12 +11,12 @@ from sklearn.base import RegressorMixin
 from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
-from skmtgp._data.checks import check_test
+from skmtgp._data.checks import check_observed, check_test
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._numerics.linalg import draw_normal
 from skmtgp._numerics.memory import check_available
-from skmtgp._numerics.mixtures import quantiles
+from skmtgp._numerics.mixtures import log_density, quantiles
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import as_it_is
 
@@ -226,6 +226,66 @@ class PosteriorMixin(RegressorMixin):
         return lower, upper
 
     @steady
+    def log_predictive_density(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+        """Return the log density of new observations, each by itself.
+
+        The predictive distribution is that of `predict_interval`. Its log density tells
+        how well rows fit to what was learned: low values are rows that the model did
+        not expect. Their mean, with its sign changed, is the log loss.
+
+        Parameters
+        ----------
+        X : array-like of shape (n_samples, n_features)
+            Inputs, with the task labels in column `task_feature`.
+        y : array-like of shape (n_samples,) or (n_samples, n_outputs)
+            Observations, in the form of the targets of `fit`.
+
+        Returns
+        -------
+        log_density : ndarray of the shape of y
+            Natural logarithm of the density in units of y, f and noise together.
+
+        Raises
+        ------
+        TypeError
+            If X or y is a Dask collection.
+        ValueError
+            If y cannot be used, or if a task was not seen in fit and cannot be
+            predicted, see `predict`.
+
+        Notes
+        -----
+        The density is normal, a mixture of normal densities if hyperparameters are
+        sampled, or Student's t for a BayesianLinearRegression. With `target_transform`
+        it is multiplied by the slope of the transform. It is then -inf for values that
+        the model cannot predict, such as 0 of a logarithm. It is inf for a value in
+        which the inverse ends, such as 0 of a root: this has a probability of its own.
+
+        Examples
+        --------
+        Do the measurements of today fit? One of them does not:
+
+        >>> import numpy as np
+        >>> from skmtgp import IndependentGP
+        >>> x, task = np.tile(np.linspace(0, 6, 20), 2), np.repeat([0, 1], 20)
+        >>> noise = 0.1 * np.random.default_rng(0).standard_normal(40)
+        >>> model = IndependentGP().fit(np.column_stack([x, task]), np.sin(x) + noise)
+        >>> X_today = [[1.0, 0], [2.0, 0], [3.0, 1]]
+        >>> y_today = [0.9, 0.2, 0.2]
+        >>> model.log_predictive_density(X_today, y_today) > -5
+        array([ True, False,  True])
+        """
+        check_is_fitted(self)
+        model = as_it_is(self._model())
+        features, codes = check_test(model, X, unseen=model._knows_unseen())
+        shape = () if model._single_output else (model._n_outputs,)
+        Y = check_observed(model, X, y, shape)
+        Z, log_slopes = model._target.with_slopes(Y)
+        with limit_threads(model._side):
+            found = model._log_density(features, codes, Z)
+        return model._join(found + log_slopes)
+
+    @steady
     def sample_y(
         self,
         X: ArrayLike,
@@ -295,6 +355,11 @@ class PosteriorMixin(RegressorMixin):
         """Quantiles of f or of observations, of shape (n_samples, n_outputs) each."""
         means, variances = self._components(features, codes, include_noise)
         return [quantiles(means, np.sqrt(variances), p) for p in probabilities]
+
+    def _log_density(self, features, codes, values):
+        """That of observations of what is learned, of shape (n_samples, n_outputs)."""
+        means, variances = self._components(features, codes, include_noise=True)
+        return log_density(means, np.sqrt(variances), values)
 
     def _components(self, features, codes, include_noise):
         """Means and variances of the normals that are mixed, (1, n_samples, ...)."""

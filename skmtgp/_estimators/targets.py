@@ -21,6 +21,7 @@ LARGEST = 1e150  # the squares of larger numbers overflow
 # ends at a pole, beside which there is no deviation.
 BEYOND, FAR, STEPS = 10.0, 20.0, 400
 NEAR, HALVINGS = 1e-6, 60
+STEP = 1e-5  # of differences that tell slopes, in multiples of the transformed range
 
 
 class AsGiven:
@@ -29,6 +30,13 @@ class AsGiven:
     def forward(self, Y):
         """Targets as they are learned, (n_samples, n_outputs)."""
         return Y
+
+    def with_slopes(self, Y):
+        """Targets as they are learned, and log slopes of the way there.
+
+        These are what a log density has more in units of y.
+        """
+        return Y, np.zeros_like(Y)
 
     def back(self, values):
         """Values of f or of observations in units of y, (..., n_outputs)."""
@@ -65,6 +73,11 @@ class Transformed(AsGiven):
     def forward(self, Y):
         pairs = zip(self.columns, Y.T, strict=True)
         return np.column_stack([column.forward(y) for column, y in pairs])
+
+    def with_slopes(self, Y):
+        pairs = zip(self.columns, Y.T, strict=True)
+        found = np.array([column.with_slopes(y) for column, y in pairs])
+        return found.transpose(1, 2, 0)
 
     def back(self, values):
         pairs = zip(self.columns, np.moveaxis(values, -1, 0), strict=True)
@@ -119,6 +132,7 @@ class Column:
         self.ends = -np.inf, np.inf
         z = self.forward(y)
         check_monotone(y, z)
+        self.sizes, self.inside = (_size(y), _size(z)), z[0]
         with quiet():  # PowerTransformer warns of what is no number, sought here
             self.ends = [self._end(z, _size(y), side) for side in (-1.0, 1.0)]
 
@@ -144,6 +158,23 @@ class Column:
                 "partial_fit targets within the range that it was fitted to."
             )
         return z
+
+    def with_slopes(self, y):
+        """Transformed targets, also new ones, and the log of |dz/dy| there.
+
+        This is -inf where the inverse does not lead: y is impossible, and z any other.
+        It is inf where the inverse ends or is flat: many z are the same y.
+        """
+        z = _column(self.transformer.transform, y)
+        z = np.where(np.isfinite(z), z, self.inside)
+        here, step = self._inverse(z), STEP * self.sizes[1]
+        lower, upper = self._inverse(z - step), self._inverse(z + step)
+        many = (lower == here) | (upper == here)
+        many |= (z - step <= self.ends[0]) | (z + step >= self.ends[1])
+        rises = np.where(many, 1.0, np.abs(upper - lower))
+        slopes = np.where(many, np.inf, np.log(2.0 * step) - np.log(rises))
+        possible = np.abs(here - y) <= LOST * np.maximum(self.sizes[0], np.abs(y))
+        return z, np.where(possible, slopes, -np.inf)
 
     def back(self, z):
         """Values in units of y, of any shape."""

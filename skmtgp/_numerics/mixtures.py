@@ -1,7 +1,7 @@
-"""Mixtures of normal distributions: quantiles, and moments of functions of them."""
+"""Mixtures of normal distributions: quantiles, densities, moments of functions."""
 
 import numpy as np
-from scipy.special import ndtr, ndtri
+from scipy.special import logsumexp, ndtr, ndtri
 
 HALVINGS = 60  # of a bracket: to rounding
 # Nodes of the trapezoidal rule, in standard deviations: exact to rounding of what is
@@ -38,6 +38,30 @@ def quantiles(means, deviations, p):
         below = ndtr((middle - means) / width).mean(axis=0) < p
         lower, upper = np.where(below, middle, lower), np.where(below, upper, middle)
     return 0.5 * (lower + upper)
+
+
+def log_density(means, deviations, values):
+    """Log density of equal mixtures of normal distributions.
+
+    Parameters
+    ----------
+    means : ndarray of shape (n_components, ...)
+        Means of the components.
+    deviations : ndarray of the same shape
+        Their standard deviations. 0 is a narrow peak at the mean, and infinity is -inf.
+    values : ndarray of shape (...)
+        Where it is sought.
+
+    Returns
+    -------
+    log_density : ndarray of shape (...)
+    """
+    widths = np.maximum(deviations, np.finfo(float).tiny)
+    with np.errstate(over="ignore"):  # so far away there is none
+        away = np.square((values - means) / widths)
+    of_components = -0.5 * away - np.log(widths)
+    mixed = logsumexp(of_components, axis=0) - np.log(len(means))
+    return mixed - 0.5 * np.log(2.0 * np.pi)
 
 
 def moments(means, deviations, function):

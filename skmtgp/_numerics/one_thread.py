@@ -8,7 +8,15 @@ the second finds the first one's and gives that back at its end, for good.
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from threading import RLock, local
+from contextlib import contextmanager
+from threading import RLock, get_ident, local
+
+
+class Own(local):
+    """What each thread has: how many times it is inside, and numbers to give back."""
+
+    def __init__(self):
+        self.depth, self.found = 0, {}
 
 
 class OneThread:
@@ -33,8 +41,8 @@ class OneThread:
 
     def __init__(self, libraries):
         self.libraries, self.of_process = libraries, {}
-        self.lock, self.n_inside, self.found = RLock(), 0, {}
-        self.own = local()
+        self.lock, self.inside, self.found = RLock(), set(), {}
+        self.own = Own()
         if hasattr(os, "register_at_fork"):  # not on Windows
             os.register_at_fork(
                 before=self.lock.acquire,
@@ -45,22 +53,33 @@ class OneThread:
     @property
     def depth(self):
         """How many times this thread is inside."""
-        return getattr(self.own, "depth", 0)
+        return self.own.depth
 
     def __enter__(self):
         with self.lock:
             if not self.depth:
-                self.own.found = self._limit()
-                self.n_inside += 1
-            self.own.depth = self.depth + 1
+                self._leave(0)  # an exception may have cut the last time short
+                self.inside.add(get_ident())
+                self._limit()
+            self.own.depth += 1
 
     def __exit__(self, *exception):
-        with self.lock:
-            self.own.depth -= 1
-            if not self.depth:
-                _give_back(self.own.found)
-                self.n_inside -= 1
-                self._end()
+        self._leave(self.depth - 1)
+
+    @contextmanager
+    def unwinding(self):
+        """Context after whose exceptions this thread is as deep inside as before.
+
+        Those of a signal or a timeout come between any two steps, also of `__enter__`
+        and before the first of `__exit__`, and nothing but a context outside of both
+        can put that right.
+        """
+        depth = self.depth
+        try:
+            yield
+        except BaseException:
+            self._leave(depth)
+            raise
 
     def n_threads(self):
         """Threads for pieces of work: one inside, else as many as BLAS has outside."""
@@ -71,35 +90,45 @@ class OneThread:
             return max([1, *now, *self.found.values()])
 
     def _limit(self):
-        """Set all numbers to one, and return those that were this thread's own."""
-        own = {}
+        """Set all numbers to one; each is noted before."""
         for library in self.libraries:
             n_threads = library.num_threads
             if n_threads > 1:
+                self.own.found[library] = n_threads
                 if library not in self.of_process:
                     self.of_process[library] = _is_of_process(library)
-                found = self.found if self.of_process[library] else own
-                found[library] = n_threads
+                if self.of_process[library]:
+                    self.found[library] = n_threads
+                    del self.own.found[library]
                 _set(library, 1)
-        return own
+
+    def _leave(self, depth):
+        """Be inside so many times. To repeat it, whole or in part, changes nothing."""
+        with self.lock:
+            if not depth:
+                _give_back(self.own.found)
+                self.inside.discard(get_ident())
+                self._end()
+            self.own.depth = depth
 
     def _end(self):
         """Give the process's numbers back if nobody is inside any more."""
-        if not self.n_inside:
+        if not self.inside:
             _give_back(self.found)
-            self.found = {}
 
     def _begin_child(self):
         """Of the threads of a process that forks only this one lives on."""
-        self.n_inside = min(self.depth, 1)
+        self.inside = {get_ident()} if self.depth else set()
         self._end()
         self.lock.release()
 
 
 def _give_back(found):
-    for library, n_threads in found.items():
+    """Set numbers as they were found, and forget each that is set."""
+    for library, n_threads in list(found.items()):
         if library.num_threads == 1:  # else somebody has set another since
             _set(library, n_threads)
+        del found[library]
 
 
 def _set(library, n_threads):

@@ -19,7 +19,7 @@ def warn(message, category):
 
     Parameters
     ----------
-    message : str
+    message : str or Warning
         What is to be said.
     category : type
         Its class.

@@ -13,8 +13,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.dask import refuse_dask
 from skmtgp._data.task_column import locate, locate_task_column, read_table, split_table
-from skmtgp._estimators.estimator import Estimator
-from skmtgp._support.progress import fitting
+from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._support.sklearn_compat import (
     check_feature_names_in,
     wants_pandas,

@@ -19,10 +19,9 @@ from skmtgp._data.joints import check_torques, ends_of
 from skmtgp._data.labels import rows_by_code
 from skmtgp._data.task_column import locate
 from skmtgp._estimators.doubts import warn_of_noise
-from skmtgp._estimators.estimator import Estimator, public
+from skmtgp._estimators.estimator import Estimator, fitting, public
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._numerics.parallel import limit_threads
-from skmtgp._support.progress import fitting
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
 from skmtgp.robot._columns import Columns, check_friction
 from skmtgp.robot._dynamics import INERTIAL, Dynamics

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from hard_data import ALL, GPS, SHARED, X, Y, with_params
+from sklearn.base import clone
 
-from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor
+from skmtgp import BayesianLinearRegression, MultiTaskGPRegressor, TaskIdentifier
+from skmtgp._numerics.one_thread import OneThread
+from skmtgp._numerics.parallel import ONE_THREAD
 from skmtgp.inference.dense import DenseLikelihood, DensePosterior
 
 pytestmark = pytest.mark.usefixtures("nothing_is_printed")
@@ -51,6 +54,42 @@ class TestInterrupted:
             model.add_task([[0.0, 0.0, 9.0]], [1.0])
         assert vars(model).keys() == kept.keys()
         assert all(vars(model)[key] is value for key, value in kept.items())
+
+
+class TestThreads:
+    """A signal in place of the end of a limit leaves BLAS its threads."""
+
+    MODEL = MultiTaskGPRegressor(rank=1, max_iter=1)
+
+    @pytest.mark.parametrize("method", ["__enter__", "__exit__"])
+    @pytest.mark.parametrize("call", [0, 1, 5])
+    def test_fit(self, monkeypatch, method, call):
+        interrupted_at(monkeypatch, OneThread, method, call)
+        with pytest.raises(KeyboardInterrupt):
+            clone(self.MODEL).fit(X, Y)
+        monkeypatch.undo()
+        assert (ONE_THREAD.depth, ONE_THREAD.inside) == (0, set())
+
+    @pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+    @pytest.mark.parametrize("method", ["predict", "sample_y", "predict_interval"])
+    def test_predictions(self, monkeypatch, method):
+        model = clone(self.MODEL).fit(X, Y)
+        interrupted_at(monkeypatch, OneThread, "__exit__", 0)
+        with pytest.raises(KeyboardInterrupt):
+            getattr(model, method)(
+                X, **{"return_std": True} if method == "predict" else {}
+            )
+        monkeypatch.undo()
+        assert (ONE_THREAD.depth, ONE_THREAD.inside) == (0, set())
+
+    @pytest.mark.parametrize("method", ["predict", "partial_fit"])
+    def test_identification(self, monkeypatch, method):
+        identifier = TaskIdentifier(with_params(self.MODEL, max_iter=0).fit(X, Y))
+        interrupted_at(monkeypatch, OneThread, "__exit__", 0)
+        with pytest.raises(KeyboardInterrupt):
+            getattr(identifier, method)(X[:2], Y[:2])
+        monkeypatch.undo()
+        assert (ONE_THREAD.depth, ONE_THREAD.inside) == (0, set())
 
 
 def interrupt(*_):

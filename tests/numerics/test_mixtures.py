@@ -1,10 +1,10 @@
-"""Quantiles of mixtures, and moments of functions of them, against known ones."""
+"""Quantiles and densities of mixtures, and moments of functions, against known ones."""
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
-from skmtgp._numerics.mixtures import moments, quantiles
+from skmtgp._numerics.mixtures import log_density, moments, quantiles
 
 RNG = np.random.default_rng(0)
 MEANS, DEVIATIONS = (
@@ -36,6 +36,23 @@ def test_certain_components():
     for p, expected in [(0.2, 0.0), (0.4, 1.0), (0.9, 3.0)]:
         assert quantiles(means, zeros, p) == pytest.approx(expected, abs=1e-12)
     assert quantiles(means[:1], zeros[:1], 0.9) == 0.0
+
+
+def test_densities_are_averaged():
+    values = RNG.uniform(-9.0, 9.0, (4, 2))
+    expected = np.log(norm.pdf(values, MEANS, DEVIATIONS).mean(axis=0))
+    found = log_density(MEANS, DEVIATIONS, values)
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    far = log_density(MEANS, DEVIATIONS, values + 1e4)  # where densities underflow
+    nearest = norm.logpdf(values + 1e4, MEANS, DEVIATIONS).max(axis=0)
+    np.testing.assert_allclose(far, nearest - np.log(5.0), rtol=1e-12)
+
+
+def test_densities_of_certain_and_of_unknown_values():
+    deviations = np.array([[0.0, 0.0, np.inf]])
+    found = log_density(np.zeros((1, 3)), deviations, np.array([0.0, 1.0, 0.0]))
+    assert found[0] > 700.0
+    assert found[1:].tolist() == [-np.inf, -np.inf]
 
 
 @pytest.mark.parametrize("deviation", [0.1, 1.0, 2.0])

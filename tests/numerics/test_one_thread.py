@@ -1,10 +1,12 @@
 """One thread of BLAS, whichever threads of Python ask for it at once."""
 
+import contextlib
 import os
 import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -167,6 +169,85 @@ def test_threads_for_pieces_of_work(limit):
         assert limit.n_threads() == 1
         assert another.submit(limit.n_threads).result() == 4  # it is not inside
     assert OneThread([]).n_threads() == 1
+
+
+class InterruptAt:
+    """Context in which the k-th step of the module is interrupted, as by a signal.
+
+    Steps are calls and bytecodes, which is where Python looks for signals.
+    """
+
+    def __init__(self, k):
+        self.left = k
+
+    def __enter__(self):
+        self.before = sys.gettrace()
+        sys.settrace(self.trace)
+
+    def __exit__(self, *exception):
+        sys.settrace(self.before)
+
+    def trace(self, frame, event, arg):
+        if frame.f_code.co_filename != one_thread.__file__:
+            return None
+        frame.f_trace_opcodes = True
+        if event in ("call", "opcode"):
+            self.left -= 1
+            if self.left == 0:
+                raise KeyboardInterrupt
+        return self.trace
+
+
+def steps_of(use):
+    """Interrupt every step of a function in turn, until there is none left."""
+    for k in count(1):
+        interrupt = InterruptAt(k)
+        try:
+            with interrupt:
+                use()
+        except KeyboardInterrupt:
+            yield k
+        if interrupt.left > 0:
+            return
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_interrupts_at_any_step_leave_nothing(limit, libraries, nested):
+    """Also before the first step of `__exit__`, which is not run then."""
+
+    def use():
+        with limit.unwinding(), limit, limit if nested else contextlib.nullcontext():
+            pass
+
+    steps = []
+    for step in steps_of(use):
+        assert now(libraries) == [4, 2], step
+        assert (limit.depth, limit.inside, limit.found) == (0, set(), {}), step
+        steps.append(step)
+    assert len(steps) > 100
+
+
+def test_unwinding_inside_stays_inside(limit, libraries):
+    def use():
+        with limit.unwinding(), limit:
+            pass
+
+    with limit:
+        for step in steps_of(use):
+            assert (limit.depth, now(libraries)) == (1, [1, 1]), step
+    assert now(libraries) == [4, 2]
+
+
+def test_what_an_interrupt_has_left_is_given_back_the_next_time(limit, libraries):
+    def use():
+        with limit:
+            pass
+
+    for step in steps_of(use):
+        limit.own.depth = 0  # whatever else is left
+        with limit:
+            assert now(libraries) == [1, 1], step
+        assert now(libraries) == [4, 2], step
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks here")

@@ -61,7 +61,7 @@ def common_function(problem, mode):
     -------
     found : CommonFunction
         `NOT_ASKED` where rows are many, or without noise, K^rho or k^x are not learned
-        alone, or no input has enough values.
+        alone, no input has enough values, or there is one input.
     """
     can_be_asked = are_few(problem.data) and is_of_one_kernel(problem)
     if not (can_be_asked and problem.is_noisy(mode)):
@@ -69,7 +69,7 @@ def common_function(problem, mode):
     X = problem.data.X
     varies = X.std(axis=0) > 0.0  # perhaps not, of numbers that are tiny
     inputs = [j for j in np.flatnonzero(varies) if len(np.unique(X[:, j])) >= FEWEST]
-    if not inputs:
+    if not inputs or varies.sum() == 1:
         return NOT_ASKED
     with limit_threads(len(X)):
         starts = [(j, *_likeliest_start(problem, mode, j)) for j in inputs]

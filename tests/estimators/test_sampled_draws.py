@@ -71,6 +71,7 @@ def test_rank_two_asks_for_draws():
         model.task_correlation_interval()
 
 
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 def test_few_rows_of_sparse_inference_are_told_of_exact_inference():
     options = {"inference": "sparse", "n_inducing": 6, "n_draws": 4, "max_iter": 2}
     model = MultiTaskGPRegressor(rank=1, hyperparameters="sampled", **options)

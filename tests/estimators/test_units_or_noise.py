@@ -43,7 +43,7 @@ def much_alike(seed):
         one_function_in_other_ranges(0),
         one_function_in_other_ranges(1),
         much_alike(7),
-        much_alike(45),
+        much_alike(12),
     ],
 )
 def test_tasks_with_the_same_units_keep_them(data):

@@ -271,8 +271,9 @@ class NegativeVarianceWarning(RuntimeWarning):
 class OutlierWarning(UserWarning):
     """A few targets are far from all others of their task.
 
-    At most one row of ten of a task is 20 times as far from the median as the next one.
-    It may be a code for a missing value, such as -999, another unit or a failed sensor.
+    At most one row of ten of a task is 20 times as far from the median as the next one,
+    or up to half of them, where one or two values repeat. They may be a code for a
+    missing value, such as -999, another unit or a failed sensor.
     The noise is assumed to be Gaussian: one such row raises the noise so much that
     hardly anything else is learned of the task.
 

@@ -10,6 +10,7 @@ from skmtgp.exceptions import OutlierWarning
 FEWEST = 10  # rows of a task: of fewer, one may well be far from the others
 FAR = 20.0  # times as far from the median as the next one
 SHARE = 10  # at most one row of so many is an outlier
+CODES = 2  # values that may be in more rows, up to half of them, if they repeat
 NAMED = 3  # in a warning
 
 
@@ -17,7 +18,9 @@ def far_off(Y, codes):
     """Whether each target is far from all others of its task, but a few like it.
 
     Distances from the median say so: they have a gap, beyond which they are many times
-    as large. Where most targets of a task are equal, there is no scale to measure by.
+    as large. A failing sensor may give its code in up to half of the rows: many are
+    beyond the gap only if they have one or two values that repeat. Where most targets
+    of a task are equal, there is no scale to measure by.
 
     Parameters
     ----------
@@ -34,15 +37,23 @@ def far_off(Y, codes):
     for rows in rows_by_code(codes)[1]:
         if len(rows) >= FEWEST:
             distances = np.abs(Y[rows] - np.median(Y[rows], axis=0))
-            far[rows] = distances > _reach(np.sort(distances, axis=0))
+            far[rows] = distances > _reach(distances, Y[rows])
     return far
 
 
-def _reach(distances):
-    """The last of ascending distances before the gap, of each output; or infinity."""
-    n, most = len(distances), len(distances) // SHARE
+def _reach(distances, values):
+    """The last distance before the gap, of each output; infinity without one."""
+    order = np.lexsort((values, distances), axis=0)
+    distances, values = (
+        np.take_along_axis(of, order, axis=0) for of in (distances, values)
+    )
+    n, most = len(distances), (len(distances) - 1) // 2
     inner, outer = distances[n - most - 1 : -1], distances[n - most :]
-    gap = (distances[n // 2] > 0.0) & (outer > FAR * inner)
+    n_rows = np.arange(most, 0, -1)[:, None]  # from each distance on
+    new = values[n - most :] != np.append(values[n - most + 1 :], [values[0]], axis=0)
+    n_values = np.cumsum(new[::-1], axis=0)[::-1]
+    few = (n_rows <= n // SHARE) | (n_values <= np.minimum(CODES, n_rows // 2))
+    gap = (distances[n // 2] > 0.0) & few & (outer > FAR * inner)
     return np.where(gap, inner, np.inf).min(axis=0)
 
 

@@ -111,11 +111,15 @@ class BinaryTargetWarning(UserWarning):
 
 
 class ConstantTargetWarning(RuntimeWarning):
-    """The targets of an output, or of a task, are all equal.
+    """The targets of an output, of a task, or of a long run of its rows are all equal.
 
     A Gaussian process cannot know how much a constant output varies, and is certain of
     its predictions everywhere. A task whose targets are equal looks as if there were no
     noise, so the noise of all tasks is learned too small.
+
+    Ten rows of a task or more that follow each other may be of a sensor that is stuck,
+    if hardly any others of the task are equal. They follow each other in the order of
+    fit, or of the input if there is one. Zeros and the ends of the range are not asked.
 
     Examples
     --------

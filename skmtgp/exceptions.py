@@ -287,13 +287,17 @@ class NegativeVarianceWarning(SkmtgpWarning, RuntimeWarning):
 
 
 class OutlierWarning(SkmtgpWarning, UserWarning):
-    """A few targets are far from all others of their task.
+    """A few targets are far from all others of their task, or from what these say.
 
-    At most one row of ten of a task is 20 times as far from the median as the next one,
-    or up to half of them, where one or two values repeat. They may be a code for a
-    missing value, such as -999, another unit or a failed sensor.
-    The noise is assumed to be Gaussian: one such row raises the noise so much that
-    hardly anything else is learned of the task.
+    Before learning: at most one row of ten of a task is 20 times as far from the median
+    as the next one, or up to half of them, where one or two values repeat. They may be
+    a code for a missing value, such as -999, another unit or a failed sensor. The noise
+    is assumed to be Gaussian: one such row raises the noise so much that hardly
+    anything else is learned of the task.
+
+    After learning: rows are farther from what all other rows say, by
+    :meth:`~skmtgp.MultiTaskGPRegressor.loo_predict`, than Gaussian noise is once in a
+    thousand fits. They hide others, so look again after leaving them out.
 
     Leave out rows that are wrong. Where the values are right,
     ``target_transform=(np.log, np.exp)`` may suit them.

@@ -71,19 +71,54 @@ def warn_of_outliers(far, targets, codes, tasks):
     tasks : ndarray of shape (n_tasks,)
         Labels.
     """
-    n, rows = int(far.sum()), np.nonzero(far)[0]
-    names = [f" of task {label!r}" for label in tasks[codes[rows]].tolist()]
-    found = zip(targets[far], names, strict=True)
-    values = [f"{value:g}{name * (len(tasks) > 1)}" for value, name in found]
-    values = list(dict.fromkeys(values))
-    more = f" and {len(values) - NAMED} more" * (len(values) > NAMED)
+    n, values = int(far.sum()), _listed(targets[far], codes[np.nonzero(far)[0]], tasks)
     subject = "targets are" if n > 1 else "target is"
     warn(
         f"{n} {subject} more than {FAR:g} times as far from the median of the task as "
-        f"the others: {', '.join(values[:NAMED])}{more}. The noise is assumed to be "
+        f"the others: {values}. The noise is assumed to be "
         "Gaussian, so the model may learn hardly anything else of the task. Is it a "
         "code for a missing value, another unit, or a sensor that failed? Leave such "
         "rows out. Where right values span several orders of magnitude, learn their "
         f"logarithms: target_transform=(np.log, np.exp). {NOISE}",
         OutlierWarning,
     )
+
+
+def warn_of_unforeseen(values, codes, tasks, sizes, name):
+    """Say which targets are far from what all other rows say, and what that does.
+
+    Parameters
+    ----------
+    values : ndarray of shape (n_found,)
+        As the user gave them, the farthest first.
+    codes : ndarray of shape (n_found,)
+        Task of each.
+    tasks : ndarray of shape (n_tasks,)
+        Labels.
+    sizes : ndarray of shape (n_found,)
+        Standard deviations that each is off.
+    name : str
+        Of the output.
+    """
+    n = len(values)
+    subject = f"{n} targets of {name} are" if n > 1 else f"A target of {name} is"
+    most = f"up to {sizes[0]:.1f}" if n > 1 else f"{sizes[0]:.1f}"
+    warn(
+        f"{subject} {most} standard deviations from what all other rows say: "
+        f"{_listed(values, codes, tasks)}. The noise is assumed to be Gaussian, so "
+        "such rows raise it, and pull functions towards themselves. They may also hide "
+        "others. Look at the rows where mean, std = loo_predict(include_noise=True) "
+        "has abs(y - mean) > 4 * std. Leave out those that are wrong, fit again, and "
+        f"repeat that until there are none. {NOISE}",
+        OutlierWarning,
+    )
+
+
+def _listed(values, codes, tasks):
+    """Some targets in words, each with its task if there are several."""
+    names = [f" of task {label!r}" for label in tasks[codes].tolist()]
+    found = zip(values, names, strict=True)
+    words = [f"{value:g}{name * (len(tasks) > 1)}" for value, name in found]
+    words = list(dict.fromkeys(words))
+    more = f" and {len(words) - NAMED} more" * (len(words) > NAMED)
+    return f"{', '.join(words[:NAMED])}{more}"

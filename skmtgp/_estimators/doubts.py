@@ -8,6 +8,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Produc
 from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.labels import name_tasks
+from skmtgp._data.outliers import far_off, warn_of_unforeseen
 from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.many_columns import columns_are_many
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
@@ -36,6 +37,7 @@ from skmtgp.learning.row_effects import effects_of_rows
 from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
+from skmtgp.learning.unforeseen import unforeseen
 
 MUCH = 0.2  # of the range of an input, that is far from all rows
 TELLING = 10.0  # nats of BIC that another model must gain to be told of
@@ -253,6 +255,8 @@ def warn_of_doubts(
             continue
         ended = mode.converged or mode.stalled
         told = ended and _warn_of_scale(training, problem, mode, j)
+        if ended and not told:
+            _warn_of_unforeseen(training, problem, mode, j)
         if mode.converged:
             if not told:  # what grows with the targets looks correlated where these do
                 _warn_of_neighbours(problem, mode)
@@ -286,6 +290,20 @@ def _warn_of_scale(training, problem, mode, j):
             TargetScaleWarning,
         )
     return bool(scale)
+
+
+def _warn_of_unforeseen(training, problem, mode, j):
+    """Say which rows are outliers, but for those that were told before learning."""
+    rows, sizes = unforeseen(problem, mode)
+    if not len(rows):
+        return
+    order = np.arange(len(training.Y))[training.order(problem.engine)][rows]
+    new = ~far_off(training.unexplained(False), training.codes)[order, j]
+    if new.any():
+        order, sizes = order[new], sizes[new]
+        values = training.target.back(training.Y)[order, j]
+        of_rows = training.codes[order], training.tasks
+        warn_of_unforeseen(values, *of_rows, sizes, problem.name)
 
 
 def _warn_of_neighbours(problem, mode):

@@ -170,3 +170,40 @@ class TestWarning:
         alpha = np.where(np.arange(60) == 7, 1e6, 0.0)
         model = MultiTaskGPRegressor("rbf", rank=1, max_iter=0)
         model.fit(np.column_stack([x, codes]), y, alpha=alpha)
+
+
+class TestUnforeseen:
+    def fitted(self, y, alpha=None, **options):
+        x, codes, _ = measured()
+        X = np.column_stack([x, np.array(["a", "b"])[codes]])
+        return MultiTaskGPRegressor("rbf", rank=1, **options).fit(X, y, alpha=alpha)
+
+    def test_names_values_tasks_and_the_way_out(self):
+        _, _, y = measured()
+        self.fitted(y)
+        y[7] = 3.3
+        message = "^A target of the output is .* deviations .*: 3.3 of task 'a'. .*loo_"
+        with pytest.warns(OutlierWarning, match=message):
+            self.fitted(y)
+        y[40] += y[7] - measured()[2][7]  # as far
+        message = "^2 targets of the output are up to .*, (3.3 of task 'a'|.*'b')[.] "
+        with pytest.warns(OutlierWarning, match=message):
+            self.fitted(y)
+
+    def test_rows_that_were_told_before_are_not_told_again(self):
+        _, _, y = measured()
+        y[7] = -999.0
+        with pytest.warns(OutlierWarning, match="-999 of task 'a'") as caught:
+            self.fitted(y)
+        assert len(caught) == 1
+
+    def test_known_noise_explains_them(self):
+        _, _, y = measured()
+        y[7] = 3.3
+        self.fitted(y, alpha=np.where(np.arange(60) == 7, 4.0, 0.0))
+
+    def test_values_are_those_of_y(self):
+        _, codes, y = measured()
+        y[7] = 3.3
+        with pytest.warns(OutlierWarning, match="3.3 of task 'a'"):
+            self.fitted(y - 15.0 * codes, target_transform=(np.exp, np.log))

@@ -13,7 +13,7 @@ from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.many_columns import columns_are_many
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
 from skmtgp._estimators.targets import AS_GIVEN
-from skmtgp._estimators.units import count_tasks
+from skmtgp._estimators.units import count_tasks, units_of_tasks
 from skmtgp._support.guide import NOISE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
@@ -41,6 +41,7 @@ from skmtgp.learning.unforeseen import unforeseen
 
 MUCH = 0.2  # of the range of an input, that is far from all rows
 TELLING = 10.0  # nats of BIC that another model must gain to be told of
+OTHER_UNIT = 5.0  # times the deviation of another task, so that it may have one
 LONG = 120.0  # seconds of learning that a user wants to know of before
 # For each hyperparameter: with fewer rows intervals are too narrow.
 ENOUGH_ROWS_EACH = {"mode": 8, "map": 8, "laplace": 4}
@@ -281,15 +282,29 @@ def _warn_of_scale(training, problem, mode, j):
     scale = likelier_scale(problem, mode, y, groups)
     if scale:
         warn(
-            f"The targets of {problem.name} are never negative, and likelier by more "
-            f"than {SURE:.0f} nats on another scale: noise or functions grow with "
-            "them. So intervals may be too narrow where targets are large and too wide "
-            f"where they are small. Try target_transform={scale}. Then `predict` gives "
-            "medians, in units of y, and their sums are too low. If you need means or "
+            f"{_of_units(training, problem, j)}The targets of {problem.name} are never "
+            f"negative, and likelier by more than {SURE:.0f} nats on another scale: "
+            "noise or functions grow with them. So intervals may be too narrow where "
+            "targets are large and too wide where they are small. Try "
+            f"target_transform={scale}. Then `predict` gives medians, in units of y, "
+            "and their sums are too low. If you need means or "
             "sums, take sample_y(X, 1000, include_noise=True).mean(axis=-1).",
             TargetScaleWarning,
         )
     return bool(scale)
+
+
+def _of_units(training, problem, j):
+    """What to try before another scale, where tasks may be in different units."""
+    scales = units_of_tasks(training.Y, training.codes, len(training.tasks)).scale[j]
+    ratio = scales.max() / scales.min()
+    if training.units.own_scales or ratio < OTHER_UNIT:
+        return ""
+    return (
+        f"The targets of {problem.name} vary up to {ratio:.0f} times as much in one "
+        "task as in another. Are the tasks in different units? Then set "
+        "normalize_y='per_task', and fit again. Otherwise read on. "
+    )
 
 
 def _warn_of_unforeseen(training, problem, mode, j):

@@ -25,6 +25,7 @@ __all__ = [
     "SamplingWarning",
     "SeveralKernelsWarning",
     "SkewedInputWarning",
+    "SkmtgpWarning",
     "SmallTaskWarning",
     "TargetScaleWarning",
     "TaskColumnWarning",
@@ -62,7 +63,20 @@ class NotPositiveDefiniteError(np.linalg.LinAlgError):
     """
 
 
-class AmbiguousFitWarning(UserWarning):
+class SkmtgpWarning(Warning):
+    """What all warnings of this module are, for one filter.
+
+    Each of them is a `UserWarning` or a `RuntimeWarning` as well.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> from skmtgp.exceptions import SkmtgpWarning
+    >>> warnings.simplefilter("error", SkmtgpWarning)
+    """
+
+
+class AmbiguousFitWarning(SkmtgpWarning, UserWarning):
     """Another mode is nearly as likely as the learned one, and predicts differently.
 
     The rows do not determine which mode is right, and standard deviations of
@@ -79,7 +93,7 @@ class AmbiguousFitWarning(UserWarning):
     """
 
 
-class AngleUnitWarning(UserWarning):
+class AngleUnitWarning(SkmtgpWarning, UserWarning):
     """Positions of joints that turn look like degrees, where radians are expected.
 
     At least half of these joints move by more than four turns, or one by more than 16.
@@ -94,7 +108,7 @@ class AngleUnitWarning(UserWarning):
     """
 
 
-class BinaryTargetWarning(UserWarning):
+class BinaryTargetWarning(SkmtgpWarning, UserWarning):
     """The targets of an output have only two values, such as 0 and 1.
 
     A Gaussian process takes noise for normal, and here it is not. Predictions are of
@@ -110,12 +124,16 @@ class BinaryTargetWarning(UserWarning):
     """
 
 
-class ConstantTargetWarning(RuntimeWarning):
-    """The targets of an output, or of a task, are all equal.
+class ConstantTargetWarning(SkmtgpWarning, RuntimeWarning):
+    """The targets of an output, of a task, or of a long run of its rows are all equal.
 
     A Gaussian process cannot know how much a constant output varies, and is certain of
     its predictions everywhere. A task whose targets are equal looks as if there were no
     noise, so the noise of all tasks is learned too small.
+
+    Ten rows of a task or more that follow each other may be of a sensor that is stuck,
+    if hardly any others of the task are equal. They follow each other in the order of
+    fit, or of the input if there is one. Zeros and the ends of the range are not asked.
 
     Examples
     --------
@@ -125,7 +143,7 @@ class ConstantTargetWarning(RuntimeWarning):
     """
 
 
-class CorrelatedResidualsWarning(UserWarning):
+class CorrelatedResidualsWarning(SkmtgpWarning, UserWarning):
     """Noise is correlated between neighbouring rows, in the order that fit was given.
 
     This is common if rows are a time series. Learning assumes that the noise of
@@ -146,7 +164,7 @@ class CorrelatedResidualsWarning(UserWarning):
     """
 
 
-class DescriptorWarning(UserWarning):
+class DescriptorWarning(SkmtgpWarning, UserWarning):
     """The tasks are too few, or too alike, to determine the effect of each descriptor.
 
     A descriptor is the same for all tasks or follows from the others, or there are as
@@ -162,7 +180,7 @@ class DescriptorWarning(UserWarning):
     """
 
 
-class FarLevelsWarning(RuntimeWarning):
+class FarLevelsWarning(SkmtgpWarning, RuntimeWarning):
     """Levels of the tasks are so far apart that they may hide the functions.
 
     The means of tasks differ by more than ten thousand deviations of the targets around
@@ -177,7 +195,7 @@ class FarLevelsWarning(RuntimeWarning):
     """
 
 
-class FixedCorrelationWarning(UserWarning):
+class FixedCorrelationWarning(SkmtgpWarning, UserWarning):
     """The form of the task covariance fixes the correlations of all tasks.
 
     Independent tasks have correlation 0, one function of all tasks has 1, and rank 1
@@ -192,7 +210,7 @@ class FixedCorrelationWarning(UserWarning):
     """
 
 
-class IncompleteDataWarning(RuntimeWarning):
+class IncompleteDataWarning(SkmtgpWarning, RuntimeWarning):
     """Large data are almost complete, but have repeated or too many missing cells.
 
     Dense inference is exact for them, too, but takes far more time and memory than
@@ -207,7 +225,7 @@ class IncompleteDataWarning(RuntimeWarning):
     """
 
 
-class JitterWarning(RuntimeWarning):
+class JitterWarning(SkmtgpWarning, RuntimeWarning):
     """A covariance matrix was factorised only after adding to its diagonal.
 
     The message says how much was added.
@@ -220,7 +238,7 @@ class JitterWarning(RuntimeWarning):
     """
 
 
-class LongFitWarning(UserWarning):
+class LongFitWarning(SkmtgpWarning, UserWarning):
     """A fit will take minutes.
 
     It is given before learning begins. The message says about how long it will take,
@@ -234,7 +252,7 @@ class LongFitWarning(UserWarning):
     """
 
 
-class NarrowIntervalsWarning(UserWarning):
+class NarrowIntervalsWarning(SkmtgpWarning, UserWarning):
     """Rows are few for each hyperparameter, so intervals are too narrow.
 
     There are fewer than eight rows for each hyperparameter, or fewer than four with
@@ -252,7 +270,7 @@ class NarrowIntervalsWarning(UserWarning):
     """
 
 
-class NegativeVarianceWarning(RuntimeWarning):
+class NegativeVarianceWarning(SkmtgpWarning, RuntimeWarning):
     """Variances of predictions are negative, by more than rounding explains.
 
     They are set to zero, and do not measure any error. Either the kernel is not
@@ -268,13 +286,18 @@ class NegativeVarianceWarning(RuntimeWarning):
     """
 
 
-class OutlierWarning(UserWarning):
-    """A few targets are far from all others of their task.
+class OutlierWarning(SkmtgpWarning, UserWarning):
+    """A few targets are far from all others of their task, or from what these say.
 
-    At most one row of ten of a task is 20 times as far from the median as the next one.
-    It may be a code for a missing value, such as -999, another unit or a failed sensor.
-    The noise is assumed to be Gaussian: one such row raises the noise so much that
-    hardly anything else is learned of the task.
+    Before learning: at most one row of ten of a task is 20 times as far from the median
+    as the next one, or up to half of them, where one or two values repeat. They may be
+    a code for a missing value, such as -999, another unit or a failed sensor. The noise
+    is assumed to be Gaussian: one such row raises the noise so much that hardly
+    anything else is learned of the task.
+
+    After learning: rows are farther from what all other rows say, by
+    :meth:`~skmtgp.MultiTaskGPRegressor.loo_predict`, than Gaussian noise is once in a
+    thousand fits. They hide others, so look again after leaving them out.
 
     Leave out rows that are wrong. Where the values are right,
     ``target_transform=(np.log, np.exp)`` may suit them.
@@ -287,7 +310,7 @@ class OutlierWarning(UserWarning):
     """
 
 
-class PrecisionWarning(RuntimeWarning):
+class PrecisionWarning(SkmtgpWarning, RuntimeWarning):
     """Learning ended because the likelihood has too few correct digits to go on.
 
     It happens if the prior variance has grown to about 1e14 times the noise variance.
@@ -300,7 +323,7 @@ class PrecisionWarning(RuntimeWarning):
     """
 
 
-class RowEffectsWarning(UserWarning):
+class RowEffectsWarning(SkmtgpWarning, UserWarning):
     """Rows have effects of their own, which the tasks share and inputs do not tell.
 
     Where tasks are observed at the same inputs, as in a table with a column for each,
@@ -318,7 +341,7 @@ class RowEffectsWarning(UserWarning):
     """
 
 
-class SamplingWarning(UserWarning):
+class SamplingWarning(SkmtgpWarning, UserWarning):
     """Draws of the hyperparameters represent their posterior poorly.
 
     Chains move slowly, or stay near modes that they do not leave. The draws are then
@@ -333,7 +356,7 @@ class SamplingWarning(UserWarning):
     """
 
 
-class SeveralKernelsWarning(UserWarning):
+class SeveralKernelsWarning(SkmtgpWarning, UserWarning):
     """Two kernels are likelier than the one that was learned.
 
     Functions that the tasks share vary at different speeds, or depend on different
@@ -350,7 +373,7 @@ class SeveralKernelsWarning(UserWarning):
     """
 
 
-class SkewedInputWarning(UserWarning):
+class SkewedInputWarning(SkmtgpWarning, UserWarning):
     """Rows are dense at small values of an input, and sparse at large ones.
 
     The learned length-scale follows the small values. At large ones more than a fifth
@@ -366,7 +389,7 @@ class SkewedInputWarning(UserWarning):
     """
 
 
-class SmallTaskWarning(UserWarning):
+class SmallTaskWarning(SkmtgpWarning, UserWarning):
     """Some tasks have one to three rows in fit, and others have more.
 
     So few rows do not determine how a task is related to the others. Where two or more
@@ -383,7 +406,7 @@ class SmallTaskWarning(UserWarning):
     """
 
 
-class TargetScaleWarning(UserWarning):
+class TargetScaleWarning(SkmtgpWarning, UserWarning):
     """Targets that are never negative are far likelier on another scale.
 
     Noise or functions grow with the targets: prices, concentrations and counts often do
@@ -399,7 +422,7 @@ class TargetScaleWarning(UserWarning):
     """
 
 
-class TaskColumnWarning(UserWarning):
+class TaskColumnWarning(SkmtgpWarning, UserWarning):
     """The column that counts as the task column may be the wrong one, or need tidying.
 
     It has more tasks than half of the rows, of more than 20, or labels that differ in
@@ -417,7 +440,7 @@ class TaskColumnWarning(UserWarning):
     """
 
 
-class TaskUnitWarning(UserWarning):
+class TaskUnitWarning(SkmtgpWarning, UserWarning):
     """A task that joins a fitted model seems to be measured in another unit.
 
     Its targets vary ten times as much as those of the known tasks, or less than a tenth
@@ -433,7 +456,7 @@ class TaskUnitWarning(UserWarning):
     """
 
 
-class UnderflowWarning(RuntimeWarning):
+class UnderflowWarning(SkmtgpWarning, RuntimeWarning):
     """A feature or target is so small that squares of its values may vanish.
 
     If they vanish, the feature or target counts as constant. From about 1e-158 on they
@@ -448,7 +471,7 @@ class UnderflowWarning(RuntimeWarning):
     """
 
 
-class RepeatedRowsWarning(UserWarning):
+class RepeatedRowsWarning(SkmtgpWarning, UserWarning):
     """Rows are there twice, as if measurements of the same agreed exactly.
 
     All rows with the same inputs have the same target, too. Or `sample_weight` counts
@@ -464,7 +487,7 @@ class RepeatedRowsWarning(UserWarning):
     """
 
 
-class UnidentifiedNoiseWarning(RuntimeWarning):
+class UnidentifiedNoiseWarning(SkmtgpWarning, RuntimeWarning):
     """The rows do not determine the noise variance that was learned from them.
 
     The model follows the rows so closely that less than one degree of freedom is left
@@ -480,7 +503,7 @@ class UnidentifiedNoiseWarning(RuntimeWarning):
     """
 
 
-class UnrelatedTasksWarning(UserWarning):
+class UnrelatedTasksWarning(SkmtgpWarning, UserWarning):
     """A model of each task by itself is likelier than the one that was learned.
 
     All tasks have the same kernel, and this one does not suit all of them: their

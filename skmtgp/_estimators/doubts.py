@@ -9,12 +9,13 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Produc
 from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.labels import name_tasks
+from skmtgp._data.outliers import far_off, warn_of_unforeseen
 from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.forms import diagonal_of
 from skmtgp._estimators.many_columns import columns_are_many
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
 from skmtgp._estimators.targets import AS_GIVEN
-from skmtgp._estimators.units import count_tasks
+from skmtgp._estimators.units import count_tasks, units_of_tasks
 from skmtgp._support.guide import NOISE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
@@ -39,9 +40,11 @@ from skmtgp.learning.row_effects import effects_of_rows
 from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
+from skmtgp.learning.unforeseen import unforeseen
 
 MUCH = 0.2  # of the range of an input, that is far from all rows
 TELLING = 10.0  # nats of BIC that another model must gain to be told of
+OTHER_UNIT = 5.0  # times the deviation of another task, so that it may have one
 LONG = 120.0  # seconds of learning that a user wants to know of before
 # For each hyperparameter: with fewer rows intervals are too narrow.
 ENOUGH_ROWS_EACH = {"mode": 8, "map": 8, "laplace": 4}
@@ -270,6 +273,8 @@ def warn_of_doubts(
             continue
         ended = mode.converged or mode.stalled
         told = ended and _warn_of_scale(training, problem, mode, j)
+        if ended and not told:
+            _warn_of_unforeseen(training, problem, mode, j)
         if mode.converged:
             if not told:  # what grows with the targets looks correlated where these do
                 _warn_of_neighbours(problem, mode)
@@ -294,15 +299,43 @@ def _warn_of_scale(training, problem, mode, j):
     scale = likelier_scale(problem, mode, y, groups)
     if scale:
         warn(
-            f"The targets of {problem.name} are never negative, and likelier by more "
-            f"than {SURE:.0f} nats on another scale: noise or functions grow with "
-            "them. So intervals may be too narrow where targets are large and too wide "
-            f"where they are small. Try target_transform={scale}. Then `predict` gives "
-            "medians, in units of y, and their sums are too low. If you need means or "
+            f"{_of_units(training, problem, j)}The targets of {problem.name} are never "
+            f"negative, and likelier by more than {SURE:.0f} nats on another scale: "
+            "noise or functions grow with them. So intervals may be too narrow where "
+            "targets are large and too wide where they are small. Try "
+            f"target_transform={scale}. Then `predict` gives medians, in units of y, "
+            "and their sums are too low. If you need means or "
             "sums, take sample_y(X, 1000, include_noise=True).mean(axis=-1).",
             TargetScaleWarning,
         )
     return bool(scale)
+
+
+def _of_units(training, problem, j):
+    """What to try before another scale, where tasks may be in different units."""
+    scales = units_of_tasks(training.Y, training.codes, len(training.tasks)).scale[j]
+    ratio = scales.max() / scales.min()
+    if training.units.own_scales or ratio < OTHER_UNIT:
+        return ""
+    return (
+        f"The targets of {problem.name} vary up to {ratio:.0f} times as much in one "
+        "task as in another. Are the tasks in different units? Then set "
+        "normalize_y='per_task', and fit again. Otherwise read on. "
+    )
+
+
+def _warn_of_unforeseen(training, problem, mode, j):
+    """Say which rows are outliers, but for those that were told before learning."""
+    rows, sizes = unforeseen(problem, mode)
+    if not len(rows):
+        return
+    order = np.arange(len(training.Y))[training.order(problem.engine)][rows]
+    new = ~far_off(training.unexplained(False), training.codes)[order, j]
+    if new.any():
+        order, sizes = order[new], sizes[new]
+        values = training.target.back(training.Y)[order, j]
+        of_rows = training.codes[order], training.tasks
+        warn_of_unforeseen(values, *of_rows, sizes, problem.name)
 
 
 def _warn_of_neighbours(problem, mode):

@@ -16,6 +16,7 @@ from skmtgp._data.oddities import (
 )
 from skmtgp._data.outliers import far_off, warn_of_outliers
 from skmtgp._data.partitions import check_partitions
+from skmtgp._data.sticking import stuck_runs, warn_of_sticking
 from skmtgp._data.task_column import locate
 from skmtgp._data.trend import read_trend
 from skmtgp._estimators.slopes import Slopes
@@ -59,6 +60,7 @@ def read(model, X, y, given=NOTHING):
     if plain and not stay:
         tell_copies(model, training.features, training.codes, training.Y)
         _tell_outliers(training)
+        _tell_sticking(training)
     elif not plain and repeats and training.known is None and learns_noise(model):
         copies = count_copies(training.features, training.codes, training.Y)
         warn_of_counts(copies, inference=model.inference)
@@ -145,6 +147,16 @@ def _tell_outliers(training):
     if far.any():
         targets = training.target.back(training.Y)
         warn_of_outliers(far, targets, training.codes, training.tasks)
+
+
+def _tell_sticking(training):
+    """Warn of sensors that seem to be stuck."""
+    Y = training.target.back(training.Y)
+    for j, y in enumerate(Y.T, 1):
+        runs = stuck_runs(training.features, training.codes, y)
+        if runs:
+            which = f" in output {j}" * (Y.shape[1] > 1)
+            warn_of_sticking(runs, training.tasks, which)
 
 
 def _tell_constants(model, Y):

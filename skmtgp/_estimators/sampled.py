@@ -125,12 +125,15 @@ class SampledMixin:
 
     def _without_draws(self):
         """What to do where there are no draws."""
+        needs = "task_correlation_interval needs draws of the hyperparameters, which "
+        if any(of.prior.n_terms > 1 for of in self._likelihoods):
+            needs += "models of several kernels do not have. Fit one kernel with "
+            return f"{needs}hyperparameters='sampled'."
         model = f"this {type(self).__name__}"
         pairs = zip(self._likelihoods, self._thetas(), strict=True)
         modes = [_correlations(of.prior, theta[None]) for of, theta in pairs]
         if all(map(_are_fixed, modes)):
             model = "a MultiTaskGPRegressor with rank=2 or more, or diagonal=True,"
-        needs = "task_correlation_interval needs draws of the hyperparameters, which "
         needs += f"this {type(self).__name__} does not have. Fit {model} with "
         return f"{needs}hyperparameters='sampled' and max_iter above 0."
 

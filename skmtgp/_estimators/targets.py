@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import contextmanager
 
 import numpy as np
+from sklearn import config_context
 from sklearn.base import TransformerMixin, clone
 from sklearn.preprocessing import FunctionTransformer
 
@@ -316,9 +317,12 @@ def _column(method, values):
 
 @contextmanager
 def naming_transform():
-    """Context in which errors of the user's transformer say whose they are."""
+    """Context in which errors of the user's transformer say whose they are.
+
+    It makes arrays, whatever the configuration of scikit-learn asks of others.
+    """
     try:
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), config_context(transform_output="default"):
             yield
     except (TypeError, ValueError) as error:
         raise ValueError(

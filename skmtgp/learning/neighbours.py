@@ -11,7 +11,6 @@ known moments, in whatever order the rows are.
 import numpy as np
 from scipy.stats import chi2
 
-from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 
 LEAST, MOST = 30, 600  # rows that are asked
@@ -45,19 +44,16 @@ def correlated_share(problem, mode):
     :math:`\tfrac12 \mathrm{tr}\,(WA)^2` and its third moment
     :math:`\mathrm{tr}\,(WA)^3`; a chi-squared variable with these says what is chance.
     """
-    data, prior = problem.data, problem.prior
+    data = problem.data
     if len(data) < LEAST or not problem.is_noisy(mode):
         return 0.0
     rows, places = _neighbours(data.tasks)
-    X, tasks, y, known = data.some(rows)
-    noise = np.broadcast_to(prior.values(mode.theta).noise, data.n_tasks)[tasks]
-    noise = noise_of(known, noise)
-    K = prior.covariance(mode.theta, X.astype(float), tasks) + np.diag(noise)
+    X, tasks, y, noise, K = problem.some(mode, rows)
     A = np.sqrt(np.outer(noise, noise)) * _along(tasks, places)
     if not A.any():  # no task has more than two rows
         return 0.0
     with limit_threads(len(rows)):
-        W = prior.precision(K, X.astype(float), tasks)
+        W = problem.prior.precision(K, X, tasks)
         alpha, WA = W @ y, W @ A
         slope = 0.5 * (alpha @ A @ alpha - np.trace(WA))
         variance, third = 0.5 * np.vdot(WA, WA.T), np.vdot(WA @ WA, WA.T)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._data.data import Data
+from skmtgp._data.known import noise_of
 from skmtgp._numerics.bfgs import PATIENCE
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.ambiguity import rivals_of
@@ -178,6 +179,15 @@ class Problem:
         held = np.log(self.tuning.held * scale**2)
         held = min(held, self.prior.log_noise)
         return float(np.clip(held, *self.prior.log_noise_bounds))
+
+    def some(self, mode, rows):
+        """X, tasks, y, noise variances of some rows at a mode, and covariance of y."""
+        X, tasks, y, known = self.data.some(rows)
+        X = X.astype(float)
+        noise = self.prior.values(mode.theta).noise
+        noise = noise_of(known, np.broadcast_to(noise, self.data.n_tasks)[tasks])
+        K = self.prior.covariance(mode.theta, X, tasks) + np.diag(noise)
+        return X, tasks, y, noise, K
 
     def is_noisy(self, mode, *, beyond=0.0):
         """Whether the noise variances of a mode are above where they are held."""

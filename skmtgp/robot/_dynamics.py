@@ -66,10 +66,15 @@ class Dynamics:
         self.slides = [joint.shortname().startswith(SLIDING) for joint in joints]
 
     def __getstate__(self):
-        return {name: value for name, value in vars(self).items() if name != "_pin"}
+        """The model as text, so that skops saves it, too."""
+        state = {name: value for name, value in vars(self).items() if name != "_pin"}
+        return state | {"_model": self._model.saveToString()}
 
     def __setstate__(self, state):
-        vars(self).update(state, _pin=import_pinocchio())
+        pin = import_pinocchio()
+        model = pin.Model()
+        model.loadFromString(state["_model"])
+        vars(self).update(state, _pin=pin, _model=model)
 
     def position_of(self, joint):
         """Position from 0 of a joint that is given by it, or by its name."""

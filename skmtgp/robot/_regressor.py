@@ -316,19 +316,28 @@ class RigidBodyRegressor(PosteriorMixin, Estimator):
         hidden = (np.abs(self._blind) > BLIND).any(axis=1)
         covariance[hidden, hidden] = np.inf
         std = np.sqrt(np.diagonal(covariance))
-        self.parameters_ = pd.DataFrame(
-            {"value": values[:n], "std": std[:n]}, index=self._columns.names
-        )
-        self.load_parameters_ = pd.DataFrame(
-            values[n:].reshape(n_tasks, r),
-            index=pd.Index(self.tasks_, name="task"),
-            columns=[INERTIAL[j] for j in self._columns.load],
-        )
+        self._parameters = np.column_stack([values[:n], std[:n]])
+        self._loads = values[n:].reshape(n_tasks, r)
         blocks = covariance[n:, n:].reshape(n_tasks, r, n_tasks, r)
         same = np.arange(n_tasks)
         self.load_covariance_ = blocks[same, :, same]
         noise = self._noise_variances
         self.noise_variance_ = float(noise[0]) if self._single_output else noise
+
+    @property
+    def parameters_(self) -> pd.DataFrame:
+        """What is known of links and friction, as a table that is made anew."""
+        check_is_fitted(self)
+        names = self._columns.names
+        return pd.DataFrame(self._parameters.copy(), names, ["value", "std"])
+
+    @property
+    def load_parameters_(self) -> pd.DataFrame:
+        """What is known of the loads of the tasks, as a table that is made anew."""
+        check_is_fitted(self)
+        names = [INERTIAL[j] for j in self._columns.load]
+        tasks = pd.Index(self.tasks_, name="task")
+        return pd.DataFrame(self._loads.copy(), tasks, names)
 
     @public
     def add_task(

@@ -53,8 +53,41 @@ class TestFarOff:
 
     def test_not_as_many_as_may_be_a_part_of_the_function(self):
         _, codes, y = measured()
-        y[:4] = -999.0
+        y[:4] = [-999.0, -990.0, -980.0, -970.0]
         assert found(y, codes) == []
+
+    @pytest.mark.parametrize("n_bad", [4, 10, 14])
+    def test_codes_of_up_to_half_of_the_rows(self, n_bad):
+        _, codes, y = measured()
+        y[:n_bad] = -999.0
+        assert found(y, codes) == list(range(n_bad))
+        y[1:n_bad:3] = 850.0
+        assert found(y, codes) == list(range(n_bad))
+        y[2:n_bad:3] = 2000.0
+        assert found(y, codes) == []
+
+    def test_two_codes_as_far_on_both_sides(self):
+        y = np.r_[np.linspace(-1.0, 1.0, 31), np.tile([-99.0, 99.0], 5)]
+        assert found(y, np.zeros(41, dtype=int)) == list(range(31, 41))
+
+    def test_not_most_rows_of_a_code(self):
+        _, codes, y = measured()
+        y[:16] = -999.0
+        assert found(y, codes) == []
+
+    def test_not_two_that_do_not_repeat(self):
+        _, codes, y = measured(12)
+        y[:2] = -999.0, 850.0
+        assert found(y, codes) == []
+
+    @pytest.mark.parametrize("share", [0.2, 0.4])
+    def test_not_zeros_among_amounts_limits_or_clipped_values(self, share):
+        rng = np.random.default_rng(0)
+        y, codes = rng.lognormal(size=4000), np.arange(4000) % 50
+        none = np.where(rng.random(4000) < share, 0.0, y)
+        assert found(none, codes) == []
+        assert found(np.maximum(y, np.quantile(y, share)), codes) == []
+        assert found(np.minimum(y, np.quantile(y, 1.0 - share)), codes) == []
 
     def test_not_of_a_handful_of_rows(self):
         _, codes, y = measured(9)
@@ -91,6 +124,13 @@ class TestWarning:
         x, codes, y = measured()
         y[[40, 50]] = -999.0
         with pytest.warns(OutlierWarning, match=f"{task}.*target_transform"):
+            model.fit(np.column_stack([x, codes]), y)
+
+    def test_a_code_in_many_rows(self):
+        x, codes, y = measured()
+        y[30:42] = -127.0
+        model = MultiTaskGPRegressor("rbf", rank=1, max_iter=0)
+        with pytest.warns(OutlierWarning, match="^12 targets .*: -127 of task 1. "):
             model.fit(np.column_stack([x, codes]), y)
 
     def test_some_of_many(self):
@@ -130,3 +170,40 @@ class TestWarning:
         alpha = np.where(np.arange(60) == 7, 1e6, 0.0)
         model = MultiTaskGPRegressor("rbf", rank=1, max_iter=0)
         model.fit(np.column_stack([x, codes]), y, alpha=alpha)
+
+
+class TestUnforeseen:
+    def fitted(self, y, alpha=None, **options):
+        x, codes, _ = measured()
+        X = np.column_stack([x, np.array(["a", "b"])[codes]])
+        return MultiTaskGPRegressor("rbf", rank=1, **options).fit(X, y, alpha=alpha)
+
+    def test_names_values_tasks_and_the_way_out(self):
+        _, _, y = measured()
+        self.fitted(y)
+        y[7] = 3.3
+        message = "^A target of the output is .* deviations .*: 3.3 of task 'a'. .*loo_"
+        with pytest.warns(OutlierWarning, match=message):
+            self.fitted(y)
+        y[40] += y[7] - measured()[2][7]  # as far
+        message = "^2 targets of the output are up to .*, (3.3 of task 'a'|.*'b')[.] "
+        with pytest.warns(OutlierWarning, match=message):
+            self.fitted(y)
+
+    def test_rows_that_were_told_before_are_not_told_again(self):
+        _, _, y = measured()
+        y[7] = -999.0
+        with pytest.warns(OutlierWarning, match="-999 of task 'a'") as caught:
+            self.fitted(y)
+        assert len(caught) == 1
+
+    def test_known_noise_explains_them(self):
+        _, _, y = measured()
+        y[7] = 3.3
+        self.fitted(y, alpha=np.where(np.arange(60) == 7, 4.0, 0.0))
+
+    def test_values_are_those_of_y(self):
+        _, codes, y = measured()
+        y[7] = 3.3
+        with pytest.warns(OutlierWarning, match="3.3 of task 'a'"):
+            self.fitted(y - 15.0 * codes, target_transform=(np.exp, np.log))

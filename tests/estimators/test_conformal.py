@@ -22,6 +22,8 @@ regression = pytest.importorskip("mapie.regression")
 subsample = pytest.importorskip("mapie.subsample")
 SITE = {"task_feature": "site"}
 LEVEL = 0.9
+# Noise with heavy tails has outliers.
+pytestmark = pytest.mark.filterwarnings("ignore::skmtgp.exceptions.OutlierWarning")
 
 
 def a_model():

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 from sklearn.base import clone
-from sklearn.gaussian_process.kernels import RBF
+from sklearn.gaussian_process.kernels import RBF, Matern
 from waves import draw
 
 from skmtgp import (
@@ -245,6 +245,13 @@ class TestCorrelationInterval:
     def test_needs_draws(self, mode):
         with pytest.raises(ValueError, match="hyperparameters='sampled'"):
             mode.task_correlation_interval()
+
+    @pytest.mark.parametrize("rank", [(1, 1), (2, 1)])
+    def test_several_kernels_have_no_draws(self, rank):
+        kernels = [RBF(1.0), Matern(0.5, nu=2.5)]
+        model = MultiTaskGPRegressor(kernels, rank=rank, max_iter=0).fit(X, y)
+        with pytest.raises(ValueError, match="several kernels do not have"):
+            model.task_correlation_interval()
 
     @pytest.mark.parametrize("level", [0.0, 1.0, 95, "a", None])
     def test_level(self, model, level):

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from scipy.special import expit, logit
 from scipy.stats import norm
+from sklearn import config_context
 from sklearn.base import clone
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.metrics import r2_score
@@ -91,6 +92,19 @@ def test_it_predicts_as_the_meta_estimator_of_scikit_learn():
     other = TransformedTargetRegressor(plain, func=np.log, inverse_func=np.exp)
     np.testing.assert_array_equal(own.predict(Z), other.fit(X, Y).predict(Z))
     assert own.score(X, Y) == r2_score(Y, own.predict(X))
+
+
+@pytest.mark.parametrize(
+    "transform", [LOG, FunctionTransformer(*LOG), PowerTransformer(method="box-cox")]
+)
+def test_columns_are_arrays_whatever_the_configuration(transform):
+    """Warnings are errors in tests."""
+    [column] = fit_target(transform, Y[:, :1]).columns
+    expected = column.forward(Y[:, 0])
+    with config_context(transform_output="pandas"):
+        [again] = fit_target(transform, Y[:, :1]).columns
+        np.testing.assert_array_equal(again.forward(Y[:, 0]), expected)
+        np.testing.assert_allclose(again.back(expected), Y[:, 0])
 
 
 @pytest.mark.parametrize("include_noise", [False, True])

@@ -39,6 +39,18 @@ def test_the_scale_is_found(back, advice, unit):
         MultiTaskGPRegressor().fit(X, unit * y)
 
 
+@pytest.mark.parametrize("unit", [1.0, 30.0])
+def test_units_come_first_where_tasks_may_have_their_own(unit):
+    X, y = drawn(np.exp)
+    y *= np.where(X[:, 1] == 1.0, unit, 1.0)
+    [message] = told(MultiTaskGPRegressor("rbf", normalize_y="shared"), X, y)
+    first = message.startswith("The targets of the output vary up to ")
+    assert first == (unit > 1.0)
+    assert ("normalize_y='per_task', and" in message) == first
+    for text in told(MultiTaskGPRegressor("rbf", normalize_y="per_task"), X, y):
+        assert "per_task" not in text
+
+
 def test_counts_with_zeros():
     X, z = drawn(lambda z: np.exp(2.0 * z - 7.0), n_each=40)
     y = np.random.default_rng(0).poisson(z)

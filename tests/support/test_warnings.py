@@ -9,14 +9,25 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from test_layers import MODULES
 
+from skmtgp import exceptions
 from skmtgp._support.warnings import collect_warnings, quiet, warn
-from skmtgp.exceptions import JitterWarning
+from skmtgp.exceptions import JitterWarning, SkmtgpWarning
 
 
 def test_given():
     with pytest.warns(JitterWarning, match="some jitter") as caught:
         warn("some jitter", JitterWarning)
     assert caught[0].filename == __file__
+
+
+@pytest.mark.parametrize("name", [of for of in exceptions.__all__ if "Warning" in of])
+def test_one_filter_for_all(name):
+    kind = getattr(exceptions, name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SkmtgpWarning)
+        warn("not given", kind)
+    own = kind is SkmtgpWarning
+    assert own or issubclass(kind, (UserWarning, RuntimeWarning))
 
 
 def test_collected():

@@ -23,7 +23,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
-from skmtgp._estimators import doubts
+from skmtgp._estimators import other_models
 from skmtgp.exceptions import UnrelatedTasksWarning
 
 N_TASKS, ROWS, N_TEST, NOISE = 4, 30, 50, 0.15
@@ -87,10 +87,10 @@ class Clock:
 
 def asked(X, y, *questions):
     """The default fit, what it warns of, and which share of it questions take."""
-    clocks = {name: Clock(getattr(doubts, name)) for name in questions}
+    clocks = {name: Clock(getattr(other_models, name)) for name in questions}
     begin = time.process_time()
     catching = warnings.catch_warnings(record=True)
-    with patch.multiple(doubts, **clocks), catching as caught:
+    with patch.multiple(other_models, **clocks), catching as caught:
         warnings.simplefilter("always")
         model = MultiTaskGPRegressor().fit(X, y)
     seconds = sum(clock.seconds for clock in clocks.values())

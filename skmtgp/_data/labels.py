@@ -363,6 +363,23 @@ def rows_by_code(codes):
     return present, np.split(order, starts[1:])
 
 
+def name_input(k, names):
+    """Name of an input in a message.
+
+    Parameters
+    ----------
+    k : int
+        Its position.
+    names : list of str or None
+        Of all inputs.
+
+    Returns
+    -------
+    name : str
+    """
+    return f"column {k} of the inputs" if names is None else repr(names[k])
+
+
 def name_tasks(labels, *, begins=False):
     """The tasks by their labels, or by some of them; perhaps they begin a sentence."""
     word = "Task" if begins else "task"

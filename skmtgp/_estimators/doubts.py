@@ -1,19 +1,17 @@
 """What a user should know before learning begins, and what it leaves in doubt."""
 
 from itertools import permutations
-from operator import itemgetter
 
 import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
 
 from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
-from skmtgp._data.labels import name_tasks
+from skmtgp._data.labels import name_input, name_tasks
 from skmtgp._data.outliers import far_off, warn_of_unforeseen
 from skmtgp._data.skewness import is_skewed, share_far
-from skmtgp._estimators.forms import diagonal_of
 from skmtgp._estimators.many_columns import columns_are_many
-from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
+from skmtgp._estimators.other_models import warn_of_others
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks, units_of_tasks
 from skmtgp._support.guide import NOISE
@@ -24,26 +22,18 @@ from skmtgp.exceptions import (
     CorrelatedResidualsWarning,
     LongFitWarning,
     NarrowIntervalsWarning,
-    RowEffectsWarning,
-    SeveralKernelsWarning,
     SkewedInputWarning,
     SmallTaskWarning,
     TargetScaleWarning,
     UnidentifiedNoiseWarning,
-    UnrelatedTasksWarning,
 )
 from skmtgp.learning.ambiguity import doubt_about
-from skmtgp.learning.common_function import NOT_ASKED, common_function
 from skmtgp.learning.neighbours import LARGE, correlated_share
-from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
-from skmtgp.learning.row_effects import effects_of_rows
-from skmtgp.learning.separate import gain_of_separate_models
 from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
 from skmtgp.learning.unforeseen import unforeseen
 
 MUCH = 0.2  # of the range of an input, that is far from all rows
-TELLING = 10.0  # nats of BIC that another model must gain to be told of
 OTHER_UNIT = 5.0  # times the deviation of another task, so that it may have one
 LONG = 120.0  # seconds of learning that a user wants to know of before
 # For each hyperparameter: with fewer rows intervals are too narrow.
@@ -184,7 +174,7 @@ def tell_skewed(skewed, names):
         Of the inputs.
     """
     for k in sorted(skewed):
-        name = _name(k, names)
+        name = name_input(k, names)
         warn(
             f"Rows are dense at small values of {name} and sparse at large ones. The "
             f"length-scale follows the small ones. So more than {MUCH:.0%} of its "
@@ -192,11 +182,6 @@ def tell_skewed(skewed, names):
             f"return to the mean. Try the logarithm of {name}.",
             SkewedInputWarning,
         )
-
-
-def _name(k, names):
-    """Of an input, in words."""
-    return f"column {k} of the inputs" if names is None else repr(names[k])
 
 
 def inputs_far_apart(prior, theta, X):
@@ -281,7 +266,7 @@ def warn_of_doubts(
             if not sampled:
                 _warn_of_rivals(problem, mode)
         if ended:
-            _warn_of_others(training, problem, mode, names, compared, one_kernel)
+            warn_of_others(training, problem, mode, names, compared, one_kernel)
 
 
 def _warn_of_scale(training, problem, mode, j):
@@ -373,118 +358,6 @@ def _warn_of_rivals(problem, mode):
             "n_restarts_optimizer also searches for a still better mode.",
             AmbiguousFitWarning,
         )
-
-
-def _warn_of_others(training, problem, mode, names, compared, one_kernel):
-    """Say which other model is likelier: one of each task, or one of two kernels."""
-    if not one_kernel and _warn_of_rows(training, problem, mode):
-        return
-    apart, common, two = -np.inf, NOT_ASKED, (-np.inf, None)
-    if mode.converged and not compared:
-        apart = gain_of_separate_models(problem, mode)
-    if not one_kernel:
-        common = common_function(problem, mode)
-        two = _two_kernels(training, problem, mode, max(TELLING, apart, common.gain))
-    if common.gain > max(TELLING, apart, two[0]):
-        _tell_common_function(training, problem, mode, names, common)
-    elif two[0] > max(TELLING, apart):
-        _tell_own_kernels(training, problem, mode, *two)
-    elif apart > TELLING:
-        warn(
-            f"No two tasks of {problem.name} are closely related, and a model of each "
-            f"task by itself is likelier by {apart:.0f} nats (BIC). One kernel does "
-            "not suit all tasks: their functions may depend on different inputs, or "
-            "some may vary faster than others. RankSearchIC compares both models, and "
-            "SingleTaskGP learns each task by itself.",
-            UnrelatedTasksWarning,
-        )
-
-
-def _warn_of_rows(training, problem, mode):
-    """Say if rows have effects of their own; whether it was said."""
-    X, alike = problem.data.X, training.alike
-    kernels = (named_kernel(name, X, alike=alike) for name in (DEFAULT, LINEAR))
-    found = effects_of_rows(problem, mode, *kernels)
-    told = found is not None and found.gain > TELLING and found.clear
-    if told:
-        first = LINEAR if found.straight else None
-        kernel = f"[{first!r}, RBF({found.length_scale!r}, 'fixed')]"
-        rest = _named(training, rank=found.ranks)
-        warn(
-            f"Rows of {problem.name} have effects of their own, which the tasks share "
-            "and inputs do not tell, as those of patients or places where each has a "
-            "row of a table. The kernel took them for a rough function of the inputs, "
-            "so predictions of new rows are poor. With a second kernel for them the "
-            f"model is likelier by {found.gain:.0f} nats (BIC), and the mean squared "
-            f"error at rows that are left out is {1.0 - found.ratio:.0%} lower. Try "
-            f"MultiTaskGPRegressor(kernel={kernel}, {rest}), with RBF of "
-            "sklearn.gaussian_process.kernels, in the WideRegressor or pipeline if "
-            "there is one. This takes longer.",
-            RowEffectsWarning,
-        )
-    return told
-
-
-def _named(training, **options):
-    """Parameters in words, with the units and the noise of this fit."""
-    options |= {"noise": training.noise, "normalize_y": training.units.name}
-    return ", ".join(f"{key}={value!r}" for key, value in options.items())
-
-
-def _two_kernels(training, problem, mode, enough):
-    """Nats that two kernels gain, and which: as rough as the one, or smooth.
-
-    Two smooth functions that vary at different speeds are a rough one to one kernel.
-    """
-    kernel = _kernel_in_lists(training, problem, mode)
-    gain = gain_of_own_kernels(problem, mode, enough)
-    if gain > enough or training.kernel == DEFAULT:
-        return gain, kernel
-    smooth = named_kernel(DEFAULT, problem.data.X, alike=training.alike)
-    of_smooth = gain_of_own_kernels(problem, mode, enough, kernel=smooth)
-    smooth = smooth if training.alike else None
-    return max((gain, kernel), (of_smooth, smooth), key=itemgetter(0))
-
-
-def _tell_own_kernels(training, problem, mode, gain, kernel):
-    """Say which parameters give two kernels, beside the units and noise of this fit."""
-    named = _named(training, kernel=[kernel] * 2, rank=ranks_of_two(problem, mode))
-    warn(
-        f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
-        "(BIC): functions that the tasks share vary at different speeds, or depend "
-        "on different inputs. "
-        f"Try MultiTaskGPRegressor({named}). This takes longer.",
-        SeveralKernelsWarning,
-    )
-
-
-def _tell_common_function(training, problem, mode, names, found):
-    """The same of a second kernel, for a function of one input."""
-    form, j = problem.prior.task_covariance, found.feature
-    first, second = _kernel_in_lists(training, problem, mode), found.kernel
-    least, most = second.length_scale_bounds
-    scale = np.clip(second.length_scale, 2.0 * least, 0.5 * most)  # before rounding
-    of_input = f"Matern({scale:.2g}, ({least:.1g}, {most:.1g}), nu=1.5)"
-    column = j if names is None else names[j]
-    kernel = f"[{first!r}, Columns({of_input}, [{column!r}])]"
-    diagonal = [diagonal_of(form), False]
-    several = {"rank": [form.rank, 0], "shared": [form.shared, True]}
-    rest = _named(training, **several, diagonal=diagonal)
-    warn(
-        f"All tasks of {problem.name} share a function of {_name(j, names)} alone, as "
-        "the shocks of a year that all countries feel. One kernel of all inputs cannot "
-        f"tell it. With a second one the model is likelier by {found.gain:.0f} nats "
-        f"(BIC). Try MultiTaskGPRegressor(kernel={kernel}, {rest}), with Columns of "
-        "skmtgp.kernels and Matern of sklearn.gaussian_process.kernels.",
-        SeveralKernelsWarning,
-    )
-
-
-def _kernel_in_lists(training, problem, mode):
-    """The kernel of this fit as an element of a list of kernels."""
-    if training.alike:  # names give each column a length-scale
-        return problem.prior.kernel_at(mode.theta)
-    return None if training.kernel == DEFAULT else training.kernel
 
 
 def warn_of_noise(told, tasks=None, lower=""):

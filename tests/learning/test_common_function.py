@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, Matern
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
-from skmtgp._estimators import doubts
+from skmtgp._estimators import other_models
 from skmtgp.exceptions import SeveralKernelsWarning
 from skmtgp.kernels import Columns
 from skmtgp.learning import own_kernels
@@ -50,7 +50,7 @@ def asked(monkeypatch, model, X, y, *given):
         found.append((problem, mode, common_function(problem, mode)))
         return found[-1][-1]
 
-    monkeypatch.setattr(doubts, "common_function", ask)
+    monkeypatch.setattr(other_models, "common_function", ask)
     said(model, X, y, *given)
     return found
 

@@ -8,7 +8,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, RankSearchIC
-from skmtgp._estimators import base, doubts
+from skmtgp._estimators import base, doubts, other_models
 from skmtgp.exceptions import SeveralKernelsWarning, UnrelatedTasksWarning
 from skmtgp.learning import own_kernels
 
@@ -45,7 +45,7 @@ def gains(monkeypatch, model, X, y, *given):
         found.append((ask(problem, mode, **kernel), problem, mode))
         return found[-1][0]
 
-    monkeypatch.setattr(doubts, "gain_of_own_kernels", asked)
+    monkeypatch.setattr(other_models, "gain_of_own_kernels", asked)
     said(model, X, y, *given)
     return found
 
@@ -203,7 +203,9 @@ def test_the_likelier_of_two_models_is_named(monkeypatch):
     """Tasks apart, or two kernels."""
     X, y, _ = drawn()
     for apart, told in ((11.0, SeveralKernelsWarning), (1e3, UnrelatedTasksWarning)):
-        monkeypatch.setattr(doubts, "gain_of_separate_models", lambda *_, a=apart: a)
+        monkeypatch.setattr(
+            other_models, "gain_of_separate_models", lambda *_, a=apart: a
+        )
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
             MultiTaskGPRegressor(**RANK_2).fit(X, y)

@@ -9,7 +9,7 @@ from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, WideRegressor
-from skmtgp._estimators import doubts
+from skmtgp._estimators import other_models
 from skmtgp.exceptions import RowEffectsWarning
 from skmtgp.inference.left_out import errors_left_out
 from skmtgp.learning import row_effects
@@ -108,7 +108,7 @@ def test_errors_are_those_of_fits_without_the_rows(fits):
 
     X, Y, _, model, _ = fits
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(doubts, "effects_of_rows", kept)
+        patch.setattr(other_models, "effects_of_rows", kept)
         said(clone(model), X, Y)
     [(problem, mode)] = found
     rows = row_effects._rows(problem)

@@ -15,7 +15,7 @@ from skmtgp import (
     RankSearchIC,
     SingleTaskGP,
 )
-from skmtgp._estimators import doubts
+from skmtgp._estimators import other_models
 from skmtgp.exceptions import UnrelatedTasksWarning
 from skmtgp.learning import separate
 
@@ -78,7 +78,7 @@ def gains(monkeypatch, model, X, y, *given):
         found.append(ask(problem, mode))
         return found[-1]
 
-    monkeypatch.setattr(doubts, "gain_of_separate_models", asked)
+    monkeypatch.setattr(other_models, "gain_of_separate_models", asked)
     said(model, X, y, *given)
     return found
 

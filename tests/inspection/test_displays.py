@@ -85,7 +85,7 @@ class TestAllDisplays:
 
     def test_columns_of_tasks(self):
         """What the model is, is shown; data need rows with a task."""
-        wide = WideRegressor(MultiTaskGPRegressor(rank=1, **QUICK))
+        wide = WideRegressor(MultiTaskGPRegressor("rbf", rank=1, **QUICK))
         table = pd.DataFrame(X[:9, :2], columns=["a", "b"])
         targets = pd.DataFrame({"u": Y[:9, 0], "v": Y[:9, 1]})
         with pytest.raises(NotFittedError):

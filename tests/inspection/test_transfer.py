@@ -118,9 +118,10 @@ class TestTable:
         assert np.isfinite(row["log_density"])
 
     def test_several_outputs(self):
-        both = IndependentGP(**QUICK).fit(X, Y)
+        both = IndependentGP("rbf", **QUICK).fit(X, Y)
         found = TransferDisplay.from_estimator(both, output=1).transfer
-        one = IndependentGP(**QUICK, normalize_y=both.normalize_y_, noise=both.noise_)
+        of_both = {"normalize_y": both.normalize_y_, "noise": both.noise_}
+        one = IndependentGP("rbf", **QUICK, **of_both)
         expected = TransferDisplay.from_estimator(one.fit(X, Y[:, 1])).transfer
         pd.testing.assert_frame_equal(found, expected, rtol=1e-6)
 

@@ -14,6 +14,7 @@ from scipy.stats import norm
 from skmtgp._numerics.parallel import limit_threads
 
 LEAST, MOST = 30, 2000  # rows that are asked: the inverse takes a second or less
+FEWEST = 5  # rows of a task: fewer hardly tell how it is related
 BY_CHANCE = 1e-3  # how often a right model has any such row
 MEDIAN = norm.ppf(0.75)  # of the size of a standard normal variable
 LITTLE = 1e-8  # of noise in what is left of a row: rounding, or the trend takes all
@@ -23,8 +24,8 @@ def unforeseen(problem, mode):
     """Rows that others do not foresee, and by how many standard deviations.
 
     Few or very many rows are not asked, nor is a mode with almost no noise: kernels
-    seldom suit a function so exactly. Where most rows of a task are far off, as those
-    of a noisier one or those of a task of one or two rows, these are what is usual.
+    seldom suit a function so exactly. Nor are tasks of few rows. Where most rows of a
+    task are far off, as those of a noisier one, these are what is usual.
 
     Parameters
     ----------
@@ -48,8 +49,10 @@ def unforeseen(problem, mode):
         W = problem.prior.precision(K, X, tasks)
         left = np.diagonal(W)
         z = np.abs(W @ y) / np.sqrt(np.where(left * noise > LITTLE, left, np.inf))
-    usual = pd.Series(z).groupby(tasks).transform("median").to_numpy() / MEDIAN
+    of_tasks = pd.Series(z).groupby(tasks)
+    usual = of_tasks.transform("median").to_numpy() / MEDIAN
+    told = of_tasks.transform("size").to_numpy() >= FEWEST
     bound = norm.isf(0.5 * BY_CHANCE / n)
-    rows = np.flatnonzero(z > bound * np.maximum(usual, 1.0))
+    rows = np.flatnonzero(told & (z > bound * np.maximum(usual, 1.0)))
     rows = rows[np.argsort(-z[rows])]
     return rows, z[rows]

@@ -153,6 +153,7 @@ def spring(module, name, path):
     setattr(module, name, fatal)
 
 
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
 @pytest.mark.parametrize(
     ("model", "module", "name"),
     [(RANKS, stages, "_follow"), (FITS["tasks"], single_task, "_fit_alone")],

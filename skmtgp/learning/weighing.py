@@ -182,6 +182,8 @@ def best_of_forms(problems, modes, n_jobs=None, *, every=False):
     every : bool, default=False
         See `weighed`.
     """
+    if len(problems) == 1:  # perhaps of a user's
+        return 0
     near = weighed(problems, modes, every=every)
     if not near:
         return int(np.argmax(worths_of(problems, modes) + log_odds(problems, modes)))

@@ -10,6 +10,7 @@ from scipy.stats import norm
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 from sklearn.linear_model import LinearRegression
 
+from skmtgp import IndependentGP, PooledGP
 from skmtgp.kernels import ARDLinear
 from skmtgp.learning import lines
 from skmtgp.learning.lines import as_lines, may_be_lines
@@ -125,3 +126,13 @@ def test_lines_begin_with_the_slopes_of_curves(kernel, monkeypatch):
     value = straight.likelihood().value(theta)
     assert found.value >= value
     assert found.value == pytest.approx(straight.likelihood().value(found.theta))
+
+
+@pytest.mark.parametrize("cls", [IndependentGP, PooledGP])
+def test_lines_of_a_covariance_that_is_held(cls):
+    """It has no rank, beside a diagonal; nor is there another form to choose."""
+    rng = np.random.default_rng(0)
+    x, task = rng.standard_normal(40), np.arange(40) % 2
+    y = 2.0 * x + task + 0.1 * rng.standard_normal(40)
+    model = cls(diagonal=True).fit(np.column_stack([x, task]), y)
+    assert "ARDLinear" in repr(model.kernel_)

@@ -422,7 +422,8 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
     def _name_tasks(self, model, table, names):
         """Keep the names of the outputs, and the labels of their tasks.
 
-        Other models than ours take numbers alone from an array.
+        Other models than ours, and steps of a pipeline, take numbers alone from an
+        array.
         """
         self.outputs_ = np.empty(len(names), dtype=object)
         self.outputs_[:] = names
@@ -430,7 +431,7 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         named = isinstance(table, pd.DataFrame)
         if named:
             _check_labels(names)
-        if named or (text and isinstance(end_of(model), Estimator)):
+        if named or (text and isinstance(model, Estimator)):
             self._labels = self.outputs_
         else:
             self._labels = np.arange(len(names))
@@ -625,9 +626,10 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         check_consistent_length(table, Y)
         codes, rows = np.nonzero(~np.isnan(Y.T))
         found = np.full(Y.shape, np.nan)
-        model, X = at_the_end(self.estimator_, self._stack(table, rows, codes))
-        ask = _method(model, "log_predictive_density")
-        found[rows, codes] = ask(X, Y[rows, codes])
+        if len(rows):
+            model, X = at_the_end(self.estimator_, self._stack(table, rows, codes))
+            ask = _method(model, "log_predictive_density")
+            found[rows, codes] = ask(X, Y[rows, codes])
         return found[:, 0] if self._single else found
 
     @public

@@ -65,3 +65,17 @@ def test_positions_name_tasks_where_y_has_no_strings():
 def test_other_models_take_numbers_alone():
     forest = WideRegressor(RandomForestRegressor(3, random_state=0))
     assert forest.fit(X.to_numpy(), Y).predict(X.to_numpy()).shape == Y.shape
+
+
+def test_steps_of_a_pipeline_inside_take_numbers():
+    """Tasks of an array are positions then."""
+    pipeline = make_pipeline(StandardScaler(), MODEL.estimator)
+    model = WideRegressor(pipeline).fit(X.to_numpy(), Y)
+    assert np.isfinite(model.predict(X.to_numpy())).all()
+    assert model.outputs_.tolist() == ["v", "u"]
+
+
+def test_the_density_of_a_row_without_values():
+    model = clone(MODEL).fit(X, Y)
+    found = model.log_predictive_density(X[:1], Y[:1] * np.nan)
+    np.testing.assert_array_equal(found, [[np.nan, np.nan]])

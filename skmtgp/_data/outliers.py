@@ -12,6 +12,10 @@ FAR = 20.0  # times as far from the median as the next one
 SHARE = 10  # at most one row of so many is an outlier
 CODES = 2  # values that may be in more rows, up to half of them, if they repeat
 NAMED = 3  # in a warning
+LOOK = (
+    "Look at the rows where mean, std = loo_predict(include_noise=True) has "
+    "abs(y - mean) > 4 * std. "
+)
 
 
 def far_off(Y, codes):
@@ -78,13 +82,14 @@ def warn_of_outliers(far, targets, codes, tasks):
         f"the others: {values}. The noise is assumed to be "
         "Gaussian, so the model may learn hardly anything else of the task. Is it a "
         "code for a missing value, another unit, or a sensor that failed? Leave such "
-        "rows out. Where right values span several orders of magnitude, learn their "
+        "rows out, unless the values are right, as of a machine that is on or off. "
+        "Where right values span several orders of magnitude, learn their "
         f"logarithms: target_transform=(np.log, np.exp). {NOISE}",
         OutlierWarning,
     )
 
 
-def warn_of_unforeseen(values, codes, tasks, sizes, name):
+def warn_of_unforeseen(values, codes, tasks, sizes, name, *, transformed=False):
     """Say which targets are far from what all other rows say, and what that does.
 
     Parameters
@@ -99,6 +104,8 @@ def warn_of_unforeseen(values, codes, tasks, sizes, name):
         Standard deviations that each is off.
     name : str
         Of the output.
+    transformed : bool, default=False
+        Whether targets are learned on another scale, which `loo_predict` has not.
     """
     n = len(values)
     subject = f"{n} targets of {name} are" if n > 1 else f"A target of {name} is"
@@ -107,9 +114,8 @@ def warn_of_unforeseen(values, codes, tasks, sizes, name):
         f"{subject} {most} standard deviations from what all other rows say: "
         f"{_listed(values, codes, tasks)}. The noise is assumed to be Gaussian, so "
         "such rows raise it, and pull functions towards themselves. They may also hide "
-        "others. Look at the rows where mean, std = loo_predict(include_noise=True) "
-        "has abs(y - mean) > 4 * std. Leave out those that are wrong, fit again, and "
-        f"repeat that until there are none. {NOISE}",
+        f"others. {'' if transformed else LOOK}Leave out those that are wrong, fit "
+        f"again, and repeat that until there are none. {NOISE}",
         OutlierWarning,
     )
 
@@ -118,7 +124,7 @@ def _listed(values, codes, tasks):
     """Some targets in words, each with its task if there are several."""
     names = [f" of task {label!r}" for label in tasks[codes].tolist()]
     found = zip(values, names, strict=True)
-    words = [f"{value:g}{name * (len(tasks) > 1)}" for value, name in found]
+    words = [f"{value:.10g}{name * (len(tasks) > 1)}" for value, name in found]
     words = list(dict.fromkeys(words))
     more = f" and {len(words) - NAMED} more" * (len(words) > NAMED)
     return f"{', '.join(words[:NAMED])}{more}"

@@ -63,9 +63,14 @@ def stuck_runs(features, codes, y):
         run = _longest(y[order[rows]]) if len(rows) >= 2 * LONG else None
         if run is not None:
             x = features[order[rows[[run.start, run.stop - 1]]], 0]
-            where = f"where the input is from {x[0]:g} to {x[1]:g}"
+            if one and x[0] == x[1]:  # repeated measurements have no order
+                continue
+            where = f"where the input is from {x[0]:.10g} to {x[1]:.10g}"
             if not one:
-                where = f"its rows {run.start} to {run.stop - 1}, counted from 0"
+                where = (
+                    f"its rows {run.start} to {run.stop - 1}, counted from 0 among "
+                    "those that have a target"
+                )
             value = float(y[order[rows[run.start]]])
             found.append(Run(task, run.stop - run.start, len(rows), value, where))
     return found if 2 * len(found) <= len(present) else []
@@ -100,7 +105,7 @@ def warn_of_sticking(runs, tasks, which=""):
     """
     named = "; ".join(
         f"{run.n_equal} of {run.n_rows} targets of task {tasks[run.task].item()!r}"
-        f"{which} are {run.value:g}, {run.where}"
+        f"{which} are {run.value:.10g}, {run.where}"
         for run in runs[:NAMED]
     )
     more = f"; and so on in {len(runs) - NAMED} more" * (len(runs) > NAMED)

@@ -320,7 +320,10 @@ def _warn_of_unforeseen(training, problem, mode, j):
         order, sizes = order[new], sizes[new]
         values = training.target.back(training.Y)[order, j]
         of_rows = training.codes[order], training.tasks
-        warn_of_unforeseen(values, *of_rows, sizes, problem.name)
+        transformed = training.target is not AS_GIVEN
+        warn_of_unforeseen(
+            values, *of_rows, sizes, problem.name, transformed=transformed
+        )
 
 
 def _warn_of_neighbours(problem, mode):

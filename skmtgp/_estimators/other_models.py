@@ -115,7 +115,8 @@ def _tell_own_kernels(training, problem, mode, gain, kernel):
         f"Two kernels for {problem.name} are likelier than one, by {gain:.0f} nats "
         "(BIC): functions that the tasks share vary at different speeds, or depend "
         "on different inputs. "
-        f"Try MultiTaskGPRegressor({named}). This takes longer.",
+        f"Try MultiTaskGPRegressor({named}). This takes longer. Keep your other "
+        "parameters.",
         SeveralKernelsWarning,
     )
 
@@ -138,7 +139,7 @@ def _tell_common_function(training, problem, mode, names, found):
         "inputs cannot tell it. With a second one the model is likelier by "
         f"{found.gain:.0f} nats (BIC). Try MultiTaskGPRegressor(kernel={kernel}, "
         f"{rest}), with Columns of skmtgp.kernels and Matern of "
-        "sklearn.gaussian_process.kernels.",
+        "sklearn.gaussian_process.kernels. Keep your other parameters.",
         SeveralKernelsWarning,
     )
 

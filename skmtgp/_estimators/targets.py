@@ -22,7 +22,9 @@ LARGEST = 1e150  # the squares of larger numbers overflow
 # ends at a pole, beside which there is no deviation.
 BEYOND, FAR, STEPS = 10.0, 20.0, 400
 NEAR, HALVINGS = 1e-6, 60
-STEP = 1e-5  # of differences that tell slopes, in multiples of the transformed range
+# Of differences that tell slopes, in multiples of the transformed range, and how large
+# a part of a value that is taken to be at least
+STEP, LEAST_STEP = 1e-5, 1e-3
 
 
 class AsGiven:
@@ -166,16 +168,26 @@ class Column:
         This is -inf where the inverse does not lead: y is impossible, and z any other.
         It is inf where the inverse ends or is flat: many z are the same y.
         """
-        z = _column(self.transformer.transform, y)
+        z = self._where_taken(y)
         z = np.where(np.isfinite(z), z, self.inside)
-        here, step = self._inverse(z), STEP * self.sizes[1]
-        lower, upper = self._inverse(z - step), self._inverse(z + step)
+        step = STEP * np.maximum(self.sizes[1], LEAST_STEP * np.abs(z))
+        below, above = z - step, z + step
+        here, lower, upper = map(self._inverse, (z, below, above))
         many = (lower == here) | (upper == here)
-        many |= (z - step <= self.ends[0]) | (z + step >= self.ends[1])
+        many |= (below <= self.ends[0]) | (above >= self.ends[1])
         rises = np.where(many, 1.0, np.abs(upper - lower))
-        slopes = np.where(many, np.inf, np.log(2.0 * step) - np.log(rises))
+        slopes = np.where(many, np.inf, np.log(above - below) - np.log(rises))
         possible = np.abs(here - y) <= LOST * np.maximum(self.sizes[0], np.abs(y))
         return z, np.where(possible, slopes, -np.inf)
+
+    def _where_taken(self, y):
+        """Transformed targets, NaN where the transformer refuses one."""
+        try:
+            return _column(self.transformer.transform, y)
+        except ValueError:
+            if len(y) == 1:
+                return np.array([np.nan])
+            return np.concatenate([self._where_taken(y[[i]]) for i in range(len(y))])
 
     def back(self, z):
         """Values in units of y, of any shape."""

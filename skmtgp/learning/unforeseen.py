@@ -13,7 +13,9 @@ from scipy.stats import norm
 
 from skmtgp._numerics.parallel import limit_threads
 
-LEAST, MOST = 30, 2000  # rows that are asked: the inverse takes a second or less
+# Rows that are asked: the inverse takes a second or less. Complete data are learned in
+# little more.
+LEAST, MOST, MOST_COMPLETE = 30, 2000, 500
 FEWEST = 5  # rows of a task: fewer hardly tell how it is related
 BY_CHANCE = 1e-3  # how often a right model has any such row
 MEDIAN = norm.ppf(0.75)  # of the size of a standard normal variable
@@ -42,7 +44,8 @@ def unforeseen(problem, mode):
         Of their errors, in standard deviations.
     """
     n, exact = len(problem.data), problem.engine.exact
-    if not (exact and LEAST <= n <= MOST and problem.is_noisy(mode)):
+    most = MOST if problem.data.design is None else MOST_COMPLETE
+    if not (exact and LEAST <= n <= most and problem.is_noisy(mode)):
         return np.empty(0, dtype=int), np.empty(0)
     X, tasks, y, noise, K = problem.some(mode, np.arange(n))
     with limit_threads(n):

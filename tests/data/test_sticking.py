@@ -40,6 +40,13 @@ def test_the_order_is_that_of_the_only_input():
     assert found(two, codes[order], y[order]) == []
 
 
+def test_not_repeats_at_one_input():
+    """They have no order, and may well be equal."""
+    X, codes, y, of_b = recorded()
+    y[of_b[STUCK]], X[of_b[STUCK]] = 5.1, 3.0
+    assert found(X, codes, y) == []
+
+
 def test_not_a_short_run_nor_almost_all_rows():
     for stuck in (slice(10, 19), slice(5, 36)):
         X, codes, y, of_b = recorded()

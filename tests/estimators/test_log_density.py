@@ -6,7 +6,11 @@ import pytest
 from scipy.stats import norm, t
 from sklearn.base import clone
 from sklearn.exceptions import NotFittedError
-from sklearn.preprocessing import PowerTransformer, QuantileTransformer
+from sklearn.preprocessing import (
+    PowerTransformer,
+    QuantileTransformer,
+    StandardScaler,
+)
 from waves import draw
 
 from skmtgp import (
@@ -149,7 +153,7 @@ class TestSlopes:
         (y[:4], ValueError, "inconsistent numbers of samples"),
         (np.column_stack([y, y]), ValueError, r"y has shape \(15, 2\); the model was"),
         (np.where(y == y[0], np.nan, y), ValueError, "NaN"),
-        (None, ValueError, "y"),
+        (None, ValueError, "requires y to be passed"),
     ],
 )
 def test_what_are_no_observations(value, error, match):
@@ -187,3 +191,33 @@ class TestTables:
         assert wide.log_predictive_density(self.x[:, None], y).shape == (12,)
         with pytest.raises(ValueError, match="inconsistent numbers"):
             wide.log_predictive_density(self.x[:5, None], y)
+
+
+@pytest.mark.parametrize("value", [1e3, 1e9, 1e12, 1e36])
+def test_absurd_values_are_unlikely_on_any_linear_scale(value):
+    """As likely as without a transform."""
+    plain, scaled = (
+        PooledGP("rbf", **QUICK),
+        PooledGP("rbf", target_transform=StandardScaler(), **QUICK),
+    )
+    found, expected = (
+        of.fit(X, y).log_predictive_density(X[:1], [value]) for of in (scaled, plain)
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-2)
+
+
+@pytest.mark.parametrize("level", [1e3, 1e6, 1e9])
+def test_slopes_far_from_zero(level):
+    values = level + np.linspace(0.0, 1.0, 9)
+    [column] = fit_target((np.log, np.exp), values[:, None]).columns
+    np.testing.assert_allclose(
+        column.with_slopes(values)[1], -np.log(values), atol=1e-4
+    )
+
+
+def test_values_that_a_transformer_refuses_are_impossible():
+    transform = PowerTransformer("box-cox")
+    model = PooledGP(target_transform=transform, **QUICK).fit(X, np.exp(y))
+    found = model.log_predictive_density(X[:2], [0.0, 1.0])
+    assert found[0] == -np.inf
+    assert np.isfinite(found[1])

@@ -32,10 +32,8 @@ def rougher(model, training, found, n_jobs=None):
     """
     names, least = [training.kernel], found[0][0].tuning.likelier
     for name in _kernels(model, training)[1]:
-        kernel = as_named(model, training, name)
-        others = run(
-            partial(with_kernel, kernel=kernel, gain=least), found, n_jobs=n_jobs
-        )
+        change = partial(with_kernel, kernel=as_named(model, training, name), gain=least)
+        others = run(change, found, n_jobs=n_jobs)
         if log_likelihood(others) < log_likelihood(found) + least:
             return names, counting(found, others)
         names, found = [*names, name], others
@@ -44,10 +42,8 @@ def rougher(model, training, found, n_jobs=None):
 
 def smoother(model, training, found, n_jobs=None):
     """The same of ever smoother ones, unless they are less likely."""
-    names, least = (
-        [training.kernel],
-        log_likelihood(found) - found[0][0].tuning.likelier,
-    )
+    names, least = [training.kernel], log_likelihood(found)
+    least -= found[0][0].tuning.likelier
     for name in _kernels(model, training)[0]:
         kernel = as_named(model, training, name)
         others = run(partial(with_kernel, kernel=kernel), found, n_jobs=n_jobs)

@@ -32,7 +32,8 @@ def rougher(model, training, found, n_jobs=None):
     """
     names, least = [training.kernel], found[0][0].tuning.likelier
     for name in _kernels(model, training)[1]:
-        change = partial(with_kernel, kernel=as_named(model, training, name), gain=least)
+        kernel = as_named(model, training, name)
+        change = partial(with_kernel, kernel=kernel, gain=least)
         others = run(change, found, n_jobs=n_jobs)
         if log_likelihood(others) < log_likelihood(found) + least:
             return names, counting(found, others)

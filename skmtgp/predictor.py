@@ -29,6 +29,7 @@ from skmtgp._plans import (
 from skmtgp._support.followers import as_it_is
 from skmtgp._support.followers import follow as follow_model
 from skmtgp._support.followers import leave as leave_models
+from skmtgp._support.versions import with_versions, without_versions
 from skmtgp._support.warnings import warn
 
 __all__ = ["CompiledPredictor", "compile_predictor"]
@@ -236,9 +237,10 @@ class CompiledPredictor:
         }
 
     def __getstate__(self):  # a copy follows nothing
-        return {**vars(self), "_lock": None, "_followed": None}
+        return with_versions({**vars(self), "_lock": None, "_followed": None})
 
     def __setstate__(self, state):
+        state = without_versions(state, type(self).__name__)
         vars(self).update(state, _lock=RLock())
 
     def __repr__(self) -> str:

@@ -18,6 +18,7 @@ BOUNDS = np.array([1e-2, 1e3])  # of a length-scale, relative to where it starts
 # A period starts at half the width of features that are spread evenly. It is never
 # shorter than twice the smallest gap, which repeats whatever a longer one does.
 PERIOD, LONGEST, SHORTEST = np.sqrt(3.0), 1e2, 1e-3
+LEAST = 1e-150  # scale whose square has an inverse
 
 
 def _rbf(scale, features):
@@ -55,7 +56,7 @@ def _along(scale, features, d):
 
 def _linear(scale, features):
     """Slopes of the size of a deviation, and a value at the mean."""
-    weights, wide = scale**-2.0, np.array([1e-7, 1e3])
+    weights, wide = np.maximum(scale, LEAST) ** -2.0, np.array([1e-7, 1e3])
     center = mean_of(features)
     return ARDLinear(
         weights, 1.0, np.multiply.outer(weights, wide), tuple(wide), center

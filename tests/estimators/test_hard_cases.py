@@ -162,6 +162,11 @@ class TestTargets:
             found = fitted(model, small, of_y * Y).predict(small) / of_y
         np.testing.assert_allclose(found, expected, atol=1e-3)  # of the noise, 0.01
 
+    def test_features_so_small_that_weights_of_lines_would_overflow(self):
+        small, line = X * [1e-155, 1e-155, 1.0], 2.0 * X[:, 0] + 0.1 * Y
+        with pytest.warns(UnderflowWarning, match="below 1e-150"):
+            assert_sound(fitted(IndependentGP(), small, line), small)
+
     def test_one_of_them_as_small_as_1e300(self):
         match = r"output \[2\] are .*constant, and standard deviations .*another unit"
         pooled = PooledGP(noise="shared")  # "auto" is decided for all outputs

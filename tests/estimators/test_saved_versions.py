@@ -9,7 +9,12 @@ from sklearn.base import clone
 from sklearn.exceptions import InconsistentVersionWarning
 from sklearn.pipeline import make_pipeline
 
-from skmtgp import IndependentGP, RankSearchIC, WideRegressor
+from skmtgp import (
+    IndependentGP,
+    RankSearchIC,
+    WideRegressor,
+    compile_predictor,
+)
 from skmtgp._support import versions
 
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
@@ -80,3 +85,11 @@ def test_models_inside_of_others_warn_too(save):
         pickle.loads(saved)
     names = [of.message.estimator_name for of in warned]
     assert names == ["IndependentGP", "RankSearchIC", "WideRegressor"]
+
+
+def test_compiled_predictors_warn_too(save):
+    predictor = compile_predictor(IndependentGP(max_iter=0).fit(FRAME, Y))
+    with pytest.warns(InconsistentVersionWarning, match="This CompiledPredictor was"):
+        again = pickle.loads(save(predictor, "skmtgp", "0.0.7"))
+    assert repr(again) == repr(predictor)
+    assert vars(copy.copy(predictor)).keys() == vars(predictor).keys()

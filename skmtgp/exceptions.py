@@ -374,12 +374,13 @@ class SeveralKernelsWarning(SkmtgpWarning, UserWarning):
 
 
 class SkewedInputWarning(SkmtgpWarning, UserWarning):
-    """Rows are dense at small values of an input, and sparse at large ones.
+    """The logarithm of an input that has many small values may be better.
 
-    The learned length-scale follows the small values. At large ones more than a fifth
-    of the range is then farther than a length-scale from all rows, and predictions
-    there return to the mean. The logarithm of the input is often better: of a dose, a
-    concentration, a time after an event or an income.
+    Such as of a dose, a concentration, a time after an event or an income. Functions
+    are likelier along the logarithm by more than ten nats: they change fast at small
+    values and slowly at large ones, and one length-scale does not suit both. Or the
+    length-scale follows the small values, so that more than a fifth of the range is
+    farther than a length-scale from all rows, and predictions there return to the mean.
 
     Examples
     --------

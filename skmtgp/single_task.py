@@ -26,12 +26,7 @@ from skmtgp._data.task_column import locate
 from skmtgp._data.trend import ReadTrend, read_trend
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.deciding import decide
-from skmtgp._estimators.doubts import (
-    inputs_far_apart,
-    tell_skewed,
-    warn_of_constants_alone,
-    warn_of_duration,
-)
+from skmtgp._estimators.doubts import warn_of_constants_alone, warn_of_duration
 from skmtgp._estimators.estimator import Estimator, fitting
 from skmtgp._estimators.fitted import COEFFICIENTS
 from skmtgp._estimators.named_kernels import with_positions
@@ -39,6 +34,7 @@ from skmtgp._estimators.posing import kernel_made, pose
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.reading import gathered, tell_copies, tell_counts
 from skmtgp._estimators.sampled import n_posteriors
+from skmtgp._estimators.skew import inputs_far_apart, tell_skewed
 from skmtgp._estimators.slopes import TrendOf, check_alone
 from skmtgp._estimators.targets import TargetTransform, fit_target
 from skmtgp._estimators.training import FEW_ROWS, equal_in_tasks

@@ -22,12 +22,33 @@ def is_skewed(x):
     values = np.unique(x)
     if len(values) < FEWEST or values[0] < 0.0 or not np.isfinite(values[-1]):
         return False
-    least = values[1] if values[0] == 0.0 else 0.0  # as zero has no logarithm
-    scaled, least = x / values[-1], least / values[-1]
-    if scaled.min() + least == 0.0:  # too small beside the largest
+    scaled = _from_zero(x)
+    if scaled.min() == 0.0:  # too small beside the largest
         return False
-    raw, of_log = skew(scaled), skew(np.log(scaled + least))
+    raw, of_log = skew(x / values[-1]), skew(np.log(scaled))
     return bool(raw > LARGE and abs(of_log) < 0.5 * raw)
+
+
+def logarithm(x):
+    """The logarithm of a skewed input, with its mean and deviation.
+
+    Parameters
+    ----------
+    x : ndarray of shape (n_samples,)
+        See :func:`is_skewed`.
+
+    Returns
+    -------
+    z : ndarray of shape (n_samples,)
+    """
+    z = np.log(_from_zero(x))
+    return x.mean() + (z - z.mean()) * (x.std() / z.std())
+
+
+def _from_zero(x):
+    """Over the largest value; if there are zeros, the least above them is added."""
+    least = x[x > 0.0].min() if x.min() == 0.0 else 0.0
+    return x / x.max() + least / x.max()
 
 
 def share_far(x, distance):

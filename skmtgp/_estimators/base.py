@@ -18,7 +18,6 @@ from skmtgp._estimators.doubts import (
     warn_of_doubts,
     warn_of_duration,
     warn_of_few_rows,
-    warn_of_skew,
     warn_of_small_tasks,
 )
 from skmtgp._estimators.estimator import Estimator, fitting, public
@@ -27,6 +26,7 @@ from skmtgp._estimators.named_kernels import KERNEL, named_kernel
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import names_of_inputs, read, tell_counts
 from skmtgp._estimators.revising import revise
+from skmtgp._estimators.skew import warn_of_skew
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import (
@@ -171,7 +171,7 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
             warn_of_few_rows(problems[0], self.hyperparameters_, given=given)
         tell_counts(self, training.known)
         names = names_of_inputs(self)
-        warn_of_skew(problems, modes, names)
+        warn_of_skew(self, training, problems, modes, names)
         options = {"names": names, "sampled": sampled, "compared": compared}
         options["one_kernel"] = not self._may_have_more_kernels()
         warn_of_doubts(training, problems, modes, **options)

@@ -1,15 +1,11 @@
 """What a user should know before learning begins, and what it leaves in doubt."""
 
-from itertools import permutations
-
 import numpy as np
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, Matern, Product
 
 from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
-from skmtgp._data.labels import name_input, name_tasks
+from skmtgp._data.labels import name_tasks
 from skmtgp._data.outliers import far_off, warn_of_unforeseen
-from skmtgp._data.skewness import is_skewed, share_far
 from skmtgp._estimators.many_columns import columns_are_many
 from skmtgp._estimators.other_models import warn_of_others
 from skmtgp._estimators.targets import AS_GIVEN
@@ -22,7 +18,6 @@ from skmtgp.exceptions import (
     CorrelatedResidualsWarning,
     LongFitWarning,
     NarrowIntervalsWarning,
-    SkewedInputWarning,
     SmallTaskWarning,
     TargetScaleWarning,
     UnidentifiedNoiseWarning,
@@ -33,7 +28,6 @@ from skmtgp.learning.settling import FEW
 from skmtgp.learning.transformed import SURE, likelier_scale
 from skmtgp.learning.unforeseen import unforeseen
 
-MUCH = 0.2  # of the range of an input, that is far from all rows
 OTHER_UNIT = 5.0  # times the deviation of another task, so that it may have one
 LONG = 120.0  # seconds of learning that a user wants to know of before
 # For each hyperparameter: with fewer rows intervals are too narrow.
@@ -142,86 +136,6 @@ def _fewer_length_scales(problem, given):
         " The kernel has a number for each column. One length-scale for all columns "
         "suits spectra: kernel=Matern(1.0, nu=2.5). The default, kernel=None, compares."
     )
-
-
-def warn_of_skew(problems, modes, names):
-    """Say which inputs might better be logarithms.
-
-    Parameters
-    ----------
-    problems, modes
-        See `warn_of_doubts`.
-    names : list of str or None
-        Of the inputs.
-    """
-    skewed = set()
-    for problem, mode in zip(problems, modes, strict=True):
-        X = problem.data.X
-        if mode.converged and mode.n_iter and not is_dask(X):
-            far = inputs_far_apart(problem.prior, mode.theta, X)
-            skewed |= {k for k in far if is_skewed(X[:, k])}
-    tell_skewed(skewed, names)
-
-
-def tell_skewed(skewed, names):
-    """Say that the logarithms of these inputs might be better.
-
-    Parameters
-    ----------
-    skewed : set of int
-        Positions.
-    names : list of str or None
-        Of the inputs.
-    """
-    for k in sorted(skewed):
-        name = name_input(k, names)
-        warn(
-            f"Rows are dense at small values of {name} and sparse at large ones. The "
-            f"length-scale follows the small ones. So more than {MUCH:.0%} of its "
-            "range is farther than a length-scale from all rows, and predictions there "
-            f"return to the mean. Try the logarithm of {name}.",
-            SkewedInputWarning,
-        )
-
-
-def inputs_far_apart(prior, theta, X):
-    """Inputs of which much of the range is farther than a length-scale from all rows.
-
-    Parameters
-    ----------
-    prior : Prior
-        The model. If its k^x has no length-scales, or a trend goes on, there are none.
-    theta : ndarray of shape (n_theta,)
-        Its parameters.
-    X : ndarray of shape (n_samples, n_features)
-        Training inputs.
-
-    Returns
-    -------
-    far : list of int
-        Their positions.
-    """
-    scales = _length_scales(prior, theta, X.shape[1])
-    if scales is None:
-        return []
-    return [
-        k
-        for k, (x, scale) in enumerate(zip(X.T, scales, strict=True))
-        if np.ptp(x) > 0.0 and share_far(x, scale) > MUCH
-    ]
-
-
-def _length_scales(prior, theta, n_features):
-    """Of each input; None where k^x has no such numbers, or a trend goes on."""
-    if prior.n_terms > 1 or prior.trend is not None:
-        return None
-    kernel = prior.kernel_at(theta)
-    if isinstance(kernel, Product):
-        for amplitude, other in permutations((kernel.k1, kernel.k2)):
-            kernel = other if isinstance(amplitude, ConstantKernel) else kernel
-    if type(kernel) not in (RBF, Matern):
-        return None
-    return np.broadcast_to(kernel.length_scale, n_features)
 
 
 def warn_of_doubts(

@@ -18,7 +18,7 @@ BOUNDS = np.array([1e-2, 1e3])  # of a length-scale, relative to where it starts
 # A period starts at half the width of features that are spread evenly. It is never
 # shorter than twice the smallest gap, which repeats whatever a longer one does.
 PERIOD, LONGEST, SHORTEST = np.sqrt(3.0), 1e2, 1e-3
-LEAST = 1e-150  # scale whose square has an inverse
+LEAST = 3e-153  # scale whose square has an inverse
 
 
 def _rbf(scale, features):

@@ -9,9 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor, SingleTaskGP
-from skmtgp._data.skewness import is_skewed, share_far
+from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
+from skmtgp._data.skewness import is_skewed, logarithm, share_far
+from skmtgp._estimators import skew
 from skmtgp.exceptions import SkewedInputWarning
+from skmtgp.learning.log_inputs import gains_of_logarithms
 
 DOSES = np.geomspace(0.1, 100.0, 7)
 LOGNORMAL = np.exp(1.5 * np.random.default_rng(0).standard_normal(200))
@@ -193,3 +195,74 @@ def test_the_logarithm_is_better():
         mean = model.predict(between.assign(dose=change(between["dose"])))
         errors.append(np.square(mean - f).mean())
     assert errors[1] < 0.25 * errors[0]
+
+
+def curves(kind, seed=1, n=160):
+    """Functions of a Gaussian process along a lognormal input, or its logarithm."""
+    rng, task = np.random.default_rng(seed), np.arange(n) % 8
+    x = np.exp(rng.standard_normal(n))
+    z = np.log(x) if kind == "log" else x
+    K = np.exp(-0.5 * np.subtract.outer(z, z) ** 2) + 1e-8 * np.eye(n)
+    functions = np.linalg.cholesky(K) @ rng.standard_normal((n, 2))
+    f = (functions * rng.standard_normal((8, 2))[task]).sum(axis=1)
+    return np.column_stack([x, task]), f + 0.1 * rng.standard_normal(n)
+
+
+def texts_of(model, X, y):
+    """What a fit says of skewed inputs."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model.fit(X, y)
+    return [str(of.message) for of in caught if of.category is SkewedInputWarning]
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        MultiTaskGPRegressor(),
+        MultiTaskGPRegressor(rank=1),
+        MultiTaskGPRegressor("matern", rank=2),
+        IndependentGP(),
+        RankSearchIC(),
+    ],
+    ids=repr,
+)
+def test_logarithms_are_told_if_they_are_likelier(model):
+    [text] = texts_of(model, *curves("log"))
+    assert "nats. Try the logarithm of column 0 of the inputs." in text
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_logarithms_that_are_less_likely_are_not_told(seed):
+    """Though rows at large values are sparse."""
+    assert texts_of(MultiTaskGPRegressor(), *curves("raw", seed)) == []
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_nats_are_those_of_another_fit(seed, monkeypatch):
+    (X, y), found = curves("log", seed), []
+
+    def gains(*args):
+        found.append(gains_of_logarithms(*args))
+        return found[-1]
+
+    monkeypatch.setattr(skew, "gains_of_logarithms", gains)
+    model = MultiTaskGPRegressor(rank=2, normalize_y="shared", noise="shared")
+    texts_of(model, X, y)
+    before = model.log_marginal_likelihood_value_
+    X[:, 0] = np.log(X[:, 0])
+    after = model.fit(X, y).log_marginal_likelihood_value_
+    assert found[0] == {0: pytest.approx(after - before, abs=0.5)}
+
+
+def test_a_logarithm_keeps_mean_and_deviation():
+    x = np.append(0.0, DOSES)
+    z = logarithm(x)
+    np.testing.assert_allclose([z.mean(), z.std()], [x.mean(), x.std()])
+    shifted = np.log(x + DOSES[0])
+    np.testing.assert_allclose(np.corrcoef(z, shifted)[0, 1], 1.0)
+
+
+def test_few_rows_are_not_asked():
+    X, y = curves("log", n=24)
+    assert texts_of(MultiTaskGPRegressor(rank=1), X, y) == []

@@ -20,6 +20,7 @@ GROWTH = 1.5  # of the trial step over the last accepted one, up to 1
 PATIENCE = 20  # iterations that gain less than the tolerance,
 CERTAIN, NOTHING = 3, 0.01  # or so few, where less than that part of it is expected
 MAX_LINE_SEARCH = 20
+SHORT = 1e-3  # a step, of the one that was asked: far shorter
 MOST_DENSE = 1000  # parameters
 MEMORY = 50  # steps that limited memory keeps
 
@@ -185,6 +186,8 @@ class _BFGS:
             if still >= CERTAIN and expected_gain < nothing:
                 break
             step = self._line_search(direction)
+            if step is not None and self._is_futile(step):
+                step = None
             stuck = step is None and self.hessian.fresh
             if stuck:
                 break
@@ -262,6 +265,13 @@ class _BFGS:
             low, f_low, slope_low = step, f, g @ direction
             step = 2.5 * step if np.isinf(high) else 0.5 * (low + high)
         return best
+
+    def _is_futile(self, step):
+        """Whether a step was far shorter than asked, and its gain is rounding alone.
+
+        With rounding any tiny step seems good enough, so that it would go on for ever.
+        """
+        return self.step < SHORT and abs(self.f - step[1]) < self.rounding
 
     def _clipped(self, step, direction):
         target = self.x + step * direction

@@ -484,3 +484,16 @@ def test_rounding_of_values(seed):
     assert best.converged
     assert best.value == pytest.approx(fun.minimum(), abs=1e-2)
     assert best.n_evaluations <= exact.n_evaluations + 10
+
+
+def test_steps_that_gain_rounding_alone_come_to_an_end():
+    """A slope that no value shows: any step that is tiny is within the rounding."""
+
+    def flat(x):
+        return 1000.0, np.array([1e4, 1e3])
+
+    options = {"max_iter": 2000, "tol": 0.01, "rounding": 1e-3}
+    found = minimize(flat, np.zeros(2), np.full(2, -9.0), np.full(2, 9.0), **options)
+    assert found.stalled
+    assert not found.converged
+    assert found.n_evaluations < 100

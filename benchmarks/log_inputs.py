@@ -1,7 +1,7 @@
 """Whether the logarithm that SkewedInputWarning names is better.
 
-``python benchmarks/log_inputs.py --draws 10`` fits the default, and where it warns the
-same to the logarithm of the input, to
+``python benchmarks/log_inputs.py --draws 10`` fits the default, to the input and to
+its logarithm, of
 
 - curves: concentrations of a drug in 24 patients, of five to eight samples each, at
   times from a quarter of an hour to a day, with errors of a tenth;

@@ -444,7 +444,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     tasks' rows. Noise variances, relative to the squares of the units, have priors.
     Almost no noise is unlikely: below a hundredth of the targets' variance, or
     `noise_variance` if that is less, the mean of their logarithms has the tail of
-    Student's t with four degrees of freedom. Noise variances of tasks are alike:
+    Student's t with four degrees of freedom. With a rank that is given and fewer than
+    three rows for each hyperparameter it falls faster, with fewer than two by half a
+    nat a hyperparameter for each factor of e. Noise variances of tasks are alike:
     their logarithms are normal around a common mean, with a deviation of 1, and
     exponential far from it. These are priors of the mode, not of "laplace" and
     "sampled", which have their own. Reported likelihoods are without them. Everything
@@ -589,6 +591,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         for term in self._terms():
             self._check_rank(term, problems[0].data)
         forms = self._forms(problems[0])
+        if len(forms) == 1:
+            problems = [problem.wary(forms[0]) for problem in problems]
         found = self._learn_one(problems, forms, progress)
         if self.verbose and len(forms) > 1:
             say(f"chosen: {found[0][0].prior.task_covariance}")

@@ -92,6 +92,11 @@ class Data:
         return np.ones(len(self.y)) if self.known is None else self.known.counts
 
     @property
+    def n_measured(self):
+        """How many measurements the rows stand for."""
+        return len(self) if self.known is None else self.known.counts.sum()
+
+    @property
     def deviation(self):
         """Of the targets of all measurements about their mean."""
         if self.known is None:

@@ -26,7 +26,6 @@ from skmtgp.learning.screening import (
     criterion,
     differ_in_noise,
     differ_in_size,
-    n_measured,
     price,
     price_of_tasks,
     score,
@@ -261,7 +260,7 @@ def _gain_as_large(training, found):
     for problem, mode in found:
         data, large = problem.data, as_large(problem, mode)
         if large is not None:
-            spared = price(data.n_tasks - 1, n_measured(data))
+            spared = price(data.n_tasks - 1, data.n_measured)
             if training.units.own_scales:
                 spared += price_of_tasks(data) / data.n_tasks
             gain += max(0.0, spared - max(0.0, mode.value - large.value))
@@ -305,7 +304,7 @@ def _own_noise(found):
 def least_gain(problems):
     """Nats that noise of each task must gain, summed over the outputs."""
     data = [problem.data for problem in problems]
-    shares = [FEW_ROWS * of.n_tasks / n_measured(of) for of in data]
+    shares = [FEW_ROWS * of.n_tasks / of.n_measured for of in data]
     return SURE * sum(min(1.0, share) for share in shares)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from skmtgp._data.dask import is_dask
 from skmtgp.learning.problem import Problem
-from skmtgp.learning.screening import criterion, n_measured, price
+from skmtgp.learning.screening import criterion, price
 from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.several import Forms
@@ -23,7 +23,7 @@ def worth(problem, mode, times=1.0):
     """
     n_vanished, choices = uncounted(problem, mode)
     found = criterion(problem, mode, times) - problem.of_little_noise(mode.theta)[0]
-    return found + price(n_vanished, times * n_measured(problem.data)) - choices
+    return found + price(n_vanished, times * problem.data.n_measured) - choices
 
 
 def uncounted(problem, mode):
@@ -156,7 +156,7 @@ def _most_weighed(problems, n=None):
 
 def n_rows(problems, n=None):
     """Number of measurements: `n`, or those of the problems."""
-    return n_measured(problems[0][0].data) if n is None else n
+    return problems[0][0].data.n_measured if n is None else n
 
 
 def worths_of(problems, modes):

@@ -56,7 +56,10 @@ class SomeNoise:
 
     Otherwise a few rows would be explained without noise as soon as that gains a nat.
     At 1e-10 of the targets' variance the density is lower by 11 nats. Smooth functions
-    without noise gain more than that with a handful of rows.
+    without noise gain more than that with a handful of rows. So do hyperparameters, if
+    there are nearly as many as rows: then the density falls by a rate more,
+
+    .. math:: -\rho \bigl(\sqrt{1 + a^2} - 1\bigr) .
 
     Parameters
     ----------
@@ -66,21 +69,25 @@ class SomeNoise:
         Logarithm of c.
     known : float, default=0.0
         Noise variance alpha that is there beside what is learned.
+    rate : float, default=0.0
+        rho, in nats for each factor of e.
     """
 
-    def __init__(self, prior, log_little, known=0.0):
+    def __init__(self, prior, log_little, known=0.0, rate=0.0):
         self.of_noise, self.log_little, self.known = prior.of_noise, log_little, known
+        self.rate = rate
 
     def log_density(self, theta):
         """Log density but for a constant, and its gradient."""
         learned = np.exp(theta[self.of_noise])
         noise = learned + self.known
         below = max(0.0, self.log_little - float(np.log(noise).mean()))
-        weight = 1.0 + below**2 / DEGREES
-        slope = (DEGREES + 1.0) / DEGREES * below / weight
+        weight, length = 1.0 + below**2 / DEGREES, np.hypot(1.0, below)
+        slope = (DEGREES + 1.0) / DEGREES * below / weight + self.rate * below / length
         gradient = np.zeros(len(theta))
         gradient[self.of_noise] = slope * learned / noise / len(noise)
-        return -0.5 * (DEGREES + 1.0) * np.log(weight), gradient
+        value = -0.5 * (DEGREES + 1.0) * np.log(weight) - self.rate * (length - 1.0)
+        return float(value), gradient
 
     def information(self):
         """None: its tail bends the other way, and above it is flat."""

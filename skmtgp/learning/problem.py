@@ -16,6 +16,7 @@ from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
 
+ROWS_EACH = 3  # for a hyperparameter, to tell that there is no noise
 THE_OUTPUT = "the output"  # the name where there is one
 
 
@@ -76,6 +77,8 @@ class Problem:
         Whether theta has the priors of `Hyperprior`.
     log_little : float, default=-inf
         Logarithm of the noise variance below which less is unlikely, see `SomeNoise`.
+    noise_rate : float, default=0.0
+        How fast, see `wary`.
     noise_deviation : float, default=inf
         How far apart the logarithms of tasks' noise variances are, see `AlikeNoise`.
     log_scales : ndarray of shape (1,) or (n_tasks,)
@@ -93,6 +96,7 @@ class Problem:
     tuning: Tuning = TUNING
     weak_priors: bool = False
     log_little: float = -np.inf
+    noise_rate: float = 0.0
     noise_deviation: float = np.inf
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
     noisy: bool = False
@@ -104,6 +108,17 @@ class Problem:
     def with_data(self, data):
         """The same of other data."""
         return replace(self, data=data)
+
+    def wary(self, form):
+        """The same; it expects noise if a form has few rows for a hyperparameter.
+
+        Fewer than two can be explained without noise, also if there is some. In the
+        evidence each hyperparameter costs half a nat for each factor of e that the
+        noise variance is less, for the rows tell it to so many more digits.
+        """
+        size = self.prior.with_form(form).n_hyperparameters
+        lacking = ROWS_EACH * size - self.data.n_measured
+        return replace(self, noise_rate=0.5 * float(np.clip(lacking, 0.0, size)))
 
     def quickly(self):
         """The same, learned less exactly: to tell modes apart, not to keep them."""
@@ -136,11 +151,12 @@ class Problem:
 
     def _of_little_noise(self):
         """Its density; None where the noise has another prior, or is not learned."""
-        fixed = self.weak_priors or self.prior.noise_is_fixed
+        other = self.weak_priors and not self.noise_rate
+        fixed = other or self.prior.noise_is_fixed
         if fixed or not np.isfinite(self.log_little):
             return None
         known = 0.0 if self.data.known is None else self.data.known.variance.mean()
-        return SomeNoise(self.prior, self.log_little, float(known))
+        return SomeNoise(self.prior, self.log_little, float(known), self.noise_rate)
 
     def of_little_noise(self, theta):
         """Log density of little noise, and its slopes by the log noise variances."""

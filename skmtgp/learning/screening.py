@@ -294,11 +294,6 @@ def price_of_tasks(data):
     return 0.5 * np.log(np.maximum(counts, 1.0)).sum()
 
 
-def n_measured(data):
-    """How many measurements the rows stand for."""
-    return len(data) if data.known is None else data.counts.sum()
-
-
 def criterion(problem, mode, times=1.0):
     """Likelihood less what hyperparameters are worth, eq. 8.
 
@@ -313,7 +308,7 @@ def criterion(problem, mode, times=1.0):
     of_theta = problem.log_density(mode.theta) if times != 1.0 else 0.0
     of_theta = of_theta if np.isfinite(of_theta) else 0.0  # not learned: F is zero
     likelihood = mode.value - of_theta
-    prices = price(n_shared, times * n_measured(data)) + of_tasks
+    prices = price(n_shared, times * data.n_measured) + of_tasks
     return times * likelihood + of_theta - prices
 
 

@@ -27,7 +27,6 @@ from skmtgp.learning.ranks import (
     description,
     from_starts,
 )
-from skmtgp.learning.screening import n_measured
 from skmtgp.learning.stages import Start, follow, likeliest, with_starts
 from skmtgp.learning.telling import about, in_words
 from skmtgp.learning.weighing import best_of_forms, corrections
@@ -60,7 +59,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
     sketches = run(_revealed, [(of,) for of in sketches], n_jobs=n_jobs)
-    n = n_measured(problems[0].data)
+    n = problems[0].data.n_measured
     correction = corrections(*_by_form(sketches), n_jobs, n)
     likely = _likely(problems, coarse, sketches, correction)
     kept, modes = _learned(problems, sketches, likely, starts, **options)

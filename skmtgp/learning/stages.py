@@ -311,10 +311,12 @@ def with_starts(mode, starts):
 def full_rank_start(problem, start):
     """A start whose K_1^rho, before its rank is constrained, is a full-rank fit's.
 
-    The fit is relaxed and begins with K^rho = I. It takes as long as several ranks.
+    The fit is relaxed and begins with K^rho = I. It takes as long as several ranks, and
+    with many tasks of few rows it would not end.
     """
-    n_tasks = problem.prior.n_tasks
-    problem = problem.with_form(low_rank(n_tasks, n_tasks))
+    n_tasks, budget = problem.prior.n_tasks, problem.budget
+    budget = replace(budget, max_iter=min(budget.max_iter, problem.tuning.begun))
+    problem = replace(problem.with_form(low_rank(n_tasks, n_tasks)), budget=budget)
     theta = start._replace(K_rho=np.eye(n_tasks)).theta(problem)
     mode = climb(problem, theta, relaxed=True)
     kernel = problem.prior.values(mode.theta).kernel

@@ -21,7 +21,7 @@ from skmtgp.learning.contenders import (
     worths_of,
 )
 from skmtgp.learning.evidence import evidence_around
-from skmtgp.learning.screening import n_measured, price
+from skmtgp.learning.screening import price
 from skmtgp.learning.tuning import TUNING
 from skmtgp.model.several import Forms
 
@@ -106,7 +106,7 @@ def at_most(problems, modes):
     """
     forms = [of[0].prior.task_covariance for of in problems]
     numbers = sizes_of(problems) - [form.n_free for form in forms]
-    prices = price(numbers, n_measured(problems[0][0].data)) * len(modes[0])
+    prices = price(numbers, problems[0][0].data.n_measured) * len(modes[0])
     return worths_of(problems, modes) + overpriced(problems) + prices
 
 
@@ -220,7 +220,7 @@ def preferred(evidences, by_eq_8, sizes, problem):
     simple = simplest(evidences, sizes, tuning)
     if is_apart(problem):
         return simple
-    enough = n_measured(problem.data) >= tuning.rows_if_close * np.asarray(sizes)
+    enough = problem.data.n_measured >= tuning.rows_if_close * np.asarray(sizes)
     close = _close(evidences, sizes, tuning.close, tuning) & enough
     best = int(np.argmax(np.where(close & ~np.isnan(by_eq_8), by_eq_8, -np.inf)))
     gains = close[best] and by_eq_8[best] > by_eq_8[simple] + tuning.tie

@@ -1,5 +1,7 @@
 """Densities of the hyperparameters beside the likelihood."""
 
+import warnings
+
 import building
 import numpy as np
 import pytest
@@ -51,17 +53,18 @@ def test_far_away_the_density_falls_exponentially(deviation):
     assert density.log_density(THETA)[0] == pytest.approx(-sum(costs), rel=1e-12)
 
 
-@pytest.mark.parametrize("known", [0.0, 0.02])
-def test_little_noise_by_the_book(known):
+@pytest.mark.parametrize(("known", "rate"), [(0.0, 0.0), (0.02, 0.0), (0.02, 7.0)])
+def test_little_noise_by_the_book(known, rate):
     """The tail of Student's t, of the mean of the logarithms; above it is flat."""
     log_little = np.log(0.1)
-    density = SomeNoise(likelihood().prior, log_little, known)
+    density = SomeNoise(likelihood().prior, log_little, known, rate)
     for below in (0.5, 1.2, 3.0):
         noise = 0.1 * np.exp(-below) * np.array([1.0, 0.5, 2.0, 1.0]) - known
         theta = np.r_[THETA[:-M], np.log(np.maximum(noise, 1e-6))]
         away = log_little - np.log(np.exp(theta[-M:]) + known).mean()
         value, gradient = density.log_density(theta)
         expected = student.logpdf(away, 4) - student.logpdf(0.0, 4)
+        expected -= rate * (np.sqrt(1.0 + away**2) - 1.0)
         assert value == pytest.approx(expected, rel=1e-12)
         numerical = textbook.derivative(lambda at: density.log_density(at)[0], theta)
         np.testing.assert_allclose(gradient, numerical, rtol=1e-6, atol=1e-8)
@@ -77,6 +80,31 @@ def test_little_noise_is_added():
     np.testing.assert_allclose(gradient, numerical, rtol=1e-5, atol=1e-6)
     expected = likelihood().fisher_information(THETA)
     np.testing.assert_array_equal(penalised.fisher_information(THETA), expected)
+
+
+@pytest.mark.parametrize("way", ["mode", "map"])
+def test_a_rank_with_few_rows_keeps_noise(way):
+    """Eight tasks of four rows and rank 2: without noise the likelihood is higher."""
+    for seed in (0, 1, 3, 4):
+        train, test = drawn_rows(seed)
+        model = MultiTaskGPRegressor(rank=2, kernel="rbf", hyperparameters=way)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model.fit(*train)
+        assert np.min(model.noise_variance_) > 1e-3
+        assert model.log_predictive_density(*test).mean() > -30.0
+
+
+def drawn_rows(seed, n_rows=4, noise=0.2):
+    """Training and test rows of eight tasks of two functions in common."""
+    rng, n = np.random.default_rng(seed), 8 * n_rows
+    x = np.concatenate([rng.uniform(0.0, 6.0, n), rng.uniform(0.0, 6.0, 160)])
+    tasks = np.concatenate([np.tile(np.arange(8), n_rows), np.repeat(np.arange(8), 20)])
+    W, K = rng.standard_normal((8, 2)), RBF()(x[:, None]) + 1e-9 * np.eye(len(x))
+    F = np.linalg.cholesky(K) @ rng.standard_normal((len(x), 2))
+    y = (F * W[tasks]).sum(axis=1) + noise * rng.standard_normal(len(x))
+    X = np.column_stack([x, tasks])
+    return (X[:n], y[:n]), (X[n:], y[n:])
 
 
 @pytest.mark.parametrize("start", [1e-6, 1e-2, 1.0])

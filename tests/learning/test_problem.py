@@ -43,6 +43,17 @@ class TestProblem:
         expected = np.log(min(noise, 1e-5))
         assert problem.log_held == pytest.approx(expected, rel=1e-12)
 
+    def test_few_rows_do_not_tell_that_there_is_no_noise(self, data):
+        """Half a nat a hyperparameter below two rows for each, none from three on."""
+        problem = pose(data, ones(M))
+        size = pose(data, low_rank(M, 1)).prior.n_hyperparameters
+        assert problem.wary(low_rank(M, 1)).noise_rate == 0.0
+        assert problem.noise_rate == 0.0
+        for n in range(size, len(data) + 1):
+            few = problem.with_data(data._part(np.arange(n)))
+            expected = 0.5 * min(size, max(0, 3 * size - n))
+            assert few.wary(low_rank(M, 1)).noise_rate == pytest.approx(expected)
+
     @pytest.mark.parametrize("n_noise", [1, M])
     def test_noise_and_diagonal_are_held_together(self, data, n_noise):
         form = low_rank(M, 2, diagonal=True)

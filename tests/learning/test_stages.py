@@ -266,5 +266,18 @@ def test_full_rank_start(data):
         return max(likelihood.value(theta) for theta in thetas)
 
     assert np.linalg.matrix_rank(full.K_rho) == M
+    assert full.mode.n_iter <= 100
     before = value(np.eye(M), start.kernel_theta)
     assert value(full.K_rho, full.kernel_theta) > before + 1.0
+
+
+def test_a_full_rank_start_takes_no_longer_than_it_may():
+    """With many tasks of few rows it climbed for thousands of iterations."""
+    rng, n_tasks = np.random.default_rng(0), 12
+    tasks, x = np.repeat(np.arange(n_tasks), 4), rng.uniform(0.0, 5.0, (48, 1))
+    y = rng.normal(size=n_tasks)[tasks] * np.sin(x[:, 0])
+    y += 0.1 * rng.standard_normal(48)
+    kernel, form = RBF(), identity(n_tasks)
+    problem = building.problem(kernel, form, building.data(x, tasks, y, n_tasks))
+    start = full_rank_start(problem, first_stage(problem))
+    assert start.mode.n_iter <= problem.tuning.begun < problem.budget.max_iter

@@ -40,6 +40,7 @@ SAME = 0.3  # of logarithms and correlations, between modes that are one
 # Half of the rest is trusted.
 UNDERSTATED, MOST_UNDERSTATED, FEW_ROWS, TRUSTED = 0.6, 4.0, 10.0, 0.5
 HOPELESS = 15.0  # nats between modes: not worth a chain
+FALLEN = 3.0  # log noise variance below the learned one: the mode may be a spike
 # A chain starts at most so many nats a parameter, and HOPELESS, below its mode. With
 # two tests/learning/test_calibration.py fails.
 FALL = 10.0
@@ -139,24 +140,35 @@ def _diagnose(prior, chosen, thetas):
 def find_peaks(likelihood, theta, rng):
     """The modes that the learned one and draws of the prior lead to, best first.
 
-    Also the number of evaluations that this took.
+    Also the number of evaluations that this took. Modes with far less noise than was
+    learned may be much higher, and so narrow that they have less evidence. So others
+    need not come near them.
     """
     peaks, in_vain = [climb_posterior(likelihood, theta)], 0
     n_evaluations = peaks[0].n_evaluations
-    hyperprior = peaks[0].density.hyperprior
+    hyperprior, prior = peaks[0].density.hyperprior, likelihood.prior
+    least = prior.log_noise_at(theta).mean() - FALLEN
     for _ in range(MOST_STARTS):
         start = hyperprior.draw(rng, NARROWER)
         peak = climb_posterior(likelihood, start)
         n_evaluations += peak.n_evaluations
         known = any(_are_alike(peak, other) for other in peaks)
-        poor = peak.value < max(other.value for other in peaks) - HOPELESS
+        poor = peak.value < _highest(peaks, least) - HOPELESS
         in_vain = in_vain + 1 if known or poor else 0
         peaks += [] if known or poor else [peak]
         if in_vain == ENOUGH:
             break
-    best = max(peak.value for peak in peaks)
-    peaks = [peak for peak in peaks if peak.value > best - HOPELESS]
+    highest = _highest(peaks, least)
+    peaks = [peak for peak in peaks if peak.value > highest - HOPELESS]
     return sorted(peaks, key=lambda peak: -peak.value), n_evaluations
+
+
+def _highest(peaks, least):
+    """The highest value of those with the least log noise, or of all if none has."""
+    noises = (of.density.prior.log_noise_at(of.density.theta(of.x)) for of in peaks)
+    values, noises = np.array([of.value for of in peaks]), np.array([*noises])
+    noisy = noises.reshape(len(peaks), -1).mean(axis=1) >= least
+    return values[noisy].max() if noisy.any() else values.max()
 
 
 def _are_alike(peak, other):

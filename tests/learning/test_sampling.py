@@ -191,6 +191,31 @@ def test_a_better_mode_than_the_learned_one_is_found():
     assert np.exp(best.density.chart.theta(best.x)[-1]) < 0.3
 
 
+@pytest.mark.parametrize(("learned", "kept"), [(0.1, [99.0, 9.0, 3.0]), (1e-9, [99.0])])
+def test_a_spike_without_noise_leaves_others(learned, kept, monkeypatch):
+    """Rows explained exactly are likelier by far, and have less evidence.
+
+    Where no noise was learned a mode without noise is as any other.
+    """
+    likelihood = likelihood_of(low_rank(2, 1), n=40)
+    found = iter(
+        [(3.0, 0.1), (99.0, 1e-9), (-20.0, 0.1), (9.0, 0.2), *[(0.0, 0.1)] * 8]
+    )
+
+    def climbed(likelihood, theta):
+        peak, (value, noise) = climb_posterior(likelihood, theta), next(found)
+        theta = np.where(
+            likelihood.prior.of_noise, np.log(noise), peak.density.chart.around
+        )
+        return peak._replace(x=peak.density.chart.coordinates(theta), value=value)
+
+    monkeypatch.setattr(sampling, "climb_posterior", climbed)
+    monkeypatch.setattr(sampling, "_are_alike", lambda *peaks: peaks[0].value == 0.0)
+    theta = likelihood.prior.theta(log_noise=np.log(learned))
+    peaks, _ = find_peaks(likelihood, theta, np.random.default_rng(0))
+    assert [peak.value for peak in peaks] == kept
+
+
 @pytest.mark.parametrize(
     ("weights", "expected"),
     [

@@ -1,3 +1,5 @@
+import gc
+
 import pytest
 
 from skmtgp._estimators import sampled
@@ -10,6 +12,17 @@ def pytest_collect_file():
     """Tests have no examples in docstrings, and several files are called conftest."""
     collectors = yield
     return [each for each in collectors if type(each).__name__ != "DoctestModule"]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection():
+    """Nothing that is collected becomes garbage: looking for it took half the time."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
+        gc.freeze()
 
 
 @pytest.fixture

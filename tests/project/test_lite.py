@@ -19,7 +19,7 @@ pytestmark = pytest.mark.skipif(not DOCS.exists(), reason="only in a checkout")
 
 # Pages of the gallery that take more than ten seconds
 SLOW = {"plot_inducing_inputs", "plot_sampled", "plot_grid_search", "plot_novel_load"}
-SLOW |= {"plot_joint_states", "plot_transfer", "plot_five_loads"}
+SLOW |= {"plot_joint_states", "plot_transfer", "plot_five_loads", "plot_choose_rank"}
 
 DRAWS = """  # before threads are refused: Pyodide's Matplotlib starts none
 import matplotlib; matplotlib.use("agg")
@@ -142,22 +142,38 @@ def test_tutorial_runs_like_in_a_browser(lite):
     assert done.returncode == 0, done.stderr
 
 
+def source(path):
+    return path.read_text("utf-8")
+
+
 def of_gallery():
-    """Its pages, the slow ones for `make test-longest`."""
-    for path in gallery():
-        mark = pytest.mark.longest if path.stem in SLOW else pytest.mark.long
-        yield pytest.param(path, marks=mark, id=path.stem)
+    """Quick ones together, as imports take longer; slow ones for `make test-longest`.
+
+    One that needs what may not be there is alone.
+    """
+    apart = [p for p in gallery() if p.stem in SLOW or "statsmodels" in source(p)]
+    quick = [p for p in gallery() if p not in apart]
+    for paths in (quick[::2], quick[1::2], *([path] for path in apart)):
+        slow = SLOW.intersection(path.stem for path in paths)
+        mark = pytest.mark.longest if slow else pytest.mark.long
+        yield pytest.param(paths, marks=mark, id="-".join(p.stem for p in paths[:2]))
 
 
-@pytest.mark.parametrize("path", list(of_gallery()))
-def test_gallery_runs_like_in_a_browser(lite, path):
+@pytest.mark.parametrize("paths", list(of_gallery()))
+def test_gallery_runs_like_in_a_browser(lite, paths):
     """Those that need a package which a browser has not are not offered there."""
-    if not lite.has_notebook(f"auto_examples/{path.stem}"):
+    paths = [p for p in paths if lite.has_notebook(f"auto_examples/{p.stem}")]
+    if not paths:
         pytest.skip("is not offered")
-    text = path.read_text("utf-8")
-    if "statsmodels" in text:
+    texts = {path.name: source(path) for path in paths}
+    if any("statsmodels" in text for text in texts.values()):
         pytest.importorskip("statsmodels")
-    done = run(f"exec(compile({text!r}, 'cell', 'exec'), {{}})", before=DRAWS)
+    close = "matplotlib.pyplot.close('all')"
+    script = "\n".join(
+        f"exec(compile({text!r}, {name!r}, 'exec'), {{}}); {close}"
+        for name, text in texts.items()
+    )
+    done = run(script, before=DRAWS)
     assert done.returncode == 0, done.stderr
 
 

@@ -311,7 +311,6 @@ def test_few_rows_are_covered_where_the_mode_is_certain():
     assert np.mean(shares["sampled"]) > np.mean(shares["mode"]) + 0.15
 
 
-@pytest.mark.usefixtures("long_chains")
 class TestWarning:
     def test_says_how_poor_the_chains_are(self):
         few = MultiTaskGPRegressor(rank=2, hyperparameters="sampled", n_draws=4)
@@ -328,6 +327,7 @@ class TestWarning:
         with pytest.warns(SamplingWarning, match="helps: narrower bounds"):
             few.fit(X, y)
 
+    @pytest.mark.usefixtures("long_chains")
     def test_none_where_they_are_good(self):
         rows, t = draw(rows=30)
         model = IndependentGP(hyperparameters="sampled", n_draws=60)

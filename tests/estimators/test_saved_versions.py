@@ -25,6 +25,12 @@ def model(request):
     return clone(ESTIMATORS[request.param])
 
 
+@pytest.fixture(scope="module", params=sorted(ESTIMATORS))
+def fitted(request):
+    """Packed and copied, but not changed."""
+    return clone(ESTIMATORS[request.param]).fit(FRAME, Y)
+
+
 @pytest.fixture
 def save(monkeypatch):
     """Pickles a model as another version of a package would."""
@@ -65,8 +71,7 @@ def test_models_without_versions_warn_of_all():
 
 
 @pytest.mark.parametrize("pack", [pickle.dumps, copy.copy, copy.deepcopy, "skops"])
-def test_models_of_the_same_versions_do_not(model, pack):
-    fitted = model.fit(FRAME, Y)
+def test_models_of_the_same_versions_do_not(fitted, pack):
     if pack == "skops":
         skops = pytest.importorskip("skops.io")
         data = skops.dumps(make_pipeline(fitted))

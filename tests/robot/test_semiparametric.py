@@ -49,6 +49,12 @@ def arm(n=60, seed=0, noise=0.05):
     return urdf, X, Y + noise * np.random.default_rng(seed).normal(size=Y.shape)
 
 
+@pytest.fixture(scope="module")
+def of_arm():
+    urdf, X, Y = arm()
+    return SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
+
+
 def test_it_is_better_than_rigid_bodies_where_joints_stick(puma, sticky, fitted):
     X, Y = sticky
     rigid = RigidBodyRegressor(puma, empty_task=1).fit(X[:120], Y[:120])
@@ -105,11 +111,12 @@ def dense(model, X):
 
 
 @pytest.mark.parametrize("joint", [None, 0])
-def test_predictions_are_those_of_one_normal_distribution(joint):
+def test_predictions_are_those_of_one_normal_distribution(of_arm, joint):
     urdf, X, Y = arm()
-    test = arm(8, seed=1)[1]
-    Y = Y if joint is None else Y[:, joint]
-    model = SemiparametricRegressor(urdf, joint=joint, estimator=QUICK).fit(X, Y)
+    test, model = arm(8, seed=1)[1], of_arm
+    if joint is not None:
+        Y = Y[:, joint]
+        model = SemiparametricRegressor(urdf, joint=joint, estimator=QUICK).fit(X, Y)
     assert all(rest.model for rest in model._rests)
     both = np.vstack([X, test])
     J, n, m = Y.reshape(len(X), -1).shape[1], len(X), len(both)
@@ -161,14 +168,12 @@ def test_intervals_hold(fitted, sticky):
     np.testing.assert_allclose(noisy**2 - std**2, fitted.noise_variance_ + 0 * Y)
 
 
-def test_far_outside_the_process_keeps_its_value():
-    urdf, X, Y = arm()
-    model = SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
-    far = X[:1].copy()
+def test_far_outside_the_process_keeps_its_value(of_arm):
+    far = arm()[1][:1]
     far[:, 2:4] = 50.0
     farther = far.copy()
     farther[:, 2:4] = 70.0
-    values = [model._processes(rows[:, :-1], np.array([0])) for rows in (far, farther)]
+    values = [of_arm._processes(rows[:, :-1], np.array([0])) for rows in (far, farther)]
     assert (np.abs(values[0]) > 0.1).all()
     np.testing.assert_allclose(values[0], values[1])
 
@@ -247,13 +252,12 @@ def test_a_new_load(puma, sticky):
         joined.add_task(X[new[:2]], Y[new[:2]])
 
 
-def test_a_new_load_is_one_normal_distribution_too():
-    urdf, X, Y = arm()
+def test_a_new_load_is_one_normal_distribution_too(of_arm):
+    _, X, Y = arm()
     test, new = arm(8, seed=1)[1], arm(10, seed=2)
-    model = SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
     X_new = new[1]
     X_new[:, -1], test[:, -1] = 7, 7
-    model = model.add_task(X_new, new[2])
+    model = of_arm.add_task(X_new, new[2])
     rows, targets = np.vstack([X, X_new]), np.vstack([Y, new[2]])
     both = np.vstack([rows, test])
     n, m = len(rows), len(both)
@@ -351,9 +355,10 @@ def test_frames_with_named_loads():
     names = ["q1", "q2", "qd1", "qd2", "qdd1", "qdd2"]
     frame = pd.DataFrame(X[:, :-1], columns=names)
     frame.insert(0, "load", np.array(["empty", "full"])[X[:, -1].astype(int)])
-    options = {"task_feature": "load", "empty_task": "empty"}
-    named = SemiparametricRegressor(urdf, estimator=QUICK, **options).fit(frame, Y)
-    numbered = SemiparametricRegressor(urdf, empty_task=0, estimator=QUICK).fit(X, Y)
+    options = {"joint": 1, "estimator": QUICK}
+    numbered = SemiparametricRegressor(urdf, empty_task=0, **options).fit(X, Y[:, 1])
+    options |= {"task_feature": "load", "empty_task": "empty"}
+    named = SemiparametricRegressor(urdf, **options).fit(frame, Y[:, 1])
     np.testing.assert_allclose(named.predict(frame), numbered.predict(X))
     assert named.load_parameters_.index.tolist() == ["empty", "full"]
 
@@ -414,10 +419,10 @@ def test_several_rests_by_leaving_out():
 
 def test_a_failed_fit_leaves_it_as_it_was():
     urdf, X, Y = arm(40)
-    model = SemiparametricRegressor(urdf, estimator=QUICK).fit(X, Y)
+    model = SemiparametricRegressor(urdf, joint=1, estimator=QUICK).fit(X, Y[:, 1])
     expected = model.predict(X)
     with pytest.raises(ValueError, match="rest='x' has 'x'"):
-        model.set_params(rest="x").fit(X, Y)
+        model.set_params(rest="x").fit(X, Y[:, 1])
     np.testing.assert_array_equal(model.predict(X), expected)
 
 

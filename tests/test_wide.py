@@ -403,7 +403,7 @@ class TestScorers:
     def test_they_choose_among_models(self):
         X, Y = self.draw()
         search = GridSearchCV(
-            WideRegressor(MultiTaskGPRegressor("rbf")),
+            WideRegressor(MultiTaskGPRegressor("rbf", learning="staged")),
             {"estimator__rank": [1, 2]},
             scoring=make_normalized_mse_scorer(y_var=Y.var(ddof=0)),
             cv=3,

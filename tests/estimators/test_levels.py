@@ -176,6 +176,22 @@ def moments(model, X):
     return *model.predict(X, return_std=True), model.predict(X, return_cov=True)[1]
 
 
+def tasks_apart(times):
+    """Six tasks of one function, as far apart as levels are large; noise is small."""
+    rng = np.random.default_rng(4)
+    tasks, x = np.repeat(np.arange(6), 12), rng.uniform(0.0, 8.0, 72)
+    levels, factor = rng.standard_normal((2, 6))
+    f = (1.0 + 0.3 * factor)[tasks] * np.sin(x)
+    y = f + 0.15 * rng.standard_normal(72) + times * levels[tasks]
+    return np.column_stack([x, tasks]), y
+
+
+@pytest.fixture(scope="module")
+def near():
+    """The search of those that are not far apart."""
+    return RankSearchIC().fit(*tasks_apart(1.0))
+
+
 class TestRecovery:
     @pytest.mark.parametrize("cls", [MultiTaskGPRegressor, IndependentGP])
     def test_true_levels(self, cls):
@@ -205,16 +221,9 @@ class TestRecovery:
         assert model.level_variance_ < 0.05 * y.var()
 
     @pytest.mark.parametrize("size", [10.0, 100.0, 1000.0, 1e6])
-    def test_large_levels_change_nothing_else(self, size):
-        """What is chosen, and by which criterion; noise is small beside functions."""
-        rng = np.random.default_rng(4)
-        tasks, x = np.repeat(np.arange(6), 12), rng.uniform(0.0, 8.0, 72)
-        levels, factor = rng.standard_normal((2, 6))
-        f = (1.0 + 0.3 * factor)[tasks] * np.sin(x)
-        X, y = np.column_stack([x, tasks]), f + 0.15 * rng.standard_normal(72)
-        small, large = (
-            RankSearchIC().fit(X, y + times * levels[tasks]) for times in (1.0, size)
-        )
+    def test_large_levels_change_nothing_else(self, near, size):
+        """What is chosen, and by which criterion."""
+        small, large = near, RankSearchIC().fit(*tasks_apart(size))
         assert small.criterion_ == large.criterion_ == "laplace"
         assert large.best_model_ == small.best_model_
         pair = small.best_estimator_, large.best_estimator_

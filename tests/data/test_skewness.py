@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rarely import rarely
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, DotProduct
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
@@ -152,7 +153,7 @@ def test_climbs_that_did_not_end_say_nothing(cls):
         cls(task_feature="drug", max_iter=1).fit(X, y)
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, *rarely(1)])
 def test_gaps_of_a_few_rows_are_none(seed):
     """Of six rows of a skewed input nearly any leave some."""
     rng = np.random.default_rng(seed)
@@ -237,13 +238,13 @@ def test_logarithms_are_told_if_they_are_likelier(model):
     assert "nats. Try the logarithm of column 0 of the inputs." in text
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("seed", [0, *rarely(1, 2)])
 def test_logarithms_that_are_less_likely_are_not_told(seed):
     """Though rows at large values are sparse."""
     assert texts_of(MultiTaskGPRegressor(), *curves("raw", seed)) == []
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, *rarely(1)])
 def test_nats_are_those_of_another_fit(seed, monkeypatch):
     (X, y), found = curves("log", seed), []
 

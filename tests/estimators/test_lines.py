@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rarely import rarely
 from sklearn.gaussian_process.kernels import RBF
 from sklearn.linear_model import LinearRegression
 
@@ -61,7 +62,7 @@ def error(found, g):
     return np.sqrt(np.mean((found - g) ** 2) / g.var())
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *rarely(1, 2)])
 @pytest.mark.parametrize("alike", [0.0, 2.0])
 def test_planes_are_found(seed, alike):
     """Also where there are no rows, to which they go on."""

@@ -25,9 +25,14 @@ def waves(n_tasks, per_task, n_inputs, *, n_functions=2, noise=0.3, seed=0, n_ne
     return np.column_stack([x, task]), y, *told
 
 
-@pytest.mark.long
 @pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SeveralKernelsWarning")
-@pytest.mark.parametrize(("n_tasks", "per_task", "d"), [(52, 7, 1), (60, 10, 2)])
+@pytest.mark.parametrize(
+    ("n_tasks", "per_task", "d"),
+    [
+        pytest.param(52, 7, 1, marks=pytest.mark.long),
+        pytest.param(60, 10, 2, marks=pytest.mark.longest),
+    ],
+)
 def test_two_functions_of_many_tasks(n_tasks, per_task, d):
     """A hundred numbers and more, of seven to ten rows a task, are what rows tell."""
     X, y, X_new, f_new = waves(

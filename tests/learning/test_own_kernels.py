@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from rarely import rarely
 from sklearn.base import clone
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
@@ -60,7 +61,7 @@ def test_it_is_said(model, unit):
     )
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, 1, *rarely(2, 3)])
 def test_functions_of_one_kernel(seed):
     assert said(MultiTaskGPRegressor(), *drawn(fast=0.3, seed=seed)[:2]) == []
 
@@ -149,7 +150,7 @@ def simulated(seed):
     return X, np.r_[low(cheap), high(dear)], Z, high(new)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *rarely(1, 2), 3])
 def test_simulations_without_noise(seed):
     """The first is of independent tasks, the last of compound symmetry."""
     X, y, Z, g = simulated(seed)

@@ -11,6 +11,7 @@ import building
 import numpy as np
 import pytest
 from quadrature import Grid
+from rarely import rarely
 from scipy.ndimage import spline_filter
 from sklearn.gaussian_process.kernels import RBF
 
@@ -95,6 +96,14 @@ def problem(request):
     return coarse, fine, Splined(likelihood, fine), n_draws
 
 
+# Three parameters take long
+EACH = pytest.mark.parametrize(
+    "problem",
+    [pytest.param("two", marks=pytest.mark.long), *rarely("three")],
+    indirect=True,
+)
+
+
 def long_runs(likelihood, n_draws):
     """Chains of theta, (n_chains, n_draws, n_theta), and the peak they start at."""
     peak = climb_posterior(likelihood, likelihood.prior.theta())
@@ -114,7 +123,7 @@ def errors(chains, mean, variance):
     return diagnose(chains)[0] ** -0.5, spread * diagnose(squares)[0] ** -0.5
 
 
-@pytest.mark.long
+@EACH
 def test_a_grid_and_its_spline_are_exact(problem):
     coarse, fine, splined, _ = problem
     (mean, variance), (rough, rough_variance) = fine.moments(), coarse.moments()
@@ -143,7 +152,7 @@ def test_long_runs_agree_within_a_percent(problem):
     np.testing.assert_allclose(chains.var(axis=(0, 1)), variance, rtol=0.01)
 
 
-@pytest.mark.long
+@EACH
 def test_draws_that_are_kept_agree_within_their_errors(problem):
     """Of `sample_hyperparameters`, with its starts, its metric and its thinning."""
     _, grid, likelihood, _ = problem

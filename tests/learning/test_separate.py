@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from rarely import rarely
 from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -48,7 +49,7 @@ def test_it_is_said(unit):
     assert message.startswith("No two tasks of the output are closely related")
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *rarely(1, 2)])
 def test_tasks_of_one_kernel(seed):
     assert said(MultiTaskGPRegressor(), *drawn(own_input=False, seed=seed)) == []
 

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+from rarely import rarely
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, RankSearchIC, SingleTaskGP
 from skmtgp.exceptions import TargetScaleWarning
@@ -59,7 +60,7 @@ def test_counts_with_zeros():
         MultiTaskGPRegressor().fit(X, y)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", [0, 1, *rarely(2, 3, 4)])
 @pytest.mark.parametrize(
     "back", [np.asarray, lambda z: np.exp(z) + 500.0, lambda z: np.exp(z) - 60.0]
 )

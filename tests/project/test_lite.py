@@ -135,7 +135,7 @@ def test_more_processes_than_a_browser_has(n_jobs):
     assert done.stdout.strip() in {"1", "2"}
 
 
-@pytest.mark.long
+@pytest.mark.longest  # more than ten seconds, too
 def test_tutorial_runs_like_in_a_browser(lite):
     pytest.importorskip("matplotlib")
     done = run(script_of(codes(lite, "tutorials/sensors")[1:]), before=DRAWS)

@@ -29,7 +29,8 @@ TIMES = {"year", "month", "week", "day", "weekday", "hour", "minute", "time"}
 QUANTITIES = {*TIMES, "age", "count", "depth", "distance", "height", "temperature"}
 # Words in names of columns that tell tasks
 PLACES = {"site", "station", "shop", "store", "school"}
-TASKS = {*PLACES, "task", "patient", "subject", "person", "machine", "sensor"}
+PEOPLE = {"patient", "subject", "person", "player", "athlete", "team"}
+TASKS = {*PLACES, *PEOPLE, "task", "machine", "sensor", "dataset"}
 
 
 def warn_of_training(estimator, features, tasks, y):
@@ -85,9 +86,9 @@ def _warn_of_default(estimator, column, tasks, features):
     by_default = estimator.task_feature == -1 and isinstance(column, str)
     if not by_default or tasks.dtype.kind not in "iu":
         return
-    better, words = _named_like_tasks(estimator, features), _words(column)
+    better, words = _named_like_tasks(estimator, features), _words(column) or [""]
     told = not better or TASKS.intersection(words)
-    if told and not QUANTITIES.intersection(words[-1:]):
+    if told and words[-1].removesuffix("s") not in QUANTITIES:
         return
     such = f", {better[0]!r} for example" if better else ""
     warn(

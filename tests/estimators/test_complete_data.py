@@ -205,10 +205,13 @@ class TestAddTask:
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_data_without_noise(seed):
-    """Eigenvalues that are rounding would make the likelihood too rough to climb."""
+    """Eigenvalues that are rounding would make the likelihood too rough to climb.
+
+    There are three rows for each hyperparameter, to tell that there is no noise.
+    """
     rng = np.random.default_rng(seed)
-    x = rng.standard_normal((12, 4))
-    X = np.column_stack([np.tile(x, (3, 1)), np.repeat([0, 1, 2], 12)])
+    x = rng.standard_normal((20, 4))
+    X = np.column_stack([np.tile(x, (3, 1)), np.repeat([0, 1, 2], 20)])
     y = np.concatenate([np.sin(x).sum(axis=1) + m * x[:, 0] for m in range(3)])
     model, dense = (
         MultiTaskGPRegressor(inverse_dynamics_kernel(1), rank=2, inference=i).fit(X, y)

@@ -47,6 +47,7 @@ from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
 from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import StrOptions, fit_context, with_callbacks
+from skmtgp.learning.problem import wary
 from skmtgp.learning.weighing import is_unrelated, log_odds, preferred, simplest
 from skmtgp.model.described import task_covariance
 from skmtgp.model.task_covariance import low_rank
@@ -325,6 +326,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         settings = settings_of_ranks(model._terms()[0], ranks, simpler=simpler)
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
         problems = model._foretell(problems, len(forms), training.foretold)
+        problems = wary(problems, forms)
         described = training.descriptors is not None or training.trends is not None
         asks = simpler and exact and not described
         with limit_threads(side(problems)):

@@ -30,6 +30,7 @@ from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import join_described, learn_again, learn_novel
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
+from skmtgp.learning.problem import wary
 from skmtgp.learning.ranks import learn_ranks
 from skmtgp.learning.settling import has_rows, settled
 from skmtgp.learning.shortlisting import chosen, learn_best
@@ -591,8 +592,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         for term in self._terms():
             self._check_rank(term, problems[0].data)
         forms = self._forms(problems[0])
-        if len(forms) == 1:
-            problems = [problem.wary(forms[0]) for problem in problems]
+        problems = wary(problems, forms)
         found = self._learn_one(problems, forms, progress)
         if self.verbose and len(forms) > 1:
             say(f"chosen: {found[0][0].prior.task_covariance}")

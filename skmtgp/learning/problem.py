@@ -244,6 +244,16 @@ class Problem:
         return coarsest + 2 * self.prior.n_coefficients  # which explain as many rows
 
 
+def wary(problems, forms):
+    """The problems of the only form of K^rho, each as `Problem.wary` has it.
+
+    Those of several forms are as they were: they are compared by their evidence.
+    """
+    if len(forms) > 1:
+        return problems
+    return [problem.wary(forms[0]) for problem in problems]
+
+
 class Mode(NamedTuple):
     """A local maximum of the log marginal likelihood.
 

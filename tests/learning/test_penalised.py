@@ -10,7 +10,7 @@ from scipy.stats import norm
 from scipy.stats import t as student
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP
+from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, RankSearchIC
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
@@ -83,14 +83,17 @@ def test_little_noise_is_added():
 
 
 @pytest.mark.parametrize("way", ["mode", "map"])
-def test_a_rank_with_few_rows_keeps_noise(way):
+@pytest.mark.parametrize("search", [False, True])
+def test_a_rank_with_few_rows_keeps_noise(way, search):
     """Eight tasks of four rows and rank 2: without noise the likelihood is higher."""
     for seed in (0, 1, 3, 4):
         train, test = drawn_rows(seed)
         model = MultiTaskGPRegressor(rank=2, kernel="rbf", hyperparameters=way)
+        model = RankSearchIC(model, ranks=[2]) if search else model
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            model.fit(*train)
+            model = model.fit(*train)
+        model = getattr(model, "best_estimator_", model)
         assert np.min(model.noise_variance_) > 1e-3
         assert model.log_predictive_density(*test).mean() > -30.0
 

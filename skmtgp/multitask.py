@@ -450,9 +450,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     nat a hyperparameter for each factor of e. Noise variances of tasks are alike:
     their logarithms are normal around a common mean, with a deviation of 1, and
     exponential far from it. These are priors of the mode, not of "laplace" and
-    "sampled", which have their own. Reported likelihoods are without them. Everything
-    else is learned by maximum likelihood, as are the row with complete data, and both
-    with other kinds of `learning`.
+    "sampled", which have their own; "map" has the first one if it falls faster.
+    Reported likelihoods are without them. Everything else is learned by maximum
+    likelihood, as are the row with complete data, and both with other kinds of
+    `learning`.
 
     The data decide what "auto" means for `normalize_y` and `noise`, before learning
     begins. A small model is fitted to a few hundred rows. Its tasks share only

@@ -315,7 +315,9 @@ def full_rank_start(problem, start):
     with many tasks of few rows it would not end.
     """
     n_tasks, budget = problem.prior.n_tasks, problem.budget
-    budget = replace(budget, max_iter=min(budget.max_iter, problem.tuning.begun))
+    budget = replace(
+        budget, max_iter=min(budget.max_iter, problem.tuning.full_rank_steps)
+    )
     problem = replace(problem.with_form(low_rank(n_tasks, n_tasks)), budget=budget)
     theta = start._replace(K_rho=np.eye(n_tasks)).theta(problem)
     mode = climb(problem, theta, relaxed=True)

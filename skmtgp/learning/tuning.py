@@ -58,7 +58,7 @@ class Tuning:
     vanished : float
         Of the noise that all tasks had: where that of a task is less, it may follow its
         rows.
-    begun : int
+    full_rank_steps : int
         Most iterations of a full-rank fit that is a start of lower ranks: with many
         tasks and few rows it would end after thousands.
     held_down : int
@@ -279,7 +279,7 @@ class Tuning:
     creeping: float = 50.0
     poorer: float = 30.0
     vanished: float = 1e-2
-    begun: int = 100
+    full_rank_steps: int = 100
     held_down: int = 20
     lowered: tuple = (1e-3, 1e-1)
     least_rows: int = 3

@@ -280,4 +280,4 @@ def test_a_full_rank_start_takes_no_longer_than_it_may():
     kernel, form = RBF(), identity(n_tasks)
     problem = building.problem(kernel, form, building.data(x, tasks, y, n_tasks))
     start = full_rank_start(problem, first_stage(problem))
-    assert start.mode.n_iter <= problem.tuning.begun < problem.budget.max_iter
+    assert start.mode.n_iter <= problem.tuning.full_rank_steps < problem.budget.max_iter

@@ -325,8 +325,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         simpler = simpler and (exact or not isinstance(self.simpler, str))
         settings = settings_of_ranks(model._terms()[0], ranks, simpler=simpler)
         forms = [task_covariance(data.n_tasks, Q=data.Q, **each) for each in settings]
-        problems = model._foretell(problems, len(forms), training.foretold)
-        problems = wary(problems, forms)
+        problems = model._foretell(wary(problems, forms), len(forms), training.foretold)
         described = training.descriptors is not None or training.trends is not None
         asks = simpler and exact and not described
         with limit_threads(side(problems)):

@@ -231,12 +231,15 @@ def warn_of_far_levels(far, reason):
         )
 
 
-def warn_of_constant_tasks(tasks, *, own_noise):
-    """Say which tasks, if any, have targets that do not vary, and what that does."""
+def warn_of_constant_tasks(tasks, *, told):
+    """Say which tasks, if any, have targets that do not vary, and what that does.
+
+    `told` is whether learning takes no noise from them.
+    """
     if len(tasks):
         harm = "which makes the noise of all tasks, and their intervals, too small"
-        if own_noise:
-            harm = "and the kernel may follow these rows alone. Set noise='shared'"
+        if told:
+            harm = "so the other tasks alone tell how much there is"
         warn(
             f"{name_tasks(tasks, begins=True)}: all targets are equal, as if there "
             f"were no noise, {harm}. Check y, or leave these rows out, which is best.",

@@ -70,7 +70,7 @@ def decide(model, training, progress=None, foretell=None):
         With `units`, `noise` and `kernel`.
     """
     constant = training.tasks[training.constant]
-    warn_of_constant_tasks(constant, own_noise=model.noise == "per_task")
+    warn_of_constant_tasks(constant, told=model._some_noise())
     warn_of_binary(training.binary)
     training = _decided(model, training, foretell)
     report = progress and "auto" in (model.normalize_y, model.noise)

@@ -505,7 +505,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         if not prior.depends_on_inputs_only(self.X_train_):  # they may have the noise
             return
         told = [
-            noise_is_told(*output, problem.of_little_noise(mode.theta)[1])
+            noise_is_told(*output, problem.pull_of_noise(mode.theta))
             | (not mode.converged)
             for problem, mode, *output in zip(
                 problems, modes, self._likelihoods, self._posteriors, strict=True

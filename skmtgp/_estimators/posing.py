@@ -14,6 +14,7 @@ from skmtgp._numerics.parallel import at_a_time
 from skmtgp.inference.engine import Demand, check_known, check_terms, check_trend
 from skmtgp.inference.engines import choose
 from skmtgp.inference.memory import TileMemory
+from skmtgp.learning.penalised import may_vanish
 from skmtgp.learning.periods import begun_in_time
 from skmtgp.learning.problem import THE_OUTPUT, Problem
 from skmtgp.learning.ranges import begun_in_sight
@@ -75,6 +76,7 @@ def pose(model, training, n_ranks=1, n_kept=1, *, told=True):
             name=f"output {j + 1} of {n}" if n > 1 else THE_OUTPUT,
             weak_priors=model.hyperparameters == "map",
             log_little=_log_little(model, scaled),
+            unbounded=model._some_noise() and may_vanish(scaled),
             noise_deviation=model._noise_deviation(),
             log_scales=np.log(training.units.scale[j]),
             noisy=training.noisy,

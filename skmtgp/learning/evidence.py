@@ -12,6 +12,7 @@ from scipy.special import gammaln
 
 from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.learning.penalised import may_vanish, told
 from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.vanishing import price_of_choice, vanished
 from skmtgp.model.chart import Chart
@@ -37,8 +38,9 @@ class LogPosterior:
     """
 
     def __init__(self, likelihood, hyperprior, chart):
-        self.likelihood, self.hyperprior, self.chart = likelihood, hyperprior, chart
         self.prior, self.theta = likelihood.prior, chart.theta
+        self.likelihood = told(likelihood) if may_vanish(self.prior) else likelihood
+        self.hyperprior, self.chart = hyperprior, chart
 
     def __call__(self, x):
         """The value and its gradient; -inf where the likelihood cannot be computed."""

@@ -3,8 +3,11 @@
 import numpy as np
 from scipy.special import huber
 
+from skmtgp._data.dask import is_dask
+
 FAR = 4.0  # deviations from the mean of tasks, beyond which the density is exponential
 DEGREES = 4.0  # of freedom of the logarithm of little noise
+FAR_BELOW = np.log(1e6)  # its start noise as good as vanishes
 
 
 class Penalised:
@@ -14,7 +17,7 @@ class Penalised:
     ----------
     likelihood : Likelihood
         All but its values is as it was.
-    of_theta : Hyperprior, SomeNoise or AlikeNoise
+    of_theta : Hyperprior, SomeNoise, EqualTargets or AlikeNoise
         With the methods `log_density` and `information`.
     """
 
@@ -92,6 +95,82 @@ class SomeNoise:
     def information(self):
         """None: its tail bends the other way, and above it is flat."""
         return np.zeros((len(self.of_noise),) * 2)
+
+
+class EqualTargets:
+    r"""Tasks whose targets are all equal tell nothing of the noise.
+
+    Without noise they need no function: their n rows have a density that grows as
+    :math:`\sigma^{-(n - 1)}`, without bound. That is taken back,
+
+    .. math:: \log p = \sum_m \frac{n_m - 1}2 \log(\sigma_m^2 + \alpha) .
+
+    Parameters
+    ----------
+    prior : Prior
+        The model, whose noise is learned.
+    n_equal : ndarray of shape (n_noise,)
+        n_m - 1, or the sum of them over the tasks if they share the noise.
+    known : float, default=0.0
+        Noise variance alpha that is there beside what is learned.
+    """
+
+    def __init__(self, prior, n_equal, known=0.0):
+        self.of_noise, self.n_equal, self.known = prior.of_noise, n_equal, known
+
+    def log_density(self, theta):
+        """Log density but for a constant, and its gradient."""
+        learned = np.exp(theta[self.of_noise])
+        noise, gradient = learned + self.known, np.zeros(len(theta))
+        gradient[self.of_noise] = 0.5 * self.n_equal * learned / noise
+        return 0.5 * float(self.n_equal @ np.log(noise)), gradient
+
+    def information(self):
+        """None: it is a line."""
+        return np.zeros((len(self.of_noise),) * 2)
+
+
+def may_vanish(prior):
+    """Whether noise is learned, with no bound near its start.
+
+    A bound within six powers of ten is that of a user, or of rounding.
+    """
+    bounded = prior.log_noise_bounds[0] > prior.log_noise - FAR_BELOW
+    return not (bounded or prior.noise_is_fixed)
+
+
+def told(likelihood):
+    """The likelihood with `EqualTargets`, if there are any."""
+    density = of_equal_targets(likelihood.prior, likelihood)
+    return likelihood if density is None else Penalised(likelihood, density)
+
+
+def of_equal_targets(prior, data):
+    """`EqualTargets` of data, or of a likelihood; None without any."""
+    n_equal = count_equal(data.tasks, data.y, prior.n_tasks, data.known)
+    if not n_equal.any():
+        return None
+    if prior.n_noise == 1:
+        n_equal = n_equal.sum(keepdims=True)
+    alpha = 0.0 if data.known is None else float(data.known.variance.mean())
+    return EqualTargets(prior, n_equal, alpha)
+
+
+def count_equal(tasks, y, n_tasks, known=None):
+    """Measurements beyond the first of tasks whose targets are all equal, (n_tasks,).
+
+    None where no other task has targets that differ, nor of a Dask array.
+    """
+    first = np.zeros(n_tasks)
+    if is_dask(y):
+        return first
+    first[tasks[::-1]] = y[::-1]
+    differs = y != first[tasks]
+    counts = np.bincount(tasks, None if known is None else known.counts, n_tasks)
+    if known is not None:
+        differs = differs | (known.spread > 0.0)
+    differ = np.bincount(tasks, differs, n_tasks) > 0.0
+    return np.maximum(counts - 1.0, 0.0) * ~differ * differ.any()
 
 
 class AlikeNoise:

@@ -11,7 +11,13 @@ from skmtgp._data.known import noise_of
 from skmtgp._numerics.bfgs import PATIENCE
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.ambiguity import rivals_of
-from skmtgp.learning.penalised import AlikeNoise, Penalised, SomeNoise
+from skmtgp.learning.penalised import (
+    AlikeNoise,
+    Penalised,
+    SomeNoise,
+    of_equal_targets,
+    told,
+)
 from skmtgp.learning.tuning import TUNING, Tuning
 from skmtgp.model.hyperprior import Hyperprior
 from skmtgp.model.prior import Prior
@@ -79,6 +85,8 @@ class Problem:
         Logarithm of the noise variance below which less is unlikely, see `SomeNoise`.
     noise_rate : float, default=0.0
         How fast, see `wary`.
+    unbounded : bool, default=False
+        Whether equal targets of a task are `told` that they say nothing of the noise.
     noise_deviation : float, default=inf
         How far apart the logarithms of tasks' noise variances are, see `AlikeNoise`.
     log_scales : ndarray of shape (1,) or (n_tasks,)
@@ -97,6 +105,7 @@ class Problem:
     weak_priors: bool = False
     log_little: float = -np.inf
     noise_rate: float = 0.0
+    unbounded: bool = False
     noise_deviation: float = np.inf
     log_scales: np.ndarray = field(default_factory=lambda: np.zeros(1))
     noisy: bool = False
@@ -136,6 +145,7 @@ class Problem:
                 "`data.known`, what alpha and sample_weight tell. Hand it on, "
                 "or set `takes_known = False` of the engine."
             )
+        likelihood = told(likelihood) if self.unbounded else likelihood
         for of_theta in self.densities():
             likelihood = Penalised(likelihood, of_theta)
         return likelihood
@@ -160,7 +170,18 @@ class Problem:
 
     def of_little_noise(self, theta):
         """Log density of little noise, and its slopes by the log noise variances."""
-        density = self._of_little_noise()
+        return self._of_noise(self._of_little_noise(), theta)
+
+    def of_equal_targets(self, theta):
+        """The same of `EqualTargets`."""
+        density = of_equal_targets(self.prior, self.data) if self.unbounded else None
+        return self._of_noise(density, theta)
+
+    def pull_of_noise(self, theta):
+        """Slopes of both by the logarithms of the noise variances."""
+        return self.of_little_noise(theta)[1] + self.of_equal_targets(theta)[1]
+
+    def _of_noise(self, density, theta):
         if density is None:
             return 0.0, np.zeros(self.prior.n_noise)
         value, gradient = density.log_density(theta)
@@ -175,7 +196,8 @@ class Problem:
         of_theta = self.log_density(mode.theta)
         if np.isfinite(of_theta):
             return mode.value - of_theta
-        return self.likelihood_at(mode).value(mode.theta)  # not learned: F is zero
+        likelihood = self.likelihood_at(mode)  # not learned: F is zero
+        return (told(likelihood) if self.unbounded else likelihood).value(mode.theta)
 
     def likelihood_at(self, mode):
         """The likelihood by the inducing inputs of a mode, if it has any."""

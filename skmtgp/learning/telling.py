@@ -40,6 +40,7 @@ def in_words(problem, theta, value, *, bound=False):
     what = "lower bound on the log likelihood" if bound else "log likelihood"
     of_theta = problem.log_density(theta)
     value = value - (of_theta if np.isfinite(of_theta) else 0.0)
+    value = value - problem.of_equal_targets(theta)[0]
     return f"{what} {value + _log_jacobian(problem):.1f}"
 
 

@@ -60,6 +60,34 @@ def test_it_is_predicted(normalize_y):
     assert model.predict(X[is_constant]) == pytest.approx(3.0, abs=0.01)
 
 
+def corners(seed, n_equal):
+    """Eight tasks of 12 rows with a step each, noise 0.015; one of equal targets."""
+    rng = np.random.default_rng(seed)
+    X, tasks = rng.uniform(size=(96 + n_equal, 2)), np.arange(96) // 12
+    tasks = np.r_[tasks, np.full(n_equal, 8)]
+    at, low = rng.uniform(0.3, 0.7, 9), rng.uniform(0.3, 0.7, 9)
+    f = low[tasks] + 0.3 / (1.0 + np.exp(-20.0 * (X.mean(axis=1) - at[tasks])))
+    y = np.where(tasks == 8, 0.63, f + 0.015 * rng.standard_normal(len(X)))
+    return np.column_stack([X, tasks]), y
+
+
+@pytest.mark.parametrize(
+    "model", [MultiTaskGPRegressor(rank=2), MultiTaskGPRegressor()], ids=str
+)
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.long)])
+def test_few_equal_targets_are_enough_to_hide_noise(model, seed):
+    X, y = corners(seed, 5)
+    noise = np.sqrt(np.ravel(fitted(model, X, y).noise_variance_))
+    assert ((noise > 0.6 * 0.015) & (noise < 1.5 * 0.015)).all()
+
+
+def test_noise_of_each_task_follows_no_constant():
+    """Else the kernel is that of the task whose noise vanishes."""
+    X, y = corners(3, 20)
+    model = fitted(MultiTaskGPRegressor(rank=2, noise="per_task"), X, y)
+    assert np.sqrt(model.noise_variance_).min() > 0.3 * 0.015
+
+
 def test_exact_data_stay_exact():
     X, y, _, X_new, f = draw(noise=0.0)
     assert error(fitted(MultiTaskGPRegressor(), X, y), X_new, f) < 0.001

@@ -14,7 +14,13 @@ from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, RankSearchIC
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
-from skmtgp.learning.penalised import AlikeNoise, Penalised, SomeNoise
+from skmtgp.learning.penalised import (
+    AlikeNoise,
+    Penalised,
+    SomeNoise,
+    count_equal,
+    told,
+)
 from skmtgp.model.task_covariance import low_rank
 
 M = 4
@@ -69,6 +75,46 @@ def test_little_noise_by_the_book(known, rate):
         numerical = textbook.derivative(lambda at: density.log_density(at)[0], theta)
         np.testing.assert_allclose(gradient, numerical, rtol=1e-6, atol=1e-8)
     assert density.log_density(THETA + 9.0)[0] == 0.0
+
+
+def of_shared_noise(constant, n=5, **known):
+    """The same tasks, and one of n rows whose targets are all equal; one noise."""
+    of, rng = likelihood(), np.random.default_rng(1)
+    tasks, y = of.tasks[: 6 * (M - 1)], of.y[: 6 * (M - 1)]
+    X = np.vstack([of.X[: len(y)], rng.uniform(0.0, 5.0, (n, 1))])
+    y, tasks = np.r_[y, np.full(n, constant)], np.r_[tasks, np.full(n, M - 1)]
+    return building.dense(RBF(), low_rank(M, 1), X, tasks, y, n_noise=1, **known)
+
+
+@pytest.mark.parametrize("n", [2, 5])
+def test_equal_targets_tell_nothing_of_noise(n):
+    """Of a task without a function, what the noise says is the same with fewer rows."""
+    less, more = of_shared_noise(0.0, 1), of_shared_noise(0.0, n)
+    theta = np.r_[0.2, 1.0, 0.8, 1.2, 0.0, np.log(0.01)]  # the last has no function
+    assert told(less) is less
+    other = theta - 3.0 * (np.arange(len(theta)) == len(theta) - 1)
+    gains = [told(of).value(other) - told(of).value(theta) for of in (less, more)]
+    assert gains[1] == pytest.approx(gains[0], rel=1e-9)
+    assert more.value(other) - more.value(theta) > gains[1] + 1.49 * (n - 1)
+
+
+def test_gradient_beside_equal_targets():
+    of, theta = told(of_shared_noise(0.4)), np.r_[THETA[:-M], np.log(0.05)]
+    numerical = textbook.derivative(of.value, theta)
+    value, gradient = of.value_and_grad(theta)
+    assert value == pytest.approx(of.value(theta), rel=1e-12)
+    np.testing.assert_allclose(gradient, numerical, rtol=1e-5, atol=1e-6)
+    of.fisher_information(theta)  # is that of the likelihood
+
+
+def test_which_targets_are_equal():
+    tasks = np.array([0, 0, 1, 1, 1, 2, 3, 3])
+    y = np.array([1.0, 2.0, 3.0, 3.0, 3.0, 5.0, 0.0, 0.0])
+    assert count_equal(tasks, y, 4).tolist() == [0.0, 2.0, 0.0, 1.0]
+    order = np.random.default_rng(0).permutation(8)  # as for sparse inference
+    found = count_equal(tasks[order], y[order], 5)
+    assert found.tolist() == [0.0, 2.0, 0.0, 1.0, 0.0]
+    assert not count_equal(tasks[2:], y[2:], 4).any()  # nothing else tells the noise
 
 
 def test_little_noise_is_added():

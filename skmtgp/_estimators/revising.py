@@ -117,7 +117,7 @@ def _with_lines(model, training, problems, modes):
     k = best_of_forms(*found, n_jobs)
     gain = _gain(of_best, [[of[k]] for of in found], n_jobs)
     pair = [problems[k], found[0][k]], [modes[k], found[1][k]]
-    if gain > least and gain > _loss_left_out(*pair, n_jobs):
+    if gain > least and gain - _loss_left_out(*pair, n_jobs) > least:
         return replace(training, kernel=LINEAR), *found
     return training, problems, _of_each(Mode.spending, modes, found[1])
 

@@ -10,10 +10,11 @@ from skmtgp.learning.climbing import climb
 LEAST, MOST = 30, 2000  # rows that are asked: few gain as much by chance
 SPAN = 4.0  # of the largest target over the smallest, beyond which it can matter
 SURE = 10.0  # nats that another scale must gain to be told of
-# How to give them to `target_transform`, functions, and logarithms of derivatives.
+# How to give them to `target_transform`, functions, and logarithms of derivatives. Each
+# is learned on from the one before: roots are halfway to logarithms.
 POSITIVE = {
-    "(np.log, np.exp)": (np.log, lambda y: -np.log(y)),
     "(np.sqrt, np.square)": (np.sqrt, lambda y: -0.5 * np.log(4.0 * y)),
+    "(np.log, np.exp)": (np.log, lambda y: -np.log(y)),
 }
 WITH_ZEROS = {"(np.log1p, np.expm1)": (np.log1p, lambda y: -np.log1p(y))}
 
@@ -43,15 +44,15 @@ def likelier_scale(problem, mode, y, groups):
     scales = WITH_ZEROS
     if y.min() > 0.0:
         y, scales = y / y.max(), POSITIVE  # their squares do not vanish
-    gains = {
-        name: _gain(problem, mode, y, groups, *scale) for name, scale in scales.items()
-    }
+    gains, theta = {}, mode.theta
+    for name, scale in scales.items():
+        gains[name], theta = _gain(problem, mode, theta, y, groups, *scale)
     best = max(gains, key=gains.get)
     return best if gains[best] > SURE else ""
 
 
-def _gain(problem, mode, y, groups, function, log_derivative):
-    """Nats that a function of the targets gains, learned on from a mode.
+def _gain(problem, mode, theta, y, groups, function, log_derivative):
+    """Nats that a function of the targets gains, learned on from theta, and where.
 
     Each group keeps its mean and its deviation. The density is that of y. Equal targets
     of a group have none, and stay as they are; so does the target of a group with one.
@@ -66,11 +67,12 @@ def _gain(problem, mode, y, groups, function, log_derivative):
         else:
             equal[own] = own.sum() > 1
     if np.isnan(log_ratio).all():
-        return -np.inf
+        return -np.inf, theta
     log_ratio[np.isnan(log_ratio)] = np.nanmean(log_ratio)  # as units of tasks are
     log_jacobian = np.where(equal, 0.0, log_derivative(y) + log_ratio)
     other = problem.with_data(replace(problem.data, y=moved)).quickly()
-    return climb(other, mode.theta).value - mode.value + log_jacobian.sum()
+    found = climb(other, theta)
+    return found.value - mode.value + log_jacobian.sum(), found.theta
 
 
 def _spread(values):

@@ -128,6 +128,15 @@ def test_steep_curves_that_bend_little_are_none(seed):
     assert error(model.predict(Z), g) < 0.7 * error(straight.predict(Z), g)
 
 
+@pytest.mark.parametrize("loss", [-2.0, 0.9, 1.1])
+def test_what_left_out_rows_lose_is_taken_off(loss, monkeypatch):
+    """Else logarithms that bend a little were taken for lines."""
+    X, y, *_ = lines(0, n_tasks=4, n_each=20)
+    monkeypatch.setattr(revising, "_gain", lambda *_: 4.0)
+    monkeypatch.setattr(revising, "_loss_left_out", lambda *_: loss)
+    assert is_linear(IndependentGP().fit(X, y)) == (4.0 - loss > 3.0)
+
+
 @pytest.mark.parametrize("cls", [MultiTaskGPRegressor, IndependentGP])
 def test_lines_that_are_far_worse_are_not_learned_on(cls, monkeypatch):
     """One climb tells."""

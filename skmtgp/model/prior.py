@@ -239,6 +239,33 @@ class Prior:
         K_rhos = self.K_rho_at(theta).reshape(-1, self.n_tasks, self.n_tasks)
         return list(zip(kernels, K_rhos, strict=True))
 
+    def derivatives(self, theta, X, parts):
+        """Of k^x of each term the values and the derivatives by its theta.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        parts : Parts
+            Of them.
+
+        Returns
+        -------
+        of_terms : list of (ndarray, ndarray)
+            See `Node.derivatives`.
+        """
+        found = []
+        of_terms = self.kernels_with(self._split(theta)[0])
+        for k, (_, node, of_kernel) in enumerate(of_terms):
+            fast = node.derivatives(of_kernel, X, parts)
+            if fast is None:
+                K_x, dK_x = terms_of(self.kernel_at(theta))[k](X, eval_gradient=True)
+                fast = parts.stacked(K_x), parts.stacked(np.moveaxis(dK_x, 2, 0))
+            found.append(fast)
+        return found
+
     def covariance(self, theta, X, tasks):
         """Of f at X, (n_samples, n_samples), with the task of each row."""
         level = self.values(theta).level * np.equal.outer(tasks, tasks)

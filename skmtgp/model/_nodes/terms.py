@@ -378,7 +378,7 @@ class StationaryNode(Node):
         shape = self.values(theta)
         length_scale = shape.pop("length_scale")
         with np.errstate(all="ignore"):  # of length-scales that are next to nothing
-            z = (X / length_scale).T[:, parts.places]
+            z = (X / length_scale).T.take(parts.places, axis=1)
             apart = z[..., None] - z[..., None, :]
             squares = np.square(apart, out=apart)
             K, slope = self.profile(-0.5 * squares.sum(axis=0), **shape)

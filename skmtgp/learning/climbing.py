@@ -19,6 +19,7 @@ def climb(
     held=None,
     known=(),
     least=-np.inf,
+    noisy=False,
     futile=None,
 ):
     """Maximise the log marginal likelihood from theta.
@@ -42,6 +43,8 @@ def climb(
         cannot hope to come as far.
     least : float, default=-inf
         What it must reach to be of use. It ends where it cannot hope for that.
+    noisy : bool, default=False
+        Whether the data are known to have noise, so that it soon shows.
     futile : callable, default=None
         Called with theta after some of the iterations; where it is true the climb ends.
 
@@ -57,6 +60,7 @@ def climb(
     exactly = budget.tol < problem.tuning.single_tol
     learned = likelihood if exactly else likelihood.in_single()
     begin, teller = perf_counter(), Teller(problem)
+    rivals = Rivals(problem, known, least, noisy=noisy)
     teller.begin()
     best = minimize(
         teller.told(_objective(learned, penalise)),
@@ -68,7 +72,7 @@ def climb(
         tol=tol,
         patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
         rounding=0.1 * problem.tuning.single_tol if learned.single else 0.0,
-        report=_watch(problem, Rivals(problem, known, least), futile, penalise, teller),
+        report=_watch(problem, rivals, futile, penalise, teller),
     )
     value, data = penalise(best.x)[0] - best.value, problem.data
     if learned.single:

@@ -61,7 +61,7 @@ class Likelihood(ABC):
     def noise_of_row(self):
         """Which noise variance each row has."""
         of_tasks = self.prior.n_noise > 1
-        return self.tasks if of_tasks else np.broadcast_to(0, len(self.tasks))
+        return self.tasks if of_tasks else np.zeros(len(self.tasks), dtype=int)
 
     def noise_of_rows(self, noise):
         """Noise variance of each row, from those that are learned."""

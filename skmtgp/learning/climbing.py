@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._numerics.bfgs import minimize
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.agreement import Rivals
 from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.telling import Teller
@@ -62,18 +63,19 @@ def climb(
     begin, teller = perf_counter(), Teller(problem)
     rivals = Rivals(problem, known, least, noisy=noisy)
     teller.begin()
-    best = minimize(
-        teller.told(_objective(learned, penalise)),
-        np.clip(theta, lower, upper),
-        lower,
-        upper,
-        metric=_metric(likelihood),
-        max_iter=_most_iterations(problem, held),
-        tol=tol,
-        patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
-        rounding=0.1 * problem.tuning.single_tol if learned.single else 0.0,
-        report=_watch(problem, rivals, futile, penalise, teller),
-    )
+    with limit_threads(likelihood.side):  # else each evaluation does, which takes time
+        best = minimize(
+            teller.told(_objective(learned, penalise)),
+            np.clip(theta, lower, upper),
+            lower,
+            upper,
+            metric=_metric(likelihood),
+            max_iter=_most_iterations(problem, held),
+            tol=tol,
+            patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
+            rounding=0.1 * problem.tuning.single_tol if learned.single else 0.0,
+            report=_watch(problem, rivals, futile, penalise, teller),
+        )
     value, data = penalise(best.x)[0] - best.value, problem.data
     if learned.single:
         value = likelihood.value(best.x)

@@ -123,7 +123,7 @@ def _metric(likelihood):
 
 def _penalty(problem, relaxed):
     """What holds the parameters of k^x near their start if relaxed, and its slope."""
-    start, of_kernel = problem.prior.kernel.theta, problem.prior.of_kernel
+    start, of_kernel = problem.prior.kernel_theta, problem.prior.of_kernel
 
     def penalise(theta):
         away = np.zeros_like(theta)

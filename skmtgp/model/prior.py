@@ -25,7 +25,8 @@ from skmtgp.model.kernel_check import depends_on_inputs_only
 from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 from skmtgp.model.trend import Trend
 
-MADE = "node", "_last_kernel"  # of k^x, in some milliseconds for some tens of parts
+# Of k^x, in some milliseconds for some tens of parts
+MADE = "node", "_last_kernel", "kernel_theta", "_kernel_bounds"
 MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
 
@@ -133,6 +134,16 @@ class Prior:
     def node(self):
         """The fast form of k^x."""
         return compile_kernel(self.kernel)
+
+    @cached_property
+    def kernel_theta(self):
+        """Where theta of k^x starts."""
+        return self.kernel.theta
+
+    @cached_property
+    def _kernel_bounds(self):
+        """Its bounds, of shape (n_dims, 2)."""
+        return self.kernel.bounds.reshape(-1, 2)
 
     def kernels_with(self, theta):
         """Of each term k^x, its fast form, and its part of theta of k^x."""
@@ -387,7 +398,7 @@ class Prior:
         )
         level = [self.log_level if log_level is None else log_level] * self.levels
         noise = self.log_noise if log_noise is None else log_noise
-        kernel = self.kernel.theta if kernel is None else kernel
+        kernel = self.kernel_theta if kernel is None else kernel
         return np.concatenate([kernel, rho, level, np.full(self.n_noise, noise)])
 
     def centre(self, log_variance):
@@ -493,7 +504,7 @@ class Prior:
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
         level = self.log_level_bounds
         parts = [
-            self.kernel.bounds.reshape(-1, 2),
+            self._kernel_bounds,
             self.task_covariance.bounds(self.scale),
             np.tile(level, (int(self.levels), 1)),
             np.tile(self.log_noise_bounds, (self.n_noise, 1)),
@@ -503,7 +514,7 @@ class Prior:
     @cached_property
     def of_kernel(self):
         """Which elements of theta are those of k^x; a mask."""
-        return np.arange(self.n_theta) < self.kernel.n_dims
+        return np.arange(self.n_theta) < self._sizes[0]
 
     @cached_property
     def n_length_scales(self):
@@ -543,7 +554,7 @@ class Prior:
     @cached_property
     def of_factors(self):
         """The same of each term, (n_terms, n_theta)."""
-        masks, begin = [], self.kernel.n_dims
+        masks, begin = [], self._sizes[0]
         position = np.arange(self.n_theta)
         for form in terms_of(self.task_covariance):
             end = begin + int(np.prod(factor_shape_of(form)))
@@ -559,7 +570,7 @@ class Prior:
     @cached_property
     def unexplained(self):
         """Which are variances of what is unexplained, kappa and the noise; a mask."""
-        mask, end = self.of_noise.copy(), self.kernel.n_dims
+        mask, end = self.of_noise.copy(), self._sizes[0]
         for form in terms_of(self.task_covariance):
             end += form.n_parameters
             mask[end - form.n_kappa : end] = True

@@ -163,6 +163,20 @@ def invert_triangle(L, routines=DOUBLE):
     return L
 
 
+def symmetric_inverse(K):
+    """K^{-1} of a covariance, of shape (n, n).
+
+    It is that of a Cholesky decomposition, unless rounding has made K indefinite.
+    """
+    try:
+        lower = np.tril(Cholesky(K.copy(order="F")).invert())
+    except NotPositiveDefiniteError:
+        return np.linalg.inv(K)
+    inverse = lower + lower.T
+    inverse[np.diag_indices_from(inverse)] *= 0.5
+    return inverse
+
+
 class StackedCholesky:
     """The factors of small matrices K = C C^T, stacked, and what is made of them.
 

@@ -16,8 +16,7 @@ with the same H for all tasks. Between two such sets of parameters
 
 import numpy as np
 
-from skmtgp._numerics.linalg import Cholesky
-from skmtgp.exceptions import NotPositiveDefiniteError
+from skmtgp._numerics.linalg import symmetric_inverse
 from skmtgp.model.task_covariance import OfTasks
 
 
@@ -45,7 +44,7 @@ def information(K, tasks, derivatives):
     LinAlgError
         If K is singular.
     """
-    inverse = _inverse(K)
+    inverse = symmetric_inverse(K)
     at, single, of_tasks, n_parameters = _sorted_out(derivatives)
     found = np.zeros((n_parameters, n_parameters))
     present, starts, places = np.unique(tasks, return_index=True, return_inverse=True)
@@ -67,18 +66,6 @@ def information(K, tasks, derivatives):
             block = np.add.reduceat(of_tasks_and_samples, starts, axis=1)
             _put(found, rows, others[present], block)
     return found
-
-
-def _inverse(K):
-    """K^{-1}, by a Cholesky decomposition unless rounding has made K indefinite."""
-    try:
-        lower = Cholesky(K.copy(order="F")).invert()
-    except NotPositiveDefiniteError:
-        return np.linalg.inv(K)
-    lower = np.tril(lower)
-    inverse = lower + lower.T
-    inverse[np.diag_indices_from(inverse)] *= 0.5
-    return inverse
 
 
 def _put_score(score, inverse, derivative, starts, places):

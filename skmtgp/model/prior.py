@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
+from skmtgp._numerics.linalg import symmetric_inverse
 from skmtgp.model._nodes import compile_kernel, is_foreign
 from skmtgp.model.kernel_check import depends_on_inputs_only
 from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
@@ -279,9 +280,13 @@ class Prior:
 
     def covariance(self, theta, X, tasks):
         """Of f at X, (n_samples, n_samples), with the task of each row."""
-        level = self.values(theta).level * np.equal.outer(tasks, tasks)
-        between = np.ix_(tasks, tasks)
-        return sum(K_rho[between] * k(X) for k, K_rho in self.terms_at(theta)) + level
+        values, rows, K = self.values(theta), slice(0, len(X)), 0.0
+        K_rhos = self.K_rho_at(theta).reshape(-1, self.n_tasks, self.n_tasks)
+        of_kernels = self.kernels_with(values.kernel)
+        for (_, node, of_kernel), K_rho in zip(of_kernels, K_rhos, strict=True):
+            between = K_rho.take(tasks, axis=1).take(tasks, axis=0)
+            K = K + between * node.bind(of_kernel, X).block(rows, rows)[0]
+        return K + values.level * np.equal.outer(tasks, tasks)
 
     def precision(self, K, X, tasks):
         """K^{-1} of some rows, or of what is left of them without their trend.
@@ -299,7 +304,7 @@ class Prior:
         -------
         precision : ndarray of shape (n_samples, n_samples)
         """
-        inverse = np.linalg.inv(K)
+        inverse = symmetric_inverse(K)
         if self.trend is None:
             return inverse
         Q = self.trend.basis(X, tasks).Q

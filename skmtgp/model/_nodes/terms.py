@@ -321,16 +321,26 @@ def _matern12(e, out=None):
 
 def _matern32(e, out=None):
     r = _root(e, 6.0)
-    decay = np.exp(-r)
-    return (1.0 + r) * decay, np.multiply(decay, 3.0, out=out)
+    decay, K = _decay(r), 1.0 + r
+    K *= decay
+    return K, np.multiply(decay, 3.0, out=out)
 
 
 def _matern52(e, out=None):
     r = _root(e, 10.0)
-    decay, linear = np.exp(-r), 1.0 + r
-    K = (linear + r * r / 3.0) * decay
+    decay, K = _decay(r), r * r
+    K /= 3.0
+    r += 1.0
+    K += r
+    K *= decay
     decay *= 5.0 / 3.0
-    return K, np.multiply(linear, decay, out=out)
+    return K, np.multiply(r, decay, out=out)
+
+
+def _decay(r):
+    """exp(-r), in one new array: fresh memory takes longer than the numbers."""
+    decay = np.negative(r)
+    return np.exp(decay, out=decay)
 
 
 def _spherical(e, out=None):

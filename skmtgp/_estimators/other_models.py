@@ -45,7 +45,7 @@ def warn_of_others(training, problem, mode, names, compared, one_kernel):
     if mode.converged and not compared:
         apart = gain_of_separate_models(problem, mode)
     if not one_kernel:
-        common = common_function(problem, mode)
+        common = common_function(problem, mode, max(TELLING, apart))
         two = _two_kernels(training, problem, mode, max(TELLING, apart, common.gain))
     if common.gain > max(TELLING, apart, two[0]):
         _tell_common_function(training, problem, mode, names, common)

@@ -10,7 +10,7 @@ from collections import deque
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import lapack
 
 from skmtgp._numerics.parallel import limit_threads
 
@@ -123,7 +123,8 @@ class DenseHessian:
 
     def newton_step(self, g, free):
         """- H^{-1} g of the free parameters, the others being held."""
-        return -_solve(self.B[np.ix_(free, free)], g[free])
+        B = self.B if len(free) == len(g) else self.B[np.ix_(free, free)]
+        return -_solve(B, g[free])
 
     def update(self, s, y):
         """Learn from a step s that changed the gradient by y; s @ y is positive."""
@@ -292,11 +293,11 @@ def _solve(B, g):
     scale = np.sqrt(np.maximum(diagonal, max(1e-20 * diagonal.max(), 1e-200)))
     B = B / scale / scale[:, None]
     for shift in (0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6):
-        try:
-            factor = cho_factor(B + shift * np.eye(len(B)), check_finite=False)
-        except LinAlgError:
-            continue
-        return cho_solve(factor, g / scale, check_finite=False) / scale
+        # symmetric: columns may be rows
+        shifted = B.T + shift * np.eye(len(B)) if shift else B.T.copy(order="F")
+        factor, info = lapack.dpotrf(shifted, clean=0, overwrite_a=1)
+        if info == 0:
+            return lapack.dpotrs(factor, g / scale)[0] / scale
     return g / scale**2
 
 

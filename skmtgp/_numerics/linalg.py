@@ -163,6 +163,62 @@ def invert_triangle(L, routines=DOUBLE):
     return L
 
 
+def symmetric_inverse(K):
+    """K^{-1} of a covariance, of shape (n, n).
+
+    It is that of a Cholesky decomposition, unless rounding has made K indefinite.
+    """
+    try:
+        lower = np.tril(Cholesky(K.copy(order="F")).invert())
+    except NotPositiveDefiniteError:
+        return np.linalg.inv(K)
+    inverse = lower + lower.T
+    inverse[np.diag_indices_from(inverse)] *= 0.5
+    return inverse
+
+
+class StackedCholesky:
+    """The factors of small matrices K = C C^T, stacked, and what is made of them.
+
+    Parameters
+    ----------
+    K : ndarray of shape (n_matrices, n, n)
+        Of each symmetric matrix the upper triangle, and zeros below it. They are
+        overwritten: by C^T, then by `invert_factors`, then by `invert`.
+
+    Raises
+    ------
+    NotPositiveDefiniteError
+        If one of them is not finite or not positive definite.
+    """
+
+    def __init__(self, K):
+        self.K, self.pivots = K, np.einsum("kii->ki", K)
+        self._lower = [of.T for of in K]  # Fortran-ordered
+        for of in self._lower:
+            _, info = DOUBLE.potrf(of, lower=1, clean=0, overwrite_a=1)
+            if info:
+                raise NotPositiveDefiniteError(f"pivot {info} is not positive")
+        if not (np.isfinite(self.pivots).all() and self.pivots.all()):
+            raise NotPositiveDefiniteError("a pivot is not positive")
+
+    def log_det(self):
+        """Sum of the log-determinants of all K."""
+        return 2.0 * np.log(self.pivots).sum()
+
+    def invert_factors(self):
+        """C^{-T} of each, in the place of C^T."""
+        for of in self._lower:
+            invert_triangle(of)
+        return self.K
+
+    def invert(self):
+        """Upper triangles of K^{-1}, in the place of C^{-T}."""
+        for of in self._lower:
+            DOUBLE.lauum(of, lower=1, overwrite_c=1)
+        return self.K
+
+
 def cholesky_with_jitter(build, *, first=1e-12, last=1e-4):
     """Factorise ``build()``, adding to its diagonal only if that is needed.
 

@@ -131,6 +131,8 @@ def map_threads(function, jobs):
     results : list
         In the order of the jobs.
     """
+    if ONE_THREAD.depth:
+        return [function(*job) for job in jobs]
     n_threads = min(count_threads(), len(jobs)) if len(jobs) > 1 else 1
     with ONE_THREAD:
         if n_threads == 1:

@@ -97,12 +97,16 @@ class DenseLikelihood(TiledLikelihood):
             G = dsyrk(-1.0, flat.V, beta=1.0, c=G, lower=1, overwrite_c=1)
         diagonal = diagonal_of(G)
         diagonal *= 0.5
-        d_row = -diagonal
+        d_noise = self._by_noise(diagonal, noise)
+        return value, *self._contract(bound, K_rho, tapes, G.T), d_noise
+
+    def _by_noise(self, halves, noise):
+        """Gradient by the noise variances, from half the diagonal of G."""
+        d_row = -halves
         if self.known is not None:
             slope = self.known.slope(noise[self.noise_of_row])
             d_row = d_row / self.known.counts + slope
-        d_noise = np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
-        return value, *self._contract(bound, K_rho, tapes, G.T), d_noise
+        return np.bincount(self.noise_of_row, d_row, self.prior.n_noise)
 
     def _factorise(self, K, noise):
         """The factor of K, in single precision where that is asked for and enough."""

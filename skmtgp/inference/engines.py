@@ -14,6 +14,7 @@ from skmtgp._numerics.linalg import HALVED
 from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import IncompleteDataWarning
+from skmtgp.inference.apart import ApartLikelihood, are_apart
 from skmtgp.inference.dense import IN_SINGLE, DenseLikelihood, DensePosterior
 from skmtgp.inference.engine import (
     Engine,
@@ -68,7 +69,9 @@ class Dense(Engine):
 
     def likelihood(self, prior, data):
         """The likelihood of the data."""
-        return DenseLikelihood(prior, data.X, data.tasks, data.y, data.known)
+        of_tasks = are_apart(prior, data.tasks)
+        kind = ApartLikelihood if of_tasks else DenseLikelihood
+        return kind(prior, data.X, data.tasks, data.y, data.known)
 
     def updated(self, posterior, likelihood, theta, origin):
         """The posterior by a factor that is updated, in O(n^2) a row."""

@@ -10,6 +10,7 @@ from skmtgp._data.known import noise_of
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.inference.information import information
+from skmtgp.model._nodes import Parts
 from skmtgp.model.task_covariance import OfTasks
 
 FISHER_ROWS = 200
@@ -60,7 +61,7 @@ class Likelihood(ABC):
     def noise_of_row(self):
         """Which noise variance each row has."""
         of_tasks = self.prior.n_noise > 1
-        return self.tasks if of_tasks else np.broadcast_to(0, len(self.tasks))
+        return self.tasks if of_tasks else np.zeros(len(self.tasks), dtype=int)
 
     def noise_of_rows(self, noise):
         """Noise variance of each row, from those that are learned."""
@@ -165,41 +166,62 @@ class Likelihood(ABC):
             1/2 tr(K^{-1} dK_p K^{-1} dK_q), scaled to all rows.
         """
         self.release()  # the derivatives need as much memory
+        of_rho, n = self._of_rho(theta), len(self.X)
+        rows = self._some_rows(of_rho)
+        with limit_threads(len(rows)):
+            of_some = self._information(theta, rows, of_rho)
+        return of_some * (n / len(rows)) + self._of_repeats(theta)
+
+    def _of_rho(self, theta):
+        """Derivatives of K^rho of each term, lists."""
         prior = self.prior
         of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
-        of_rho = [list(form.derivatives(rho)) for (_, form), (_, rho) in of_terms]
-        n_matrices = prior.kernel.n_dims + sum(map(len, of_rho)) + prior.levels + 1
-        n = len(self.X)
+        return [list(form.derivatives(rho)) for (_, form), (_, rho) in of_terms]
+
+    def _some_rows(self, of_rho):
+        """The rows of which the Fisher information is computed."""
+        prior, n = self.prior, len(self.X)
+        n_matrices = prior.node.n_dims + sum(map(len, of_rho)) + prior.levels + 1
         most = min(n, rows_of_information(n, prior.n_tasks) + prior.n_coefficients)
         most = min(most, 1 + isqrt(FISHER_SIZE // n_matrices))
-        rows = np.linspace(0, n - 1, most).astype(int)
-        with limit_threads(most):
-            of_some = information(*self._derivatives(theta, rows, of_rho))
-        return of_some * (n / most) + self._of_repeats(theta)
+        return np.linspace(0, n - 1, most).astype(int)
+
+    def _information(self, theta, rows, of_rho):
+        """The Fisher information of some rows."""
+        return information(*self._derivatives(theta, rows, of_rho))
 
     def _derivatives(self, theta, rows, of_rho):
         """K of some rows, their tasks, and its derivatives by the parts of theta."""
         prior, values = self.prior, self.prior.values(theta)
         X, tasks, learned, known = self._some(rows, values.noise)
-        level = values.level * np.equal.outer(tasks, tasks)
-        noise = np.diag(noise_of(known, learned))
-        by_noise = noise if known is None else np.diag(learned / known.counts)
+        of_f, of_terms = self._derivatives_of_f(theta, X, tasks, of_rho)
+        noise = noise_of(known, learned)
+        by_noise = noise if known is None else learned / known.counts
         of_tasks = OfTasks(np.arange(prior.n_noise), 0.5 * by_noise)
-        by_kernels, by_rho, of_f = [], [], 0.0
-        for (kernel, K_rho), of_term in zip(prior.terms_at(theta), of_rho, strict=True):
-            K_x, dK_x = kernel(X, eval_gradient=True)
-            K_rho = K_rho[np.ix_(tasks, tasks)]
-            by_kernels.append([d * K_rho for d in np.moveaxis(dK_x, 2, 0)])
-            by_rho.append([_between_samples(d, tasks, K_x) for d in of_term])
-            of_f = of_f + K_x * K_rho
         of_rest = [
-            [level] * prior.levels,
+            [values.level] * prior.levels,
             [of_tasks if prior.n_noise > 1 else by_noise],
         ]
-        K = of_f + level + noise
+        K = of_f + values.level * np.equal.outer(tasks, tasks)
+        K[np.diag_indices_from(K)] += noise
         if prior.trend is not None:
             K += wide(prior.trend.basis(X, tasks), np.trace(K))
-        return K, tasks, [*by_kernels, *by_rho, *of_rest]
+        return K, tasks, [*of_terms, *of_rest]
+
+    def _derivatives_of_f(self, theta, X, tasks, of_rho):
+        """The covariance of f, and its derivatives by k^x and by K^rho of each term."""
+        of_f, by_kernels, by_rho = 0.0, [], []
+        K_rho = self.prior.K_rho_at(theta).reshape(-1, *[self.prior.n_tasks] * 2)
+        all_rows = Parts(np.zeros(len(X), dtype=int))
+        of_kernels = self.prior.derivatives(theta, X, all_rows)
+        for (K_x, dK_x), of_tasks, of_term in zip(
+            of_kernels, K_rho, of_rho, strict=True
+        ):
+            K_x, between = K_x[0], _between(of_tasks, tasks)
+            by_kernels.append([d[0] * between for d in dK_x])
+            by_rho.append([_between_samples(d, tasks, K_x) for d in of_term])
+            of_f = of_f + K_x * between
+        return of_f, [*by_kernels, *by_rho]
 
     def _some(self, rows, noise):
         """X, tasks, learned noise and what is known of some rows, sorted by task."""
@@ -226,12 +248,16 @@ def rows_of_information(n, n_tasks):
     return min(n, max(FISHER_ROWS, of_tasks))
 
 
+def _between(of_tasks, tasks):
+    """A matrix of the tasks, for each pair of samples; faster than `np.ix_`."""
+    return of_tasks.take(tasks, axis=1).take(tasks, axis=0)
+
+
 def _between_samples(d_rho, tasks, K_x):
     """Derivatives of K by parameters of K^rho, from those of K^rho."""
-    between = np.ix_(tasks, tasks)
     if isinstance(d_rho, OfTasks):
-        return d_rho._replace(half=d_rho.half[between] * K_x)
-    return d_rho[between] * K_x
+        return d_rho._replace(half=_between(d_rho.half, tasks) * K_x)
+    return _between(d_rho, tasks) * K_x
 
 
 def wide(basis, size):

@@ -15,14 +15,17 @@ class Rivals:
         count.
     least : float, default=-inf
         What a climb must reach to be of use, beside the best of them.
+    noisy : bool, default=False
+        Whether the data are known to have noise, without modes that say so. Then hope
+        is lost from the first look on, and by what noisy climbs gain.
     """
 
-    def __init__(self, problem, modes, least=-np.inf):
+    def __init__(self, problem, modes, least=-np.inf, *, noisy=False):
         self.problem, self.modes = problem, [of for of in modes if not of.stalled]
         self.best = max([least, *(mode.value for mode in self.modes)])
-        self.before = -np.inf
-        noisy = [problem.is_noisy(mode, beyond=0.1) for mode in self.modes]
-        noisy = bool(noisy) and all(noisy)  # without modes it is not known
+        self.before, self.soon = -np.inf, noisy
+        are_noisy = [problem.is_noisy(mode, beyond=0.1) for mode in self.modes]
+        noisy |= bool(are_noisy) and all(are_noisy)  # without modes it is not known
         self.times = problem.tuning.hopeless if noisy else problem.tuning.creeping
 
     def settle(self, n_iter, theta, value):
@@ -31,6 +34,8 @@ class Rivals:
         Called after each iteration, of which it looks at some.
         """
         tuning = self.problem.tuning
+        if self.soon and n_iter == 1:
+            self.before = value
         if value > self.best or n_iter % tuning.look_every:
             return False
         gain, self.before = value - self.before, value

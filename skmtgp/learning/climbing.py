@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._numerics.bfgs import minimize
+from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.agreement import Rivals
 from skmtgp.learning.problem import Mode, best_of
 from skmtgp.learning.telling import Teller
@@ -19,6 +20,7 @@ def climb(
     held=None,
     known=(),
     least=-np.inf,
+    noisy=False,
     futile=None,
 ):
     """Maximise the log marginal likelihood from theta.
@@ -42,6 +44,8 @@ def climb(
         cannot hope to come as far.
     least : float, default=-inf
         What it must reach to be of use. It ends where it cannot hope for that.
+    noisy : bool, default=False
+        Whether the data are known to have noise, so that it soon shows.
     futile : callable, default=None
         Called with theta after some of the iterations; where it is true the climb ends.
 
@@ -57,19 +61,21 @@ def climb(
     exactly = budget.tol < problem.tuning.single_tol
     learned = likelihood if exactly else likelihood.in_single()
     begin, teller = perf_counter(), Teller(problem)
+    rivals = Rivals(problem, known, least, noisy=noisy)
     teller.begin()
-    best = minimize(
-        teller.told(_objective(learned, penalise)),
-        np.clip(theta, lower, upper),
-        lower,
-        upper,
-        metric=_metric(likelihood),
-        max_iter=_most_iterations(problem, held),
-        tol=tol,
-        patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
-        rounding=0.1 * problem.tuning.single_tol if learned.single else 0.0,
-        report=_watch(problem, Rivals(problem, known, least), futile, penalise, teller),
-    )
+    with limit_threads(likelihood.side):  # else each evaluation does, which takes time
+        best = minimize(
+            teller.told(_objective(learned, penalise)),
+            np.clip(theta, lower, upper),
+            lower,
+            upper,
+            metric=_metric(likelihood),
+            max_iter=_most_iterations(problem, held),
+            tol=tol,
+            patience=problem.tuning.relaxed_patience if relaxed else budget.patience,
+            rounding=0.1 * problem.tuning.single_tol if learned.single else 0.0,
+            report=_watch(problem, rivals, futile, penalise, teller),
+        )
     value, data = penalise(best.x)[0] - best.value, problem.data
     if learned.single:
         value = likelihood.value(best.x)
@@ -117,7 +123,7 @@ def _metric(likelihood):
 
 def _penalty(problem, relaxed):
     """What holds the parameters of k^x near their start if relaxed, and its slope."""
-    start, of_kernel = problem.prior.kernel.theta, problem.prior.of_kernel
+    start, of_kernel = problem.prior.kernel_theta, problem.prior.of_kernel
 
     def penalise(theta):
         away = np.zeros_like(theta)

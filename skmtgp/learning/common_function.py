@@ -47,7 +47,7 @@ class CommonFunction(NamedTuple):
 NOT_ASKED = CommonFunction(-np.inf, -1, None)
 
 
-def common_function(problem, mode):
+def common_function(problem, mode, enough=-np.inf):
     """What one more function gains that all tasks share, of the likeliest input.
 
     Parameters
@@ -56,6 +56,8 @@ def common_function(problem, mode):
         Of an output, in memory.
     mode : Mode
         Its mode.
+    enough : float, default=-inf
+        What must be gained to be of use: the climb ends where it cannot hope for that.
 
     Returns
     -------
@@ -74,11 +76,13 @@ def common_function(problem, mode):
     with limit_threads(len(X)):
         starts = [(j, *_likeliest_start(problem, mode, j)) for j in inputs]
         feature, both, _, theta = max(starts, key=itemgetter(2))
-        found = climb(both, theta)
-    price = both.prior.n_hyperparameters - problem.prior.n_hyperparameters
+        price = both.prior.n_hyperparameters - problem.prior.n_hyperparameters
+        charged = 0.5 * price * np.log(len(X))
+        least = mode.value + charged + enough
+        found = climb(both, theta, least=least, noisy=True)
     gain = both.log_likelihood(found) - problem.log_likelihood(mode)
     _, of_input = both.prior.kernel_at(found.theta)
-    gain = float(gain - 0.5 * price * np.log(len(X)))
+    gain = float(gain - charged)
     return CommonFunction(gain, int(feature), of_input.kernel)
 
 

@@ -12,6 +12,7 @@ from scipy.special import gammaln
 
 from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.learning.climbing import information_or_zero
 from skmtgp.learning.penalised import may_vanish, told
 from skmtgp.learning.tuning import TUNING
 from skmtgp.learning.vanishing import price_of_choice, vanished
@@ -63,6 +64,13 @@ class LogPosterior:
             return -np.inf, np.zeros(len(x))
         return value, gradient
 
+    def metric(self, x):
+        """A guess of minus the Hessian of `polar`, positive definite."""
+        theta, J = self.chart.theta(x), self.chart.jacobian(x)
+        told = information_or_zero(self.likelihood, theta)
+        told = told + self.hyperprior.information()
+        return J.T @ told @ J + np.eye(len(x))
+
 
 class Peak(NamedTuple):
     """A mode of the posterior.
@@ -113,7 +121,9 @@ class Peak(NamedTuple):
         return self.density.polar(x)[1]
 
 
-def climb_posterior(likelihood, theta, *, held=False, noise_is_held=False, tol=1e-2):
+def climb_posterior(
+    likelihood, theta, *, held=False, noise_is_held=False, tol=1e-2, guided=False
+):
     """The mode of the posterior that a climb from theta leads to.
 
     Parameters
@@ -128,6 +138,8 @@ def climb_posterior(likelihood, theta, *, held=False, noise_is_held=False, tol=1
         Whether the noise variances stay where they are.
     tol : float, default=1e-2
         Gain in nats under which it ends.
+    guided : bool, default=False
+        Whether it begins with the Fisher information, which pays near the mode.
 
     Returns
     -------
@@ -143,7 +155,10 @@ def climb_posterior(likelihood, theta, *, held=False, noise_is_held=False, tol=1
         value, gradient = density.polar(x)
         return -value, -gradient
 
-    found = minimize(objective, x, lower, upper, max_iter=500, tol=tol, patience=10)
+    options = {"max_iter": 500, "tol": tol, "patience": 10}
+    if guided:
+        options["metric"] = density.metric
+    found = minimize(objective, x, lower, upper, **options)
     return Peak(density, found.x, -found.value, found.n_evaluations)
 
 
@@ -198,7 +213,8 @@ def evidence_around(likelihood, theta):
     held = vanished(prior, theta, TUNING.vanishing)
     start = Hyperprior(prior, held).near(theta, FAR, ~prior.of_noise)
     with limit_threads(likelihood.side):
-        peak = climb_posterior(likelihood, start, held=held, noise_is_held=True)
+        fixed = {"held": held, "noise_is_held": True}
+        peak = climb_posterior(likelihood, start, **fixed, guided=True)
         found = log_evidence(peak, peak.curvature(one_sided=True)[0])
     likelihood.release()
     return found - price_of_choice(prior, held.sum())

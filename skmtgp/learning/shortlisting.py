@@ -189,10 +189,13 @@ class Sketch(NamedTuple):
         With the form, of the coarsest rows.
     ascent : Ascent
         From the likeliest start.
+    led : bool, default=False
+        Whether that start led to a better mode than the rank below.
     """
 
     problem: Problem
     ascent: Ascent
+    led: bool = False
 
     @property
     def form(self):
@@ -236,20 +239,23 @@ def _sketch(problem, starts, before):
 
     Without noise both would miss modes that are far better. A rank begins at the
     likeliest start, too: the rank below may have taken fast functions for noise, or be
-    a mode from which no column leads to the best. If that rank gained nothing, it has
-    been tried already.
+    a mode from which no column leads to the best. If that rank gained nothing, or if
+    its own mode from there was no better, it has been tried already.
     Compound symmetry and rank 1 are learned from all starts, for one may tell them
     independent tasks alone, or one function.
     """
     start, below = likeliest(starts), before[-1] if before else None
     if not start.is_noisy:
-        return Sketch(problem, follow(problem, start, below))
+        return Sketch(problem, follow(problem, start, below and below[:2]))
     if _has_below(before, problem):
         theta = with_columns(below.problem, problem, below.ascent.mode)
         found, lower = _quick(problem, theta), before[:-1]
-        if _has_below(lower, below.problem) and not _is_better(below, lower):
+        helps = below.led and _is_better(below, lower)
+        if _has_below(lower, below.problem) and not helps:
             return found
-        return _quick(problem, start.theta(problem), [found.ascent.mode])
+        again = _quick(problem, start.theta(problem), [found.ascent.mode])
+        gain = again.ascent.mode.value - found.ascent.mode.value
+        return again._replace(led=gain > problem.tuning.doubt)
     found = _quick(problem, start.theta(problem))
     form = problem.prior.task_covariance
     for other in starts if form.rank == 1 or (form.shared and form.n_own) else ():
@@ -297,7 +303,7 @@ def _own(higher, form):
 
 def _descended(sketches):
     """The same, with what a rank can learn from the next higher one."""
-    problems, ascents = zip(*sketches, strict=True)
+    problems, ascents, _ = zip(*sketches, strict=True)
     modes = descend(problems, [ascent.mode for ascent in ascents])
     return [
         sketch._replace(ascent=sketch.ascent._replace(mode=mode))
@@ -411,7 +417,7 @@ def _learned(problems, sketches, likely, starts, **options):
     """The likely forms, and modes of each output and form."""
     compared = [sketch.form for sketch in sketches[0]]
     kept = [compared[k] for k in likely]
-    jobs = [of_output[k] for of_output in sketches for k in likely]
+    jobs = [of_output[k][:2] for of_output in sketches for k in likely]
     ascents = run(_finished, jobs, n_jobs=options["n_jobs"])
     known = {"firsts": by_output(ascents, kept), "compared": compared}
     return kept, from_starts(problems, kept, starts, **known, **options)

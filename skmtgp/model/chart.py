@@ -162,6 +162,22 @@ class Chart:
         log_volume, of_g = self._of_factor(g, gradient[self.of_factor])
         return value + log_volume, np.append(of_g, of_logs)
 
+    def jacobian(self, x):
+        """Derivatives of theta by the coordinates, of shape (n_theta, size)."""
+        n, g = self.n_factor, x[: self.n_factor]
+        J = np.zeros((len(self.around), self.size))
+        share = expit(x[n:])
+        logs = np.flatnonzero(self.of_logs)
+        J[logs, n + np.arange(len(logs))] = self.width * share * (1.0 - share)
+        if n:
+            length = np.linalg.norm(g)
+            amplitude = self.unit * np.exp(STRETCH * (length - 1.0))
+            along = np.outer(g, g) / length**2
+            block = (np.eye(n) - along) / length + STRETCH * along
+            elements = np.flatnonzero(self.of_factor)[self.used.ravel()]
+            J[elements, :n] = amplitude * block
+        return J
+
     def log_spread(self, x):
         """Log density of x over `polar_density`, and its gradient.
 

@@ -20,12 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from sklearn.gaussian_process.kernels import Kernel
 
+from skmtgp._numerics.linalg import symmetric_inverse
 from skmtgp.model._nodes import compile_kernel, is_foreign
 from skmtgp.model.kernel_check import depends_on_inputs_only
 from skmtgp.model.several import Forms, Kernels, factor_shape_of, terms_of
 from skmtgp.model.trend import Trend
 
-MADE = "node", "_last_kernel"  # of k^x, in some milliseconds for some tens of parts
+# Of k^x, in some milliseconds for some tens of parts
+MADE = "node", "_last_kernel", "kernel_theta", "_kernel_bounds"
 MOST_LEVEL = 1e6  # variance, relative to the targets': levels are nearly all there is
 
 
@@ -134,6 +136,16 @@ class Prior:
         """The fast form of k^x."""
         return compile_kernel(self.kernel)
 
+    @cached_property
+    def kernel_theta(self):
+        """Where theta of k^x starts."""
+        return self.kernel.theta
+
+    @cached_property
+    def _kernel_bounds(self):
+        """Its bounds, of shape (n_dims, 2)."""
+        return self.kernel.bounds.reshape(-1, 2)
+
     def kernels_with(self, theta):
         """Of each term k^x, its fast form, and its part of theta of k^x."""
         if self.n_terms == 1:
@@ -239,11 +251,42 @@ class Prior:
         K_rhos = self.K_rho_at(theta).reshape(-1, self.n_tasks, self.n_tasks)
         return list(zip(kernels, K_rhos, strict=True))
 
+    def derivatives(self, theta, X, parts):
+        """Of k^x of each term the values and the derivatives by its theta.
+
+        Parameters
+        ----------
+        theta : ndarray of shape (n_theta,)
+            Parameters.
+        X : ndarray of shape (n_samples, n_features)
+            Inputs.
+        parts : Parts
+            Of them.
+
+        Returns
+        -------
+        of_terms : list of (ndarray, ndarray)
+            See `Node.derivatives`.
+        """
+        found = []
+        of_terms = self.kernels_with(self._split(theta)[0])
+        for k, (_, node, of_kernel) in enumerate(of_terms):
+            fast = node.derivatives(of_kernel, X, parts)
+            if fast is None:
+                K_x, dK_x = terms_of(self.kernel_at(theta))[k](X, eval_gradient=True)
+                fast = parts.stacked(K_x), parts.stacked(np.moveaxis(dK_x, 2, 0))
+            found.append(fast)
+        return found
+
     def covariance(self, theta, X, tasks):
         """Of f at X, (n_samples, n_samples), with the task of each row."""
-        level = self.values(theta).level * np.equal.outer(tasks, tasks)
-        between = np.ix_(tasks, tasks)
-        return sum(K_rho[between] * k(X) for k, K_rho in self.terms_at(theta)) + level
+        values, rows, K = self.values(theta), slice(0, len(X)), 0.0
+        K_rhos = self.K_rho_at(theta).reshape(-1, self.n_tasks, self.n_tasks)
+        of_kernels = self.kernels_with(values.kernel)
+        for (_, node, of_kernel), K_rho in zip(of_kernels, K_rhos, strict=True):
+            between = K_rho.take(tasks, axis=1).take(tasks, axis=0)
+            K = K + between * node.bind(of_kernel, X).block(rows, rows)[0]
+        return K + values.level * np.equal.outer(tasks, tasks)
 
     def precision(self, K, X, tasks):
         """K^{-1} of some rows, or of what is left of them without their trend.
@@ -261,7 +304,7 @@ class Prior:
         -------
         precision : ndarray of shape (n_samples, n_samples)
         """
-        inverse = np.linalg.inv(K)
+        inverse = symmetric_inverse(K)
         if self.trend is None:
             return inverse
         Q = self.trend.basis(X, tasks).Q
@@ -360,7 +403,7 @@ class Prior:
         )
         level = [self.log_level if log_level is None else log_level] * self.levels
         noise = self.log_noise if log_noise is None else log_noise
-        kernel = self.kernel.theta if kernel is None else kernel
+        kernel = self.kernel_theta if kernel is None else kernel
         return np.concatenate([kernel, rho, level, np.full(self.n_noise, noise)])
 
     def centre(self, log_variance):
@@ -466,7 +509,7 @@ class Prior:
         """Lower and upper bounds of theta, of shape (2, n_theta)."""
         level = self.log_level_bounds
         parts = [
-            self.kernel.bounds.reshape(-1, 2),
+            self._kernel_bounds,
             self.task_covariance.bounds(self.scale),
             np.tile(level, (int(self.levels), 1)),
             np.tile(self.log_noise_bounds, (self.n_noise, 1)),
@@ -476,7 +519,7 @@ class Prior:
     @cached_property
     def of_kernel(self):
         """Which elements of theta are those of k^x; a mask."""
-        return np.arange(self.n_theta) < self.kernel.n_dims
+        return np.arange(self.n_theta) < self._sizes[0]
 
     @cached_property
     def n_length_scales(self):
@@ -516,7 +559,7 @@ class Prior:
     @cached_property
     def of_factors(self):
         """The same of each term, (n_terms, n_theta)."""
-        masks, begin = [], self.kernel.n_dims
+        masks, begin = [], self._sizes[0]
         position = np.arange(self.n_theta)
         for form in terms_of(self.task_covariance):
             end = begin + int(np.prod(factor_shape_of(form)))
@@ -532,7 +575,7 @@ class Prior:
     @cached_property
     def unexplained(self):
         """Which are variances of what is unexplained, kappa and the noise; a mask."""
-        mask, end = self.of_noise.copy(), self.kernel.n_dims
+        mask, end = self.of_noise.copy(), self._sizes[0]
         for form in terms_of(self.task_covariance):
             end += form.n_parameters
             mask[end - form.n_kappa : end] = True

@@ -61,6 +61,11 @@ class FixedTaskCovariance:
         apart = not (self._matrix - np.diag(np.diag(self._matrix))).any()
         return "tasks apart" if apart else "fixed task covariance"
 
+    @property
+    def apart(self):
+        """Whether tasks share nothing."""
+        return not np.any(self._matrix - np.diag(np.diagonal(self._matrix)))
+
     def bounds(self, scale):
         """Bounds of the parameters: none."""
         return np.empty((0, 2))
@@ -148,6 +153,11 @@ class LowRank:
 
     def __str__(self):
         return f"rank {self.rank}"
+
+    @property
+    def apart(self):
+        """Whether tasks share nothing, whatever the parameters are."""
+        return self.rank == 0
 
     @property
     def factor_shape(self):
@@ -462,6 +472,11 @@ class WithDiagonal(Enlarged):
         if self.equal and self.rank == 0:
             return "compound symmetry" if self.shared else "independent"
         return f"{self.form} and {'equal ' * self.equal}diagonal"
+
+    @property
+    def apart(self):
+        """Whether tasks share nothing, whatever the parameters are."""
+        return getattr(self.form, "apart", False)
 
     def with_rank(self, rank):
         """The same form of another rank."""

@@ -47,8 +47,8 @@ def asked(monkeypatch, model, X, y, *given):
     """The problem, the mode, and what is found."""
     found = []
 
-    def ask(problem, mode):
-        found.append((problem, mode, common_function(problem, mode)))
+    def ask(problem, mode, enough):
+        found.append((problem, mode, common_function(problem, mode, enough)))
         return found[-1][-1]
 
     monkeypatch.setattr(other_models, "common_function", ask)

@@ -149,3 +149,14 @@ def test_a_factor_of_less_than_its_rank_has_coordinates():
     assert np.isfinite(chart.polar_density(x, 0.0, np.zeros(len(theta)))[1]).all()
     found = prior.K_rho_at(chart.theta(x))
     np.testing.assert_allclose(found, F @ F.T, atol=0.01)
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+def test_jacobian(form):
+    """By central differences."""
+    _, chart, theta = chart_of(form)
+    x, h = chart.coordinates(theta), 1e-5
+    steps = h * np.eye(chart.size)
+    columns = [(chart.theta(x + s) - chart.theta(x - s)) / (2.0 * h) for s in steps]
+    J = np.column_stack(columns)
+    np.testing.assert_allclose(chart.jacobian(x), J, rtol=1e-6, atol=1e-7)

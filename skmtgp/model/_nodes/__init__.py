@@ -26,12 +26,14 @@ from skmtgp.model._nodes.expressions import (
 from skmtgp.model._nodes.folds import fold, form_of
 from skmtgp.model._nodes.inputs import contract_inputs
 from skmtgp.model._nodes.memory import count_arrays, count_elements
+from skmtgp.model._nodes.parts import Parts
 from skmtgp.model._nodes.terms import Bound, Node, allocate
 
 __all__ = [
     "NODES",
     "Bound",
     "Node",
+    "Parts",
     "UnknownNode",
     "allocate",
     "compile_kernel",

@@ -47,7 +47,8 @@ class Differences:
 
     def __init__(self, X, length_scale, *, steep=False):
         self.sets, self.l, self.zeros = (X, X), length_scale, np.zeros(len(X))
-        self.center = X.mean(axis=0)  # there is less to cancel in centred rows
+        # there is less to cancel in centred rows; half the time of X.mean
+        self.center = np.add.reduce(X, axis=0) / len(X)
         self.narrow, self.wide, self.groups = slice(None), NONE, ()
         self.left = self._factor(X)
         if not self._largest_square() <= NARROW:  # it may be nan
@@ -114,6 +115,36 @@ class Differences:
         for pairs, apart in self._of_pairs(near, rows, cols):
             e.flat[pairs] = -0.5 * np.square(apart).sum(axis=1)
         return e, near
+
+    @property
+    def are_products(self):
+        """Whether all squares of differences are products of matrices."""
+        return not (self.near or len(self.wide))
+
+    def exponents_within(self, places):
+        """-1/2 |z - z'|^2 between the rows of each part, if all are products.
+
+        Parameters
+        ----------
+        places : ndarray of shape (n_parts, size)
+            Rows.
+
+        Returns
+        -------
+        e : ndarray of shape (n_parts, size, size)
+        """
+        e = np.matmul(self.left[places], self.right[places].swapaxes(1, 2))
+        np.minimum(e, 0.0, out=e)
+        np.einsum("kii->ki", e)[...] = 0.0
+        return e
+
+    def contract_within(self, V, places):
+        """The sum over all parts of V (z - z')^2, as `contract`."""
+        z, VZ = self.left[places, :-2], V @ self.right[places, :-1]
+        both = (VZ[..., -1] + V.sum(axis=1)).ravel()
+        sums = both @ self.squares[places].reshape(len(both), -1)
+        sums -= 2.0 * np.einsum("kid,kid->d", z, VZ[..., :-1])
+        return sums
 
     def _half_squares(self, rows, cols, features):
         """Half the sum over some features of (z - z')^2, for all pairs."""

@@ -31,6 +31,9 @@ class ColumnsNode(Node):
     def bind(self, theta, X):
         return BoundColumns(self.columns, self.inner.bind(theta, X[:, self.columns]))
 
+    def derivatives(self, theta, X, parts):
+        return self.inner.derivatives(theta, X[:, self.columns], parts)
+
 
 class BoundColumns(Bound):
     def __init__(self, columns, inner):

@@ -121,8 +121,21 @@ def warn_of_few_rows(problem, way, *, given=False):
         "hyperparameters more uncertain than predictions count: a 95 % interval may "
         "hold only 50 to 90 % of new observations, and less where there is almost no "
         "noise. This helps: "
-        f"{'more rows' if stay else helps}.{_fewer_length_scales(problem, given)}",
+        f"{'more rows' if stay else helps}.{_fewer_numbers(prior, data)}"
+        f"{_fewer_length_scales(problem, given)}",
         NarrowIntervalsWarning,
+    )
+
+
+def _fewer_numbers(prior, data):
+    """What to try where tasks are related by numbers of each."""
+    if prior.n_terms > 1 or data.Q is not None:
+        return ""
+    if not getattr(prior.task_covariance, "rank", 0):
+        return ""
+    return (
+        " rank=0 with shared=True and diagonal='equal' relates all tasks alike, by two "
+        "hyperparameters: compare it at rows that are left out."
     )
 
 

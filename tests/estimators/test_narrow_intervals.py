@@ -52,6 +52,9 @@ def test_few_rows_for_each_hyperparameter_are_told_once(model):
     [told] = told_by(model.fit, *draw(6))
     assert "fewer than 8 rows for each hyperparameter" in told
     assert "hyperparameters='auto'" in told
+    of = getattr(model, "best_estimator_", model)
+    has_rank = np.any(getattr(of, "rank_", 0))
+    assert ("diagonal='equal'" in told) == has_rank
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,8 @@ Z = draw(per_task=2, seed=1)[0]
 def complete():
     x = draw()[0][:10, :2]
     X = np.column_stack([np.tile(x, (3, 1)), np.repeat([0, 1, 2], 10)])
-    return X, np.sin(X[:, 0]) + X[:, 2] * X[:, 1]
+    noise = 0.1 * np.random.default_rng(0).standard_normal(len(X))  # K is definite
+    return X, np.sin(X[:, 0]) + X[:, 2] * X[:, 1] + noise
 
 
 @pytest.mark.parametrize("inference", ["dense", "auto", "sparse"])

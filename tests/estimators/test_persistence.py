@@ -54,11 +54,13 @@ BY_INDUCING_INPUTS = {
     "skmtgp.inference.sparse_posterior.SparsePosterior",
     "skmtgp.inference.weights.Covariances",
 }
+APART = {"skmtgp.inference.apart.ApartLikelihood"}  # of tasks that share nothing
+ONE_MATRIX = {"skmtgp.inference.dense.DenseLikelihood"}
 # What skops must be told to trust, for each estimator with its default kernel; another
 # kernel adds itself and its node in skmtgp.model._nodes.
 TRUSTED = {
     "MultiTaskGPRegressor": LOW_RANK,
-    "IndependentGP": {*FIXED, "skmtgp.baselines.IndependentGP"},
+    "IndependentGP": FIXED - ONE_MATRIX | APART | {"skmtgp.baselines.IndependentGP"},
     "PooledGP": {*FIXED, "skmtgp.baselines.PooledGP"},
     "SingleTaskGP": {
         *FIXED,
@@ -109,7 +111,7 @@ class TestPersistence:
         data = skops.dumps(make_pipeline(fitted) if as_pipeline else fitted)
         trusted = TRUSTED[type(fitted).__name__]
         if getattr(fitted, "inference_", None) == "sparse":
-            trusted = trusted - DENSE | BY_INDUCING_INPUTS
+            trusted = trusted - DENSE - APART | BY_INDUCING_INPUTS
         if getattr(fitted, "diagonal_", False):  # BIC has chosen independent tasks
             trusted = trusted | {"skmtgp.model.task_covariance.WithDiagonal"}
         found = set(skops.get_untrusted_types(data=data))

@@ -110,6 +110,7 @@ class Node:
         Returns
         -------
         values : ndarray of shape parts.shape
+            k between the rows of each part.
         derivatives : ndarray of shape (n_dims, *parts.shape)
             By each element of theta. What is padded is any number. None instead of both
             where the kernel is to be asked.
@@ -207,7 +208,22 @@ class Bound:
         return stacked, [tape for _, tape in found]
 
     def contract_blocks(self, W, tape, parts):
-        """The sum over all parts of W times the derivative, as `contract`."""
+        """The sum over all parts of W times the derivative, as `contract`.
+
+        Parameters
+        ----------
+        W : ndarray of shape parts.shape
+            Numbers, zeros where nothing is.
+        tape : object
+            What `blocks` gave.
+        parts : Parts
+            Of the rows.
+
+        Returns
+        -------
+        gradient : ndarray of shape (n_dims,)
+            In the order of theta.
+        """
         of_parts = zip(W, parts.counts, tape, parts.slices, strict=True)
         return sum(self.contract(w[:n, :n], t, of, of) for w, n, t, of in of_parts)
 

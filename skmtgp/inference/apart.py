@@ -134,7 +134,8 @@ class ApartLikelihood(DenseLikelihood):
         np.einsum("kii->ki", K)[...] += parts.padded(noise_of(known, learned), 1.0)
         told = _told_of(_inverses(K), bases)
         weights = self._weights(parts.codes, kappa, of_rho, values.level, len(dK_x))
-        return (weights @ told @ weights.swapaxes(1, 2)).sum(axis=0)
+        right = (told @ weights.swapaxes(1, 2)).reshape(-1, prior.n_theta)
+        return weights.swapaxes(0, 1).reshape(prior.n_theta, -1) @ right
 
     def _weights(self, codes, kappa, of_rho, level, n_dims):
         """Of the bases in the derivative of each task's K by each parameter.

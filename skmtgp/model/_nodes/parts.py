@@ -56,7 +56,7 @@ class Parts:
         return np.zeros(self.shape)
 
     def stacked(self, matrices):
-        """The blocks of matrices of all rows, of shape (..., *shape)."""
+        """The blocks of matrices of all rows, of shape (..., n_parts, size, size)."""
         rows, columns = self.places[:, :, None], self.places[:, None]
         return matrices[..., rows, columns]
 

@@ -109,9 +109,9 @@ class Node:
 
         Returns
         -------
-        values : ndarray of shape parts.shape
+        values : ndarray of shape (n_parts, size, size)
             k between the rows of each part.
-        derivatives : ndarray of shape (n_dims, *parts.shape)
+        derivatives : ndarray of shape (n_dims, n_parts, size, size)
             By each element of theta. What is padded is any number. None instead of both
             where the kernel is to be asked.
         """

@@ -177,7 +177,7 @@ def test_calibration(model):
 def test_many_samples_without_noise_do_not_feign_certainty():
     y = f(STATES, AGE[TASK], SIZE[TASK])
     model = MultiTaskGPRegressor(**DESCRIBED).fit(X, y)
-    x = np.linspace(0.1, 5.9, 80)
+    x = np.linspace(0.1, 5.9, 50)
     deviations = []
     for floor in (0.0, 2e-2):
         found = TaskIdentifier(model, floor=floor).estimate(x[:, None], f(x, *ANOTHER))

@@ -14,7 +14,7 @@ PLAIN = {
     "normalize_y": False,
     "task_levels": False,
     "learning": "staged",
-    "max_iter": 60,
+    "max_iter": 120,
 }
 RNG = np.random.default_rng(0)
 TASK, STATES = np.arange(90) % len(AGES), RNG.uniform(0.0, 6.0, 90)

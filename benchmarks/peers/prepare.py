@@ -11,7 +11,6 @@ from skmtgp.inference.engines import Dense
 from skmtgp.kernels import inverse_dynamics_kernel
 from skmtgp.learning import problem as learning
 from skmtgp.learning.stages import first_stage, second_stage
-from skmtgp.learning.tuning import TUNING
 from skmtgp.model.prior import Prior
 from skmtgp.model.task_covariance import identity, low_rank, ones
 from skmtgp.preprocessing import InverseDynamicsFeatures
@@ -65,8 +64,8 @@ def make_problem(train):
     forms = [fixed(N_TASKS) for fixed in (identity, ones)]
     starts = [first_stage(to_learn(train, fixed)) for fixed in forms]
     problem = to_learn(train, form, CLIMB if len(train.y) < SMALL else SHORT_CLIMB)
-    jobs = [(problem, [start]) for start in starts]
-    modes = second_stage(jobs, shakes=TUNING.shakes)
+    jobs = [([problem], [start]) for start in starts]
+    modes = second_stage(jobs, shakes=1)
     best = starts[int(np.argmax([mode.value for mode in modes]))]
     F = np.clip(form.parameters(best.K_rho), *FACTOR).reshape(N_TASKS, RANK)
     return Problem(*train, F, to_parameters(best.kernel_theta, F))

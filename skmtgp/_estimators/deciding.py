@@ -26,7 +26,6 @@ from skmtgp.learning.screening import (
     criterion,
     differ_in_noise,
     differ_in_size,
-    price,
     price_of_tasks,
     score,
     screen,
@@ -101,8 +100,7 @@ def _decided(model, training, foretell):
     with limit_threads(len(training.Y)):
         found = [screened(model, candidate, noises) for candidate in candidates]
         scores = np.array([score for score, *_ in found])
-        # noise of each task can take the place of units: then functions decide
-        if len(found) > 1 and found[0][1].noise != noises[0]:
+        if len(found) > 1:
             scores += [_gain_as_large(*of) for _, *of in found]
     _, best, of_outputs = found[int(np.argmax(scores))]
     noisy = all(of.is_noisy(mode, beyond=BEYOND) for of, mode in of_outputs)
@@ -253,16 +251,15 @@ def screened(model, training, noises):
 def _gain_as_large(training, found):
     """Nats that are gained if functions are as large in all tasks, in these units.
 
-    One amplitude then serves all tasks. In units of each task it is no number of its
-    own, because all units can be multiplied by it.
+    One amplitude then serves all tasks, for one of each, which its rows alone tell. In
+    units of each task it is no number of its own, because all units can be multiplied
+    by it.
     """
-    gain = 0.0
+    gain, own = 0.0, training.units.own_scales
     for problem, mode in found:
         data, large = problem.data, as_large(problem, mode)
         if large is not None:
-            spared = price(data.n_tasks - 1, data.n_measured)
-            if training.units.own_scales:
-                spared += price_of_tasks(data) / data.n_tasks
+            spared = price_of_tasks(data) * (1.0 if own else 1.0 - 1.0 / data.n_tasks)
             gain += max(0.0, spared - max(0.0, mode.value - large.value))
     return gain
 

@@ -54,6 +54,25 @@ def test_tasks_with_the_same_units_keep_them(data):
     assert found.noise == "per_task"
 
 
+def accuracies(seed):
+    """What settings of a learner reach on data sets: some lose more, all in one way."""
+    rng, tasks = np.random.default_rng(seed), np.repeat(np.arange(N_TASKS), 12)
+    size = np.geomspace(0.01, 0.3, N_TASKS)[tasks]
+    X, best = rng.random((len(tasks), 3)), rng.uniform(0.3, 0.7, (N_TASKS, 3))
+    loss = 1.0 - np.exp(-3.0 * np.square(X - best[tasks]).sum(axis=1))
+    y = 0.9 - size * (loss + 0.1 * rng.standard_normal(len(tasks)))
+    return np.column_stack([X, tasks]), y
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_functions_and_noise_of_the_same_proportion_want_units_of_their_own(seed):
+    """One amplitude then serves all tasks."""
+    model = MultiTaskGPRegressor()
+    found = decide(model, read(model, *accuracies(seed)))
+    assert found.units.own_scales
+    assert found.noise == "shared"
+
+
 @pytest.mark.parametrize("n_outputs", [1, 2])
 def test_forms_that_could_not_gain_enough_are_learned_to_the_end(
     n_outputs, monkeypatch

@@ -234,15 +234,16 @@ def warn_of_far_levels(far, reason):
 def warn_of_constant_tasks(tasks, *, told):
     """Say which tasks, if any, have targets that do not vary, and what that does.
 
-    `told` is whether learning takes no noise from them.
+    `told` is whether learning takes no noise from them; None where noise is fixed.
     """
     if len(tasks):
-        harm = "which makes the noise of all tasks, and their intervals, too small"
-        if told:
-            harm = "so the other tasks alone tell how much there is"
+        hidden = ", which makes the noise of all tasks, and their intervals, too small"
+        spared = ", so the other tasks alone tell how much there is"
+        harms = {None: "", False: hidden, True: spared}
         warn(
             f"{name_tasks(tasks, begins=True)}: all targets are equal, as if there "
-            f"were no noise, {harm}. Check y, or leave these rows out, which is best.",
+            f"were no noise{harms[told]}. Check y, or leave these rows out, which is "
+            "best.",
             ConstantTargetWarning,
         )
 

@@ -69,7 +69,9 @@ def decide(model, training, progress=None, foretell=None):
         With `units`, `noise` and `kernel`.
     """
     constant = training.tasks[training.constant]
-    warn_of_constant_tasks(constant, told=model._some_noise())
+    fixed = isinstance(model.noise_variance_bounds, str)
+    told = None if fixed else model._some_noise()
+    warn_of_constant_tasks(constant, told=told)
     warn_of_binary(training.binary)
     training = _decided(model, training, foretell)
     report = progress and "auto" in (model.normalize_y, model.noise)

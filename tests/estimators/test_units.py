@@ -442,6 +442,14 @@ def test_a_task_of_one_target_does_not_spoil_the_others(model, noise):
     assert np.sqrt(np.mean(error**2)) < 0.25  # the functions have 0.9
 
 
+def test_a_task_of_one_target_tells_nothing_of_noise_that_is_fixed():
+    X = np.column_stack([np.arange(12.0), np.repeat([0, 1], 6)])
+    y = np.where(X[:, 1] == 0, 0.5, np.sin(X[:, 0]))
+    model = MultiTaskGPRegressor(noise_variance_bounds="fixed", max_iter=3)
+    with pytest.warns(ConstantTargetWarning, match=r"were no noise\. Check y"):
+        model.fit(X, y)
+
+
 def test_single_tasks_are_no_candidate_where_one_has_one_target():
     X, y = CASES["alike"][0]
     y = np.where(X[:, -1] == X[0, -1], 1.0, y)

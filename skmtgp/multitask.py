@@ -29,6 +29,7 @@ from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.growing import learn_forms
 from skmtgp.learning.novel import join_described, learn_again, learn_novel
+from skmtgp.learning.open_rows import with_open_rows
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
 from skmtgp.learning.problem import wary
 from skmtgp.learning.ranks import learn_ranks
@@ -919,6 +920,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if self.learning != "annealed":  # the paper's, by maximum likelihood
             return modes
         return list(map(settled, problems, modes))
+
+    def _opened(self, problems, modes, posteriors):
+        if self.learning != "annealed":  # the paper's, of which nothing is open
+            return modes
+        return list(map(with_open_rows, problems, modes, posteriors))
 
     def _store(self, training, problems, modes, lower=()):
         super()._store(training, problems, modes, lower)

@@ -364,13 +364,22 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             modes = list(map(with_leeway, problems, modes))
         pairs = zip(problems, modes, strict=True)
         likelihoods = [problem.likelihood_at(mode) for problem, mode in pairs]
-        self._store_learned(training, problems[0].engine, likelihoods, modes)
+        thetas = [mode.theta for mode in modes]
+        posteriors = self._posteriors_at(training, likelihoods, thetas)
+        if way in ("mode", "map"):
+            modes = self._opened(problems, modes, posteriors)
+        learned = training, problems[0].engine, likelihoods, modes, posteriors
+        self._store_learned(*learned)
         self.hyperparameters_ = way
         if way == "sampled":
             self._draw_hyperparameters([starts_of(*of_rank) for of_rank in lower])
 
     def _settled(self, problems, modes):
         """Modes as they are kept; a subclass may learn rows of small tasks again."""
+        return modes
+
+    def _opened(self, problems, modes, posteriors):
+        """Modes with what is open of them; a subclass may have rows of F."""
         return modes
 
     def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):

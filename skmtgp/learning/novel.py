@@ -11,6 +11,7 @@ from time import perf_counter
 
 import numpy as np
 
+from skmtgp._data.known import noise_of
 from skmtgp._numerics.bfgs import minimize
 from skmtgp._numerics.hmc import sample
 from skmtgp._numerics.newton import minimize_all
@@ -139,7 +140,7 @@ def learn_again(
     """
     begin, prior = perf_counter(), likelihood.prior
     with limit_threads(len(y)):
-        posed, alone = _posed_again(prior, posterior, theta, X, y, task)
+        posed, alone = posed_again(prior, posterior, theta, X, y, task)
         best = learn_border(posed, budget, informed=informed, rng=rng)
         value, of_row = posed.border.value(best.x), ()
         if informed and rng is None:
@@ -148,18 +149,18 @@ def learn_again(
     rows = [_widened(*of) for of in zip(rows, alone, strict=True)]
     for row, w, column in zip(rows, own, alone, strict=True):
         row[column] = w
-    of_row = tuple(
-        of._replace(axes=[_widened(*axes) for axes in zip(of.axes, alone, strict=True)])
-        for of in of_row
-    )
+    of_row = with_columns(of_row, alone)
     kept = (of for of in leeway if getattr(of, "task", None) != task)
     leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in kept) + of_row
     theta, seconds = prior.with_row(theta, rows, own, task), perf_counter() - begin
     return Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
 
-def _posed_again(prior, posterior, theta, X, y, task):
-    """The likelihood of a row of F, and of each term which column is its own."""
+def posed_again(prior, posterior, theta, X, y, task, known=None):
+    """The likelihood of a row of F, and of each term which column is its own.
+
+    `known` is what is known of the noise of the task's rows.
+    """
     factors, shared, equal = shares_of(prior, theta)
     diagonals = [form.n_own > 1 for _, form in prior.terms]
     alone = [
@@ -173,9 +174,18 @@ def _posed_again(prior, posterior, theta, X, y, task):
         of_terms["trend"] = prior.trend.rows_of(task, X)
     values = prior.values(theta)
     noise = np.broadcast_to(values.noise, prior.n_tasks)[task]
+    noise = noise_of(known, np.full(len(y), noise))
     of_terms["level"] = values.level
     border = BorderLikelihood(posterior, others, X, y, noise, **of_terms)
     return Posed(border, np.delete(np.hstack(others), task, axis=0)), alone
+
+
+def with_columns(leeway, alone):
+    """What is open of a row, with zeros for the columns that the task has to itself."""
+    return tuple(
+        of._replace(axes=[_widened(*axes) for axes in zip(of.axes, alone, strict=True)])
+        for of in leeway
+    )
 
 
 def _column_of(task, F):

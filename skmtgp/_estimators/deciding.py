@@ -68,7 +68,8 @@ def decide(model, training, progress=None, foretell=None):
     training : Training
         With `units`, `noise` and `kernel`.
     """
-    constant = training.tasks[training.constant]
+    # of two values a few rows are often equal
+    constant = training.tasks[training.constants[:, ~training.binary].any(axis=1)]
     fixed = isinstance(model.noise_variance_bounds, str)
     told = None if fixed else model._some_noise()
     warn_of_constant_tasks(constant, told=told)

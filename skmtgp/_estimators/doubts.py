@@ -6,7 +6,7 @@ from skmtgp._data.complete import count_places
 from skmtgp._data.dask import is_dask
 from skmtgp._data.labels import name_tasks
 from skmtgp._data.outliers import far_off, warn_of_unforeseen
-from skmtgp._estimators.many_columns import columns_are_many
+from skmtgp._estimators.many_columns import are_alike, columns_are_many
 from skmtgp._estimators.other_models import warn_of_others
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._estimators.units import count_tasks, units_of_tasks
@@ -140,11 +140,20 @@ def _fewer_numbers(prior, data):
 
 
 def _fewer_length_scales(problem, given):
-    """What to do where k^x, which the user chose, has many numbers for the rows."""
+    """What to do where k^x has many numbers for the rows: chosen, or in other units."""
     X, n_tasks = problem.data.X, problem.data.n_tasks
-    each = given and problem.prior.kernel.n_dims >= X.shape[1]
+    each = problem.prior.kernel.n_dims >= X.shape[1]
     if not (each and columns_are_many(X, n_tasks)):
         return ""
+    if not given:
+        return (
+            ""
+            if are_alike(X)
+            else (
+                " Columns are many, and in different units. Scale them, for example by "
+                "StandardScaler: then one length-scale for all of them is tried, too."
+            )
+        )
     return (
         " The kernel has a number for each column. One length-scale for all columns "
         "suits spectra: kernel=Matern(1.0, nu=2.5). The default, kernel=None, compares."

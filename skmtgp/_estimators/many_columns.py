@@ -17,7 +17,7 @@ from skmtgp.learning.evidence import evidence_around
 MANY = 0.25  # columns for each row; fewer are told by the rows
 FEWEST = 10  # columns, with fewer of which little is gained
 UNLIKE = 30.0  # times the least deviation of a column: they have units of their own
-SURE = 10.0  # nats an output that one length-scale for all must gain
+SURE = 3.0  # nats an output that one length-scale for all must gain
 
 
 def with_alike_columns(model, training, learn):
@@ -43,7 +43,7 @@ def with_alike_columns(model, training, learn):
         return training
     if not (
         columns_are_many(training.features, len(training.tasks))
-        and _are_alike(training)
+        and are_alike(training.features)
     ):
         return training
     alike = replace(training, alike=True)
@@ -59,10 +59,10 @@ def columns_are_many(features, n_tasks=1):
     return n_columns > MANY * len(np.unique(features, axis=0))
 
 
-def _are_alike(training):
+def are_alike(features):
     """Whether columns may have the same unit, by their deviations."""
-    deviation = deviation_of(training.features)
-    deviation = deviation[varying(training.features, deviation)]
+    deviation = deviation_of(features)
+    deviation = deviation[varying(features, deviation)]
     return len(deviation) > 0 and deviation.max() <= UNLIKE * deviation.min()
 
 

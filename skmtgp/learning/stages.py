@@ -56,6 +56,8 @@ class Start(NamedTuple):
         Logarithm of the levels' variance. None is where it begins.
     is_noisy : bool, default=False
         Whether step 1 has taken more than a little for noise.
+    log_noise_found : ndarray of shape (n_noise,), default=None
+        What step 1 found.
     """
 
     kernel_theta: np.ndarray
@@ -64,6 +66,7 @@ class Start(NamedTuple):
     log_noise: np.ndarray | None = None
     log_level: float | None = None
     is_noisy: bool = False
+    log_noise_found: np.ndarray | None = None
 
     def theta(self, problem):
         """All parameters of the problem's model."""
@@ -86,8 +89,9 @@ def first_stage(problem, *, relaxed=True):
         K_rho = augmented_task_covariance(problem.data, posterior)
     kernel, level = prior.values(mode.theta).kernel, prior.log_level_at(mode.theta)
     noisy = problem.is_noisy(mode, beyond=0.1)
-    log_noise = prior.log_noise_at(mode.theta) if mode.value > slow.value else None
-    return Start(kernel, K_rho, mode, log_noise, level, noisy)
+    found = prior.log_noise_at(mode.theta)
+    log_noise = found if mode.value > slow.value else None
+    return Start(kernel, K_rho, mode, log_noise, level, noisy, found)
 
 
 def first_without_levels(problem):
@@ -212,9 +216,23 @@ def _follow(problems, start, known=()):
     """Ascents from a start, of ascending ranks."""
     ascents, below = [], None
     for k, problem in enumerate(problems):
-        ascents.append(follow(problem, start, below, known[k : k + 1]))
+        ascent = follow(problem, start, below, known[k : k + 1])
+        ascents.append(_no_lower(problem, start, ascent))
         below = problem, ascents[-1]
     return ascents
+
+
+def _no_lower(problem, start, ascent):
+    """The ascent, or one that ends no lower than where step 1 ended."""
+    if start.log_noise_found is None:
+        return ascent
+    theta = start._replace(log_noise=start.log_noise_found).theta(problem)
+    likelihood = problem.likelihood()
+    with limit_threads(likelihood.side):
+        value = likelihood.value(theta)
+    if not value > ascent.mode.value:
+        return ascent
+    return ascent._replace(mode=ascent.mode.then(climb(problem, theta)))
 
 
 def follow(problem, start, below=None, known=()):

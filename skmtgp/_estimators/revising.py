@@ -107,8 +107,10 @@ def _with_lines(model, training, problems, modes):
         say("functions may be straight lines: learned on with kernel='linear'")
     change = partial(as_lines, kernel=as_named(model, training, LINEAR))
     curves = list(zip(*of_best, strict=True))
-    lines, least = run(change, curves, n_jobs=n_jobs), curves[0][0].tuning.linear
+    least = curves[0][0].tuning.linear
     by_chance = sum(least + 0.5 * of.prior.kernel.n_dims for of, _ in curves)
+    loss = by_chance if len(curves) == 1 else np.inf  # another output may gain it
+    lines = run(partial(change, loss=loss), curves, n_jobs=n_jobs)
     if log_likelihood(lines) < log_likelihood(curves) - by_chance:
         spent = [mode for _, mode in counting(curves, lines)]
         return training, problems, [*modes[:best], spent, *modes[best + 1 :]]

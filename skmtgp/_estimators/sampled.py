@@ -98,7 +98,7 @@ class SampledMixin:
         >>> x, task = rng.uniform(0, 6, 45), np.repeat([0, 1, 2], 15)
         >>> y = np.array([1, -2, 0.5])[task] * np.sin(x + 1.5 * (task == 2))
         >>> y += 0.1 * rng.standard_normal(45)
-        >>> options = {"hyperparameters": "sampled", "n_draws": 60, "random_state": 1}
+        >>> options = {"hyperparameters": "sampled", "n_draws": 60, "random_state": 3}
         >>> model = MultiTaskGPRegressor(rank=2, **options)
         >>> model = model.fit(np.column_stack([x, task]), y)
         >>> lower, upper = model.task_correlation_interval(0.9)

@@ -291,7 +291,8 @@ def _solve(B, g):
     """B^{-1} g, with B made positive definite where rounding has cost it that."""
     diagonal = np.diagonal(B)
     scale = np.sqrt(np.maximum(diagonal, max(1e-20 * diagonal.max(), 1e-200)))
-    B = B / scale / scale[:, None]
+    B = B / scale
+    B /= scale[:, None]
     for shift in (0.0, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6):
         # symmetric: columns may be rows
         shifted = B.T + shift * np.eye(len(B)) if shift else B.T.copy(order="F")

@@ -15,6 +15,8 @@ from skmtgp.inference.flat import Flat
 from skmtgp.inference.likelihood import log_density
 from skmtgp.inference.posterior import Posterior
 from skmtgp.inference.tiles import TasksOfSide, TiledLikelihood, diagonal_of
+from skmtgp.inference.whole import MOST_TASKS, Whole
+from skmtgp.model._nodes import allocate
 from skmtgp.model.several import BoundSeveral
 
 CALL = 4000  # pairs of samples whose product takes as long as one call more
@@ -46,6 +48,13 @@ class DenseLikelihood(TiledLikelihood):
         """Which tasks the rows and columns of each tile have."""
         sides = chain.from_iterable(self.blocks)
         return {(of.start, of.stop): TasksOfSide(self.tasks[of]) for of in sides}
+
+    @cached_property
+    def _whole(self):
+        """Sums over all pairs, where K is one tile and tasks are few; else None."""
+        if len(self.blocks) > 1 or self.prior.n_tasks > MOST_TASKS:
+            return None
+        return Whole(self.tasks, self.prior.n_tasks)
 
     def posterior(self, theta):
         """The posterior of f given y.
@@ -153,7 +162,11 @@ class DenseLikelihood(TiledLikelihood):
             if memory:  # nothing is written there until the gradient takes the tile
                 self._clear_below(tile, rows, cols)
 
-        kept = self._fill_tiles(bound, put, memory)
+        if self._whole is not None:
+            new = iter(memory[0]).__next__ if memory else allocate
+            kept = self._whole.fill(bound, K_rho, level, K, new)
+        else:
+            kept = self._fill_tiles(bound, put, memory)
         diagonal = diagonal_of(K)
         diagonal += self.noise_of_rows(noise)
         return K.T, kept
@@ -190,6 +203,10 @@ class DenseLikelihood(TiledLikelihood):
                 weights *= of_tile
             return bound.contract(W, tape, rows, cols), np.array(H), d_level
 
+        if self._whole is not None:
+            of_all = self._whole.contract(bound, tapes, G, levels=self.prior.levels)
+            d_kernel, D, d_level = of_all
+            return d_kernel, D if len(D) > 1 else D[0], d_level
         d_kernel, d_level = np.zeros(self.prior.node.n_dims), 0.0
         D = np.zeros(K_rho.shape)
         for (rows, cols), (d_tile, H, d_level_of_tile) in zip(

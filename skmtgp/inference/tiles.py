@@ -75,7 +75,7 @@ class TiledLikelihood(Likelihood):
         self.inputs, self.blocks, self._spare = inputs, blocks_of(len(inputs)), []
 
     def __getstate__(self):
-        made_again = {"_below", "_parts", "stacked"}
+        made_again = {"_below", "_parts", "_whole", "stacked"}
         kept = {name: of for name, of in vars(self).items() if name not in made_again}
         return kept | {"_spare": []}
 

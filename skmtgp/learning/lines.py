@@ -41,7 +41,7 @@ def may_be_lines(problem, mode):
     return asks(problem, mode)
 
 
-def as_lines(problem, mode, kernel):
+def as_lines(problem, mode, kernel, loss=np.inf):
     """The problem with linear functions, learned on from curves.
 
     The weights begin at the variance of the curves' slopes: of a length-scale l it is
@@ -55,6 +55,9 @@ def as_lines(problem, mode, kernel):
         See :func:`may_be_lines`.
     kernel : Kernel
         Linear k^x, with an amplitude if the problem's has one.
+    loss : float, default=inf
+        Nats by which lines may be worse to be of use: with noise the climb ends where
+        it cannot hope for that.
 
     Returns
     -------
@@ -67,8 +70,11 @@ def as_lines(problem, mode, kernel):
     [(_, rho)] = problem.prior.theta_of_terms(mode.theta)
     start = _slopes_of(problem.prior.kernel_at(mode.theta), kernel)
     theta = prior.with_theta_of_terms(mode.theta, [(start, rho)])
+    theta, noisy = prior.with_usual_levels(theta), problem.is_noisy(mode)
     problem = replace(problem, prior=prior)
-    return problem, mode.then(climb(problem, prior.with_usual_levels(theta)))
+    least = mode.value - loss if noisy else -np.inf
+    lines = climb(problem, theta, least=least, noisy=noisy)
+    return problem, mode.then(lines)
 
 
 def _slopes_of(curves, kernel):

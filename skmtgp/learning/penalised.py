@@ -1,5 +1,7 @@
 """The likelihood times priors of the hyperparameters."""
 
+from math import hypot, log
+
 import numpy as np
 from scipy.special import huber
 
@@ -82,15 +84,17 @@ class SomeNoise:
 
     def log_density(self, theta):
         """Log density but for a constant, and its gradient."""
-        learned = np.exp(theta[self.of_noise])
+        learned, gradient = np.exp(theta[self.of_noise]), np.zeros(len(theta))
         noise = learned + self.known
-        below = max(0.0, self.log_little - float(np.log(noise).mean()))
-        weight, length = 1.0 + below**2 / DEGREES, np.hypot(1.0, below)
+        mean = float(np.add.reduce(np.log(noise))) / len(noise)
+        below = max(0.0, self.log_little - mean)
+        if not below:
+            return 0.0, gradient
+        weight, length = 1.0 + below**2 / DEGREES, hypot(1.0, below)
         slope = (DEGREES + 1.0) / DEGREES * below / weight + self.rate * below / length
-        gradient = np.zeros(len(theta))
         gradient[self.of_noise] = slope * learned / noise / len(noise)
-        value = -0.5 * (DEGREES + 1.0) * np.log(weight) - self.rate * (length - 1.0)
-        return float(value), gradient
+        value = -0.5 * (DEGREES + 1.0) * log(weight) - self.rate * (length - 1.0)
+        return value, gradient
 
     def information(self):
         """None: its tail bends the other way, and above it is flat."""

@@ -397,11 +397,15 @@ def _likely(problems, coarse, sketches, correction):
 
 
 def _with_lower(likely, sketches):
-    """The same, and the ranks below: quick sketches of them may miss their modes."""
+    """The same, and the ranks below: quick sketches of them may miss their modes.
+
+    Rank 1 is not one of them, for it was sketched from all starts.
+    """
     forms = [sketch.form for sketch in sketches[0]]
     if not all(of[k].is_noisy for of in sketches for k in likely):
         return likely
-    lower = {str(below) for k in likely for below in _below(forms[k])}
+    below = (of for k in likely for of in _below(forms[k]))
+    lower = {str(form) for form in below if form.rank != 1}
     return likely | {k for k, form in enumerate(forms) if str(form) in lower}
 
 

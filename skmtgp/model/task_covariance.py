@@ -317,8 +317,8 @@ class Enlarged:
         return self.form.unit
 
     def _split(self, parameters):
-        parameters, logarithms = np.split(parameters, [self.form.n_parameters])
-        return parameters, np.exp(logarithms)
+        n = self.form.n_parameters
+        return parameters[:n], np.exp(parameters[n:])
 
     def _with_same(self, of_form, parameters):
         """Parameters of the other one, and the last of these."""

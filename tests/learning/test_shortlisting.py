@@ -205,6 +205,12 @@ def test_processes_do_not_matter():
     np.testing.assert_array_equal(one.theta_, two.theta_)
 
 
+@pytest.mark.parametrize(("likely", "kept"), [(0, {0}), (1, {1}), (2, {1, 2})])
+def test_the_rank_below_is_learned_unless_it_is_one(likely, kept):
+    sketches = [SimpleNamespace(form=low_rank(4, r), is_noisy=True) for r in (1, 2, 3)]
+    assert shortlisting._with_lower({likely}, [sketches]) == kept
+
+
 def test_ranks_end_where_two_in_a_row_are_worse(monkeypatch):
     asked, plain = [], shortlisting._sketch
 

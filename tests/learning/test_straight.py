@@ -13,6 +13,7 @@ from sklearn.linear_model import LinearRegression
 from skmtgp import IndependentGP, PooledGP
 from skmtgp.kernels import ARDLinear
 from skmtgp.learning import lines
+from skmtgp.learning.climbing import climb
 from skmtgp.learning.lines import as_lines, may_be_lines
 from skmtgp.model.task_covariance import identity
 
@@ -111,9 +112,9 @@ def test_lines_begin_with_the_slopes_of_curves(kernel, monkeypatch):
         linear = ConstantKernel() * ARDLinear(1.0, center=[0.5, -1.0])
     climbs, climb = [], lines.climb
 
-    def told(problem, theta):
+    def told(problem, theta, **options):
         climbs.append((problem.prior.kernel_at(theta), theta))
-        return climb(problem, theta)
+        return climb(problem, theta, **options)
 
     monkeypatch.setattr(lines, "climb", told)
     straight, found = as_lines(problem, mode, linear)
@@ -126,6 +127,16 @@ def test_lines_begin_with_the_slopes_of_curves(kernel, monkeypatch):
     value = straight.likelihood().value(theta)
     assert found.value >= value
     assert found.value == pytest.approx(straight.likelihood().value(found.theta))
+
+
+def test_lines_end_early_where_they_lose_more_than_they_may():
+    problem, mode = learned(curve=2.0, scale=1.0, kernel=SCALED)
+    curves = climb(problem, mode.theta)
+    options = problem, curves, ConstantKernel() * ARDLinear(1.0)
+    (_, to_the_end), (_, early) = as_lines(*options), as_lines(*options, loss=5.0)
+    assert early.value <= to_the_end.value < curves.value - 5.0
+    assert early.n_evaluations < to_the_end.n_evaluations
+    assert as_lines(*options, loss=1e4)[1].value == to_the_end.value
 
 
 @pytest.mark.parametrize("cls", [IndependentGP, PooledGP])

@@ -46,7 +46,7 @@ class Differences:
     """
 
     def __init__(self, X, length_scale, *, steep=False):
-        self.sets, self.l, self.zeros = (X, X), length_scale, np.zeros(len(X))
+        self.sets, self.l = (X, X), length_scale
         # there is less to cancel in centred rows; half the time of X.mean
         self.center = np.add.reduce(X, axis=0) / len(X)
         self.narrow, self.wide, self.groups = slice(None), NONE, ()
@@ -55,8 +55,8 @@ class Differences:
             self._set_wide()
         self.near = NEAR * np.sqrt(self._largest_square()) if steep else 0.0
         self.right = self.left.copy()
-        self.right[:, -2:] = self.left[:, :-3:-1]
-        self.across = np.ascontiguousarray(self.right.T)
+        self.right[:, -2], self.right[:, -1] = 1.0, self.left[:, -2]
+        self.across = self.right.T.copy()
 
     def _set_wide(self):
         """Leave no more features to products than are narrow together."""
@@ -71,9 +71,14 @@ class Differences:
         return (X - self.center) / self.l
 
     def _factor(self, X):
-        z = self._centred(X)[:, self.narrow]
-        half = np.einsum("id,id->i", z, z)
-        return append(z, np.maximum(-0.5 * half, -FAR), 1.0)
+        z = self._centred(X)
+        if len(self.wide):
+            z = z[:, self.narrow]
+        factor, half = np.empty((len(z), z.shape[1] + 2)), np.einsum("id,id->i", z, z)
+        factor[:, :-2], factor[:, -1] = z, 1.0
+        half *= -0.5
+        np.maximum(half, -FAR, out=factor[:, -2])
+        return factor
 
     def _largest_square(self):
         return -2.0 * self.left[:, -2].min()
@@ -86,6 +91,11 @@ class Differences:
         other = copy(self)
         other.sets, other.left = (Z, self.sets[1]), self._factor(Z)
         return other
+
+    @cached_property
+    def zeros(self):
+        """As many as there are columns."""
+        return np.zeros(len(self.sets[1]))
 
     @cached_property
     def squares(self):

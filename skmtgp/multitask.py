@@ -233,7 +233,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         Which values of the hyperparameters predictions use:
 
         - "mode" uses the maximum of the likelihood times priors of the noise, see the
-          user guide, page "Noise".
+          user guide, page "Noise". Intervals count what the rows leave open of a task's
+          relation to the others, where that is much, see the page "Intervals".
         - "map" uses the maximum of the likelihood times weak priors of all
           hyperparameters, which are relative to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that

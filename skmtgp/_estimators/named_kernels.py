@@ -7,7 +7,13 @@ import numpy as np
 from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Kernel, Matern
 
 from skmtgp._data.dask import is_dask
-from skmtgp._data.statistics import deviation_of, least_gap, mean_of, varying
+from skmtgp._data.statistics import (
+    deviation_of,
+    least_gap,
+    mean_of,
+    shortest_period,
+    varying,
+)
 from skmtgp._data.task_column import locate_column
 from skmtgp._support.sklearn_compat import StrOptions
 from skmtgp.kernels import ARDLinear, Columns
@@ -49,7 +55,7 @@ def _along(scale, features, d):
         gap = least_gap(column)
         if np.ptp(column) < 1.5 * gap or gap == 0.0:
             return RBF(scale[d], scale[d] * BOUNDS)
-        shortest = max(2.0 * gap, shortest)
+        shortest = max(shortest_period(column), shortest)
     period = max(period, shortest)
     return ExpSineSquared(root, period, root * BOUNDS, (shortest, LONGEST * period))
 

@@ -13,7 +13,7 @@ import numpy as np
 from sklearn.gaussian_process.kernels import ExpSineSquared
 
 from skmtgp._data.dask import is_dask
-from skmtgp._data.statistics import least_gap
+from skmtgp._data.statistics import shortest_period
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._numerics.periodogram import MOST_CYCLES, frequencies, without_waves
 from skmtgp._support.progress import say
@@ -123,8 +123,9 @@ def _most_cycles(problem, period):
     X, dims = problem.data.X, problem.prior.kernel.bounds.reshape(-1, 2)
     column = X[:, period.column]
     width = float(column.max() - column.min())
-    gap = 0.0 if is_dask(X) else least_gap(column)
-    least = max(np.exp(dims[period.position, 0]), 2.0 * gap)
+    least = np.exp(dims[period.position, 0])
+    if not is_dask(X):
+        least = max(least, shortest_period(column))
     return width / least if width > 0.0 else 0.0
 
 

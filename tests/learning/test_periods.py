@@ -6,6 +6,7 @@ import pytest
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, ExpSineSquared
 
 from skmtgp import IndependentGP, MultiTaskGPRegressor, PooledGP, SingleTaskGP
+from skmtgp._data.statistics import shortest_period
 from skmtgp._estimators.named_kernels import named_kernel
 from skmtgp.kernels import Columns
 from skmtgp.learning import periods as module
@@ -229,3 +230,28 @@ def test_it_is_told(told):
     model.fit(np.column_stack([X, tasks]), y)
     lines = [of for of in told() if "learning begins at a period of 2" in of]
     assert len(lines) == 1
+
+
+def test_periods_below_the_gaps_of_irregular_times():
+    """Visits once a night, with times that vary: the period is half a day."""
+    rng = np.random.default_rng(0)
+    t = np.sort(rng.choice(90, 50, replace=False)) + 0.08 * rng.standard_normal(50)
+    x, tasks = np.tile(t, 2), np.repeat([0, 1], 50)
+    y = np.sin(2 * np.pi * (x / 0.53 + 0.1 * tasks)) + 0.05 * rng.standard_normal(100)
+    model = MultiTaskGPRegressor("periodic", rank=2).fit(np.column_stack([x, tasks]), y)
+    assert model.kernel_.periodicity == pytest.approx(0.53, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("values", "shortest"),
+    [
+        (np.arange(30.0), 2.0),
+        (np.delete(np.arange(30.0), [3, 4, 9, 20]), 2.0),  # some are missing
+        (np.arange(30.0) + 0.01 * np.sin(np.arange(30.0)), 2 * 0.983),  # nearly even
+        (np.cumsum(1.0 + 0.3 * np.sin(np.arange(40.0))), 0.2),
+        (np.cumsum([0.0, 0.05, 1.0, 1.7, 0.9, 2.3]), 0.1),  # two gaps are less
+        (np.ones(5), 0.0),
+    ],
+)
+def test_shortest_period(values, shortest):
+    assert shortest_period(values) == pytest.approx(shortest, rel=0.02)

@@ -260,12 +260,19 @@ def warn_of_copies(n_copies):
         )
 
 
-def warn_of_counts(n_repeats, *, inference=None):
+def warn_of_counts(n_repeats, *, whole=True, inference=None):
     """Say that measurements agree exactly with others, if they are not few.
 
-    `inference` is one that has no counts: each measurement is a row.
+    `whole` is whether weights are whole numbers, as counts are. `inference` is one that
+    has no counts: each measurement is a row.
     """
     if n_repeats > FEW_COPIES:
+        others = "To a BaggingRegressor give bootstrap=False and max_samples below 1."
+        if not whole:
+            others = (
+                "Inverse variances of the noise are no counts: instead of them give "
+                "alpha=1 / sample_weight."
+            )
         instead = "Give repeat_variance, as average_repeats returns it."
         rows = ""
         if inference is not None:
@@ -278,7 +285,6 @@ def warn_of_counts(n_repeats, *, inference=None):
             "sample_weight counts rows more than once. Without repeat_variance their "
             "measurements agree exactly, as if y had no noise. If it has some, the "
             "noise that is learned may be far too small, and so may the standard "
-            f"deviations of predictions.{rows} {instead} To a BaggingRegressor give "
-            "bootstrap=False and max_samples below 1.",
+            f"deviations of predictions.{rows} {instead} {others}",
             RepeatedRowsWarning,
         )

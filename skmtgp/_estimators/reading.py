@@ -128,7 +128,8 @@ def tell_counts(model, known):
     """Warn of rows that count more than once, as if their measurements were equal."""
     if known is not None and learns_noise(model):
         spread = known.spread.reshape(len(known.counts), -1)
-        warn_of_counts((known.counts - 1.0)[~spread.any(axis=1)].sum())
+        counts = known.counts[~spread.any(axis=1)]
+        warn_of_counts((counts - 1.0).sum(), whole=(counts % 1.0 == 0.0).all())
 
 
 def looks_for_copies(model, Y):

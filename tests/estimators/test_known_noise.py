@@ -449,3 +449,15 @@ def test_a_task_that_joins_leaves_the_known_noise(model):
     expected = (learned + ALPHA)[np.argsort(TASK, kind="stable")]
     np.testing.assert_allclose(noise[:N], expected, rtol=1e-9)
     np.testing.assert_allclose(noise[N:], learned, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("weights", "match"),
+    [(np.full(30, 2.0), "BaggingRegressor"), (np.full(30, 2.5), "alpha=1 / sample_w")],
+)
+def test_weights_that_are_no_counts_are_told(weights, match):
+    """Many give inverse variances, as for least squares."""
+    rng = np.random.default_rng(0)
+    X = np.column_stack([rng.uniform(0.0, 6.0, 30), np.arange(30) % 2])
+    with pytest.warns(RepeatedRowsWarning, match=match):
+        PooledGP(max_iter=1).fit(X, np.sin(X[:, 0]), sample_weight=weights)

@@ -19,7 +19,7 @@ from drawn import (
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from skmtgp.learning import stages
-from skmtgp.learning.climbing import annealed, climb, shake
+from skmtgp.learning.climbing import Ascent, annealed, climb, shake
 from skmtgp.learning.stages import (
     Start,
     augmented_task_covariance,
@@ -169,6 +169,32 @@ def test_second_stage_shakes_the_best_mode(data, monkeypatch, shakes):
     [(value, times)] = shaken
     assert times == shakes
     assert value >= max(mode.value for mode in alone)
+
+
+@pytest.mark.parametrize("likely", [True, False])
+def test_second_stage_ends_no_lower_than_the_first(data, monkeypatch, likely):
+    """A climb with the noise held up may lead to a poor mode."""
+    problem = pose(data, low_rank(M, 2), max_iter=20)
+    noise = np.log([NOISE if likely else 1e3 * NOISE])
+    start = Start(TRUTH, FACTOR @ FACTOR.T, log_noise_found=noise)
+    at_start = start._replace(log_noise=noise).theta(problem)
+    value = problem.likelihood().value(at_start)
+    far = start.theta(problem) + np.where(np.arange(len(at_start)) == 0, 5.0, 0.0)
+
+    def poor(problem, theta, known=()):
+        budget = replace(problem.budget, max_iter=1)
+        mode = climb(replace(problem, budget=budget), far)
+        return Ascent(mode, mode)
+
+    monkeypatch.setattr(stages, "annealed", poor)
+    ended = poor(problem, None).mode
+    [best] = second_stage([([problem], [start])], shakes=0)
+    if likely:
+        assert ended.value < value - 3.0
+        assert best.value >= value
+        assert best.n_evaluations > ended.n_evaluations
+    else:
+        np.testing.assert_array_equal(best.theta, ended.theta)
 
 
 class TestHigherRanks:

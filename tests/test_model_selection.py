@@ -429,6 +429,7 @@ class TestAddTask:
             search.add_task(*new, prior="x")
 
 
+@pytest.mark.usefixtures("known_rows")
 class TestLeaveOneOut:
     @pytest.mark.parametrize(
         ("params", "complete"),

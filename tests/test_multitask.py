@@ -28,7 +28,7 @@ def data(n_outputs):
 
 
 @pytest.fixture(params=MODELS)
-def model(request, n_outputs):
+def model(request, n_outputs, known_rows):
     return learned(request.param, n_outputs)
 
 

@@ -44,6 +44,9 @@ SURE, FEW_ROWS = 8.0, 20.0
 BEYOND = np.log(50.0)
 NOTHING = 1e-8  # variances of the targets
 ROWS_OF_RANGES = 3000
+# Rows of a task that tell how large its function is. Of fewer, with one noise, eq. 8
+# charges too little for a unit that follows them.
+ROWS_OF_SIZES = 8
 ASKED = 2  # times as many rows: the small model is learned several times
 
 
@@ -103,11 +106,22 @@ def _decided(model, training, foretell):
     with limit_threads(len(training.Y)):
         found = [screened(model, candidate, noises) for candidate in candidates]
         scores = np.array([score for score, *_ in found])
-        if len(found) > 1:
+        if len(found) > 1 and _compares_sizes(training, found, noises[0]):
             scores += [_gain_as_large(*of) for _, *of in found]
     _, best, of_outputs = found[int(np.argmax(scores))]
     noisy = all(of.is_noisy(mode, beyond=BEYOND) for of, mode in of_outputs)
     return replace(best, noisy=noisy and not _adds_up(model._kernels()))
+
+
+def _compares_sizes(training, found, shared):
+    """Whether it counts in which units functions are as large in all tasks.
+
+    Noise of each task can take the place of units. And where noise is as large as all
+    functions in units of each, one unit explains both.
+    """
+    own = [candidate.noise != shared for _, candidate, _ in found]
+    enough = len(training.Y) >= ROWS_OF_SIZES * len(training.tasks)
+    return own[0] or (enough and not any(own))
 
 
 def _adds_up(kernels):

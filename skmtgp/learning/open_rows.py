@@ -8,10 +8,13 @@ is much beside the variance that is known, it counts, see
 :class:`~skmtgp.inference.leeway.OfRow`.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.engines import Dense
 from skmtgp.learning.novel import leeway_of, posed_again, shares_of, with_columns
 from skmtgp.learning.settling import LEAST, has_rows
 
@@ -36,12 +39,13 @@ def with_open_rows(problem, mode, posterior):
     if not _are_asked(problem):
         return mode
     data, tuning, found = problem.data, problem.tuning, []
+    noise = np.broadcast_to(problem.prior.values(mode.theta).noise, data.n_tasks)
     X = _sampled(data.X, tuning.open_inputs)
     settled = {of.task for of in mode.leeway}
     with limit_threads(len(data)):
         for task in set(data.tasks) - settled:
             leeway, g = open_row(problem, mode.theta, task, X)
-            share = _share(problem, posterior, leeway, g, X)
+            share = _share(posterior, noise[task], leeway, g, X)
             if share > tuning.open_share:
                 found.append((share, *leeway))
     found = [of for _, of in sorted(found, key=lambda of: -of[0])]
@@ -52,12 +56,12 @@ def with_open_rows(problem, mode, posterior):
 
 
 def _are_asked(problem):
-    """Whether rows of F were learned, exactly and of tasks with inputs of their own."""
+    """Whether rows of F were learned exactly, from rows that are not too many."""
     data, prior = problem.data, problem.prior
     learned = problem.budget.max_iter and problem.engine.exact and has_rows(prior)
-    if not learned or is_dask(data.X) or data.design is not None:
+    if not learned or is_dask(data.X) or len(set(data.tasks)) <= LEAST:
         return False
-    return len(set(data.tasks)) > LEAST
+    return data.n_tasks * len(data) ** 3 < problem.tuning.open_work
 
 
 def _sampled(X, n):
@@ -67,12 +71,11 @@ def _sampled(X, n):
     return X[np.random.default_rng(0).choice(len(X), n, replace=False)]
 
 
-def _share(problem, posterior, leeway, g, X):
+def _share(posterior, noise, leeway, g, X):
     """Mean of what is open of a row over the variance that is known, at X."""
     if not leeway:
         return 0.0
     [of] = leeway
-    noise = posterior.noise[problem.data.tasks == of.task].mean()
     known = posterior.variance(X, np.full(len(X), of.task)) + noise
     return np.mean(np.square(np.hstack(of.axes) @ g).sum(axis=0) / known)
 
@@ -100,7 +103,8 @@ def open_row(problem, theta, task, X):
     """
     prior, data = problem.prior, problem.data
     others = np.arange(data.n_tasks) != task
-    posterior = problem.with_data(data.of_tasks(others)).likelihood().posterior(theta)
+    of_others = replace(problem, data=data.of_tasks(others), engine=Dense())
+    posterior = of_others.likelihood().posterior(theta)
     of_task, _, y, known = data.some(np.flatnonzero(~others[data.tasks]))
     posed, alone = posed_again(prior, posterior, theta, of_task, y, task, known)
     rows, own, latent = [], [], []

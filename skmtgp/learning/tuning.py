@@ -258,7 +258,7 @@ class Tuning:
     open_share : float
         the least share of the known variance that counts,
     open_work : float
-        and the most work: n^3 for each posterior that it takes.
+        and the most work: n^3 for each task, and then for each posterior that it takes.
     smallest, first : float
         What a novel task has of its own, in root mean squares of the rows: at least,
         and where learning of it starts.

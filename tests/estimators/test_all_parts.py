@@ -20,7 +20,10 @@ from strategies import examples
 
 from skmtgp import MultiTaskGPRegressor, WideRegressor
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.usefixtures("known_rows"),  # variances are those of the definition
+]
 
 RNG = np.random.default_rng(0)
 N, M = 42, 3

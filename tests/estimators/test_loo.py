@@ -24,7 +24,10 @@ from skmtgp import (
 )
 from skmtgp._numerics.linalg import Cholesky
 
-pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning"),
+    pytest.mark.usefixtures("known_rows"),  # variances are those of the definition
+]
 QUICK = {"max_iter": 5}
 WHITE = ConstantKernel(2.0) * RBF([1.0, 3.0]) + WhiteKernel(0.1)
 ALL = {"diagonal": True, "noise": "per_task", "normalize_y": False}

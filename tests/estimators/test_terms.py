@@ -38,7 +38,7 @@ def data():
 
 
 @pytest.fixture(scope="module")
-def fitted(data):
+def fitted(data, known_rows):
     return MultiTaskGPRegressor([SLOW, FAST], rank=1, **QUICK).fit(*data[:2])
 
 

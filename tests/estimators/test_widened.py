@@ -41,7 +41,7 @@ def model():
 
 
 @pytest.fixture(scope="module")
-def mode():
+def mode(known_rows):
     return MultiTaskGPRegressor(rank=1).fit(X, y)
 
 
@@ -279,6 +279,7 @@ class TestRowsOfFactors:
         found = [of.predict(NEW, return_std=True)[1] for of in (first, both)]
         np.testing.assert_allclose(*found, rtol=0.2)
 
+    @pytest.mark.usefixtures("known_rows")
     def test_small_tasks_of_a_fit(self):
         rows, t = draw(4, 12)
         kept = (rows[:, 1] != 3) | (np.arange(len(t)) % 6 == 0)  # two rows of the last

@@ -238,7 +238,8 @@ def test_known_noise_may_be_all_there_is():
     rng = np.random.default_rng(0)
     X, y = smooth(60, 0.0)
     y = y + 0.3 * rng.standard_normal(60)
-    model = MultiTaskGPRegressor(rank=2, kernel="rbf", noise="shared")
+    options = {"rank": 2, "kernel": "rbf", "noise": "shared", "normalize_y": "shared"}
+    model = MultiTaskGPRegressor(**options)
     learned = model.fit(X, y, alpha=0.5**2)  # more than there is
     assert learned.noise_variance_ < 1e-5
 

@@ -2,8 +2,9 @@
 
 Each ``docs/migrating/*_model.py`` runs in its package's environment (``make
 bench-envs``); the example that follows it on the page, or the last one before it, runs
-here. Their predictions are compared. Ends with 1 where one differs by more than 0.05
-standard deviations.
+here. Their predictions are compared, ours without what the rows leave open of F, which
+the others do not count. Ends with 1 where one differs by more than 0.05 standard
+deviations.
 """
 
 import argparse
@@ -13,6 +14,7 @@ import subprocess
 import sys
 from doctest import DocTestParser
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -64,7 +66,9 @@ def main():
     envs, worst = parser.parse_args().envs, 0.0
     print("largest differences, in standard deviations")
     print(f"{'':10}{'mean':>10}{'std':>10}")
-    found = (pair for page in PAGES for pair in pairs(page.read_text("utf-8")))
+    known_rows = patch("skmtgp.multitask.with_open_rows", lambda problem, mode, _: mode)
+    with known_rows:
+        found = [pair for page in PAGES for pair in pairs(page.read_text("utf-8"))]
     for peer, ours in found:
         python = envs / peer / "bin" / "python"
         if not python.exists():

@@ -145,14 +145,12 @@ def _fewer_length_scales(problem, given):
     each = problem.prior.kernel.n_dims >= X.shape[1]
     if not (each and columns_are_many(X, n_tasks)):
         return ""
+    if not given and are_alike(X):  # it was compared
+        return ""
     if not given:
         return (
-            ""
-            if are_alike(X)
-            else (
-                " Columns are many, and in different units. Scale them, for example by "
-                "StandardScaler: then one length-scale for all of them is tried, too."
-            )
+            " Columns are many, and in different units. Scale them, for example by "
+            "StandardScaler: then one length-scale for all of them is tried, too."
         )
     return (
         " The kernel has a number for each column. One length-scale for all columns "

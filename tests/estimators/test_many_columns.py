@@ -160,3 +160,15 @@ def test_constant_columns_have_no_part_in_the_start():
     found = named_kernel("rbf", X, alike=True)
     assert found == RBF(np.linalg.norm(X[:, :2].std(axis=0)), found.length_scale_bounds)
     assert named_kernel("rbf", np.ones((5, 2)), alike=True).length_scale == 1.0
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+def test_columns_in_different_units_are_to_be_scaled():
+    """One length-scale for all of them is not tried before."""
+    X, y, *_ = spectra()
+    X[:, :30] *= 1e3
+    with pytest.warns(NarrowIntervalsWarning, match="different units. Scale them"):
+        MultiTaskGPRegressor(rank=1, max_iter=3).fit(X, y)
+    with pytest.warns(NarrowIntervalsWarning) as caught:
+        MultiTaskGPRegressor("rbf", rank=1, max_iter=3).fit(X, y)
+    assert not any("different units" in str(w.message) for w in caught)

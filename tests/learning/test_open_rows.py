@@ -196,3 +196,16 @@ def test_engines_agree():
     assert fast._leeway[0]
     of_both = [model.predict(X, return_std=True)[1] for model in (dense, fast)]
     np.testing.assert_allclose(*of_both, rtol=1e-4)
+
+
+def test_orders_of_rows_do_not_matter():
+    """Nor does which inputs are asked, of more than are."""
+    X, y, new, _ = draw(3)
+    assert len(X) > 64
+    order = np.random.default_rng(0).permutation(len(y))
+    options = {"rank": 1, "kernel": "rbf", "tol": 1e-8}
+    models = [MultiTaskGPRegressor(**options).fit(X[of], y[of]) for of in (..., order)]
+    tasks = [[of.task for of in model._leeway[0]] for model in models]
+    assert tasks[0] == tasks[1] != []
+    of_both = [model.predict(new, return_std=True)[1] for model in models]
+    np.testing.assert_allclose(*of_both, rtol=1e-4)

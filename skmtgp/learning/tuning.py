@@ -374,7 +374,7 @@ class Tuning:
     ridge: float = 1e-7
     open_inputs: int = 64
     open_share: float = 0.1
-    open_work: float = 1e12
+    open_work: float = 2e11
     smallest: float = 1e-6
     first: float = 0.1
 

@@ -8,9 +8,10 @@ from skmtgp._data.dask import is_dask
 from skmtgp._numerics.linalg import RESOLVED
 
 AT_ONCE = 100_000  # of which the standard deviation is taken at once
-# Values are evenly spread if more than this share of gaps is off a multiple by less.
-EVEN, OFF = 0.8, 0.1
-TOLD = 5.0  # shortest periods, of values that are not, in the mean gap
+# Values are evenly spread if most gaps, at least this share, are multiples of one step,
+EVEN = 0.8
+OFF = 0.1  # but for this share of a step.
+IN_A_GAP = 5.0  # periods in the mean gap that are looked for in values that are not
 
 
 def largest_of(values):
@@ -34,10 +35,15 @@ def deviation_of(values):
 
 def least_gap(column):
     """The smallest gap between different values of a column; 0 if all are equal."""
+    gaps = _gaps_between(column)
+    return float(gaps.min()) if len(gaps) else 0.0
+
+
+def _gaps_between(column):
+    """Between neighbouring values that differ by more than rounding."""
     values = np.unique(column)
     gaps = np.diff(values)
-    gaps = gaps[gaps > RESOLVED * np.abs(values).max(initial=0.0)]
-    return float(gaps.min(initial=np.inf)) if len(gaps) else 0.0
+    return gaps[gaps > RESOLVED * np.abs(values).max(initial=0.0)]
 
 
 def shortest_period(column):
@@ -46,13 +52,14 @@ def shortest_period(column):
     It is two of the smallest gaps: where values are evenly spread, but for some that
     are missing, shorter ones repeat what longer ones do. Others tell shorter ones, too.
     """
-    gap, gaps = least_gap(column), np.diff(np.unique(column))
-    if gap == 0.0:
+    gaps = _gaps_between(column)
+    if not len(gaps):
         return 0.0
-    steps = gaps / np.median(gaps[gaps < 1.5 * gap])
-    if np.mean(np.abs(steps - np.rint(steps)) < OFF) > EVEN:
-        return 2.0 * gap
-    return min(2.0 * gap, gaps.mean() / TOLD)
+    least = gaps.min()
+    steps = gaps / np.median(gaps[gaps < 1.5 * least])
+    if np.mean(np.abs(steps - np.rint(steps)) < OFF) >= EVEN:
+        return float(2.0 * least)
+    return float(min(2.0 * least, gaps.mean() / IN_A_GAP))
 
 
 def varying(values, deviation):

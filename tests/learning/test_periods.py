@@ -16,6 +16,7 @@ from skmtgp.model.task_covariance import identity
 pytestmark = pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
 
 CLOSE = {"rel": 1e-2}
+IRREGULAR = np.cumsum(1.0 + 0.3 * np.sin(np.arange(40.0)))
 
 
 def meters(days=14, n=40, period=24.0, n_meters=3, seed=0):
@@ -248,8 +249,9 @@ def test_periods_below_the_gaps_of_irregular_times():
         (np.arange(30.0), 2.0),
         (np.delete(np.arange(30.0), [3, 4, 9, 20]), 2.0),  # some are missing
         (np.arange(30.0) + 0.01 * np.sin(np.arange(30.0)), 2 * 0.983),  # nearly even
-        (np.cumsum(1.0 + 0.3 * np.sin(np.arange(40.0))), 0.2),
+        (IRREGULAR, 0.2),
         (np.cumsum([0.0, 0.05, 1.0, 1.7, 0.9, 2.3]), 0.1),  # two gaps are less
+        (np.outer([1.0, 1.0 - 1e-15, 1.0 + 1e-15], IRREGULAR).ravel(), 0.2),  # rounded
         (np.ones(5), 0.0),
     ],
 )

@@ -932,7 +932,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         described = has_descriptors(self)  # parameters may be others when tasks join
         self._free = [not described and term.rank is None for term in self._terms()]
 
-    def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
+    def _store_learned(self, training, engine, likelihoods, modes, posteriors):
         super()._store_learned(training, engine, likelihoods, modes, posteriors)
         form = likelihoods[0].prior.task_covariance
         self.rank_, of_terms = form.rank, terms_of(form)

@@ -364,8 +364,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
             modes = list(map(with_leeway, problems, modes))
         pairs = zip(problems, modes, strict=True)
         likelihoods = [problem.likelihood_at(mode) for problem, mode in pairs]
-        thetas = [mode.theta for mode in modes]
-        posteriors = self._posteriors_at(training, likelihoods, thetas)
+        posteriors = self._posteriors_at(training, likelihoods, modes)
         if way in ("mode", "map"):
             modes = self._opened(problems, modes, posteriors)
         learned = training, problems[0].engine, likelihoods, modes, posteriors
@@ -379,27 +378,25 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         return modes
 
     def _opened(self, problems, modes, posteriors):
-        """Modes with what is open of them; a subclass may have rows of F."""
+        """Modes with what is open of rows of F; a subclass may have such rows."""
         return modes
 
-    def _store_learned(self, training, engine, likelihoods, modes, posteriors=None):
-        """Set them from likelihoods, and perhaps posteriors, that are there already."""
+    def _store_learned(self, training, engine, likelihoods, modes, posteriors):
+        """Set them from likelihoods and posteriors that are there already."""
         thetas = [mode.theta for mode in modes]
-        if posteriors is None:
-            posteriors = self._posteriors_at(training, likelihoods, thetas)
         self._leeway = [mode.leeway for mode in modes]
         self._store_posteriors(training, engine, likelihoods, posteriors)
         self.theta_ = np.concatenate(thetas)
         self._store_parameters(thetas)
         self._store_modes(modes)
 
-    def _posteriors_at(self, training, likelihoods, thetas):
+    def _posteriors_at(self, training, likelihoods, modes):
         """Posteriors, if the kernels as learned are covariances of the rows."""
         X = sample_rows(training.features)
-        for likelihood, theta in zip(likelihoods, thetas, strict=True):
-            check_covariance(likelihood.prior.kernel_at(theta), X)
-        pairs = zip(likelihoods, thetas, strict=True)
-        return [likelihood.posterior(theta) for likelihood, theta in pairs]
+        for likelihood, mode in zip(likelihoods, modes, strict=True):
+            check_covariance(likelihood.prior.kernel_at(mode.theta), X)
+        pairs = zip(likelihoods, modes, strict=True)
+        return [likelihood.posterior(mode.theta) for likelihood, mode in pairs]
 
     def _store_posteriors(self, training, engine, likelihoods, posteriors):
         """Set what follows from the rows and the posterior of each output."""

@@ -57,7 +57,7 @@ class Start(NamedTuple):
     is_noisy : bool, default=False
         Whether step 1 has taken more than a little for noise.
     log_noise_found : ndarray of shape (n_noise,), default=None
-        What step 1 found.
+        Logarithm of the noise variance that step 1 found.
     """
 
     kernel_theta: np.ndarray

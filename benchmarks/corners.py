@@ -13,6 +13,7 @@ is how many tasks that concerns, and "ms" the time of a first prediction.
 import argparse
 import time
 import warnings
+from contextlib import nullcontext
 from unittest.mock import patch
 
 import numpy as np
@@ -50,14 +51,10 @@ def draw(seed):
 def measure(name, X, y, *tests):
     """Held and log density of each test, tasks with open rows, seconds."""
     as_known = patch("skmtgp.multitask.with_open_rows", lambda problem, mode, _: mode)
-    with warnings.catch_warnings():
+    rows = as_known if name == "known rows" else nullcontext()
+    with warnings.catch_warnings(), rows:
         warnings.simplefilter("ignore")
-        model = MultiTaskGPRegressor(**MODELS[name])
-        if name == "known rows":
-            with as_known:
-                model.fit(X, y)
-        else:
-            model.fit(X, y)
+        model = MultiTaskGPRegressor(**MODELS[name]).fit(X, y)
     found = []
     for new, observed in tests:
         begin = time.perf_counter()

@@ -7,6 +7,7 @@ import numpy as np
 from skmtgp._data.labels import name_input
 from skmtgp._estimators.forms import diagonal_of
 from skmtgp._estimators.named_kernels import DEFAULT, LINEAR, named_kernel
+from skmtgp._support.guide import FORECASTS
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import (
     RowEffectsWarning,
@@ -15,6 +16,7 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.common_function import NOT_ASKED, common_function
 from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
+from skmtgp.learning.repeating import NO_PERIOD, function_that_repeats
 from skmtgp.learning.row_effects import effects_of_rows
 from skmtgp.learning.separate import gain_of_separate_models
 
@@ -41,9 +43,15 @@ def warn_of_others(training, problem, mode, names, compared, one_kernel):
     """
     if not one_kernel and _warn_of_rows(training, problem, mode):
         return
-    apart, common, two = -np.inf, NOT_ASKED, (-np.inf, None)
+    apart, repeats = -np.inf, NO_PERIOD
+    common, two = NOT_ASKED, (-np.inf, None)
     if mode.converged and not compared:
         apart = gain_of_separate_models(problem, mode)
+    if not one_kernel:
+        repeats = function_that_repeats(problem, mode, TELLING)
+    if repeats.gain > TELLING:  # others that are likelier may follow what repeats
+        _tell_repeating(training, problem, mode, names, repeats)
+        return
     if not one_kernel:
         common = common_function(problem, mode, max(TELLING, apart))
         two = _two_kernels(training, problem, mode, max(TELLING, apart, common.gain))
@@ -140,6 +148,31 @@ def _tell_common_function(training, problem, mode, names, found):
         f"{found.gain:.0f} nats (BIC). Try MultiTaskGPRegressor(kernel={kernel}, "
         f"{rest}), with Columns of skmtgp.kernels and Matern of "
         "sklearn.gaussian_process.kernels. Keep your other parameters.",
+        SeveralKernelsWarning,
+    )
+
+
+def _tell_repeating(training, problem, mode, names, found):
+    """The same of a second kernel, for a function that repeats in one input."""
+    form, j = problem.prior.task_covariance, found.feature
+    first = _kernel_in_lists(training, problem, mode)
+    period, column = f"{found.period:.4g}", j if names is None else names[j]
+    kernel = f"[{first!r}, Columns(ExpSineSquared(1.0, {period}), [{column!r}])]"
+    several = {"rank": [form.rank, 0 if found.shared else 1]}
+    if form.shared or found.shared:
+        several["shared"] = [form.shared, found.shared]
+    if diagonal_of(form):
+        several["diagonal"] = [diagonal_of(form), False]
+    warn(
+        f"The targets of {problem.name} seem to repeat in {name_input(j, names)}, "
+        f"every {period}. The kernel follows that from row to row, but does not go on "
+        "with it where there are no rows, as in forecasts and gaps. With a second "
+        f"kernel that has a period the model is likelier by {found.gain:.0f} nats "
+        f"(BIC). Try MultiTaskGPRegressor(kernel={kernel}, "
+        f"{_named(training, **several)}), with Columns of skmtgp.kernels and "
+        "ExpSineSquared of sklearn.gaussian_process.kernels. If you know the period, "
+        "give it, with periodicity_bounds='fixed'. Keep your other parameters. "
+        f"{FORECASTS}",
         SeveralKernelsWarning,
     )
 

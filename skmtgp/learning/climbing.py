@@ -225,8 +225,20 @@ def refine(problem, mode):
         if problem.noisy and not k and problem.prior.levels_vanish(mode.theta):
             anew = problem.prior.with_usual_levels(theta)
             found = best_of([found, mode.led_to(annealed(finer, anew).mode)])
-        mode = found
+        mode = shake(finer, found, 1) if _ended_early(finer, found) else found
     return mode
+
+
+def _ended_early(problem, mode):
+    """Whether no step was possible at a mode where one should gain much."""
+    if not mode.stalled:
+        return False
+    likelihood, theta = problem.likelihood(), mode.theta
+    slope, (lower, upper) = likelihood.value_and_grad(theta)[1], problem.prior.bounds()
+    held = ((theta <= lower) & (slope < 0.0)) | ((theta >= upper) & (slope > 0.0))
+    slope, metric = slope[~held], _metric(likelihood)(theta)[np.ix_(~held, ~held)]
+    gain = 0.5 * slope @ np.linalg.solve(metric, slope)
+    return bool(gain > problem.tuning.doubt)
 
 
 def shake(problem, mode, times):

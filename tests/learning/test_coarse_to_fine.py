@@ -144,6 +144,22 @@ class TestCoarseToFine:
         assert starts == [*first, (36, held)]
         assert mode.theta[-1] == -22.0
 
+    @pytest.mark.parametrize("far", [True, False])
+    def test_refine_raises_the_noise_where_k_became_singular(
+        self, data, monkeypatch, far
+    ):
+        """A climb that stalls at a mode, as many do at the last digit, is not."""
+        problem = pose(data, low_rank(M, 2), **SMALL | {"refinement": 4.0})
+        theta = np.r_[start_of(problem)[:-1], -22.0]
+        theta = theta if far else climb(problem, theta).theta
+        stalled = mode_at(problem, theta)._replace(converged=False, stalled=True)
+        ascent = climbing.Ascent(stalled, stalled)
+        monkeypatch.setattr(climbing, "annealed", lambda *_: ascent)
+        found = refine(problem, stalled)
+        assert len(problem.coarse_to_fine()) == 2
+        assert found.converged is far
+        assert (found.value - stalled.value > 10.0) == far
+
     @pytest.mark.parametrize("form", [identity(M), ones(M)], ids=["identity", "ones"])
     def test_learn_fixed(self, data, form):
         problem = pose(data, form, tol=1e-6, max_iter=1000, **SMALL)

@@ -28,7 +28,7 @@ from skmtgp.model.task_covariance import leading_eigenvectors, low_rank
 MOST, SOME = 3000, 300  # rows, and of how many it is asked where that takes long
 MOST_STEPS = 50  # of the climb: the gain is clear before
 FEWEST = 20  # values of an input
-LEAST_CYCLES = 3.0  # in the width of the data
+LEAST_CYCLES = 2.0  # in the width of the data
 LEAST_GAPS = 2.0  # in a period, times those of the shortest that is looked for
 WITHIN = 1.5  # times the period that the periodogram found, or a part of it
 SHAPES = 0.1, 10.0  # bounds of the length-scale of the periodic kernel
@@ -87,7 +87,9 @@ def function_that_repeats(problem, mode, enough=-np.inf):
     inputs = [j for j in range(data.X.shape[1]) if _is_in_order(data, j)]
     if not inputs:
         return NO_PERIOD
-    some = problem.with_data(data.thinned(SOME)) if len(data) > MOST_ROWS else problem
+    some = problem
+    if len(data) > MOST_ROWS:  # of complete data as many inputs
+        some = problem.with_data(data.thinned(SOME * data.n_inputs // len(data)))
     with limit_threads(len(some.data)):
         alone = some.likelihood().value(mode.theta)
         found = [begun for j in inputs for begun in _begun(some, mode.theta, j)]

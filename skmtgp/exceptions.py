@@ -360,10 +360,11 @@ class SeveralKernelsWarning(SkmtgpWarning, UserWarning):
     """Two kernels are likelier than the one that was learned.
 
     Functions that the tasks share vary at different speeds, or depend on different
-    inputs. Or all tasks share a function of one input alone, as the shocks of a year, or
-    the targets repeat in time, as seasons do. A list of kernels has length-scales for each, see `kernel` and `rank` of
-    :class:`~skmtgp.MultiTaskGPRegressor`. The message names a model to try, with the
-    noise and the units that this fit has chosen; of several outputs each has a message.
+    inputs. Or all tasks share a function of one input alone, as the shocks of a year,
+    or the targets repeat in time, as seasons do. A list of kernels has length-scales
+    for each, see `kernel` and `rank` of :class:`~skmtgp.MultiTaskGPRegressor`. The
+    message names a model to try, with the noise and the units that this fit has chosen;
+    of several outputs each has a message.
 
     Examples
     --------

@@ -31,7 +31,7 @@ from skmtgp._estimators.candidates import (
 from skmtgp._estimators.criteria import ALONE, Alone, criterion_of, tabulate
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.estimator import Estimator, fitting
-from skmtgp._estimators.forms import ROWS, SIMPLER, rows_for
+from skmtgp._estimators.forms import MOST_RANK, ROWS, SIMPLER, usual_ladder
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.predicting import PosteriorMixin
 from skmtgp._estimators.ranks_of_terms import (
@@ -61,7 +61,6 @@ __all__ = [
     "TaskTimeSeriesSplit",
 ]
 
-MOST_RANK = 6  # by default: the work grows with its square, and BIC seldom takes more
 EVIDENCES = "laplace", "bic"  # minus half of which is a log evidence, or nearly
 ROWS_IF_DRAWN = 2  # for each number of the task covariance; of modes alone, see ROWS
 TOLD = 2  # rows of each task for each of its hyperparameters, to learn it alone
@@ -453,7 +452,7 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
                 free = [low_rank(n_rows, rank).n_free for rank in ranks]
                 return [r for r in ranks if r < 2 or ROWS_IF_DRAWN * free[r] <= n]
             compared = self._evidence_may_choose(model, training)
-            return [r for r in ranks if rows_for(n_rows, r, compared=compared) <= n]
+            return usual_ladder(n_rows, n, compared=compared)
         tuples = any(map(np.ndim, self.ranks))  # perhaps of several lengths
         ranks = np.empty(0) if tuples else np.asarray(self.ranks)
         if ranks.ndim != 1 or not ranks.size or ranks.dtype.kind not in "iu":

@@ -18,7 +18,13 @@ from sklearn.utils.validation import check_is_fitted
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._estimators.estimator import steady
-from skmtgp._estimators.forms import candidates, diagonal_of, form_of, rows_for
+from skmtgp._estimators.forms import (
+    candidates,
+    diagonal_of,
+    form_of,
+    rows_for,
+    usual_ladder,
+)
 from skmtgp._estimators.named_kernels import KERNEL
 from skmtgp._estimators.reading import has_descriptors
 from skmtgp._estimators.slopes import TrendOf
@@ -98,9 +104,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           task may have a function to itself. Variances of the diagonal that vanish do
           not count.
 
-        With ``max_iter=0``, sparse inference, `task_descriptors` or another `learning`,
-        None is the highest rank that has four rows for each. For sparse inference the
-        `n_exact` rows count. If tasks then have fewer than eight rows on average, and
+        With sparse inference the candidates are one function that all tasks share, and
+        ranks from 1 to 6, until two in a row are worse. With ``max_iter=0``,
+        `task_descriptors` or another `learning`, None is the highest rank that has four
+        rows for each. If tasks then have fewer than eight rows on average, and
         `max_iter` is not 0, BIC compares this rank with rank 0.
 
         Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
@@ -630,6 +637,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         [term] = terms
         if term.rank is not None or self.max_iter == 0 or data.n_tasks == 1:
             return of_terms
+        if self._grows(problem.engine):
+            ladder = usual_ladder(data.n_told, len(data))
+            return [form_of(term, data, rank) for rank in ladder]
         if not self._compares(problem.engine):
             few = n < FEW * data.n_told
             return [form_of(term, data, 0), *of_terms] if few else of_terms
@@ -670,8 +680,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _noise_deviation(self):
         return super()._noise_deviation() if self.learning == "annealed" else np.inf
 
-    def _rank(self, n_tasks, n):
-        return sum(self._ranks(n_tasks, n))
+    def _rank(self, n_tasks, n, engine):
+        if self._grows(engine) and len(self._terms()) == 1:
+            return usual_ladder(n_tasks, n)[-1]
+        return sum(self._ranks(n_tasks, engine.n_told(n)))
 
     def _n_climbs(self, n_ranks):
         starts = 1 if self.learning == "annealed" else 2 + self.n_restarts_optimizer
@@ -691,13 +703,20 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         annealed = self.learning == "annealed"
         return annealed and engine.exact and not has_descriptors(self)
 
+    def _grows(self, engine):
+        """Whether ranks grow on the bound over all rows, where nobody asked for one."""
+        asked = self.rank is not None or has_descriptors(self) or not self.max_iter
+        return not (asked or engine.exact) and self.learning == "annealed"
+
     def _learn_one(self, problems, forms, progress):
         """The problem of each output with the form that is chosen, and its mode."""
         if len(forms) > 1 and self._compares(problems[0].engine):
             options = {"n_jobs": self.n_jobs, "progress": progress}
             return learn_best(problems, forms, seeds=self._seeds(), **options)
-        modes = self._learn_ranks(problems, forms, progress)
-        modes = list(zip(*modes, strict=True))
+        growing = len(forms) > 1 and self._grows(problems[0].engine)
+        options = {"until_worse": True} if growing else {}
+        modes = self._learn_ranks(problems, forms, progress, **options)
+        forms, modes = forms[: len(modes)], list(zip(*modes, strict=True))
         return chosen(problems, forms, modes, self.n_jobs)
 
     def _seeds(self):

@@ -231,8 +231,8 @@ class BaseMultiTaskGP(JoiningGP, metaclass=ABCMeta):
         """Whether the model can scale itself to the targets."""
         return True
 
-    def _rank(self, n_tasks, n):
-        """How many latent functions the tasks share."""
+    def _rank(self, n_tasks, n, engine):
+        """How many latent functions n rows of the tasks may share."""
         return 1
 
     def _kernels(self):

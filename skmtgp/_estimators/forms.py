@@ -10,6 +10,7 @@ from skmtgp.model.task_covariance import low_rank
 # that it cannot be had with those of k^x. Three explain few rows without any noise, and
 # so does one where most tasks have a single row.
 ROWS, ROWS_OF_TWO, MOST_OF_TWO, ROWS_OF_ONE = 4, 3, 250, 2
+MOST_RANK = 6  # of a ladder: the work grows with its square, and BIC seldom takes more
 # Independent tasks and compound symmetry, as parameters of MultiTaskGPRegressor.
 SIMPLER = tuple(
     {"rank": 0, "shared": shared, "diagonal": "equal"} for shared in (False, True)
@@ -61,6 +62,24 @@ def rows_for(n_tasks, rank, *, compared=True):
         return ROWS_OF_ONE * n_free
     few = compared and rank == 2 and n_free <= MOST_OF_TWO
     return (ROWS_OF_TWO if few else ROWS) * n_free
+
+
+def usual_ladder(n_tasks, n, *, compared=False):
+    """Ranks to compare one after another: from none up, as far as n rows may tell.
+
+    Parameters
+    ----------
+    n_tasks, n : int
+        Tasks and samples.
+    compared : bool, default=False
+        See `rows_for`.
+
+    Returns
+    -------
+    ranks : list of int
+    """
+    ranks = range(min(n_tasks, MOST_RANK) + 1)
+    return [r for r in ranks if rows_for(n_tasks, r, compared=compared) <= n]
 
 
 def candidates(term, data, highest):

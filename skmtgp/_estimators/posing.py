@@ -179,7 +179,7 @@ def _check_memory(model, engine, prior, training, n_ranks, n_kept):
     """Whether memory suffices."""
     (n, n_outputs), n_tasks = training.Y.shape, len(training.tasks)
     climbs = n_outputs * model._n_climbs(n_ranks)
-    rank = model._rank(n_tasks, engine.n_told(n))
+    rank = model._rank(n_tasks, n, engine)
     demand = Demand(
         n,
         n_tasks,

@@ -10,7 +10,7 @@ from skmtgp._numerics.parallel import limit_threads
 FEW = 1500  # rows: what one model of fewer takes is not worth saying
 SAMPLE, TIMED = 500, 2  # rows of the evaluations that are timed, and how many are
 # Evaluations that a model takes at the first level, and at others; of noisy data
-COARSE, FINE, NOISY = 250, 120, 30
+COARSE, FINE, NOISY = 250, 120, 100
 
 
 class Forecast(NamedTuple):

@@ -271,18 +271,19 @@ def _warn_of_neighbours(problem, mode):
             "TaskStratifiedGroupKFold and stretches of rows as groups, choose a higher "
             "lower bound in noise_variance_bounds by these folds, or fit fewer rows, "
             "farther apart. If the rows are sorted by an input: the kernel may be too "
-            f"smooth, or the tasks less alike than the model assumes.{_higher(problem)}",
+            "smooth, or the tasks less alike than the model assumes."
+            f"{_higher(problem)}",
             CorrelatedResidualsWarning,
         )
 
 
 def _higher(problem):
     """What to try where tasks may have more functions in common."""
-    forms = [form for _, form in problem.prior.terms]
-    ranks = [getattr(form, "rank", form.n_tasks) for form in forms]
-    if problem.data.n_tasks == 1 or max(ranks) >= forms[0].n_tasks:
+    data, terms = problem.data, problem.prior.terms
+    rank = getattr(terms[0][1], "rank", None)
+    if rank is None or len(terms) > 1 or data.Q is not None or rank >= data.n_tasks:
         return ""
-    return f" Then try a higher rank: rank={max(ranks) + 1}."
+    return f" Then try a higher rank: rank={rank + 1}."
 
 
 def _warn_of_rivals(problem, mode):

@@ -11,12 +11,15 @@ from itertools import takewhile
 import numpy as np
 
 from skmtgp._numerics.parallel import run
-from skmtgp.learning.nesting import grow
+from skmtgp.learning.climbing import climb
+from skmtgp.learning.nesting import grow, with_columns
+from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import description
 from skmtgp.learning.screening import criterion
 from skmtgp.learning.summarised import exact_part, learn_rest, with_gain
 
 WORSE = 2  # ranks in a row that end a search
+OFF = 8.0  # times its usual length-scale: a feature hardly matters
 
 
 def learn_forms(learn, problems, forms, *, until_worse=False, **options):
@@ -95,7 +98,32 @@ def _grown(problems, lower, form, modes, *, n_jobs, progress):
     ]
     of_all = description(problems, [form], stage="grown from a lower rank")
     report = progress("learning a higher rank", len(jobs), of_all)
-    return run(grow, jobs, n_jobs=n_jobs, report=report)
+    return run(grown_in_two_ways, jobs, n_jobs=n_jobs, report=report)
+
+
+def grown_in_two_ways(lower, higher, mode):
+    """The better of what grows from a mode, and from it with all features awake.
+
+    Functions of a feature that the lower rank has switched off have no gradient.
+
+    Parameters
+    ----------
+    lower, higher, mode
+        See :func:`skmtgp.learning.nesting.grow`.
+
+    Returns
+    -------
+    mode : Mode
+        Not worse.
+    """
+    found, prior = grow(lower, higher, mode), lower.prior
+    usual = lower.theta()
+    off = prior.of_length_scales & (mode.theta > usual + np.log(OFF))
+    if not off.any():
+        return found
+    awake = mode._replace(theta=np.where(off, usual, mode.theta))
+    other = climb(higher, with_columns(lower, higher, awake), known=[found])
+    return best_of([found, mode.led_to(other)])
 
 
 def _on_bound(problem, mode, *forms):

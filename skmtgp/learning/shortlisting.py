@@ -67,7 +67,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         likely = list(range(len(sketches[0])))
         kept, modes = _learned(problems, sketches, likely, starts, **options)
     every = bool(weighed(*_by_form(sketches), n))
-    if len(coarse[0].data) < len(problems[0].data):
+    if problems[0].noisy and len(coarse[0].data) < len(problems[0].data):
         most = max(form.rank for form in forms)
         kept, modes = with_higher(problems, kept, modes, most, n_jobs)
     best, of_best = chosen(problems, kept, modes, n_jobs, every=every)

@@ -33,7 +33,7 @@ def test_noisy_data_take_fewer_steps_from_all_rows(few):
     levels = {"coarse": 12, "coarse_per_task": 2, "refinement": 2.0}
     problem = pose(draw(np.eye(3)), **levels)
     assert foresee([problem]).n_evaluations == [250, 120, 120]
-    assert foresee([replace(problem, noisy=True)]).n_evaluations == [250, 30, 30]
+    assert foresee([replace(problem, noisy=True)]).n_evaluations == [250, 100, 100]
 
 
 @pytest.mark.parametrize(("asked", "noisy"), [(0.1, True), (1, False)])

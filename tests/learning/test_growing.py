@@ -154,6 +154,37 @@ def test_default_rank_is_one_that_the_exact_rows_tell(n_exact, rank):
     assert model.rank_ == rank  # which has 12, 23, 50 numbers
 
 
+@pytest.mark.parametrize(("rank", "higher"), [(1, False), (2, True)])
+def test_default_rank_is_that_of_a_search(rank, higher):
+    """Of all rows, although the exact rows tell rank 1 alone."""
+    X, y = draw(rank)
+    model = MultiTaskGPRegressor(**MODEL.get_params(deep=False)).fit(X, y)
+    assert model.rank_ == RankSearchIC(MODEL).fit(X, y).best_rank_
+    assert (model.rank_ > 1) is higher
+
+
+def test_a_higher_rank_wakes_features_that_the_lower_one_switched_off():
+    """Of one feature alone there is no gradient where its length-scale is endless."""
+    rng = np.random.default_rng(0)
+    X, tasks = rng.uniform(-2.0, 2.0, (N, 2)), np.arange(N) * M // N
+    z = np.column_stack([3.0 * np.sin(2.0 * X[:, 0]), np.square(X[:, 1]) - 1.0])
+    y = (rng.standard_normal((M, 2))[tasks] * z).sum(axis=1)
+    y += 0.5 * rng.standard_normal(N)
+    kernel = RBF([1.0, 1.0], (1e-2, 1e4))
+    [problem], _, _ = asked(np.column_stack([X, tasks]), y, kernel=kernel)
+    [part] = exact_part([problem], [low_rank(M, 1)])
+    one = part.with_data(problem.data).with_form(low_rank(M, 1))
+    kernel = np.log([0.7, 1e3])
+    K_rho = np.full((M, M), 0.1) + np.eye(M)
+    mode = climbing.climb(one, one.theta(kernel=kernel, K_rho=K_rho))
+    assert one.prior.values(mode.theta).kernel[1] > np.log(100.0)
+    two = one.with_form(low_rank(M, 2))
+    asleep = growing.grow(one, two, mode)
+    awake = growing.grown_in_two_ways(one, two, mode)
+    assert two.prior.values(awake.theta).kernel[1] < np.log(10.0)
+    assert awake.value > asleep.value + 50.0
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.5])
 def test_noisy_data_only_begin_to_be_learned_from_some_rows(monkeypatch, noise):
     tols, minimize = [], climbing.minimize

@@ -33,7 +33,7 @@ from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
-from skmtgp.learning.growing import learn_forms
+from skmtgp.learning.growing import learn_forms, learn_upwards
 from skmtgp.learning.novel import join_described, learn_again, learn_novel
 from skmtgp.learning.open_rows import with_open_rows
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
@@ -104,8 +104,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
           task may have a function to itself. Variances of the diagonal that vanish do
           not count.
 
-        With sparse inference the candidates are one function that all tasks share, and
-        ranks from 1 to 6, until two in a row are worse. With ``max_iter=0``,
+        With sparse inference one function that all tasks share, or a rank, is chosen
+        from `n_exact` of the rows. From there ranks grow by all rows, up to 6, until
+        two in a row are worse. With ``max_iter=0``,
         `task_descriptors` or another `learning`, None is the highest rank that has four
         rows for each. If tasks then have fewer than eight rows on average, and
         `max_iter` is not 0, BIC compares this rank with rank 0.
@@ -711,13 +712,17 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     def _learn_one(self, problems, forms, progress):
         """The problem of each output with the form that is chosen, and its mode."""
         if len(forms) > 1 and self._compares(problems[0].engine):
-            options = {"n_jobs": self.n_jobs, "progress": progress}
-            return learn_best(problems, forms, seeds=self._seeds(), **options)
-        growing = len(forms) > 1 and self._grows(problems[0].engine)
-        options = {"until_worse": True} if growing else {}
-        modes = self._learn_ranks(problems, forms, progress, **options)
-        forms, modes = forms[: len(modes)], list(zip(*modes, strict=True))
+            return self._learn_best(learn_best, problems, forms, progress)
+        if len(forms) > 1 and self._grows(problems[0].engine):
+            return self._learn_best(learn_upwards, problems, forms, progress)
+        modes = self._learn_ranks(problems, forms, progress)
+        modes = list(zip(*modes, strict=True))
         return chosen(problems, forms, modes, self.n_jobs)
+
+    def _learn_best(self, learn, problems, forms, progress):
+        """The same, by a learner that compares forms."""
+        options = {"n_jobs": self.n_jobs, "progress": progress}
+        return learn(problems, forms, seeds=self._seeds(), **options)
 
     def _seeds(self):
         """One for each additional start."""

@@ -16,7 +16,7 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.common_function import NOT_ASKED, common_function
 from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
-from skmtgp.learning.repeating import NO_PERIOD, function_that_repeats
+from skmtgp.learning.repeating import NO_PERIOD, SHAPES, function_that_repeats
 from skmtgp.learning.row_effects import effects_of_rows
 from skmtgp.learning.separate import gain_of_separate_models
 
@@ -157,7 +157,8 @@ def _tell_repeating(training, problem, mode, names, found):
     form, j = problem.prior.task_covariance, found.feature
     first = _kernel_in_lists(training, problem, mode)
     period, column = f"{found.period:.4g}", j if names is None else names[j]
-    kernel = f"[{first!r}, Columns(ExpSineSquared(1.0, {period}), [{column!r}])]"
+    periodic = f"ExpSineSquared(1.0, {period}, {SHAPES})"
+    kernel = f"[{first!r}, Columns({periodic}, [{column!r}])]"
     several = {"rank": [form.rank, 0 if found.shared else 1]}
     if form.shared or found.shared:
         several["shared"] = [form.shared, found.shared]

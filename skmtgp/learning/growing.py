@@ -11,11 +11,13 @@ from itertools import takewhile
 import numpy as np
 
 from skmtgp._numerics.parallel import run
+from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import grow, with_columns
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import description
 from skmtgp.learning.screening import criterion
+from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.summarised import exact_part, learn_rest, with_gain
 
 WORSE = 2  # ranks in a row that end a search
@@ -55,6 +57,41 @@ def learn_forms(learn, problems, forms, *, until_worse=False, **options):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
     return modes if begun[0] is forms[0] else [_counting(*modes[:2]), *modes[2:]]
+
+
+def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
+    """The best of several ranks, begun at the best one by some of the rows.
+
+    That is learned from all rows, and ranks grow from it until two in a row are worse:
+    more rows speak for more functions, hardly ever for fewer.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output, with an engine that approximates.
+    forms : list of LowRank, WithShared or WithDiagonal
+        Forms of K^rho of ascending rank.
+    seeds, n_jobs, progress
+        See :func:`skmtgp.learning.ranks.learn_ranks`.
+
+    Returns
+    -------
+    problems : list of Problem
+        For each output, with the form that was chosen.
+    modes : list of Mode
+        The best mode found for each.
+    """
+    running = {"n_jobs": n_jobs, "progress": progress}
+    parts = exact_part(problems, forms)
+    of_some, modes = learn_best(parts, told(parts[0], forms), seeds=seeds, **running)
+    begun = [of_some[0].prior.task_covariance]
+    modes = learn_rest(problems, begun, [[mode] for mode in modes], **running)
+    modes = list(zip(*modes, strict=True))
+    rest = [form for form in forms if form.rank > begun[0].rank]
+    while rest and not _falls(problems, begun, modes):
+        modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
+        begun, rest = [*begun, rest[0]], rest[1:]
+    return chosen(problems, begun, list(zip(*modes, strict=True)), n_jobs)
 
 
 def told(part, forms):

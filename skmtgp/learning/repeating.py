@@ -31,7 +31,9 @@ FEWEST = 20  # values of an input
 LEAST_CYCLES = 2.0  # in the width of the data
 LEAST_GAPS = 2.0  # in a period, times those of the shortest that is looked for
 WITHIN = 1.5  # times the period that the periodogram found, or a part of it
-SHAPES = 0.1, 10.0  # bounds of the length-scale of the periodic kernel
+# Bounds of the length-scale of the periodic kernel. Without them it may vanish: months
+# that are not of equal length have nothing in common with those of the next year then.
+SHAPES = 0.2, 10.0
 HOPE = 30.0  # nats that a climb may gain over where it begins
 SHARES = 0.3, 1.0  # of the variance of functions, that repeats at first
 SCALES = np.log([1.0, 4.0, 16.0])  # by which the others may be slower

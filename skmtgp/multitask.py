@@ -17,6 +17,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_new_task, check_test
 from skmtgp._estimators.base import BaseMultiTaskGP
+from skmtgp._estimators.doubts import warn_of_duration
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.forms import (
     candidates,
@@ -33,6 +34,7 @@ from skmtgp._estimators.terms import LISTS, terms_asked_for
 from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
+from skmtgp.learning.forecast import foresee_bounds
 from skmtgp.learning.growing import learn_forms, learn_upwards
 from skmtgp.learning.novel import join_described, learn_again, learn_novel
 from skmtgp.learning.open_rows import with_open_rows
@@ -46,6 +48,7 @@ from skmtgp.model.described import describes
 from skmtgp.model.several import Forms, terms_of
 
 Diagonal = Literal["equal"] | bool
+USUAL, GROWN = 3, 5  # rank that grows on the bound, and how many forms are learned
 FEW = 8  # rows of a task on average: fewer may tell no more than what all share
 
 
@@ -691,7 +694,21 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         return starts * self._n_likely(n_ranks)
 
     def _foretell(self, problems, n_forms=1, told=False):
+        [problem, *_], one_term = problems, len(self._terms()) == 1
+        if one_term and self.max_iter and not (problem.engine.exact or told):
+            self._foretell_bounds(problems, n_forms)
         return super()._foretell(problems, self._n_likely(n_forms), told)
+
+    def _foretell_bounds(self, problems, n_forms):
+        """Say how long sparse inference will take, where that is minutes."""
+        data, [term] = problems[0].data, self._terms()
+        n_forms = GROWN if n_forms == 1 and self._grows(problems[0].engine) else n_forms
+        rank = min(USUAL if term.rank is None else term.rank, data.n_told)
+        seconds = foresee_bounds(problems, form_of(term, data, rank), n_forms)
+        learning = f"Learning from {len(data)} rows by sparse inference will take"
+        if self.verbose and seconds:
+            say(f"{learning} very roughly {seconds:.2g} s on one processor")
+        warn_of_duration(learning, seconds, "A given rank or fewer n_inducing")
 
     def _n_likely(self, n_forms):
         """How many forms of K^rho are learned, of which it may compare more."""

@@ -1,16 +1,19 @@
 """About how long learning will take, before it begins."""
 
+from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
 
+from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import limit_threads
 
 FEW = 1500  # rows: what one model of fewer takes is not worth saying
 SAMPLE, TIMED = 500, 2  # rows of the evaluations that are timed, and how many are
 # Evaluations that a model takes at the first level, and at others; of noisy data
 COARSE, FINE, NOISY = 250, 120, 100
+BOUNDS = 60  # of the bound of sparse inference, of each form
 
 
 class Forecast(NamedTuple):
@@ -90,6 +93,38 @@ def foresee(problems, n_forms=1):
     fine = NOISY if problem.noisy else FINE
     counts = [COARSE] + [fine] * (len(sides) - 1)
     return Forecast(sides, [n * n_models for n in counts], _pace(problem))
+
+
+def foresee_bounds(problems, form, n_forms=1):
+    """Seconds that learning by the bound of sparse inference takes about, in all.
+
+    One is timed, with the first inducing inputs that come.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output, with an engine that approximates.
+    form : LowRank or another
+        Form of K^rho, of a usual rank.
+    n_forms : int, default=1
+        How many are learned.
+
+    Returns
+    -------
+    seconds : float
+        0 where there are few rows, or where they stay in partitions.
+    """
+    problem = problems[0].with_form(form)
+    data, n_inducing = problem.data, problem.engine.n_inducing
+    if is_dask(data.X) or not are_many(len(data), len(problems) * n_forms):
+        return 0.0
+    Z = data.drawn(min(n_inducing, len(data))).X
+    likelihood = problem.with_data(replace(data, Z=Z)).likelihood()
+    with limit_threads(likelihood.side):
+        begin = perf_counter()
+        likelihood.value_and_grad(problem.theta())
+        each = perf_counter() - begin
+    return each * BOUNDS * len(problems) * n_forms
 
 
 def _pace(problem):

@@ -8,11 +8,17 @@ import pytest
 from drawn import draw, pose
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp import MultiTaskGPRegressor, RankSearchIC, SingleTaskGP, single_task
+from skmtgp import (
+    MultiTaskGPRegressor,
+    RankSearchIC,
+    SingleTaskGP,
+    multitask,
+    single_task,
+)
 from skmtgp._estimators import base, deciding, doubts
 from skmtgp.exceptions import LongFitWarning
 from skmtgp.learning import forecast
-from skmtgp.learning.forecast import Forecast, foresee
+from skmtgp.learning.forecast import Forecast, foresee, foresee_bounds
 
 
 @pytest.fixture
@@ -52,6 +58,38 @@ def test_the_small_model_says_first_whether_they_are_unless_it_takes_long(
     X = np.column_stack([data.X, data.tasks])
     MultiTaskGPRegressor(RBF([1.0, 1.0]), rank=1, max_iter=9).fit(X, y)
     assert found[0] is noisy
+
+
+@pytest.mark.filterwarnings("ignore::sklearn.exceptions.ConvergenceWarning")
+@pytest.mark.filterwarnings("ignore::skmtgp.exceptions.SkmtgpWarning")
+@pytest.mark.parametrize(
+    ("model", "n_forms"),
+    [
+        (MultiTaskGPRegressor(), 5),
+        (MultiTaskGPRegressor(rank=1), 1),
+        (RankSearchIC(MultiTaskGPRegressor(), ranks=(1, 2)), 2),
+    ],
+)
+def test_sparse_fits_are_foreseen_by_the_bound(few, monkeypatch, model, n_forms):
+    """Once, before they begin."""
+    monkeypatch.setattr(doubts, "LONG", 1e-9)
+    monkeypatch.setattr(forecast, "BOUNDS", 7)
+    data, found = draw(np.eye(3), per_task=20), []
+
+    def record(*of):
+        found.append((of[-1], foresee_bounds(*of)))
+        return found[-1][1]
+
+    monkeypatch.setattr(multitask, "foresee_bounds", record)
+    sparse = {"inference": "sparse", "n_inducing": 9, "n_exact": 30, "max_iter": 3}
+    nested = isinstance(model, RankSearchIC)
+    model.set_params(**{"estimator__" * nested + k: v for k, v in sparse.items()})
+    X = np.column_stack([data.X, data.tasks])
+    match = "60 rows by sparse .* A given rank or fewer n_inducing take less"
+    with pytest.warns(LongFitWarning, match=match):
+        model.fit(X, data.y)
+    assert [n for n, _ in found] == [n_forms]
+    assert found[0][1] > 0.0
 
 
 def test_few_rows_are_not_foreseen():

@@ -30,6 +30,7 @@ from skmtgp.learning.unforeseen import unforeseen
 
 OTHER_UNIT = 5.0  # times the deviation of another task, so that it may have one
 LONG = 120.0  # seconds of learning that a user wants to know of before
+MOST_DRAWN = 2000  # rows of sparse inference, of which draws take hours
 # For each hyperparameter: with fewer rows intervals are too narrow.
 ENOUGH_ROWS_EACH = {"mode": 8, "map": 8, "laplace": 4}
 
@@ -116,6 +117,8 @@ def warn_of_few_rows(problem, way, *, given=False):
     draws = "'auto'" if way != "laplace" and problem.engine.exact else "'sampled'"
     helps = f"hyperparameters={draws}, which takes longer, or more rows"
     helps = f"one kernel with {helps}" if prior.n_terms > 1 else helps
+    if not (stay or problem.engine.exact) and len(data) > MOST_DRAWN:
+        helps = "more rows, or fewer hyperparameters: a lower rank or fewer columns"
     warn(
         f"There are fewer than {enough} rows for each hyperparameter. They leave the "
         "hyperparameters more uncertain than predictions count: a 95 % interval may "

@@ -15,6 +15,7 @@ from skmtgp import (
     SingleTaskGP,
     average_repeats,
 )
+from skmtgp._estimators import doubts
 from skmtgp.exceptions import NarrowIntervalsWarning
 from skmtgp.inspection import TransferDisplay
 
@@ -121,6 +122,15 @@ def test_auto_of_sparse_inference_is_the_mode_and_names_draws():
     [told] = told_by(model.fit, X, y)
     assert model.hyperparameters_ == "mode"
     assert "hyperparameters='sampled'" in told
+
+
+def test_of_many_rows_draws_would_take_hours(monkeypatch):
+    X, y = draw(26, n_tasks=20)
+    monkeypatch.setattr(doubts, "MOST_DRAWN", 519)
+    options = {"inference": "sparse", "n_inducing": 10, "max_iter": 2}
+    [told] = told_by(MultiTaskGPRegressor(rank=4, **options).fit, X, y)
+    assert "sampled" not in told
+    assert "This helps: more rows, or fewer hyperparameters: a lower rank" in told
 
 
 def test_nothing_is_told_where_nothing_is_learned():

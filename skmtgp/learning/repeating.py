@@ -31,8 +31,8 @@ FEWEST = 20  # values of an input
 LEAST_CYCLES = 2.0  # in the width of the data
 LEAST_GAPS = 2.0  # in a period, times those of the shortest that is looked for
 WITHIN = 1.5  # times the period that the periodogram found, or a part of it
-# Bounds of the length-scale of the periodic kernel. Without them it may vanish: months
-# that are not of equal length have nothing in common with those of the next year then.
+# Bounds of the length-scale of the periodic kernel: with less than 0.2 seven days of a
+# week have nothing in common, nor with those of the next week if they are not as long.
 SHAPES = 0.2, 10.0
 HOPE = 30.0  # nats that a climb may gain over where it begins
 SHARES = 0.3, 1.0  # of the variance of functions, that repeats at first
@@ -102,10 +102,7 @@ def function_that_repeats(problem, mode, enough=-np.inf):
             return NO_PERIOD
         least = alone + _price(both, some) + enough
         best = climb(both, theta, least=least, noisy=True)
-    [*_, (of_input, _)] = both.prior.theta_of_terms(best.theta)
-    shape, period = of_input
-    if shape <= np.log(SHAPES[0]):  # pulses as short as that are noise
-        return NO_PERIOD
+    [*_, ((_, period), _)] = both.prior.theta_of_terms(best.theta)
     gain = both.log_likelihood(best) - some.log_likelihood(mode._replace(value=alone))
     gain -= _price(both, some) + np.log(np.ptp(data.X[:, feature])) - period
     return Repeating(float(gain), feature, float(np.exp(period)), shared)

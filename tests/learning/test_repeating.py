@@ -99,6 +99,16 @@ def test_a_function_that_all_tasks_have_alike():
     )
 
 
+def test_days_of_a_week_that_have_nothing_in_common():
+    rng, day = np.random.default_rng(0), np.arange(70)
+    f = rng.uniform(0.5, 1.5, (3, 1)) * rng.standard_normal(7)[day % 7]
+    y = (f + 0.2 * rng.standard_normal(f.shape)).ravel()
+    X = np.column_stack([np.tile(day, 3), np.repeat(range(3), 70)])
+    (message,) = said(MultiTaskGPRegressor(), X, y)
+    periodic = named(message).kernel[1].kernel
+    assert periodic.periodicity == pytest.approx(7.0, rel=0.01)
+
+
 @pytest.mark.parametrize("seed", [0, *rarely(1, 2, 3)])
 @pytest.mark.parametrize("every", [4, *rarely(1)])
 def test_where_nothing_repeats_it_is_not_said(seed, every):

@@ -234,9 +234,11 @@ def _ended_early(problem, mode):
     if not mode.stalled:
         return False
     likelihood, theta = problem.likelihood(), mode.theta
-    slope, (lower, upper) = likelihood.value_and_grad(theta)[1], problem.prior.bounds()
+    with limit_threads(likelihood.side):
+        slope, metric = likelihood.value_and_grad(theta)[1], _metric(likelihood)(theta)
+    lower, upper = problem.prior.bounds()
     held = ((theta <= lower) & (slope < 0.0)) | ((theta >= upper) & (slope > 0.0))
-    slope, metric = slope[~held], _metric(likelihood)(theta)[np.ix_(~held, ~held)]
+    slope, metric = slope[~held], metric[np.ix_(~held, ~held)]
     gain = 0.5 * slope @ np.linalg.solve(metric, slope)
     return bool(gain > problem.tuning.doubt)
 

@@ -23,7 +23,7 @@ import time
 import warnings
 
 import numpy as np
-from sklearn.gaussian_process.kernels import ExpSineSquared
+from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Matern
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor
@@ -32,6 +32,7 @@ from skmtgp.exceptions import SeveralKernelsWarning
 from skmtgp.kernels import Columns
 
 KNOWN = {"Columns": Columns, "ExpSineSquared": ExpSineSquared}
+KNOWN |= {"RBF": RBF, "Matern": Matern}
 AHEAD, RIGHT = 0.15, 0.02
 DAY, YEAR, STAR = 24.0, 1.0, 0.61
 
@@ -179,7 +180,7 @@ def repeats(kind, seed, asked):
     model, told, *seconds = fit(X[past], y[past], asked)
     if not told:
         return False, False, np.nan, np.nan, np.nan, *seconds
-    period = asked.found[0][0].period
+    period = asked.found[0][0].kernel.periodicity
     better = named(told[0]).fit(X[past], y[past])
     low, high = better.predict_interval(X[future])
     of = X[future], y[future]

@@ -16,7 +16,11 @@ from skmtgp.exceptions import (
 )
 from skmtgp.learning.common_function import NOT_ASKED, common_function
 from skmtgp.learning.own_kernels import gain_of_own_kernels, ranks_of_two
-from skmtgp.learning.repeating import NO_PERIOD, SHAPES, function_that_repeats
+from skmtgp.learning.repeating import (
+    NO_PERIOD,
+    SHAPES,
+    function_that_repeats,
+)
 from skmtgp.learning.row_effects import effects_of_rows
 from skmtgp.learning.separate import gain_of_separate_models
 
@@ -153,29 +157,43 @@ def _tell_common_function(training, problem, mode, names, found):
 
 
 def _tell_repeating(training, problem, mode, names, found):
-    """The same of a second kernel, for a function that repeats in one input."""
+    """The same of a second kernel, for a function that repeats in one input.
+
+    Both begin as they were learned, as no climb leads to a period from far away.
+    """
     form, j = problem.prior.task_covariance, found.feature
-    first = _kernel_in_lists(training, problem, mode)
-    period, column = f"{found.period:.4g}", j if names is None else names[j]
-    periodic = f"ExpSineSquared(1.0, {period}, {SHAPES})"
-    kernel = f"[{first!r}, Columns({periodic}, [{column!r}])]"
+    shape, period = found.kernel.length_scale, found.kernel.periodicity
+    periodic = f"ExpSineSquared({shape:.2g}, {period:.6g}, {SHAPES}, 'fixed')"
+    column = j if names is None else names[j]
+    kernel = f"[{_begun_at(found.others)}, Columns({periodic}, [{column!r}])]"
     several = {"rank": [form.rank, 0 if found.shared else 1]}
     if form.shared or found.shared:
         several["shared"] = [form.shared, found.shared]
     if diagonal_of(form):
         several["diagonal"] = [diagonal_of(form), False]
+    name = type(found.others).__name__
     warn(
         f"The targets of {problem.name} seem to repeat in {name_input(j, names)}, "
-        f"every {period}. The kernel follows that from row to row, but does not go on "
-        "with it where there are no rows, as in forecasts and gaps. With a second "
+        f"every {period:.4g}. The kernel follows that from row to row, but does not go "
+        "on with it where there are no rows, as in forecasts and gaps. With a second "
         f"kernel that has a period the model is likelier by {found.gain:.0f} nats "
         f"(BIC). Try MultiTaskGPRegressor(kernel={kernel}, "
-        f"{_named(training, **several)}), with Columns of skmtgp.kernels and "
-        "ExpSineSquared of sklearn.gaussian_process.kernels. If you know the period, "
-        "give it, with periodicity_bounds='fixed'. Keep your other parameters. "
-        f"{FORECASTS}",
+        f"{_named(training, **several)}), with Columns of skmtgp.kernels, and "
+        f"ExpSineSquared and {name} of sklearn.gaussian_process.kernels. If you know "
+        f"the period, give that. Keep your other parameters. {FORECASTS}",
         SeveralKernelsWarning,
     )
+
+
+def _begun_at(kernel):
+    """A smooth kernel that begins at its length-scales, in words."""
+    bounds = np.atleast_2d(kernel.length_scale_bounds)
+    least, most = bounds[:, 0].min(), bounds[:, 1].max()
+    scales = np.clip(kernel.length_scale, 1.1 * least, 0.9 * most)  # before rounding
+    scales = ", ".join(f"{scale:.2g}" for scale in np.atleast_1d(scales))
+    scales = f"[{scales}]" if np.ndim(kernel.length_scale) else scales
+    nu = f", nu={kernel.nu}" if hasattr(kernel, "nu") else ""
+    return f"{type(kernel).__name__}({scales}, ({least:.1g}, {most:.1g}){nu})"
 
 
 def _kernel_in_lists(training, problem, mode):

@@ -6,16 +6,18 @@ is asked of inputs in which the rows of each task are in order, as those of a re
 or of a table of months are. A periodogram says which periods there may be.
 """
 
+from dataclasses import replace
 from itertools import product
 from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
-from sklearn.gaussian_process.kernels import ExpSineSquared
+from sklearn.gaussian_process.kernels import ExpSineSquared, Kernel
 
 from skmtgp._data.statistics import shortest_period
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._numerics.periodogram import frequencies
+from skmtgp.inference.engines import Dense
 from skmtgp.kernels import Columns
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.own_kernels import (
@@ -34,6 +36,7 @@ WITHIN = 1.5  # times the period that the periodogram found, or a part of it
 # Bounds of the length-scale of the periodic kernel: with less than 0.2 seven days of a
 # week have nothing in common, nor with those of the next week if they are not as long.
 SHAPES = 0.2, 10.0
+APERIODIC = 50.0  # times the width of the data: a constant
 HOPE = 30.0  # nats that a climb may gain over where it begins
 SHARES = 0.3, 1.0  # of the variance of functions, that repeats at first
 SCALES = np.log([1.0, 4.0, 16.0])  # by which the others may be slower
@@ -49,19 +52,22 @@ class Repeating(NamedTuple):
         Nats of BIC, less the logarithm of how many periods as long there may be.
     feature : int
         Position of the input.
-    period : float
-        In units of the input.
+    others : Kernel
+        That of the other functions, as it was learned beside this one.
+    kernel : ExpSineSquared
+        Of that input alone, as it was learned.
     shared : bool
         Whether all tasks have the same function; otherwise each a multiple of one.
     """
 
     gain: float
     feature: int
-    period: float
+    others: Kernel
+    kernel: ExpSineSquared
     shared: bool
 
 
-NO_PERIOD = Repeating(-np.inf, -1, np.nan, False)
+NO_PERIOD = Repeating(-np.inf, -1, None, None, False)
 NONE = -np.inf, None, None, -1, False  # where none begins
 
 
@@ -90,22 +96,52 @@ def function_that_repeats(problem, mode, enough=-np.inf):
     if not inputs:
         return NO_PERIOD
     some = problem
-    if len(data) > MOST_ROWS:  # of complete data as many inputs
-        some = problem.with_data(data.thinned(SOME * data.n_inputs // len(data)))
+    if len(data) > MOST_ROWS:  # of complete data few inputs would be left
+        few = replace(data, design=None).thinned(SOME)
+        some = replace(problem, data=few, engine=Dense())
     with limit_threads(len(some.data)):
-        alone = some.likelihood().value(mode.theta)
-        found = [begun for j in inputs for begun in _begun(some, mode.theta, j)]
-        value, both, theta, feature, shared = max(
-            found, key=itemgetter(0), default=NONE
-        )
-        if value < alone + enough - HOPE:
-            return NO_PERIOD
-        least = alone + _price(both, some) + enough
-        best = climb(both, theta, least=least, noisy=True)
-    [*_, ((_, period), _)] = both.prior.theta_of_terms(best.theta)
-    gain = both.log_likelihood(best) - some.log_likelihood(mode._replace(value=alone))
-    gain -= _price(both, some) + np.log(np.ptp(data.X[:, feature])) - period
-    return Repeating(float(gain), feature, float(np.exp(period)), shared)
+        if some is not problem:  # else a few rows alone would gain by other parameters
+            mode = climb(some, mode.theta, noisy=True)
+        mode = mode._replace(value=some.likelihood().value(mode.theta))
+        return _likeliest(some, mode, inputs, enough)
+
+
+def _likeliest(problem, mode, inputs, enough):
+    """The same, of some inputs and all rows of a problem."""
+    found = [begun for j in inputs for begun in _begun(problem, mode.theta, j)]
+    value, both, theta, feature, shared = max(found, key=itemgetter(0), default=NONE)
+    if value < mode.value + enough - HOPE:
+        return NO_PERIOD
+    least = mode.value + _price(both, problem) + enough
+    best = climb(both, theta, least=least, noisy=True)
+    gain = _gain(problem, mode, both, best)
+    kernels = both.prior.kernel_at(best.theta)
+    periodic, width = kernels[1].kernel, np.ptp(problem.data.X[:, feature])
+    if gain > enough:  # but for what a function without a period gains
+        same = _same_without(problem, mode, both, best, feature)
+        gain = min(gain, _gain(*same, both, best))
+    gain -= np.log(width / periodic.periodicity)
+    return Repeating(gain, feature, kernels[0], periodic, shared)
+
+
+def _gain(problem, mode, both, best):
+    """Nats of BIC that a mode of a larger problem gains."""
+    gain = both.log_likelihood(best) - problem.log_likelihood(mode)
+    return float(gain) - _price(both, problem)
+
+
+def _same_without(problem, mode, both, best, feature):
+    """The problem with a constant in place of what repeats, and a mode from there."""
+    (of_others, (_, rho)), [*_, (_, form)] = (
+        both.prior.theta_of_terms(best.theta),
+        both.prior.terms,
+    )
+    endless = APERIODIC * np.ptp(problem.data.X[:, feature])
+    constant = Columns(ExpSineSquared(1.0, endless, "fixed", "fixed"), [feature])
+    constant = with_terms(problem, [*problem.prior.terms, (constant, form)], MOST_STEPS)
+    of_terms = of_others, (np.empty(0), rho)
+    theta = constant.prior.with_theta_of_terms(best.theta, of_terms)
+    return constant, climb(constant, theta, noisy=True)
 
 
 def _is_in_order(data, feature):

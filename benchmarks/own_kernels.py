@@ -26,7 +26,7 @@ import warnings
 import numpy as np
 import pandas as pd
 from separate import asked, ordinary
-from sklearn.gaussian_process.kernels import Matern
+from sklearn.gaussian_process.kernels import RBF, ExpSineSquared, Matern
 from threadpoolctl import threadpool_limits
 
 from skmtgp import MultiTaskGPRegressor
@@ -35,6 +35,7 @@ from skmtgp.kernels import Columns
 
 N_TEST = 60
 QUESTIONS = "gain_of_own_kernels", "common_function"
+KNOWN = {of.__name__: of for of in (Columns, ExpSineSquared, Matern, RBF)}
 END = r"\)\. This|\), with"  # of the parameters that are named
 
 
@@ -116,9 +117,7 @@ def advised(caught):
     if not told:
         return None
     named = told[0].split("Try MultiTaskGPRegressor(")[1]
-    return eval(
-        f"dict({re.split(END, named)[0]})", {"Columns": Columns, "Matern": Matern}
-    )
+    return eval(f"dict({re.split(END, named)[0]})", KNOWN)
 
 
 def scores(model, X, y, f):

@@ -68,7 +68,7 @@ class Repeating(NamedTuple):
 
 
 NO_PERIOD = Repeating(-np.inf, -1, None, None, False)
-NONE = -np.inf, None, None, -1, False  # where none begins
+NO_START = -np.inf, None, None, -1, False
 
 
 def function_that_repeats(problem, mode, enough=-np.inf):
@@ -109,7 +109,9 @@ def function_that_repeats(problem, mode, enough=-np.inf):
 def _likeliest(problem, mode, inputs, enough):
     """The same, of some inputs and all rows of a problem."""
     found = [begun for j in inputs for begun in _begun(problem, mode.theta, j)]
-    value, both, theta, feature, shared = max(found, key=itemgetter(0), default=NONE)
+    value, both, theta, feature, shared = max(
+        found, key=itemgetter(0), default=NO_START
+    )
     if value < mode.value + enough - HOPE:
         return NO_PERIOD
     least = mode.value + _price(both, problem) + enough
@@ -132,10 +134,8 @@ def _gain(problem, mode, both, best):
 
 def _same_without(problem, mode, both, best, feature):
     """The problem with a constant in place of what repeats, and a mode from there."""
-    (of_others, (_, rho)), [*_, (_, form)] = (
-        both.prior.theta_of_terms(best.theta),
-        both.prior.terms,
-    )
+    of_others, (_, rho) = both.prior.theta_of_terms(best.theta)
+    _, form = both.prior.terms[-1]
     endless = APERIODIC * np.ptp(problem.data.X[:, feature])
     constant = Columns(ExpSineSquared(1.0, endless, "fixed", "fixed"), [feature])
     constant = with_terms(problem, [*problem.prior.terms, (constant, form)], MOST_STEPS)
@@ -192,10 +192,10 @@ def _starts(both, problem, theta, shared):
     K_rho, is_scale = prior.K_rho_at(theta), prior.n_length_scales[prior.of_kernel] > 0
     K_rho = K_rho + OTHERS * np.diag(np.diagonal(K_rho))  # so that none has nothing
     size = np.trace(K_rho) / len(K_rho)
+    _, (periodic, _) = both.prior.theta_of_terms(both.theta())
     for share, scale in product(SHARES, SCALES):
         of_tasks = np.sqrt(share) * leading_eigenvectors(K_rho, 1).ravel()
         of_tasks = np.array([np.log(share * size)]) if shared else of_tasks
-        _, (periodic, _) = both.prior.theta_of_terms(both.theta())
         of_terms = (of_kernel + scale * is_scale, rho), (periodic, of_tasks)
         start = both.prior.with_theta_of_terms(theta, of_terms)
         yield np.clip(start, *both.prior.bounds())

@@ -13,14 +13,20 @@ import numpy as np
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.nesting import grow, with_columns
+from skmtgp.learning.nesting import (
+    embedded,
+    with_columns,
+    with_diagonal,
+)
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import description
 from skmtgp.learning.screening import criterion
 from skmtgp.learning.shortlisting import chosen, learn_best
 from skmtgp.learning.summarised import exact_part, learn_rest, with_gain
+from skmtgp.model.task_covariance import enlarged
 
 WORSE = 2  # ranks in a row that end a search
+TIMES = 5.0  # own functions of all tasks may take, of a bound without them
 OFF = 8.0  # times its usual length-scale: a feature hardly matters
 
 
@@ -91,6 +97,11 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     while rest and not _falls(problems, begun, modes):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
+    best = int(np.argmax(_criteria(problems, begun, modes)))
+    own = enlarged(begun[best], diagonal="equal")
+    if not begun[best].n_own and _is_taken(problems[0], own):
+        modes.append(_grown(problems, begun[best], own, modes[best], **running))
+        begun = [*begun, own]
     return chosen(problems, begun, list(zip(*modes, strict=True)), n_jobs)
 
 
@@ -120,11 +131,26 @@ def told(part, forms):
 
 def _falls(problems, forms, modes):
     """Whether the last forms are all worse than one before them."""
-    found = [
+    return int(np.argmax(_criteria(problems, forms, modes))) < len(forms) - WORSE
+
+
+def _criteria(problems, forms, modes):
+    """Eq. 8 of each form, over all outputs."""
+    return [
         sum(map(criterion, [of.with_form(form) for of in problems], of_form))
         for form, of_form in zip(forms, modes, strict=True)
     ]
-    return int(np.argmax(found)) < len(found) - WORSE
+
+
+def _is_taken(problem, form):
+    """Whether own functions of all tasks take no more than a few times as long.
+
+    A bound of n rows, m inducing inputs and rank r has n m^2 + (r m)^3 products, and
+    M m^3 more with them.
+    """
+    engine, data = problem.engine, problem.data
+    m, rank = engine.n_inducing, max(form.rank, 1)
+    return data.n_tasks * m <= TIMES * (len(data) + rank**3 * m)
 
 
 def _grown(problems, lower, form, modes, *, n_jobs, progress):
@@ -153,13 +179,17 @@ def grown_in_two_ways(lower, higher, mode):
     mode : Mode
         Not worse.
     """
-    found, prior = grow(lower, higher, mode), lower.prior
+    n_own = [of.prior.task_covariance.n_own for of in (lower, higher)]
+    begin = with_columns if n_own[0] == n_own[1] else with_diagonal
+    start = begin(lower, higher, mode)
+    found, prior = mode.led_to(climb(higher, start)), lower.prior
+    found = best_of([found, embedded(lower, higher, mode)])
     usual = lower.theta()
     off = prior.of_length_scales & (mode.theta > usual + np.log(OFF))
     if not off.any():
         return found
     awake = mode._replace(theta=np.where(off, usual, mode.theta))
-    other = climb(higher, with_columns(lower, higher, awake), known=[found])
+    other = climb(higher, begin(lower, higher, awake), known=[found])
     return best_of([found, mode.led_to(other)])
 
 

@@ -11,6 +11,8 @@ from skmtgp.exceptions import NotPositiveDefiniteError
 from skmtgp.learning.climbing import annealed, climb
 from skmtgp.learning.problem import best_of
 
+OWN = 0.3  # of the variance of tasks, where functions of their own begin
+
 
 def descend(problems, modes):
     """Learn each rank again from the next higher one's mode, cut to its rank.
@@ -180,6 +182,27 @@ def with_columns(lower, higher, mode):
         _with_more(lower, higher, mode, size * 10.0**-k * vectors) for k in range(1, 9)
     ]
     return max(candidates, key=higher.likelihood().value)
+
+
+def with_diagonal(lower, higher, mode):
+    """Where a climb begins from a mode, with functions of the tasks' own.
+
+    Their variance is large: from one that hardly matters a climb would see no gradient.
+
+    Parameters
+    ----------
+    lower, higher, mode
+        See :func:`embedded`; the second form is the first and one more number, the
+        variance.
+
+    Returns
+    -------
+    theta : ndarray of shape (n_theta,)
+        Parameters of the second.
+    """
+    rho = lower.prior.values(mode.theta).rho
+    size = np.trace(lower.prior.K_rho_at(mode.theta)) / lower.prior.n_tasks
+    return higher.prior.with_rho(mode.theta, np.append(rho, np.log(OWN * size)))
 
 
 def _with_more(lower, higher, mode, vectors):

@@ -141,6 +141,21 @@ class TestLaws:
             np.testing.assert_allclose(*(getattr(of, name) for of in (found, expected)))
         agree(told(found, AT)[:3], told(expected, AT)[:3], digits=5)
 
+    @pytest.mark.parametrize("trend", [None, [0]])
+    def test_units_are_those_of_all_measurements(self, trend):
+        options = {"normalize_y": "per_task", "trend": trend, "max_iter": 0}
+        model = MultiTaskGPRegressor("rbf", rank=1, **options).fit(X, Y)
+        weights = KNOWN["sample_weight"].astype(int)
+        rows, first = np.repeat(np.arange(6), weights), weights[:3].sum()
+        found = joined(model, NEW_X[:3], NEW_Y[:3], sample_weight=weights[:3])
+        found.partial_fit(NEW_X[3:], NEW_Y[3:], sample_weight=weights[3:])
+        expected = joined(model, NEW_X[rows[:first]], NEW_Y[rows[:first]])
+        expected.partial_fit(NEW_X[rows[first:]], NEW_Y[rows[first:]])
+        np.testing.assert_allclose(found.y_scale_, expected.y_scale_)
+        if trend is None:
+            np.testing.assert_allclose(found.y_mean_, expected.y_mean_)
+            np.testing.assert_allclose(found.y_mean_[3], NEW_Y[rows].mean())
+
     def test_no_alpha(self):
         found, expected = joined(self.model, alpha=0.0), joined(self.model)
         agree(told(found, AT), told(expected, AT), digits=7)
@@ -216,7 +231,21 @@ def test_the_unit_of_a_task_with_much_noise_is_not_doubted():
     with pytest.warns(match="Is it measured in another unit"):
         model.add_task(NEW_X, y)
     model.add_task(NEW_X, y, alpha=1e6)
-    model.add_task(NEW_X, NEW_X[:, 0] * 0.0, sample_weight=10**6)
+    few = model.add_task(NEW_X[:2], y[:2], alpha=1e6)
+    few.partial_fit(NEW_X[2:], y[2:], alpha=1e6)
+    assert np.ndim(few.y_mean_) == 0  # its mean is no sign of another level
+    with pytest.warns(match="varies less than a tenth of the noise"):
+        model.add_task(NEW_X, 1e-3 * NEW_X[:, 0])
+    model.add_task(NEW_X, 1e-3 * NEW_X[:, 0], sample_weight=10**6)
+
+
+def test_outliers_of_a_task_with_much_noise_are_not_told():
+    rows = np.column_stack([np.linspace(0, 6, 12), np.full(12, 3)])
+    y = np.append(np.sin(rows[:11, 0]), 1e3)
+    model = clone(QUICK).fit(X, Y)
+    with pytest.warns(match="far from"):
+        model.add_task(rows, y)
+    model.add_task(rows, y, alpha=np.append(np.full(11, 0.1), 1e6))
 
 
 def test_all_noise_may_be_known():

@@ -914,9 +914,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
         X, y, given = self._weighed(X, y, (alpha, sample_weight, repeat_variance))
-        new_task, model = check_new_task(self, X, y), copy(self)
-        known = model._take_known(given, new_task[-1].shape)
-        model._join_task(*new_task, known, prior=prior)
+        features, label, Y = check_new_task(self, X, y)
+        model = copy(self)
+        known = model._take_known(given, Y.shape)
+        model._join_task(features, label, Y, known, prior=prior)
         return model
 
     def _border(self, likelihood, data, training, position, informed, trend):

@@ -58,10 +58,10 @@ class OnlineGP(FittedGP):
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
         alpha, sample_weight, repeat_variance : array-like, default=None
-            What is known of the noise of these rows, see `fit`. Of the rows so far it
-            stays what it was. The learned noise variance stays, too: that of a new row
-            is the sum of it and `alpha`, divided by the number of measurements. With
-            them ``inference="auto"`` becomes dense.
+            What is known of the noise of these rows, see `fit`. What is known of the
+            earlier rows stays, and so does the learned noise variance. A new row has
+            the sum of it and `alpha`, divided by its number of measurements. With one
+            of the three, ``inference="auto"`` becomes dense.
         max_rows : int, default=None
             Number of rows to keep. If there are more, those are dropped that add least
             to what the others tell about the functions, new rows included. The last row

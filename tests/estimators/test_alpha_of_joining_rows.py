@@ -192,6 +192,15 @@ class TestEngines:
         model.partial_fit(rows + [[0.2, 0]], Y[:3])
         assert model._known.variance.ravel().tolist()[-6:] == [0.1, 0.2, 0.3, 0, 0, 0]
 
+    def test_a_call_that_fails_leaves_complete_data(self):
+        model = self.complete()
+        before = pickle.dumps(model)
+        with pytest.raises(ValueError, match="max_rows=1 is below the number of tasks"):
+            model.partial_fit(self.GRID[:3], Y[:3], alpha=0.1, max_rows=1)
+        with pytest.raises(ValueError, match="is known already"):
+            model.add_task(self.GRID[:1], Y[:1], alpha=0.1)
+        assert pickle.dumps(model) == before
+
     def test_complete_data_that_get_a_cell_stay_without(self):
         model = self.complete().partial_fit(self.GRID[:3] - [[1, 0]], Y[:3])
         assert model.inference_ == "kronecker"

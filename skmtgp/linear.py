@@ -256,11 +256,20 @@ class BayesianLinearRegression(PosteriorMixin, Estimator):
             covariances[rows[:, :, None], rows[:, None, :]] = blocks
         return covariances
 
-    def _quantiles(self, features, codes, probabilities, include_noise):
+    def _known_noise(self, alpha, X, y, n, include_noise=True):
+        if alpha is not None:
+            raise ValueError(
+                "A BayesianLinearRegression takes no alpha: it integrates the noise "
+                "variance out, and Student's t has no place for noise that is known. "
+                "SingleTaskGP(kernel='linear') takes alpha, in fit too."
+            )
+        return 0.0
+
+    def _quantiles(self, features, codes, probabilities, include_noise, known):
         degrees, means, scale = self._student(features, codes, include_noise)
         return [means + scale * stdtrit(degrees, p) for p in probabilities]
 
-    def _log_density(self, features, codes, values):
+    def _log_density(self, features, codes, values, known):
         degrees, means, scale = self._student(features, codes, include_noise=True)
         return student_t.logpdf(values, degrees, means, scale)
 

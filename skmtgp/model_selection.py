@@ -602,7 +602,14 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         return best.task_correlation_interval(level)
 
     def add_task(
-        self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+        *,
+        prior: Literal["tasks"] | None = "tasks",
     ) -> Self:
         """Return the search with one more task in the best model, at its rank.
 
@@ -613,6 +620,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Its targets.
+        alpha, sample_weight, repeat_variance : array-like, default=None
+            What is known of the noise of these rows, see
+            :meth:`MultiTaskGPRegressor.add_task`.
         prior : {"tasks"} or None, default="tasks"
             See :meth:`MultiTaskGPRegressor.add_task`.
 
@@ -630,12 +640,20 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             See :meth:`MultiTaskGPRegressor.add_task`.
         """
         best, model = self._joint("add_task"), copy(self)
-        model.best_estimator_ = best.add_task(X, y, prior=prior)
+        given = alpha, sample_weight, repeat_variance
+        model.best_estimator_ = best.add_task(X, y, *given, prior=prior)
         model.__dict__.pop("estimators_", None)
         return model
 
     def partial_fit(
-        self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+        *,
+        max_rows: int | None = None,
     ) -> Self:
         """Add rows to the best model, at its rank.
 
@@ -647,6 +665,9 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
             Inputs, with the task labels in the estimator's column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
+        alpha, sample_weight, repeat_variance : array-like, default=None
+            What is known of the noise of these rows, see
+            :meth:`MultiTaskGPRegressor.partial_fit`.
         max_rows : int, default=None
             See :meth:`MultiTaskGPRegressor.partial_fit`.
 
@@ -665,11 +686,12 @@ class RankSearchIC(MetaEstimatorMixin, PosteriorMixin, Estimator):
         """
         check_stream(X, y, max_rows)
         model, is_first = copy(self), not hasattr(self, "best_estimator_")
+        given = alpha, sample_weight, repeat_variance
         if is_first:
-            model.fit(X, y)
+            model.fit(X, y, *given)
         model.best_estimator_ = copy(model._joint("partial_fit"))
         if not is_first:
-            model.best_estimator_.partial_fit(X, y, max_rows=max_rows)
+            model.best_estimator_.partial_fit(X, y, *given, max_rows=max_rows)
         elif max_rows is not None:
             model.best_estimator_._drop(max_rows)
         vars(model).pop("estimators_", None)

@@ -823,7 +823,14 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
     @steady
     def add_task(
-        self, X: ArrayLike, y: ArrayLike, *, prior: Literal["tasks"] | None = "tasks"
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+        *,
+        prior: Literal["tasks"] | None = "tasks",
     ) -> Self:
         """Return the model with one more task, from a few samples of it.
 
@@ -841,6 +848,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             Inputs of the new task, with its label in column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Its targets.
+        alpha, sample_weight, repeat_variance : array-like, default=None
+            What is known of the noise of these rows, see `fit` and `partial_fit`. The
+            learned noise variance of the new task is as without them, see Notes.
         prior : {"tasks"} or None, default="tasks"
             "tasks" assumes that the new task is drawn from the same population as the
             known tasks. Their rows of the factor then give a prior of the new row. None
@@ -859,7 +869,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             If X or y is a Dask collection.
         ValueError
             If the task is already known. If X has several tasks, features other than in
-            `fit`, or values that cannot be used. If y has other outputs.
+            `fit`, or values that cannot be used. If y has other outputs. If what is
+            known of the noise cannot be used, or the engine does not take it.
 
         Warns
         -----
@@ -902,9 +913,11 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if prior not in ("tasks", None):
             raise ValueError(f"prior={prior!r} must be 'tasks' or None.")
         check_is_fitted(self)
-        self._refuse_exact_rows()
-        new_task, model = check_new_task(self, X, y), copy(self)
-        model._join_task(*new_task, prior=prior)
+        X, y, given = self._weighed(X, y, (alpha, sample_weight, repeat_variance))
+        features, label, Y = check_new_task(self, X, y)
+        model = copy(self)
+        known = model._take_known(given, Y.shape)
+        model._join_task(features, label, Y, known, prior=prior)
         return model
 
     def _border(self, likelihood, data, training, position, informed, trend):
@@ -923,6 +936,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             own_noise=own_noise,
             informed=informed,
             budget=self._budget(),
+            known=data.known and data.known.part(new),
             trend=trend,
         )
 
@@ -937,9 +951,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         if not self._learns_rows():
             return super()._row_of(task, likelihood, data, informed)
         rows = self._rows_that_relate(data.tasks == task)
-        X, y, budget = data.X[rows], data.y[rows], self._budget()
-        options = {"task": task, "informed": informed, "budget": budget}
-        return partial(learn_again, likelihood, X=X, y=y, **options)
+        X, _, y, known = data.some(rows)
+        options = {"task": task, "informed": informed, "budget": self._budget()}
+        return partial(learn_again, likelihood, X=X, y=y, known=known, **options)
 
     def _rank_with_task(self):
         return int(np.sum(self.rank_)) + sum(self._full())

@@ -15,7 +15,7 @@ from sklearn.pipeline import Pipeline
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_stream
-from skmtgp._data.order import refuse_another_order
+from skmtgp._data.known import ARGUMENTS, refuse_orders
 from skmtgp._estimators.base import BaseMultiTaskGP
 from skmtgp._support.pipelines import at_the_end, instead_of
 from skmtgp.kernels import (
@@ -57,6 +57,9 @@ def add_task(
     y: ArrayLike,
     *,
     prior: Literal["tasks"] | None = "tasks",
+    alpha: ArrayLike | None = None,
+    sample_weight: ArrayLike | None = None,
+    repeat_variance: ArrayLike | None = None,
 ) -> Model:
     """Return a fitted model with one more task, from a few samples of it.
 
@@ -76,6 +79,9 @@ def add_task(
         maximum likelihood. See :meth:`MultiTaskGPRegressor.add_task` and
         :meth:`skmtgp.robot.RigidBodyRegressor.add_task`. A SemiparametricRegressor has
         a prior of its own, and ignores it.
+    alpha, sample_weight, repeat_variance : array-like, default=None
+        What is known of the noise of these rows, see
+        :meth:`MultiTaskGPRegressor.add_task`. Models of :mod:`skmtgp.robot` take none.
 
     Returns
     -------
@@ -85,9 +91,10 @@ def add_task(
     Raises
     ------
     TypeError
-        If the model cannot add a task.
+        If the model cannot add a task, or takes nothing that is known of the noise.
     ValueError
-        If the task is already known, or if X or y cannot be used.
+        If the task is already known, or if X, y or what is known of the noise cannot be
+        used.
 
     Notes
     -----
@@ -107,25 +114,41 @@ def add_task(
     >>> add_task(model, X_new, y_new[:, 0])[-1].tasks_
     array([1, 2, 3, 9])
     """
+    known = _known(X, y, (alpha, sample_weight, repeat_variance))
     if isinstance(model, Pipeline):
         extended = copy(model)
         X = model[:-1].transform(X) if len(model) > 1 else X
         name, last = model.steps[-1]
-        extended.steps = [*model.steps[:-1], (name, add_task(last, X, y, prior=prior))]
+        last = add_task(last, X, y, prior=prior, **known)
+        extended.steps = [*model.steps[:-1], (name, last)]
         return extended
     if isinstance(model, SemiparametricRegressor):
-        return model.add_task(X, y)
+        return model.add_task(X, y, **known)
     if not isinstance(model, (MultiTaskGPRegressor, RankSearchIC, RigidBodyRegressor)):
         raise TypeError(
             "The model must be a MultiTaskGPRegressor, a RankSearchIC or a Pipeline "
             f"that ends with one of them; {type(model).__name__} is none."
             f"{instead_of(model)}"
         )
-    return model.add_task(X, y, prior=prior)
+    return model.add_task(X, y, prior=prior, **known)
+
+
+def _known(X, y, given):
+    """What is known of the noise of rows, by name, before X loses its labels."""
+    refuse_orders(X, y, given)
+    named = zip(ARGUMENTS, given, strict=True)
+    return {name: of for name, of in named if of is not None}
 
 
 def partial_fit(
-    model: Model, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+    model: Model,
+    X: ArrayLike,
+    y: ArrayLike,
+    *,
+    max_rows: int | None = None,
+    alpha: ArrayLike | None = None,
+    sample_weight: ArrayLike | None = None,
+    repeat_variance: ArrayLike | None = None,
 ) -> Model:
     """Add rows to a model, which may be the last step of a Pipeline.
 
@@ -144,6 +167,9 @@ def partial_fit(
         Targets.
     max_rows : int, default=None
         Number of rows to keep, see :meth:`MultiTaskGPRegressor.partial_fit`.
+    alpha, sample_weight, repeat_variance : array-like, default=None
+        What is known of the noise of these rows, see
+        :meth:`MultiTaskGPRegressor.partial_fit`.
 
     Returns
     -------
@@ -155,8 +181,9 @@ def partial_fit(
     TypeError
         If the model has no ``partial_fit``, or X or y is a Dask collection.
     ValueError
-        If X or y cannot be used, see :meth:`MultiTaskGPRegressor.partial_fit`. A
-        fitted model is then as it was before.
+        If X, y or what is known of the noise cannot be used, see
+        :meth:`MultiTaskGPRegressor.partial_fit`. A fitted model is then as it was
+        before.
 
     Examples
     --------
@@ -170,6 +197,7 @@ def partial_fit(
     (16,)
     """
     check_stream(X, y, max_rows)
+    known = _known(X, y, (alpha, sample_weight, repeat_variance))
     last = model
     while isinstance(last, Pipeline):
         last = last.steps[-1][1]
@@ -180,11 +208,11 @@ def partial_fit(
             f"{type(last).__name__}.{instead_of(last)}"
         )
     if last is model:
-        return model.partial_fit(X, y, max_rows=max_rows)
+        return model.partial_fit(X, y, max_rows=max_rows, **known)
     first, is_fitted = model[:-1], hasattr(last, "tasks_")
     if len(first):
         X = first.transform(X) if is_fitted else first.fit_transform(X, y)
-    partial_fit(model.steps[-1][1], X, y, max_rows=max_rows)
+    partial_fit(model.steps[-1][1], X, y, max_rows=max_rows, **known)
     model.steps = [*first.steps, model.steps[-1]]  # with a memory, fitted clones
     return model
 
@@ -194,6 +222,8 @@ def predict_interval(
     X: ArrayLike,
     level: float = 0.95,
     include_noise: bool = True,
+    *,
+    alpha: ArrayLike | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Predict intervals by a model, which may be the last step of a Pipeline.
 
@@ -210,6 +240,9 @@ def predict_interval(
         Probability that the interval holds an observation.
     include_noise : bool, default=True
         Whether the interval is that of a new observation, or that of f.
+    alpha : array-like, default=None
+        Known noise variance of each new observation, in squared units of y, see
+        :meth:`MultiTaskGPRegressor.predict_interval`.
 
     Returns
     -------
@@ -221,7 +254,7 @@ def predict_interval(
     TypeError
         If the model has no intervals.
     ValueError
-        If `level` is not in [0, 1), or X cannot be used, see
+        If `level` is not in [0, 1), or X or `alpha` cannot be used, see
         :meth:`MultiTaskGPRegressor.predict_interval`.
 
     Examples
@@ -240,12 +273,17 @@ def predict_interval(
     >>> bool(((lower <= y) & (y <= upper)).mean() > 0.9)
     True
     """
+    refuse_orders(X, None, (alpha, None, None))
     model, X = _able_to("predict_interval", "intervals", model, X)
-    return model.predict_interval(X, level, include_noise)
+    return model.predict_interval(X, level, include_noise, alpha=alpha)
 
 
 def log_predictive_density(
-    model: BaseEstimator, X: ArrayLike, y: ArrayLike
+    model: BaseEstimator,
+    X: ArrayLike,
+    y: ArrayLike,
+    *,
+    alpha: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
     """Return log densities by a model, which may be the last step of a Pipeline.
 
@@ -260,6 +298,8 @@ def log_predictive_density(
         Inputs, with the task labels, as `model` takes them.
     y : array-like of shape (n_samples,) or (n_samples, n_outputs)
         Observations.
+    alpha : array-like, default=None
+        Known noise variance of each observation, in squared units of y.
 
     Returns
     -------
@@ -271,7 +311,7 @@ def log_predictive_density(
     TypeError
         If the model has no densities.
     ValueError
-        If X or y cannot be used, see
+        If X, y or `alpha` cannot be used, see
         :meth:`MultiTaskGPRegressor.log_predictive_density`.
 
     Examples
@@ -290,9 +330,9 @@ def log_predictive_density(
     >>> bool(of_what_was > log_predictive_density(model, X, y + 1).mean() + 1)
     True
     """
-    refuse_another_order(X, y)
+    refuse_orders(X, y, (alpha, None, None))
     model, X = _able_to("log_predictive_density", "densities", model, X)
-    return model.log_predictive_density(X, y)
+    return model.log_predictive_density(X, y, alpha=alpha)
 
 
 def _able_to(method, what, model, X):

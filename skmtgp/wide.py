@@ -36,6 +36,7 @@ from skmtgp.multitask import MultiTaskGPRegressor
 __all__ = ["WideRegressor", "stack_tasks", "unstack_tasks"]
 
 TASK = "task"  # how the column with the tasks is called, where a table has names
+STACK = "Stack the columns into rows with a task."
 
 
 def stack_tasks(
@@ -225,20 +226,20 @@ def _with_gaps(values, columns, name):
     return np.where(gaps, np.nan, Y)
 
 
-def _alpha_of(cells, alpha, y, names):
+def _alpha_of(cells, alpha, shape, names, *, named):
     """Known noise variances of values of y; a number, or None, holds for all.
 
-    `cells` are their rows and columns.
+    `cells` are their rows and columns, and `shape` is that of y. `named` is whether the
+    columns of a frame must have the names.
     """
     if alpha is None or np.ndim(alpha) == 0:
         return alpha
-    table, targets = _as_table(alpha), _as_table(y)
-    if table.shape != targets.shape:
+    table = _as_table(alpha)
+    if table.shape != shape:
         raise ValueError(
-            f"alpha must be a number or of the shape of y, {targets.shape}, not "
-            f"{table.shape}."
+            f"alpha must be a number or of the shape of y, {shape}, not {table.shape}."
         )
-    if isinstance(table, pd.DataFrame) and isinstance(targets, pd.DataFrame):
+    if named and isinstance(table, pd.DataFrame):
         columns = column_names(table)
         if columns != names:
             raise ValueError(
@@ -249,8 +250,7 @@ def _alpha_of(cells, alpha, y, names):
     for k in np.flatnonzero(np.isnan(values))[:1]:
         row, column = (of[k] for of in cells)
         raise ValueError(
-            f"alpha is NaN in row {row} of column {names[column]!r}, where y has a "
-            "value."
+            f"alpha is NaN in row {row} of column {names[column]!r}, whose noise it is."
         )
     return values
 
@@ -397,24 +397,25 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
 
     def _fit(self, X, y, alpha):
         for name, data in (("X", X), ("y", y), ("alpha", alpha)):
-            refuse_dask(name, data, "Stack the columns into rows with a task.")
+            refuse_dask(name, data, STACK)
         if y is None:
             raise ValueError(
                 f"{type(self).__name__} requires y to be passed, but the target y is "
                 "None."
             )
         refuse_another_order(X, y)
-        table, Y = self._table(X, reset=True), _as_table(y)
-        self._single, names = Y.ndim == 1, _names(Y)
+        table, targets = self._table(X, reset=True), _as_table(y)
+        self._single, names = targets.ndim == 1, _names(targets)
         model = MultiTaskGPRegressor() if self.estimator is None else self.estimator
         self._check_task_feature(model)
         self._name_tasks(model, table, names)
         refuse_another_order(X, alpha, "alpha")
-        Y = _check_wide(Y, names)
+        Y = _check_wide(targets, names)
         check_consistent_length(table, Y)
         codes, rows = np.nonzero(~np.isnan(Y.T))
         stacked = self._stack(table, rows, codes)
-        alpha = _alpha_of((rows, codes), alpha, y, names)
+        named, shape = isinstance(targets, pd.DataFrame), targets.shape
+        alpha = _alpha_of((rows, codes), alpha, shape, names, named=named)
         known = {} if alpha is None else {name_in_fit(model, "alpha"): alpha}
         self.estimator_ = clone(model).fit(stacked, Y[rows, codes], **known)
         self._cells, self._shape = (rows, codes), Y.shape
@@ -484,18 +485,33 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         kind = object if table.dtype.kind in "OSU" else np.float64
         return np.column_stack([table[rows].astype(kind), self._labels[codes]])
 
-    def _ask(self, method, X, *args, **kwargs):
-        """What a method of the model gives for each row of X and each task."""
+    def _ask(self, method, X, *args, alpha=None, **kwargs):
+        """What a method of the model gives for each row of X and each task.
+
+        `alpha` has the known noise of each.
+        """
         check_is_fitted(self)
         table = self._table(X, reset=False)
         n, n_outputs = len(table), len(self.outputs_)
         codes, rows = np.divmod(np.arange(n * n_outputs), n)
         stacked = self._stack(table, rows, codes)
+        shape = (n,) if self._single else (n, n_outputs)
+        kwargs |= self._known(X, alpha, (rows, codes), shape)
         model, stacked = at_the_end(self.estimator_, stacked)
         found = _method(model, method)(stacked, *args, **kwargs)
         if not isinstance(found, tuple):
             return self._arrange(found, n)
         return tuple(self._arrange(part, n) for part in found)
+
+    def _known(self, X, alpha, cells, shape):
+        """Known noise variances of cells as the model takes them; {} without any."""
+        if alpha is None:
+            return {}
+        refuse_dask("alpha", alpha, STACK)
+        refuse_another_order(X, alpha, "alpha")
+        names = self.outputs_.tolist()
+        named = names != list(range(len(names)))
+        return {"alpha": _alpha_of(cells, alpha, shape, names, named=named)}
 
     def _arrange(self, values, n):
         """Values of the rows, the tasks as the second axis; none for a single one."""
@@ -554,7 +570,12 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
 
     @public
     def predict_interval(
-        self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
+        self,
+        X: ArrayLike,
+        level: float = 0.95,
+        include_noise: bool = True,
+        *,
+        alpha: ArrayLike | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict an interval that contains each output with a given probability.
 
@@ -566,6 +587,10 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             Probability of the interval.
         include_noise : bool, default=True
             Whether the interval is that of a new observation, rather than of f.
+        alpha : float or array-like of shape (n_samples, n_outputs), default=None
+            Known noise variance of each new observation, in squared units of y, and of
+            shape (n_samples,) if y had one dimension in `fit`. It is added to the
+            learned one. None is 0.
 
         Returns
         -------
@@ -576,13 +601,17 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         ------
         NotFittedError
             If the model was not fitted.
+        TypeError
+            If `alpha` is a Dask collection, or if the model takes no `alpha`.
         ValueError
-            If X or `level` cannot be used.
+            If X, `level` or `alpha` cannot be used.
         """
-        return self._ask("predict_interval", X, level, include_noise)
+        return self._ask("predict_interval", X, level, include_noise, alpha=alpha)
 
     @public
-    def log_predictive_density(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+    def log_predictive_density(
+        self, X: ArrayLike, y: ArrayLike, *, alpha: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """Return the log density of each new value by itself.
 
         See :meth:`MultiTaskGPRegressor.log_predictive_density`.
@@ -593,6 +622,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
             Inputs.
         y : array-like of shape (n_samples, n_outputs) or (n_samples,)
             Values, with NaN where nothing was measured.
+        alpha : float or array-like of the shape of y, default=None
+            Known noise variance of each value, in squared units of y. It may be NaN
+            where y is. None is 0.
 
         Returns
         -------
@@ -604,9 +636,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         NotFittedError
             If the model was not fitted.
         TypeError
-            If the estimator has no `log_predictive_density`.
+            If the estimator has no `log_predictive_density`, or takes no `alpha`.
         ValueError
-            If X or y cannot be used.
+            If X, y or `alpha` cannot be used.
 
         Examples
         --------
@@ -626,10 +658,11 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         check_consistent_length(table, Y)
         codes, rows = np.nonzero(~np.isnan(Y.T))
         found = np.full(Y.shape, np.nan)
+        known = self._known(X, alpha, (rows, codes), np.shape(y))
         if len(rows):
             model, X = at_the_end(self.estimator_, self._stack(table, rows, codes))
             ask = _method(model, "log_predictive_density")
-            found[rows, codes] = ask(X, Y[rows, codes])
+            found[rows, codes] = ask(X, Y[rows, codes], **known)
         return found[:, 0] if self._single else found
 
     @public

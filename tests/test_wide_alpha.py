@@ -4,6 +4,7 @@ import dask.array as da
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import norm
 from sklearn import config_context
 from sklearn.dummy import DummyRegressor
 from sklearn.model_selection import GridSearchCV
@@ -115,3 +116,75 @@ def test_a_covariance_is_had_otherwise():
         model.predict(X, return_cov=True)
     with pytest.raises(TypeError, match=r"include_noise\.$"):
         model.predict(X, of_what=True)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return WideRegressor(PLAIN).fit(FRAME, WIDE, alpha=KNOWN)
+
+
+class TestPredictions:
+    """`alpha` of new values, in the shape of Y."""
+
+    NEW, AT = FRAME[:4], np.array([[0.5, 2.0], [0.0, 1.0], [1.0, 0.1], [3.0, 0.2]])
+    VALUES = pd.DataFrame(Y[:4] + 0.3, columns=WIDE.columns)
+
+    def of_f(self, model):
+        """Means and variances of new values but for what is known."""
+        mean, std = model.predict(self.NEW, return_std=True, include_noise=True)
+        return mean, np.square(std)
+
+    @pytest.mark.parametrize("named", [False, True])
+    def test_intervals(self, model, named):
+        mean, variance = self.of_f(model)
+        alpha = pd.DataFrame(self.AT, columns=WIDE.columns) if named else self.AT
+        ends = model.predict_interval(self.NEW, 0.9, alpha=alpha)
+        for end, p in zip(ends, (0.05, 0.95), strict=True):
+            expected = norm.ppf(p, mean, np.sqrt(variance + self.AT))
+            np.testing.assert_allclose(end, expected, rtol=1e-8)
+        one = model.predict_interval(self.NEW, 0.9, alpha=0.3)
+        expected = norm.ppf(0.95, mean, np.sqrt(variance + 0.3))
+        np.testing.assert_allclose(one[1], expected, rtol=1e-8)
+
+    def test_densities(self, model):
+        mean, variance = self.of_f(model)
+        gaps = np.isnan(self.VALUES.to_numpy())
+        assert gaps.any()
+        alpha = np.where(gaps, np.nan, self.AT)
+        found = model.log_predictive_density(self.NEW, self.VALUES, alpha=alpha)
+        expected = norm.logpdf(self.VALUES, mean, np.sqrt(variance + self.AT))
+        np.testing.assert_allclose(found, expected, rtol=1e-8)
+
+    def test_of_a_single_column(self):
+        y = np.sin(X[:, 0])
+        model = WideRegressor(PLAIN).fit(X, y)
+        mean, std = model.predict(X, return_std=True, include_noise=True)
+        std = np.sqrt(std**2 + ALPHA[:, 0])
+        lower, _ = model.predict_interval(X, alpha=ALPHA[:, 0])
+        np.testing.assert_allclose(lower, norm.ppf(0.025, mean, std), rtol=1e-8)
+        found = model.log_predictive_density(X, y, alpha=ALPHA[:, 0])
+        np.testing.assert_allclose(found, norm.logpdf(y, mean, std), rtol=1e-8)
+
+    @pytest.mark.parametrize(
+        ("alpha", "match"),
+        [
+            (AT[:, :1], r"alpha must be a number or of the shape of y, \(4, 2\)"),
+            (pd.DataFrame(AT, columns=["lead", "zinc"]), r"Give alpha\[y.columns\]"),
+            (KNOWN[:4].iloc[::-1], "alpha has the index labels of X in another order"),
+            (np.where(AT == 0.2, np.nan, AT), "row 3 of column 'lead'"),
+            (-AT, "alpha has -"),
+        ],
+    )
+    def test_what_cannot_be_a_variance(self, model, alpha, match):
+        with pytest.raises(ValueError, match=match):
+            model.predict_interval(self.NEW, alpha=alpha)
+        with pytest.raises(ValueError, match=match):
+            model.log_predictive_density(self.NEW, self.VALUES.fillna(0), alpha=alpha)
+
+    def test_rows_of_dask(self, model):
+        with pytest.raises(TypeError, match=r"alpha .*Stack the columns into rows"):
+            model.predict_interval(self.NEW, alpha=da.from_array(self.AT))
+
+    def test_f_has_no_noise(self, model):
+        with pytest.raises(ValueError, match="include_noise=False asks for f"):
+            model.predict_interval(self.NEW, include_noise=False, alpha=0.1)

@@ -78,14 +78,10 @@ class Known:
             self, variance=self.variance / square, spread=self.spread / square
         )
 
-    def followed_by(self, n_new):
-        """That with more rows below, of which nothing is known."""
-        new = np.zeros((n_new, *self.variance.shape[1:]))
-        return Known(
-            np.concatenate([self.variance, new]),
-            np.append(self.counts, np.ones(n_new)),
-            np.concatenate([self.spread, new]),
-        )
+    def beside(self, deviations):
+        """Deviations of measurements, of each output, with what is known on average."""
+        variance = np.average(self.variance, axis=0, weights=self.counts)
+        return np.hypot(deviations, np.sqrt(variance))
 
     def noise(self, learned):
         """Noise variance of each row, from what is learned of each."""
@@ -114,6 +110,33 @@ def noise_of(known, learned):
     return learned if known is None else known.noise(learned)
 
 
+def followed_by(known, new, shape, shape_of_new):
+    """What is known of rows and of new ones below; None where that is nothing.
+
+    Parameters
+    ----------
+    known, new : Known or None
+        Of each; None is nothing.
+    shape, shape_of_new : tuple of (n_samples, n_outputs)
+        Of their targets.
+
+    Returns
+    -------
+    known : Known or None
+    """
+    if known is None and new is None:
+        return None
+    known = _nothing_of(shape) if known is None else known
+    new = _nothing_of(shape_of_new) if new is None else new
+    pairs = zip(known.arguments(), new.arguments(), strict=True)
+    return Known(*map(np.concatenate, pairs))
+
+
+def _nothing_of(shape):
+    """That nothing is known of rows with such targets."""
+    return Known(np.zeros(shape), np.ones(shape[0]), np.zeros(shape))
+
+
 def weighed_rows(X, y, given, *, repeats):
     """The rows of some weight, and what is known of their noise.
 
@@ -135,8 +158,7 @@ def weighed_rows(X, y, given, *, repeats):
     X, y, given
         Without rows of weight 0. Nothing is known where all weights are 1 then.
     """
-    refuse_another_order(X, y)  # before rows are left out or repeated
-    _refuse_order_of(given, X, y)
+    refuse_orders(X, y, given)  # before rows are left out or repeated
     alpha, weights, variance = given
     weights = None if weights is None else _weights(weights, X)
     if weights is None:
@@ -156,11 +178,12 @@ def weighed_rows(X, y, given, *, repeats):
     return X, y, (alpha, weights if known else None, variance)
 
 
-def _refuse_order_of(given, X, y):
+def refuse_orders(X, y, given):
     """Raise a ValueError where an index has the labels of the rows in another order.
 
-    These are those of X, or those of y where X has none of them.
+    These are those of X, or those of y where X has none of them; y may be None.
     """
+    refuse_another_order(X, y)
     indices = [of.index for of in (X, y) if isinstance(of, PANDAS)]
     for name, part in zip(ARGUMENTS, given, strict=True):
         own = part.index if isinstance(part, PANDAS) else None

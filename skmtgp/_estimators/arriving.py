@@ -84,7 +84,7 @@ def _warn_of_batch(n_copies, n):
     )
 
 
-def tell_task(training, label, Y):
+def tell_task(training, label, Y, known=None):
     """Say what is odd about a task that joins: its label, or some of its targets.
 
     Parameters
@@ -95,12 +95,14 @@ def tell_task(training, label, Y):
         Of the task.
     Y : ndarray of shape (n_samples, n_outputs)
         Targets of the task, not transformed.
+    known : Known, default=None
+        What is known of their noise: no targets are odd then.
     """
     tasks = training.tasks.tolist()
     warn_of_alike([of for of in alike([*tasks, label]) if label in of])
     alone = np.zeros(len(Y), dtype=int)
     far = far_off(training.target.forward(Y), alone)
-    if far.any():
+    if known is None and far.any():
         warn_of_outliers(far, Y, alone, np.array([label]))
 
 

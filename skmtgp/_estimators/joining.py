@@ -12,6 +12,7 @@ import numpy as np
 from skmtgp._estimators.arriving import FEW, tell_task, tell_unit
 from skmtgp._estimators.online import OnlineGP, grows
 from skmtgp._numerics.parallel import limit_threads
+from skmtgp.inference.engine import check_kept
 from skmtgp.learning.novel import join_alike, stay_alike
 
 GROWN = 1.5  # times the rows from which a task's relation was learned: learn it anew
@@ -45,16 +46,16 @@ class JoiningGP(OnlineGP):
 
     _joined = {}  # a Joined of each task that has joined, by its label
 
-    def _join_task(self, features, label, Y, prior="tasks"):
+    def _join_task(self, features, label, Y, known=None, prior="tasks"):
         """Become the model with one more task."""
         before = self._training()
-        tell_task(before, label, Y)
+        tell_task(before, label, Y, known)
         inputs = features
         if before.descriptors is not None:
             inputs = before.descriptors.inputs(features)
-        self._tell_unit(label, inputs, before.target.forward(Y))
-        expected = self._expected_means(inputs)
-        training, position = before.with_task(features, label, Y, expected)
+        self._tell_unit(label, inputs, before.target.forward(Y), known)
+        expected = self._expected_means(inputs, known)
+        training, position = before.with_task(features, label, Y, expected, known)
         training = self._incomplete(training)
         if grows(before, training):
             self._check_room(training)
@@ -75,9 +76,9 @@ class JoiningGP(OnlineGP):
         joined = Joined(informed, told=len(Y), asked=len(Y) >= FEW)
         self._joined = self._joined | {label: joined}
 
-    def _join_rows(self, features, codes, Y):
+    def _join_rows(self, features, codes, Y, known=None):
         """Let rows of known tasks join; of those that joined they tell the relation."""
-        super()._join_rows(features, codes, Y)
+        super()._join_rows(features, codes, Y, known)
         for task in np.unique(codes):
             label = self.tasks_[task].item()
             joined, n_rows = self._joined.get(label), int(self._n_rows[task])
@@ -85,7 +86,8 @@ class JoiningGP(OnlineGP):
                 continue
             if n_rows >= FEW and not joined.asked:
                 of_task = self._training().part(self.tasks_train_ == task)
-                self._tell_unit(label, of_task.features, of_task.Y, task)
+                rows = of_task.features, of_task.Y, of_task.known
+                self._tell_unit(label, *rows, task)
                 joined = joined._replace(asked=True)
             if joined.is_outgrown(n_rows) and self._learns_again(task):
                 self._relate_again(task, joined.informed)
@@ -100,13 +102,15 @@ class JoiningGP(OnlineGP):
         others = [task not in self._joined for task in self.tasks_.tolist()]
         return bool((np.ptp(units.centre[:, others], axis=1) == 0.0).all())
 
-    def _expected_means(self, inputs, task=()):
+    def _expected_means(self, inputs, known=None, task=()):
         """Where the mean of a new task's targets should be, see `Units.with_task`.
 
         Parameters
         ----------
         inputs : ndarray of shape (n_new, n_inputs)
             Of the new task.
+        known : Known, default=None
+            What is known of the noise of its rows.
         task : int, default=()
             Its position, if the model has it already; it then tells nothing itself.
 
@@ -121,7 +125,8 @@ class JoiningGP(OnlineGP):
         means = [np.delete(of.levels, task).mean() for of in self._posteriors]
         levels = [of.level for of in self._posteriors]
         scale = self._units.scale[:, 0]
-        return scale * means, scale * np.sqrt(levels + of_f + noise)
+        deviations = scale * np.sqrt(levels + of_f + noise)
+        return scale * means, deviations if known is None else known.beside(deviations)
 
     def _variances_over_tasks(self, of, inputs, task=()):
         """Of f at such inputs and of the noise: the tasks' mean, say, by output.
@@ -141,14 +146,18 @@ class JoiningGP(OnlineGP):
             noise.append(of(np.delete(of_tasks, task)))
         return np.array(of_f), np.array(noise)
 
-    def _tell_unit(self, label, inputs, Y, task=()):
+    def _tell_unit(self, label, inputs, Y, known=None, task=()):
         """Warn of a task in another unit, where the model has one for all."""
         if self._units.own_scales or self._trends() is not None:
             return
         scale = self._units.scale[:, 0]
         largest = sum(self._variances_over_tasks(np.max, inputs, task))
         _, least = self._variances_over_tasks(np.min, inputs, task)
-        tell_unit(label, Y, scale * np.sqrt(largest), scale * np.sqrt(least))
+        largest, least = scale * np.sqrt(largest), scale * np.sqrt(least)
+        if known is not None:
+            largest = known.beside(largest)
+            least = least / np.sqrt(known.counts.max())
+        tell_unit(label, Y, largest, least)
 
     def _learns_again(self, task):
         """Whether more rows of a task tell its relation, or its unit, better."""
@@ -167,7 +176,8 @@ class JoiningGP(OnlineGP):
         of_task = before.codes == task
         with limit_threads(self._side):
             rest = self._without_rows(before, of_task)
-            expected = rest._expected_means(before.features[of_task], task)
+            rows = before.part(of_task)
+            expected = rest._expected_means(rows.features, rows.known, task)
             training = before.with_unit_of(task, expected)
             training = replace(training, looks_for_design=False)
             data = training.data(engine)
@@ -248,7 +258,9 @@ class JoiningGP(OnlineGP):
             prior, mode = learn(posterior, theta, leeway=leeway)
             prior = prior.with_trend(trend)
             more = likelihood, prior, data, position, posterior.kernel
-            yield self._engine.joined(*more), mode
+            joined = self._engine.joined(*more)
+            check_kept(self._engine, joined, data)
+            yield joined, mode
 
     def _extend_draws(self, training, position, informed):
         """The draws of each output, if any, with a border of the task for each."""

@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from skmtgp._data.checks import check_more, check_stream
+from skmtgp._data.known import read_known, weighed_rows
 from skmtgp._estimators.arriving import tell_rows
 from skmtgp._estimators.estimator import public
 from skmtgp._estimators.fitted import FittedGP
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp._support.followers import tell
-from skmtgp.inference.engine import Demand
-from skmtgp.inference.engines import Dense, choose
+from skmtgp.inference.engine import Demand, check_kept, check_known
+from skmtgp.inference.engines import Dense, choose, repeats_rows
 from skmtgp.inference.memory import TileMemory
 from skmtgp.inference.pruning import least_informative
 from skmtgp.model.kernel_check import check_covariance, sample_rows
@@ -30,7 +31,14 @@ class OnlineGP(FittedGP):
 
     @public
     def partial_fit(
-        self, X: ArrayLike, y: ArrayLike, *, max_rows: int | None = None
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        alpha: ArrayLike | None = None,
+        sample_weight: ArrayLike | None = None,
+        repeat_variance: ArrayLike | None = None,
+        *,
+        max_rows: int | None = None,
     ) -> Self:
         """Add rows: the first call is `fit`, later ones keep the hyperparameters.
 
@@ -49,6 +57,11 @@ class OnlineGP(FittedGP):
             diagonals, it gets their geometric mean.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Targets.
+        alpha, sample_weight, repeat_variance : array-like, default=None
+            What is known of the noise of these rows, see `fit`. What is known of the
+            earlier rows stays, and so does the learned noise variance. A new row has
+            the sum of it and `alpha`, divided by its number of measurements. With one
+            of the three, ``inference="auto"`` becomes dense.
         max_rows : int, default=None
             Number of rows to keep. If there are more, those are dropped that add least
             to what the others tell about the functions, new rows included. The last row
@@ -65,10 +78,10 @@ class OnlineGP(FittedGP):
         TypeError
             If X or y is a Dask collection.
         ValueError
-            If a new task cannot join. If X or y cannot be used, or differ
-            in form from those of `fit`. If `max_rows` is below the number of tasks, or
-            if the engine cannot take or drop these rows. The estimator is then as it
-            was before.
+            If a new task cannot join. If X, y or what is known of the noise cannot be
+            used, or differ in form from those of `fit`. If `max_rows` is below the
+            number of tasks, or if the engine cannot take or drop these rows. The
+            estimator is then as it was before.
 
         Warns
         -----
@@ -127,46 +140,71 @@ class OnlineGP(FittedGP):
         (50,)
         """
         check_stream(X, y, max_rows)
-        model = copy(self)
+        model, given = copy(self), (alpha, sample_weight, repeat_variance)
         if hasattr(model, "tasks_"):
-            model._refuse_exact_rows()
-            model._join_all(X, y)
+            model._join_all(X, y, given)
         else:
-            model.fit(X, y)
+            model.fit(X, y, *given)
         if max_rows is not None:
             model._drop(max_rows)
         self.__dict__ = vars(model)  # all at once, whatever fails before
         tell(self)
         return self
 
-    def _refuse_exact_rows(self):
-        """Raise a ValueError where rows that join would count as exact."""
-        if self.noise_variance == 0.0:
-            raise ValueError(
-                "noise_variance=0 leaves the noise to alpha, and of rows that join "
-                "none is known: they would count as exact. Fit all rows with the alpha "
-                "of each, or let fit learn a noise variance."
-            )
-
-    def _join_all(self, X, y):
+    def _join_all(self, X, y, given):
         """Let rows of known tasks join, then each new task."""
         self._check_rows()
+        plain = all(part is None for part in given)
+        X, y, given = self._weighed(X, y, given)
         features, labels, codes, Y = check_more(self, X, y)
-        known = codes < len(self.tasks_)
-        if known.any():
-            self._join_rows(features[known], codes[known], Y[known])
-        for code in np.unique(codes[~known]):
+        known, old = self._take_known(given, Y.shape), codes < len(self.tasks_)
+        if old.any():
+            rows = features[old], codes[old], Y[old]
+            if plain:
+                tell_rows(self, self._training(), *rows)
+            self._join_rows(*rows, known and known.part(old))
+        for code in np.unique(codes[~old]):
             rows = codes == code
             label = labels.tasks[labels.codes[rows][0]].item()
-            self._join_task(features[rows], label, Y[rows])
+            of_task = features[rows], label, Y[rows], known and known.part(rows)
+            self._join_task(*of_task)
 
-    def _join_rows(self, features, codes, Y):
+    def _weighed(self, X, y, given):
+        """Rows of some weight, as `fit` takes them."""
+        return weighed_rows(X, y, given, repeats=repeats_rows(self.inference))
+
+    def _take_known(self, given, shape):
+        """What is known of the noise of rows that join, which the engine then takes.
+
+        `shape` is that of their targets.
+        """
+        known = read_known(*given, shape)
+        self._refuse_exact_rows(known)
+        if known is None:
+            return None
+        known.refuse_transform(self.target_transform)
+        engine = Dense() if self.inference == "auto" else self._engine
+        check_known(engine, self._likelihoods[0].prior, known, self.X_train_)
+        if not self._engine.takes_known:
+            self._become_dense(self._training())
+        return known
+
+    def _refuse_exact_rows(self, known):
+        """Raise a ValueError where rows that join would count as exact."""
+        told = known is not None and known.variance.min() > 0.0
+        if self.noise_variance == 0.0 and not told:
+            raise ValueError(
+                "noise_variance=0 leaves the noise to alpha, and of rows that join "
+                "none is known: they would count as exact. Give an alpha above 0 for "
+                "each, or let fit learn a noise variance."
+            )
+
+    def _join_rows(self, features, codes, Y, known=None):
         """Let rows of known tasks join."""
         before, n_new = self._training(), len(Y)
-        tell_rows(self, before, features, codes, Y)
         if before.descriptors is not None:
             features = before.descriptors.inputs(features)
-        training = before.with_rows(features, codes, Y)
+        training = before.with_rows(features, codes, Y, known)
         self._check_beside(before, features)
         engine, likelihood = self._engine, self._likelihoods[0]
         if engine.extends(likelihood, codes):
@@ -222,6 +260,10 @@ class OnlineGP(FittedGP):
                 f"max_rows={max_rows} drops rows, which {self._engine.name} inference "
                 "cannot. Leave max_rows out, or set inference='dense' or 'auto'."
             )
+        self._become_dense(training)
+
+    def _become_dense(self, training):
+        """Go on with the same rows and dense inference."""
         engine = Dense()
         engine.check_memory(*self._demand(training))
         self._go_on(training, np.arange(len(training.Y)), engine)
@@ -231,9 +273,10 @@ class OnlineGP(FittedGP):
 
         `origin` says which of the rows so far each row is; -1 for new ones.
         """
-        before, thetas = self._likelihoods, self._thetas()
-        pairs = zip(before, training.data(engine), strict=True)
-        likelihoods = [engine.grown(*pair) for pair in pairs]
+        before, thetas, data = self._likelihoods, self._thetas(), training.data(engine)
+        likelihoods = list(map(engine.grown, before, data))
+        for pair in zip(likelihoods, data, strict=True):
+            check_kept(engine, *pair)
         _check_trend(likelihoods)
         update = self._updating(training, origin, engine)
         with limit_threads(max(likelihood.side for likelihood in likelihoods)):

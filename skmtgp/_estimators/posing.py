@@ -122,7 +122,7 @@ def _check_engine(model, engine, prior, training):
     """Whether the engine, and draws of hyperparameters, take the model and the data."""
     check_terms(engine, prior)
     check_trend(engine, prior)
-    check_known(engine, prior, training)
+    check_known(engine, prior, training.known, training.features)
     if model.hyperparameters in ("laplace", "sampled") and prior.n_terms > 1:
         raise ValueError(
             f"hyperparameters={model.hyperparameters!r} takes one term K^rho x k^x, "

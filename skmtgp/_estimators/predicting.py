@@ -12,6 +12,7 @@ from sklearn.utils import check_random_state, check_scalar
 from sklearn.utils.validation import check_is_fitted
 
 from skmtgp._data.checks import check_observed, check_test
+from skmtgp._data.known import read_known, refuse_orders
 from skmtgp._estimators.estimator import steady
 from skmtgp._estimators.targets import AS_GIVEN
 from skmtgp._numerics.linalg import draw_normal
@@ -177,7 +178,12 @@ class PosteriorMixin(RegressorMixin):
 
     @steady
     def predict_interval(
-        self, X: ArrayLike, level: float = 0.95, include_noise: bool = True
+        self,
+        X: ArrayLike,
+        level: float = 0.95,
+        include_noise: bool = True,
+        *,
+        alpha: ArrayLike | None = None,
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Predict the central interval that contains an observation, or f.
 
@@ -191,6 +197,10 @@ class PosteriorMixin(RegressorMixin):
         include_noise : bool, default=True
             Whether the interval is that of a new observation, f plus noise, rather than
             that of f.
+        alpha : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Known noise variance of each new observation, in squared units of y. It is
+            added to the learned one, as in `fit`. A single number holds for all. None
+            is 0. A BayesianLinearRegression takes none.
 
         Returns
         -------
@@ -203,7 +213,8 @@ class PosteriorMixin(RegressorMixin):
             If X is a Dask collection.
         ValueError
             If `level` is not in [0, 1), or if a task was not seen in fit and cannot be
-            predicted, see `predict`.
+            predicted, see `predict`. If `alpha` cannot be used, or is given without
+            `include_noise`, or with a `target_transform`.
 
         Notes
         -----
@@ -217,16 +228,18 @@ class PosteriorMixin(RegressorMixin):
         check_is_fitted(self)
         model = as_it_is(self._model())
         features, codes = check_test(model, X, unseen=model._knows_unseen())
+        known = model._known_noise(alpha, X, None, len(features), include_noise)
+        tails = 0.5 - 0.5 * level, 0.5 + 0.5 * level
         with limit_threads(model._side):
-            ends = model._quantiles(
-                features, codes, (0.5 - 0.5 * level, 0.5 + 0.5 * level), include_noise
-            )
+            ends = model._quantiles(features, codes, tails, include_noise, known)
         ends = np.sort(model._target.back(np.stack(ends)), axis=0)  # it may fall
         lower, upper = map(model._join, ends)
         return lower, upper
 
     @steady
-    def log_predictive_density(self, X: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
+    def log_predictive_density(
+        self, X: ArrayLike, y: ArrayLike, *, alpha: ArrayLike | None = None
+    ) -> NDArray[np.float64]:
         """Return the log density of new observations, each by itself.
 
         The predictive distribution is that of `predict_interval`. Its log density tells
@@ -239,6 +252,8 @@ class PosteriorMixin(RegressorMixin):
             Inputs, with the task labels in column `task_feature`.
         y : array-like of shape (n_samples,) or (n_samples, n_outputs)
             Observations, in the form of the targets of `fit`.
+        alpha : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
+            Known noise variance of each observation, see `predict_interval`.
 
         Returns
         -------
@@ -250,8 +265,8 @@ class PosteriorMixin(RegressorMixin):
         TypeError
             If X or y is a Dask collection.
         ValueError
-            If y cannot be used, or if a task was not seen in fit and cannot be
-            predicted, see `predict`.
+            If y or `alpha` cannot be used, or if a task was not seen in fit and cannot
+            be predicted, see `predict`.
 
         Notes
         -----
@@ -280,9 +295,10 @@ class PosteriorMixin(RegressorMixin):
         features, codes = check_test(model, X, unseen=model._knows_unseen())
         shape = () if model._single_output else (model._n_outputs,)
         Y = check_observed(model, X, y, shape)
+        known = model._known_noise(alpha, X, y, len(Y))
         Z, log_slopes = model._target.with_slopes(Y)
         with limit_threads(model._side):
-            found = model._log_density(features, codes, Z)
+            found = model._log_density(features, codes, Z, known)
         return model._join(found + log_slopes)
 
     @steady
@@ -351,15 +367,30 @@ class PosteriorMixin(RegressorMixin):
             draws = [draw_normal(*moments, n_draws, rng) for moments in outputs]
         return np.stack(draws, axis=1), np.sqrt(self._noise(codes))[..., None]
 
-    def _quantiles(self, features, codes, probabilities, include_noise):
+    def _known_noise(self, alpha, X, y, n, include_noise=True):
+        """Known noise variances of new rows, (n_samples, n_outputs); 0 without any."""
+        if alpha is None:
+            return 0.0
+        if not include_noise:
+            raise ValueError(
+                "alpha is the noise of new observations, and include_noise=False asks "
+                "for f, which has none. Leave one of them out."
+            )
+        refuse_orders(X, y, (alpha, None, None))
+        known = read_known(alpha, None, None, (n, self._n_outputs))
+        known.refuse_transform(getattr(self, "target_transformer_", None))
+        return known.variance
+
+    def _quantiles(self, features, codes, probabilities, include_noise, known):
         """Quantiles of f or of observations, of shape (n_samples, n_outputs) each."""
         means, variances = self._components(features, codes, include_noise)
-        return [quantiles(means, np.sqrt(variances), p) for p in probabilities]
+        deviations = np.sqrt(variances + known)
+        return [quantiles(means, deviations, p) for p in probabilities]
 
-    def _log_density(self, features, codes, values):
+    def _log_density(self, features, codes, values, known):
         """That of observations of what is learned, of shape (n_samples, n_outputs)."""
         means, variances = self._components(features, codes, include_noise=True)
-        return log_density(means, np.sqrt(variances), values)
+        return log_density(means, np.sqrt(variances + known), values)
 
     def _components(self, features, codes, include_noise):
         """Means and variances of the normals that are mixed, (1, n_samples, ...)."""

@@ -168,7 +168,9 @@ class Slopes:
         )
 
 
-def trends_with_task(units, trends, position, features, Y, n_tasks, expected=None):
+def trends_with_task(
+    units, trends, position, features, Y, n_tasks, expected=None, known=None
+):
     """Units and trends of one more task.
 
     Parameters
@@ -183,7 +185,7 @@ def trends_with_task(units, trends, position, features, Y, n_tasks, expected=Non
         Its inputs.
     Y : ndarray of shape (n_new, n_outputs)
         Its targets.
-    n_tasks, expected
+    n_tasks, expected, known
         See :meth:`Units.with_task`; of what the trend leaves.
 
     Returns
@@ -216,7 +218,7 @@ def trends_with_task(units, trends, position, features, Y, n_tasks, expected=Non
         for of, own in zip(trends, slopes, strict=True)
     ]
     rest = Y - np.transpose(fitted)
-    units = units.with_task(rest, position, n_tasks, expected)
+    units = units.with_task(rest, position, n_tasks, expected, known)
     scales = units.scale[:, position] if units.own_scales else [None] * len(trends)
     outputs = zip(trends, scales, slopes, strict=True)
     return units, [of.with_task(position, centre, *own) for of, *own in outputs]

@@ -9,7 +9,7 @@ from skmtgp._data.complete import count_missing, design_of
 from skmtgp._data.dask import held, is_dask
 from skmtgp._data.data import Data
 from skmtgp._data.descriptors import Descriptors
-from skmtgp._data.known import Known
+from skmtgp._data.known import Known, followed_by
 from skmtgp._data.labels import sorted_tasks
 from skmtgp._data.oddities import is_binary
 from skmtgp._estimators.named_kernels import DEFAULT
@@ -237,7 +237,7 @@ class Training:
         known = self.known.scaled(scale).part(order)
         return [known.output(j) for j in range(n_outputs)]
 
-    def with_rows(self, features, codes, Y):
+    def with_rows(self, features, codes, Y, known=None):
         """The data with more rows of its tasks, which come last.
 
         Parameters
@@ -248,6 +248,8 @@ class Training:
             Position of the task of each.
         Y : ndarray of shape (n_new, n_outputs)
             Their targets, not transformed.
+        known : Known, default=None
+            What is known of their noise.
 
         Returns
         -------
@@ -259,7 +261,7 @@ class Training:
             features=np.vstack([self.features, features]),
             codes=np.append(self.codes, codes),
             Y=np.vstack([self.Y, self.target.forward(Y)]),
-            known=self.known and self.known.followed_by(len(Y)),
+            known=followed_by(self.known, known, self.Y.shape, Y.shape),
         )
 
     def with_unit_of(self, task, expected=None):
@@ -270,16 +272,17 @@ class Training:
         """
         if self.trends is not None:
             return self
-        others, Y = self.units.without_task(task), self.Y[self.codes == task]
-        sizes = task, len(self.tasks) - 1
-        return replace(self, units=others.with_task(Y, *sizes, expected))
+        of_task = self.part(self.codes == task)
+        others, more = self.units.without_task(task), (expected, of_task.known)
+        units = others.with_task(of_task.Y, task, len(self.tasks) - 1, *more)
+        return replace(self, units=units)
 
     def part(self, rows):
         """The data of some of the rows, in the same units."""
         parts = {name: getattr(self, name)[rows] for name in ("features", "codes", "Y")}
         return replace(self, **parts, known=self.known and self.known.part(rows))
 
-    def with_task(self, features, label, Y, expected=None):
+    def with_task(self, features, label, Y, expected=None, known=None):
         """The data of one more task put below the others'.
 
         Parameters
@@ -292,6 +295,8 @@ class Training:
             Its targets, not transformed.
         expected : tuple of (mean, deviation), default=None
             See :meth:`Units.with_task`.
+        known : Known, default=None
+            What is known of the noise of its rows.
 
         Returns
         -------
@@ -310,10 +315,10 @@ class Training:
             features = descriptors.inputs(features)
             descriptors = descriptors.with_task(values, position)
         if trends is None:
-            units = units.with_task(Y, position, len(self.tasks), expected)
+            units = units.with_task(Y, position, len(self.tasks), expected, known)
         else:
-            rows = features, Y, len(self.tasks)
-            units, trends = trends_with_task(units, trends, position, *rows, expected)
+            rows = features, Y, len(self.tasks), expected, known
+            units, trends = trends_with_task(units, trends, position, *rows)
         training = replace(
             self,
             features=np.vstack([self.features, features]),
@@ -322,7 +327,7 @@ class Training:
             Y=np.vstack([self.Y, Y]),
             units=units,
             descriptors=descriptors,
-            known=self.known and self.known.followed_by(len(Y)),
+            known=followed_by(self.known, known, self.Y.shape, Y.shape),
             trends=trends,
         )
         return training, position

@@ -105,7 +105,7 @@ class Units(NamedTuple):
         mean, _ = _moments(Y, codes, n_tasks, known)
         return mean.std(axis=1) / self.scale[:, 0]
 
-    def with_task(self, Y, position, n_tasks, expected=None):
+    def with_task(self, Y, position, n_tasks, expected=None, known=None):
         """The units of one more task.
 
         Parameters
@@ -121,19 +121,22 @@ class Units(NamedTuple):
             arrays of shape (n_outputs,). What is far from there becomes a centre of the
             task's own; as a level it would be a part of a function that is far too
             large. None without levels.
+        known : Known, default=None
+            How many measurements a row stands for, and their variance.
 
         Returns
         -------
         units : Units
         """
+        usual = np.exp(np.log(self.scale).mean(axis=1))
+        of_task, spread = _of_one(Y, usual, known)
         if self.own_scales:
-            mean, spread = _of_one(Y, np.exp(np.log(self.scale).mean(axis=1)))
             scale = np.insert(self.scale, position, spread, axis=1)
-            return Units(np.insert(self.centre, position, mean, axis=1), scale)
-        own = self._nearest(Y.mean(axis=0))
+            return Units(np.insert(self.centre, position, of_task, axis=1), scale)
+        own = self._nearest(of_task)
         if expected is not None:
             mean, deviation = expected
-            away = Y.mean(axis=0) - own - mean
+            away = of_task - own - mean
             own = own + np.where(np.abs(away) > UNLIKELY * deviation, away, 0.0)
         centre = self.centre
         if not self.own_centres:
@@ -250,10 +253,15 @@ def _commonest(of_tasks):
     return np.array([values[counts.argmax()] for values, counts in found])
 
 
-def _of_one(Y, usual):
+def _of_one(Y, usual, known=None):
     """Mean and deviation of the targets of one task."""
-    mean, spread = Y.mean(axis=0), Y.std(axis=0)
-    told = (len(Y) >= FEWEST) & (spread > RESOLVED * np.abs(mean))
+    n, counts, within = len(Y), None, 0.0
+    if known is not None:
+        n, counts, within = known.counts.sum(), known.counts, known.spread
+    mean = np.average(Y, axis=0, weights=counts)
+    squares = np.square(Y - mean) + within
+    spread = np.sqrt(np.average(squares, axis=0, weights=counts))
+    told = (n >= FEWEST) & (spread > RESOLVED * np.abs(mean))
     return mean, np.where(told, spread, usual)
 
 

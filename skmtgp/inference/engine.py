@@ -307,20 +307,21 @@ def check_trend(engine, prior):
         )
 
 
-def check_known(engine, prior, data):
+def check_known(engine, prior, known, X):
     """Raise a ValueError where an engine cannot take what is known of the noise.
 
     Neither can k^x with noise of its own take rows that stand for several measurements:
     each of these would have another one.
     """
-    own = data.known is not None and data.known.counts.max() > 1.0
-    if own and not prior.depends_on_inputs_only(data.features):
+    if known is None:
+        return
+    if known.counts.max() > 1.0 and not prior.depends_on_inputs_only(X):
         raise ValueError(
             f"sample_weight counts repeats, but kernel={prior.kernel} has noise of its "
             "own for each sample, such as a WhiteKernel. Means do not determine that "
             "noise. Leave it to noise_variance, or give all rows."
         )
-    if data.known is not None and not engine.takes_known:
+    if not engine.takes_known:
         why = {
             "kronecker": "with noise that differs between inputs K is no Kronecker "
             "product",
@@ -330,4 +331,14 @@ def check_known(engine, prior, data):
         raise ValueError(
             f"inference={engine.name!r} takes no alpha, and {weights}: {why}. "
             f"Set inference='dense' or 'auto', or leave them out. {INFERENCE}"
+        )
+
+
+def check_kept(engine, likelihood, data):
+    """Raise a ValueError where a user's engine forgets what is known of the noise."""
+    if data.known is not None and likelihood.known is None:
+        raise ValueError(
+            f"inference={engine.name!r} makes a likelihood without `data.known`, what "
+            "alpha and sample_weight tell. Hand it on, or set `takes_known = False` of "
+            "the engine."
         )

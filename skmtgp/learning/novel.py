@@ -37,6 +37,7 @@ def learn_novel(
     own_noise,
     informed,
     budget,
+    known=None,
     trend=None,
     leeway=(),
     rng=None,
@@ -66,6 +67,8 @@ def learn_novel(
         Whether the border has the prior of `Population`; maximum likelihood otherwise.
     budget : Budget
         As for the estimators.
+    known : Known, default=None
+        What is known of the noise of its rows.
     trend : Trend, default=None
         Of all tasks, the novel one counted, if there is a trend.
     leeway : tuple of OfTheta or OfRow, default=()
@@ -94,9 +97,10 @@ def learn_novel(
     level = prior.values(theta).level
     if trend is not None:
         of_terms["trend"] = trend.rows_of(position, X)
+    noise = noise_of(known, np.full(len(y), np.exp(log_noise)))
     with limit_threads(len(y)):
         border = BorderLikelihood(
-            posterior, factors, X, y, np.exp(log_noise), level=level, **of_terms
+            posterior, factors, X, y, noise, level=level, **of_terms
         )
         posed = Posed(border, np.hstack(factors))
         best = learn_border(posed, budget, informed=informed, rng=rng)
@@ -106,15 +110,26 @@ def learn_novel(
             of_row = leeway_of(posed, best.x, position)
     rows, of_own = by_terms(border, best.x, len(factors))
     log_noise = log_noise if own_noise else None
-    known = rows, of_own, position, log_noise
-    leeway = tuple(of.bordered(prior, theta, *known) for of in leeway) + of_row
-    prior, theta = prior.bordered(theta, *known)
+    new = rows, of_own, position, log_noise
+    leeway = tuple(of.bordered(prior, theta, *new) for of in leeway) + of_row
+    prior, theta = prior.bordered(theta, *new)
     seconds = perf_counter() - begin
     return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
 
 def learn_again(
-    likelihood, posterior, theta, X, y, *, task, informed, budget, leeway=(), rng=None
+    likelihood,
+    posterior,
+    theta,
+    X,
+    y,
+    *,
+    task,
+    informed,
+    budget,
+    known=None,
+    leeway=(),
+    rng=None,
 ):
     """A novel task's row of F, once there are more samples of it.
 
@@ -126,7 +141,7 @@ def learn_again(
         The same at theta.
     theta : ndarray of shape (n_theta,)
         Parameters; the task's row of F does not matter.
-    X, y, informed, budget, rng
+    X, y, informed, budget, known, rng
         See :func:`learn_novel`.
     task : int
         Position of the task.
@@ -140,7 +155,7 @@ def learn_again(
     """
     begin, prior = perf_counter(), likelihood.prior
     with limit_threads(len(y)):
-        posed, alone = posed_again(prior, posterior, theta, X, y, task)
+        posed, alone = posed_again(prior, posterior, theta, X, y, task, known)
         best = learn_border(posed, budget, informed=informed, rng=rng)
         value, of_row = posed.border.value(best.x), ()
         if informed and rng is None:

@@ -9,7 +9,7 @@ import numpy as np
 from skmtgp._data.data import Data
 from skmtgp._data.known import noise_of
 from skmtgp._numerics.bfgs import PATIENCE
-from skmtgp.inference.engine import Engine
+from skmtgp.inference.engine import Engine, check_kept
 from skmtgp.learning.ambiguity import rivals_of
 from skmtgp.learning.penalised import (
     AlikeNoise,
@@ -139,12 +139,7 @@ class Problem:
     def likelihood(self):
         """What is maximised."""
         likelihood = self.engine.likelihood(self.prior, self.data)
-        if self.data.known is not None and likelihood.known is None:
-            raise ValueError(
-                f"inference={self.engine.name!r} makes a likelihood without "
-                "`data.known`, what alpha and sample_weight tell. Hand it on, "
-                "or set `takes_known = False` of the engine."
-            )
+        check_kept(self.engine, likelihood, self.data)
         likelihood = told(likelihood) if self.unbounded else likelihood
         for of_theta in self.densities():
             likelihood = Penalised(likelihood, of_theta)

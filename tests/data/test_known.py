@@ -6,7 +6,7 @@ import pytest
 from scipy.stats import norm
 
 from skmtgp._data.data import Data
-from skmtgp._data.known import Known, read_known, weighed_rows
+from skmtgp._data.known import Known, followed_by, read_known, weighed_rows
 from skmtgp.exceptions import InsufficientMemoryError
 
 rng = np.random.default_rng(0)
@@ -46,9 +46,13 @@ def test_parts_and_more_rows():
     known = read_known([[1.0, 2.0], [3.0, 4.0]], [1, 5], [0.0, 0.5], (2, 2))
     np.testing.assert_array_equal(known.part([1]).variance, [[3.0, 4.0]])
     np.testing.assert_array_equal(known.output(1).variance, [2.0, 4.0])
-    longer = known.followed_by(1)
+    longer = followed_by(known, None, (2, 2), (1, 2))
     assert longer.variance.tolist() == [[1.0, 2.0], [3.0, 4.0], [0.0, 0.0]]
     assert longer.counts.tolist() == [1.0, 5.0, 1.0]
+    later = followed_by(None, known, (1, 2), (2, 2))
+    assert later.variance.tolist() == [[0.0, 0.0], [1.0, 2.0], [3.0, 4.0]]
+    assert later.spread.tolist() == [[0.0, 0.0], [0.0, 0.0], [0.5, 0.5]]
+    assert followed_by(None, None, (1, 2), (2, 2)) is None
     scaled = known.scaled(np.array([[1.0, 2.0]]))
     np.testing.assert_array_equal(scaled.variance, [[1.0, 0.5], [3.0, 1.0]])
 

@@ -13,11 +13,7 @@ import numpy as np
 from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import climb
-from skmtgp.learning.nesting import (
-    embedded,
-    with_columns,
-    with_diagonal,
-)
+from skmtgp.learning.nesting import grow, with_columns
 from skmtgp.learning.problem import best_of
 from skmtgp.learning.ranks import description
 from skmtgp.learning.screening import criterion
@@ -69,7 +65,8 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """The best of several ranks, begun at the best one by some of the rows.
 
     That is learned from all rows, and ranks grow from it until two in a row are worse:
-    more rows speak for more functions, hardly ever for fewer.
+    more rows speak for more functions, hardly ever for fewer. Last, tasks may have
+    functions of their own beside those of the best rank.
 
     Parameters
     ----------
@@ -98,8 +95,8 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
     best = int(np.argmax(_criteria(problems, begun, modes)))
-    own = enlarged(begun[best], diagonal="equal")
-    if not begun[best].n_own and _is_taken(problems[0], own):
+    if _may_own(problems[0], begun[best]):
+        own = enlarged(begun[best], diagonal="equal")
         modes.append(_grown(problems, begun[best], own, modes[best], **running))
         begun = [*begun, own]
     return chosen(problems, begun, list(zip(*modes, strict=True)), n_jobs)
@@ -142,15 +139,15 @@ def _criteria(problems, forms, modes):
     ]
 
 
-def _is_taken(problem, form):
-    """Whether own functions of all tasks take no more than a few times as long.
+def _may_own(problem, form):
+    """Whether tasks may have functions of their own beside those of a form.
 
     A bound of n rows, m inducing inputs and rank r has n m^2 + (r m)^3 products, and
-    M m^3 more with them.
+    M m^3 more with them: that should take no more than a few times as long.
     """
-    engine, data = problem.engine, problem.data
-    m, rank = engine.n_inducing, max(form.rank, 1)
-    return data.n_tasks * m <= TIMES * (len(data) + rank**3 * m)
+    m, rank = problem.engine.n_inducing, max(form.rank, 1)
+    few = form.n_tasks * m <= TIMES * (len(problem.data) + rank**3 * m)
+    return few and not form.n_own and form.rank < form.n_tasks
 
 
 def _grown(problems, lower, form, modes, *, n_jobs, progress):
@@ -179,17 +176,13 @@ def grown_in_two_ways(lower, higher, mode):
     mode : Mode
         Not worse.
     """
-    n_own = [of.prior.task_covariance.n_own for of in (lower, higher)]
-    begin = with_columns if n_own[0] == n_own[1] else with_diagonal
-    start = begin(lower, higher, mode)
-    found, prior = mode.led_to(climb(higher, start)), lower.prior
-    found = best_of([found, embedded(lower, higher, mode)])
+    found, prior = grow(lower, higher, mode), lower.prior
     usual = lower.theta()
     off = prior.of_length_scales & (mode.theta > usual + np.log(OFF))
     if not off.any():
         return found
     awake = mode._replace(theta=np.where(off, usual, mode.theta))
-    other = climb(higher, begin(lower, higher, awake), known=[found])
+    other = climb(higher, with_columns(lower, higher, awake), known=[found])
     return best_of([found, mode.led_to(other)])
 
 

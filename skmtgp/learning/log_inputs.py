@@ -7,6 +7,7 @@ import numpy as np
 from skmtgp._data.skewness import is_skewed, logarithm
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.learning.climbing import climb
+from skmtgp.learning.problem import best_of
 from skmtgp.learning.screening import with_kernel
 from skmtgp.learning.transformed import LEAST, MOST
 
@@ -49,8 +50,20 @@ def _gain(problem, mode, k, smooth):
     X = problem.data.X.copy()
     X[:, k] = logarithm(X[:, k])
     other = problem.with_data(replace(problem.data, X=X)).quickly()
-    found = climb(other, mode.theta)
+    found = best_of([climb(other, theta) for theta in _starts(other, mode.theta, k)])
     best = found.value
     if smooth is not None:
         best = max(best, with_kernel(other, found, smooth)[1].value)
     return float(best - mode.value)
+
+
+def _starts(problem, theta, k):
+    """What was learned, and the same with the usual length-scale of an input.
+
+    A length-scale that suits small values alone hides the logarithm's gain.
+    """
+    scales = np.flatnonzero(problem.prior.of_length_scales)
+    again = scales[[k]] if len(scales) == problem.data.X.shape[1] else scales
+    usual = theta.copy()
+    usual[again] = problem.theta()[again]
+    return theta, usual

@@ -132,6 +132,13 @@ def has_columns_more(lower, higher):
     return (form.shared, form.n_own) == (other.shared, other.n_own)
 
 
+def _has_diagonal_more(lower, higher):
+    """Whether a model is another one with a diagonal, and nothing else."""
+    form, other = lower.prior.task_covariance, higher.prior.task_covariance
+    same = (form.shared, form.rank) == (other.shared, other.rank)
+    return same and other.n_own > form.n_own == 0
+
+
 def embedded(lower, higher, mode):
     """A mode as one of a higher rank, with empty columns.
 
@@ -155,7 +162,7 @@ def embedded(lower, higher, mode):
 
 
 def with_columns(lower, higher, mode):
-    """Where a climb of a higher rank begins, from a mode.
+    """Where a climb of a larger model begins, from a mode.
 
     The best new columns are along the leading eigenvectors of dL / dK^rho; their
     length is the best of a few.
@@ -170,6 +177,8 @@ def with_columns(lower, higher, mode):
     theta : ndarray of shape (n_theta,)
         Parameters of the higher rank.
     """
+    if _has_diagonal_more(lower, higher):
+        return _with_diagonal(lower, higher, mode)
     if not has_columns_more(lower, higher):  # as where 1 1^T is of rank 1
         return _with_more(lower, higher, mode, 0.0)
     try:
@@ -184,25 +193,15 @@ def with_columns(lower, higher, mode):
     return max(candidates, key=higher.likelihood().value)
 
 
-def with_diagonal(lower, higher, mode):
-    """Where a climb begins from a mode, with functions of the tasks' own.
+def _with_diagonal(lower, higher, mode):
+    """The same, where functions of the tasks' own are all that the second has more.
 
     Their variance is large: from one that hardly matters a climb would see no gradient.
-
-    Parameters
-    ----------
-    lower, higher, mode
-        See :func:`embedded`; the second form is the first and one more number, the
-        variance.
-
-    Returns
-    -------
-    theta : ndarray of shape (n_theta,)
-        Parameters of the second.
     """
-    rho = lower.prior.values(mode.theta).rho
-    size = np.trace(lower.prior.K_rho_at(mode.theta)) / lower.prior.n_tasks
-    return higher.prior.with_rho(mode.theta, np.append(rho, np.log(OWN * size)))
+    rho, form = lower.prior.values(mode.theta).rho, higher.prior.task_covariance
+    kappa = OWN * np.trace(lower.prior.K_rho_at(mode.theta)) / form.n_tasks
+    own = np.full(form.n_own, np.log(kappa))
+    return higher.prior.with_rho(mode.theta, np.append(rho, own))
 
 
 def _with_more(lower, higher, mode, vectors):

@@ -239,6 +239,18 @@ def test_logarithms_are_told_if_they_are_likelier(model):
     assert "nats. Try the logarithm of column 0 of the inputs." in text
 
 
+@pytest.mark.parametrize("seed", [0, *rarely(1, 2, 3, 4, 5)])
+def test_the_shortest_length_scales_do_not_hide_the_gain(seed):
+    """Along the doses of the smallest steps, the others are apart."""
+    rng, doses = np.random.default_rng(seed), np.tile(np.geomspace(0.01, 100.0, 8), 12)
+    drug, half = np.repeat(np.arange(12), 8), np.exp(rng.standard_normal(12))
+    slope, top = rng.uniform(0.8, 2.0, 12), rng.uniform(0.7, 1.2, 12)
+    y = top[drug] / (1.0 + (half[drug] / doses) ** slope[drug])
+    y += 0.05 * rng.standard_normal(len(y))
+    [text] = texts_of(MultiTaskGPRegressor(), np.column_stack([doses, drug]), y)
+    assert "nats. Try the logarithm" in text
+
+
 @pytest.mark.parametrize("seed", [0, *rarely(1, 2)])
 def test_logarithms_that_are_less_likely_are_not_told(seed):
     """Though rows at large values are sparse."""

@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rarely import rarely
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
+from skmtgp._estimators import forms
 from skmtgp._estimators.deciding import decide
 from skmtgp._estimators.posing import pose
 from skmtgp._estimators.reading import read
@@ -159,6 +161,48 @@ def test_default_rank_is_chosen_from_all_rows(rank):
     """Although the exact rows tell rank 1 alone."""
     model = MultiTaskGPRegressor(**MODEL.get_params(deep=False)).fit(*draw(rank))
     assert model.rank_ == rank
+
+
+def of_their_own(size, seed=0):
+    """A function of all tasks, and those of the tasks' own of a size."""
+    rng = np.random.default_rng(seed)
+    x, tasks = rng.uniform(-2.0, 2.0, N), np.arange(N) % M
+    phase = rng.uniform(0.0, 6.0, M)[tasks]
+    y = np.sin(2.0 * x) + size * np.sin(2.0 * x + phase) + 0.2 * rng.standard_normal(N)
+    return np.column_stack([x, tasks]), y
+
+
+@pytest.mark.parametrize(("size", "own"), [(0.0, False), (0.3, "equal")])
+@pytest.mark.parametrize("seed", [0, *rarely(1, 2)])
+def test_tasks_may_have_functions_of_their_own(size, own, seed, monkeypatch):
+    """Although the likeliest form of the exact rows has none."""
+    X, y = of_their_own(size, seed)
+    monkeypatch.setattr(forms, "MOST_RANK", 1)  # else two functions have all phases
+    model = MultiTaskGPRegressor(**MODEL.get_params(deep=False)).fit(X, y)
+    assert (model.rank_, model.shared_, model.diagonal_) == (0, True, own)
+    dense = MultiTaskGPRegressor(
+        RBF(1.0),
+        rank=0,
+        shared=True,
+        diagonal=own,
+        normalize_y="shared",
+        noise="shared",
+    ).fit(X, y)
+    most = dense.log_marginal_likelihood_value_
+    assert most - 1.0 < model.log_marginal_likelihood_value_ < most + 0.01
+
+
+@pytest.mark.parametrize(
+    ("changes", "n_inducing"), [({"rank": M}, 15), ({"diagonal": True}, 15), ({}, 400)]
+)
+def test_functions_of_their_own_are_not_tried(changes, n_inducing):
+    """Where the form has them, and where they would take long."""
+    X, y = draw(1)
+    [problem], *_ = asked(X, y, n_inducing=n_inducing)
+    form = low_rank(M, **{"rank": 1} | changes)
+    assert not growing._may_own(problem, form)
+    [problem], *_ = asked(X, y)
+    assert growing._may_own(problem, low_rank(M, 1))
 
 
 def test_a_higher_rank_wakes_features_that_the_lower_one_switched_off():

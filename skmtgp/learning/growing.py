@@ -65,8 +65,8 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """The best of several ranks, begun at the best one by some of the rows.
 
     That is learned from all rows, and ranks grow from it until two in a row are worse:
-    more rows speak for more functions, hardly ever for fewer. Last, tasks may have
-    functions of their own beside those of the best rank.
+    more rows speak for more functions, hardly ever for fewer. If that was rank 0, tasks
+    may also have functions of their own, all of one variance.
 
     Parameters
     ----------
@@ -94,10 +94,9 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     while rest and not _falls(problems, begun, modes):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
-    best = int(np.argmax(_criteria(problems, begun, modes)))
-    if _may_own(problems[0], begun[best]):
-        own = enlarged(begun[best], diagonal="equal")
-        modes.append(_grown(problems, begun[best], own, modes[best], **running))
+    if _may_own(problems[0], begun[0]):
+        own = enlarged(begun[0], diagonal="equal")
+        modes.append(_grown(problems, begun[0], own, modes[0], **running))
         begun = [*begun, own]
     return chosen(problems, begun, list(zip(*modes, strict=True)), n_jobs)
 
@@ -128,26 +127,23 @@ def told(part, forms):
 
 def _falls(problems, forms, modes):
     """Whether the last forms are all worse than one before them."""
-    return int(np.argmax(_criteria(problems, forms, modes))) < len(forms) - WORSE
-
-
-def _criteria(problems, forms, modes):
-    """Eq. 8 of each form, over all outputs."""
-    return [
+    found = [
         sum(map(criterion, [of.with_form(form) for of in problems], of_form))
         for form, of_form in zip(forms, modes, strict=True)
     ]
+    return int(np.argmax(found)) < len(found) - WORSE
 
 
 def _may_own(problem, form):
     """Whether tasks may have functions of their own beside those of a form.
 
-    A bound of n rows, m inducing inputs and rank r has n m^2 + (r m)^3 products, and
-    M m^3 more with them: that should take no more than a few times as long.
+    Beside a function of all tasks, that is: this is compound symmetry. A bound of n
+    rows and m inducing inputs has n m^2 + m^3 products, and M m^3 more with them. That
+    should take no more than a few times as long.
     """
-    m, rank = problem.engine.n_inducing, max(form.rank, 1)
-    few = form.n_tasks * m <= TIMES * (len(problem.data) + rank**3 * m)
-    return few and not form.n_own and form.rank < form.n_tasks
+    m, n_tasks = problem.engine.n_inducing, form.n_tasks
+    few = n_tasks * m <= TIMES * (len(problem.data) + m)
+    return few and n_tasks > 1 and not (form.rank or form.n_own)
 
 
 def _grown(problems, lower, form, modes, *, n_jobs, progress):

@@ -5,6 +5,10 @@ likelihood its row of F explains them exactly, however large it must be for that
 these rows are learned once more, at the hyperparameters of all data, each as the border
 of the larger tasks with the prior of their population, as a task that joins later has
 it (section 3.3 and :mod:`skmtgp.learning.novel`). The order of tasks does not matter.
+
+By sparse inference this is done of more tasks: of those with fewer than thirty rows of
+data for each number of their row of F, if many tasks have more. Exact inference widens
+the intervals of such tasks in another way, see :mod:`skmtgp.learning.open_rows`.
 """
 
 from dataclasses import replace
@@ -26,6 +30,9 @@ from skmtgp.learning.novel import (
 
 FEW = 3  # rows of a task that do not determine its row of F
 LEAST = 2  # tasks that make a population
+# By sparse inference: rows for each number of a row of F that tell it, and tasks with
+# as many, for each, that tell a population well.
+EACH, MANY = 30, 4
 
 
 def settled(problem, mode):
@@ -44,7 +51,7 @@ def settled(problem, mode):
         As it was, unless some tasks have few rows and others do not, and K^rho has a
         factor with a row for each.
     """
-    few = few_rows(problem)
+    few, small = few_rows(problem), _n_rows(problem.data) <= FEW
     if not few.any():
         return mode
     prior, theta = problem.prior, mode.theta.copy()
@@ -52,17 +59,19 @@ def settled(problem, mode):
     larger = problem.with_data(problem.data.of_tasks(~few)).likelihood()
     with limit_threads(larger.side):
         if prior.n_noise > 1:
-            theta[np.flatnonzero(prior.of_noise)[few]] = larger.usual_log_noise(theta)
+            usual = larger.usual_log_noise(theta)
+            theta[np.flatnonzero(prior.of_noise)[few & small]] = usual
         posterior = larger.posterior(theta)
         population, leeway = np.hstack(shares_of(prior, theta)[0])[~few], ()
-        for task in np.flatnonzero(few):
+        for task in _fewest_first(problem.data, few):
             border = _border(problem, posterior, theta, task)
             if not len(border.y):  # all that its rows tell is a trend of its own
                 continue
             posed = Posed(border, population)
             best = learn_border(posed, problem.budget, informed=True)
             row = by_terms(border, best.x, prior.n_terms)
-            leeway += leeway_of(posed, best.x, task)
+            if small[task] or len(leeway) < _n_affordable(problem):
+                leeway += leeway_of(posed, best.x, task)
             theta = prior.with_row(theta, *row, task)
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
@@ -81,8 +90,37 @@ def few_rows(problem):
     learned = problem.budget.max_iter and has_rows(prior)
     if not learned or is_dask(data.X) or data.design is not None:
         return few
-    few = np.bincount(data.tasks, data.counts, data.n_tasks) <= FEW
+    n_rows, rank = _n_rows(data), _rank(prior)
+    few, is_open = n_rows <= FEW, n_rows < EACH * rank
+    if not problem.engine.exact and np.count_nonzero(~is_open) >= MANY * rank:
+        few |= is_open
     return few & (np.count_nonzero(~few) >= LEAST)
+
+
+def _n_rows(data):
+    """Measurements of each task."""
+    return np.bincount(data.tasks, data.counts, data.n_tasks)
+
+
+def _rank(prior):
+    """How many numbers the rows of F of all terms have for a task."""
+    return sum(getattr(form, "rank", 0) for _, form in prior.terms)
+
+
+def _fewest_first(data, few):
+    """Positions of some tasks: those with the fewest rows first."""
+    order = np.argsort(_n_rows(data), kind="stable")
+    return order[few[order]]
+
+
+def _n_affordable(problem):
+    """How many rows of F may count as open, by the work of the intervals.
+
+    Each of their numbers takes two posteriors.
+    """
+    m, rank = len(problem.data.Z), _rank(problem.prior)
+    work = 2.0 * rank * (len(problem.data) * m**2 + (rank * m) ** 3)
+    return int(problem.tuning.open_work / work)
 
 
 def has_rows(prior):

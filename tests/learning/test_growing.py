@@ -193,16 +193,17 @@ def test_tasks_may_have_functions_of_their_own(size, own, seed, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("changes", "n_inducing"), [({"rank": M}, 15), ({"diagonal": True}, 15), ({}, 400)]
+    ("form", "n_inducing", "tried"),
+    [
+        (low_rank(M, 0, shared=True), 15, True),
+        (low_rank(M, 0, shared=True), 400, False),  # would take long
+        (low_rank(M, 0, shared=True, diagonal="equal"), 15, False),
+        (low_rank(M, 1), 15, False),
+    ],
 )
-def test_functions_of_their_own_are_not_tried(changes, n_inducing):
-    """Where the form has them, and where they would take long."""
-    X, y = draw(1)
-    [problem], *_ = asked(X, y, n_inducing=n_inducing)
-    form = low_rank(M, **{"rank": 1} | changes)
-    assert not growing._may_own(problem, form)
-    [problem], *_ = asked(X, y)
-    assert growing._may_own(problem, low_rank(M, 1))
+def test_where_functions_of_their_own_are_tried(form, n_inducing, tried):
+    [problem], *_ = asked(*draw(1), n_inducing=n_inducing)
+    assert growing._may_own(problem, form) is tried
 
 
 def test_a_higher_rank_wakes_features_that_the_lower_one_switched_off():

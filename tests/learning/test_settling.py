@@ -6,15 +6,17 @@ from dataclasses import replace
 import building
 import numpy as np
 import pytest
+from rarely import rarely
 from sklearn.gaussian_process.kernels import RBF
 
 from skmtgp import MultiTaskGPRegressor, RankSearchIC
 from skmtgp._data.known import Known
 from skmtgp.exceptions import SmallTaskWarning
-from skmtgp.inference.engines import Sparse
+from skmtgp.inference.engines import Dense, Sparse
+from skmtgp.learning import settling
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.novel import learn_novel
-from skmtgp.learning.settling import settled
+from skmtgp.learning.settling import few_rows, settled
 from skmtgp.model.several import Forms
 from skmtgp.model.task_covariance import low_rank
 
@@ -202,6 +204,71 @@ def test_inducing_inputs():
     mode = learned(exact)
     found = settled(bound, mode._replace(Z=data.X)).theta
     np.testing.assert_allclose(found, settled(exact, mode).theta, rtol=1e-3)
+
+
+UNEQUAL = *range(3, 8), *(20,) * 4, *(40,) * 5
+
+
+@pytest.mark.parametrize(
+    ("engine", "sizes", "rank", "few"),
+    [
+        (Sparse(), UNEQUAL, 1, 9),
+        (Sparse(), UNEQUAL[:-2], 1, 1),  # too few tasks tell what they are like
+        (Sparse(), UNEQUAL, 2, 1),  # 40 rows do not tell two numbers well
+        (Dense(), UNEQUAL, 1, 1),
+    ],
+)
+def test_by_sparse_inference_more_tasks_have_few_rows(engine, sizes, rank, few):
+    model = problem(observations(sizes), rank=rank, engine=engine)
+    assert few_rows(model).tolist() == [k < few for k in range(len(sizes))]
+
+
+def test_the_smallest_tasks_have_open_rows_if_not_all_may():
+    exact = problem(observations(UNEQUAL[::-1]), n_noise=14)
+    model = replace(exact, engine=Sparse(n_inducing=20))
+    mode = learned(exact)._replace(Z=np.linspace(0.0, 5.0, 20)[:, None])
+    found = settled(model, mode)
+    changed = found.theta != mode.theta
+    assert changed[model.prior.of_factor].tolist() == [False] * 5 + [True] * 9
+    assert changed[model.prior.of_noise].tolist() == [False] * 13 + [True]
+    tasks = [of.task for of in found.leeway]
+    assert tasks == [13, 12, 11, 10, 9, 5, 6, 7, 8]
+    tuning = replace(model.tuning, open_work=1.1e6)
+    less = settled(replace(model, tuning=tuning), mode)
+    assert [of.task for of in less.leeway] == tasks[:4]
+    np.testing.assert_array_equal(less.theta, found.theta)
+
+
+def unequal(seed):
+    """Tasks of 5 to 400 rows, of two functions and levels, and f at new inputs."""
+    rng = np.random.default_rng(seed)
+    sizes = np.geomspace(5, 400, 30).astype(int)
+    F, levels = rng.normal([2.0, 0.0], [0.7, 1.0], (30, 2)), rng.normal(0.0, 5.0, 30)
+
+    def drawn(tasks):
+        x = rng.uniform(-2.0, 2.0, len(tasks))
+        z = np.column_stack([np.sin(1.5 * x), np.cos(2.0 * x)])
+        return np.column_stack([x, tasks]), (F[tasks] * z).sum(axis=1) + levels[tasks]
+
+    X, y = drawn(np.repeat(range(30), sizes))
+    return X, y + 0.7 * rng.standard_normal(len(y)), *drawn(np.arange(600) % 30)
+
+
+@pytest.mark.parametrize("seed", [2, *rarely(3, 4)])
+def test_intervals_of_small_tasks_by_sparse_inference(seed, monkeypatch):
+    X, y, X_new, f = unequal(seed)
+    options = {"inference": "sparse", "n_inducing": 20, "n_exact": 500}
+    model = MultiTaskGPRegressor("rbf", rank=2, noise="shared", **options)
+    small, errors, held = X_new[:, 1] < 15, [], []
+    for each in (0, settling.EACH):
+        monkeypatch.setattr(settling, "EACH", each)
+        mean, std = model.fit(X, y).predict(X_new, return_std=True)
+        error = np.abs(mean - f)[small]
+        errors.append(np.sqrt(np.square(error).mean()))
+        held.append(np.mean(error < 1.96 * std[small]))
+    assert errors[1] < 1.02 * errors[0]
+    assert held[0] < 0.85
+    assert held[1] > 0.9
 
 
 @pytest.mark.parametrize(

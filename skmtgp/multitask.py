@@ -111,9 +111,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         from `n_exact` of the rows. From there ranks grow by all rows, up to 6, until
         two in a row are worse. With ``max_iter=0``,
         `task_descriptors` or another `learning`, None is the highest rank that has four
-        rows for each. With `task_descriptors` the data say if tasks also have functions
-        of their own, see `diagonal`. If tasks then have fewer than eight rows on average, and
-        `max_iter` is not 0, BIC compares this rank with rank 0.
+        rows for each. If tasks then have fewer than eight rows on average, and
+        `max_iter` is not 0, BIC compares this rank with rank 0. With `task_descriptors`
+        the data then say if tasks also have functions of their own, see `diagonal`.
 
         Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
         tasks have one function, and with `task_levels` each has its own level. That
@@ -451,8 +451,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     exactly for a good one. (A best one without noise must have fewer than two rows for
     each, and compound symmetry must have noise.) BIC decides between candidates of
     nearly the same evidence. With `task_descriptors`, noise and exact inference the
-    candidates are the given descriptors alone, and with ``diagonal="equal"``, what they
-    do not tell of a task. BIC alone chooses if the best candidates have no noise,
+    candidates are the descriptors alone, and the same with ``diagonal="equal"``: what
+    they do not tell of a task. BIC alone chooses if the best candidates have no noise,
     more than 300 hyperparameters (100 from 3000 rows on), or more than 30 rows for each
     of them, or were not learned to the end, and in sparse inference. With few rows a
     task some candidates are unlikely from the start. See :doc:`/guide/rank`.

@@ -2,8 +2,8 @@
 
 Sparse inference begins with exact inference from some of the rows. A rank with nearly
 as many parameters as those have would follow them for a long time, to a mode of no use.
-It is grown from a lower one instead, on the bound over all rows. What descriptors do not tell
-of the tasks is grown from what they tell.
+It is grown from a lower one instead, on the bound over all rows. What descriptors do
+not tell of the tasks is grown from what they tell.
 """
 
 from dataclasses import replace

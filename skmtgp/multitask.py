@@ -35,7 +35,7 @@ from skmtgp._support.progress import say
 from skmtgp._support.sklearn_compat import Interval, StrOptions
 from skmtgp.inference.engine import Engine
 from skmtgp.learning.forecast import foresee_bounds
-from skmtgp.learning.growing import learn_forms, learn_upwards
+from skmtgp.learning.growing import learn_forms, learn_upwards, with_own
 from skmtgp.learning.novel import join_described, learn_again, learn_novel
 from skmtgp.learning.open_rows import with_open_rows
 from skmtgp.learning.paper import learn_simultaneously, learn_staged
@@ -112,7 +112,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         two in a row are worse. With ``max_iter=0``,
         `task_descriptors` or another `learning`, None is the highest rank that has four
         rows for each. If tasks then have fewer than eight rows on average, and
-        `max_iter` is not 0, BIC compares this rank with rank 0.
+        `max_iter` is not 0, BIC compares this rank with rank 0. With `task_descriptors`
+        the data then say if tasks also have functions of their own, see `diagonal`.
 
         Rank 0 needs ``shared=True`` or ``diagonal="equal"``. With ``shared=True`` all
         tasks have one function, and with `task_levels` each has its own level. That
@@ -131,7 +132,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         task shares with no other. True has a variance for each task, and "equal" has
         one variance for all. ``rank=0, diagonal="equal"`` makes the tasks independent.
         With ``shared=True``, too, it is compound symmetry: any two tasks are equally
-        alike. False with ``rank=None`` lets the data choose: see `diagonal_`.
+        alike. False with ``rank=None`` lets the data choose: see `diagonal_`. With
+        `task_descriptors` the choice is "equal" or none.
         With several terms a list has one value for each.
     task_levels : bool, default=True
         Whether each task has a level: a constant that is added to its function. Levels
@@ -448,7 +450,9 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
     that have two rows or more for each, for BIC takes a model that explains a few rows
     exactly for a good one. (A best one without noise must have fewer than two rows for
     each, and compound symmetry must have noise.) BIC decides between candidates of
-    nearly the same evidence. BIC alone chooses if the best candidates have no noise,
+    nearly the same evidence. With `task_descriptors`, noise and exact inference the
+    candidates are the descriptors alone, and the same with ``diagonal="equal"``: what
+    they do not tell of a task. BIC alone chooses if the best candidates have no noise,
     more than 300 hyperparameters (100 from 3000 rows on), or more than 30 rows for each
     of them, or were not learned to the end, and in sparse inference. With few rows a
     task some candidates are unlikely from the start. See :doc:`/guide/rank`.
@@ -608,7 +612,8 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         forms = self._forms(problems[0])
         problems = wary(problems, forms)
         found = self._learn_one(problems, forms, progress)
-        if self.verbose and len(forms) > 1:
+        compared = len(forms) > 1 or self._asks_for_own(problems[0].engine)
+        if self.verbose and compared:
             say(f"chosen: {found[0][0].prior.task_covariance}")
         return found
 
@@ -726,15 +731,24 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         asked = self.rank is not None or has_descriptors(self) or not self.max_iter
         return not (asked or engine.exact) and self.learning == "annealed"
 
+    def _asks_for_own(self, engine):
+        """Whether the data say if tasks have more than what descriptors tell."""
+        [term, *_] = self._terms()
+        given = term.rank is not None or term.diagonal or not self.max_iter
+        annealed = self.learning == "annealed"
+        return annealed and engine.exact and has_descriptors(self) and not given
+
     def _learn_one(self, problems, forms, progress):
         """The problem of each output with the form that is chosen, and its mode."""
         if len(forms) > 1 and self._compares(problems[0].engine):
             return self._learn_best(learn_best, problems, forms, progress)
         if len(forms) > 1 and self._grows(problems[0].engine):
             return self._learn_best(learn_upwards, problems, forms, progress)
+        asks = self._asks_for_own(problems[0].engine)
         modes = self._learn_ranks(problems, forms, progress)
         modes = list(zip(*modes, strict=True))
-        return chosen(problems, forms, modes, self.n_jobs)
+        found = chosen(problems, forms, modes, self.n_jobs)
+        return with_own(*found, self.n_jobs, progress) if asks else found
 
     def _learn_best(self, learn, problems, forms, progress):
         """The same, by a learner that compares forms."""

@@ -2,7 +2,8 @@
 
 Sparse inference begins with exact inference from some of the rows. A rank with nearly
 as many parameters as those have would follow them for a long time, to a mode of no use.
-It is grown from a lower one instead, on the bound over all rows.
+It is grown from a lower one instead, on the bound over all rows. What descriptors do
+not tell of the tasks is grown from what they tell.
 """
 
 from dataclasses import replace
@@ -14,10 +15,10 @@ from skmtgp._numerics.parallel import run
 from skmtgp._support.progress import silent
 from skmtgp.learning.climbing import climb
 from skmtgp.learning.nesting import grow, with_columns
-from skmtgp.learning.problem import best_of
+from skmtgp.learning.problem import Mode, Problem, best_of
 from skmtgp.learning.ranks import description
 from skmtgp.learning.screening import criterion
-from skmtgp.learning.shortlisting import chosen, learn_best
+from skmtgp.learning.shortlisting import chosen, learn_best, taken
 from skmtgp.learning.summarised import exact_part, learn_rest, with_gain
 from skmtgp.model.task_covariance import enlarged
 
@@ -99,6 +100,45 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         modes.append(_grown(problems, begun[0], own, modes[0], **running))
         begun = [*begun, own]
     return chosen(problems, begun, list(zip(*modes, strict=True)), n_jobs)
+
+
+def with_own(problems, modes, n_jobs=None, progress=silent):
+    """What was learned, or the same with functions of the tasks' own, if likelier.
+
+    Descriptors may not tell all that tasks differ by. Data without noise are not asked,
+    for own functions would explain whatever is left.
+
+    Parameters
+    ----------
+    problems : list of Problem
+        For each output, with an exact engine.
+    modes : list of Mode
+        Their modes.
+    n_jobs, progress
+        See :func:`skmtgp.learning.ranks.learn_ranks`.
+
+    Returns
+    -------
+    problems : list of Problem
+        For each output, with the form that was chosen.
+    modes : list of Mode
+        The mode of each.
+    """
+    form = problems[0].prior.task_covariance
+    forms = taken([form, enlarged(form, diagonal="equal")], problems[0].engine)
+    if len(forms) == 1 or not all(map(Problem.is_noisy, problems, modes)):
+        return problems, modes
+    jobs = [
+        (problem, problem.with_form(forms[1]), mode)
+        for problem, mode in zip(problems, modes, strict=True)
+    ]
+    of_all = description(problems, forms[1:], stage="grown from the descriptors")
+    report = progress("functions of the tasks' own", len(jobs), of_all)
+    grown = run(grown_in_two_ways, jobs, n_jobs=n_jobs, report=report)
+    both = list(zip(modes, grown, strict=True))
+    best, found = chosen(problems, forms, both, n_jobs)
+    spent = [[mode for mode in of if mode is not found[j]] for j, of in enumerate(both)]
+    return best, list(map(Mode.counting, found, spent))
 
 
 def told(part, forms):

@@ -55,7 +55,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
         The best mode found for each, with what was spent on all forms.
     """
     options = {"n_jobs": n_jobs, "progress": progress}
-    forms = _taken(forms, problems[0].engine)
+    forms = taken(forms, problems[0].engine)
     coarse, starts = coarsest(problems), all_starts(problems, seeds, n_jobs)
     sketches = _sketched(coarse, forms, starts, **options)
     sketches = run(_revealed, [(of,) for of in sketches], n_jobs=n_jobs)
@@ -79,7 +79,7 @@ def learn_best(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     return best, found
 
 
-def _taken(forms, engine):
+def taken(forms, engine):
     """The forms that an engine takes; its error if it takes none of them."""
     taken = [form for form in forms if _is_taken(form, engine)]
     if not taken:

@@ -66,8 +66,8 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     """The best of several ranks, begun at the best one by some of the rows.
 
     That is learned from all rows, and ranks grow from it until two in a row are worse:
-    more rows speak for more functions, hardly ever for fewer. If that was rank 0, tasks
-    may also have functions of their own, all of one variance.
+    more rows speak for more functions, hardly ever for fewer. If none is better than
+    rank 0, tasks may also have functions of their own, all of one variance.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def learn_upwards(problems, forms, *, seeds=(), n_jobs=None, progress=silent):
     while rest and not _falls(problems, begun, modes):
         modes.append(_grown(problems, begun[-1], rest[0], modes[-1], **running))
         begun, rest = [*begun, rest[0]], rest[1:]
-    if _may_own(problems[0], begun[0]):
+    if _best(problems, begun, modes) == 0 and _may_own(problems[0], begun[0]):
         own = enlarged(begun[0], diagonal="equal")
         modes.append(_grown(problems, begun[0], own, modes[0], **running))
         begun = [*begun, own]
@@ -167,11 +167,16 @@ def told(part, forms):
 
 def _falls(problems, forms, modes):
     """Whether the last forms are all worse than one before them."""
+    return _best(problems, forms, modes) < len(forms) - WORSE
+
+
+def _best(problems, forms, modes):
+    """Position of the best form by eq. 8, over all outputs."""
     found = [
         sum(map(criterion, [of.with_form(form) for of in problems], of_form))
         for form, of_form in zip(forms, modes, strict=True)
     ]
-    return int(np.argmax(found)) < len(found) - WORSE
+    return int(np.argmax(found))
 
 
 def _may_own(problem, form):

@@ -200,7 +200,8 @@ class PosteriorMixin(RegressorMixin):
         alpha : array-like of shape (n_samples,) or (n_samples, n_outputs), default=None
             Known noise variance of each new observation, in squared units of y. It is
             added to the learned one, as in `fit`. A single number holds for all. None
-            is 0. A BayesianLinearRegression takes none.
+            is 0, even if `fit` had an alpha: the interval is then too narrow for
+            measurements like those. A BayesianLinearRegression takes none.
 
         Returns
         -------

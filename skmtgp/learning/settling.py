@@ -6,9 +6,10 @@ these rows are learned once more, at the hyperparameters of all data, each as th
 of the larger tasks with the prior of their population, as a task that joins later has
 it (section 3.3 and :mod:`skmtgp.learning.novel`). The order of tasks does not matter.
 
-By sparse inference this is done of more tasks: of those with fewer than thirty rows of
-data for each number of their row of F, if many tasks have more. Exact inference widens
-the intervals of such tasks in another way, see :mod:`skmtgp.learning.open_rows`.
+By sparse inference, and with many rows, this is done of more tasks: of those with fewer
+than thirty rows of data for each number of their row of F, if many tasks have more.
+With fewer rows exact inference widens the intervals of such tasks in another way, see
+:mod:`skmtgp.learning.open_rows`.
 """
 
 from dataclasses import replace
@@ -30,8 +31,8 @@ from skmtgp.learning.novel import (
 
 FEW = 3  # rows of a task that do not determine its row of F
 LEAST = 2  # tasks that make a population
-# By sparse inference: rows for each number of a row of F that tell it, and tasks with
-# as many, for each, that tell a population well.
+# Of many rows: those for each number of a row of F that tell it, and how many tasks with
+# as many, for each number, tell what tasks are like.
 EACH, MANY = 30, 4
 
 
@@ -51,9 +52,10 @@ def settled(problem, mode):
         As it was, unless some tasks have few rows and others do not, and K^rho has a
         factor with a row for each.
     """
-    few, small = few_rows(problem), _n_rows(problem.data) <= FEW
+    few = few_rows(problem)
     if not few.any():
         return mode
+    small = _n_rows(problem.data) <= FEW
     prior, theta = problem.prior, mode.theta.copy()
     problem = problem.with_data(replace(problem.data, Z=mode.Z))
     larger = problem.with_data(problem.data.of_tasks(~few)).likelihood()
@@ -92,9 +94,19 @@ def few_rows(problem):
         return few
     n_rows, rank = _n_rows(data), _rank(prior)
     few, is_open = n_rows <= FEW, n_rows < EACH * rank
-    if not problem.engine.exact and np.count_nonzero(~is_open) >= MANY * rank:
+    if not opens_each(problem) and np.count_nonzero(~is_open) >= MANY * rank:
         few |= is_open
     return few & (np.count_nonzero(~few) >= LEAST)
+
+
+def opens_each(problem):
+    """Whether each task is asked how open its row of F is, by exact inference.
+
+    That takes a posterior of the other tasks for each. With many rows or by sparse
+    inference it is too much work.
+    """
+    work = problem.data.n_tasks * float(len(problem.data)) ** 3
+    return problem.engine.exact and work < problem.tuning.open_work
 
 
 def _n_rows(data):
@@ -118,9 +130,13 @@ def _n_affordable(problem):
 
     Each of their numbers takes two posteriors.
     """
-    m, rank = len(problem.data.Z), _rank(problem.prior)
-    work = 2.0 * rank * (len(problem.data) * m**2 + (rank * m) ** 3)
-    return int(problem.tuning.open_work / work)
+    n, rank = float(len(problem.data)), _rank(problem.prior)
+    if problem.engine.exact:
+        work = n**3
+    else:
+        m = len(problem.data.Z)
+        work = n * m**2 + (rank * m) ** 3
+    return int(problem.tuning.open_work / (2.0 * rank * work))
 
 
 def has_rows(prior):

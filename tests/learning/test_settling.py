@@ -210,16 +210,18 @@ UNEQUAL = *range(3, 8), *(20,) * 4, *(40,) * 5
 
 
 @pytest.mark.parametrize(
-    ("engine", "sizes", "rank", "few"),
+    ("engine", "open_work", "sizes", "rank", "few"),
     [
-        (Sparse(), UNEQUAL, 1, 9),
-        (Sparse(), UNEQUAL[:-2], 1, 1),  # too few tasks tell what they are like
-        (Sparse(), UNEQUAL, 2, 1),  # 40 rows do not tell two numbers well
-        (Dense(), UNEQUAL, 1, 1),
+        (Sparse(), 2e11, UNEQUAL, 1, 9),
+        (Sparse(), 2e11, UNEQUAL[:-2], 1, 1),  # too few tell what tasks are like
+        (Sparse(), 2e11, UNEQUAL, 2, 1),  # 40 rows do not tell two numbers well
+        (Dense(), 2e11, UNEQUAL, 1, 1),
+        (Dense(), 1e8, UNEQUAL, 1, 9),
     ],
 )
-def test_by_sparse_inference_more_tasks_have_few_rows(engine, sizes, rank, few):
+def test_of_many_rows_more_tasks_have_few(engine, open_work, sizes, rank, few):
     model = problem(observations(sizes), rank=rank, engine=engine)
+    model = replace(model, tuning=replace(model.tuning, open_work=open_work))
     assert few_rows(model).tolist() == [k < few for k in range(len(sizes))]
 
 

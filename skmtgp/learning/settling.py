@@ -31,8 +31,8 @@ from skmtgp.learning.novel import (
 
 FEW = 3  # rows of a task that do not determine its row of F
 LEAST = 2  # tasks that make a population
-# Of many rows: those for each number of a row of F that tell it, and how many tasks with
-# as many, for each number, tell what tasks are like.
+# Of many rows: those for each number of a row of F that tell it, and how many tasks
+# with as many, for each number, tell what tasks are like.
 EACH, MANY = 30, 4
 
 

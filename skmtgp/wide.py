@@ -510,7 +510,9 @@ class WideRegressor(MetaEstimatorMixin, RegressorMixin, Estimator):
         refuse_dask("alpha", alpha, STACK)
         refuse_another_order(X, alpha, "alpha")
         names = self.outputs_.tolist()
-        named = names != list(range(len(names)))
+        numbered = list(range(len(names)))
+        columns = [] if not hasattr(alpha, "columns") else alpha.columns.tolist()
+        named = names != numbered or set(columns) == set(numbered)
         return {"alpha": _alpha_of(cells, alpha, shape, names, named=named)}
 
     def _arrange(self, values, n):

@@ -188,3 +188,13 @@ class TestPredictions:
     def test_f_has_no_noise(self, model):
         with pytest.raises(ValueError, match="include_noise=False asks for f"):
             model.predict_interval(self.NEW, include_noise=False, alpha=0.1)
+
+
+def test_numbered_columns_of_alpha_in_another_order_are_refused():
+    rng = np.random.default_rng(0)
+    x, Y = rng.uniform(0.0, 4.0, (20, 1)), pd.DataFrame(rng.standard_normal((20, 3)))
+    model = WideRegressor(MultiTaskGPRegressor(rank=1, max_iter=0)).fit(x, Y)
+    alpha = pd.DataFrame(np.ones((20, 3)))
+    model.predict_interval(x, alpha=alpha)
+    with pytest.raises(ValueError, match="alpha has the columns"):
+        model.predict_interval(x, alpha=alpha[[2, 1, 0]])

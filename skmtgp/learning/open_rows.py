@@ -16,7 +16,7 @@ from skmtgp._data.dask import is_dask
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.engines import Dense
 from skmtgp.learning.novel import leeway_of, posed_again, shares_of, with_columns
-from skmtgp.learning.settling import LEAST, has_rows, opens_each
+from skmtgp.learning.settling import LEAST, has_rows
 
 
 def with_open_rows(problem, mode, posterior):
@@ -58,8 +58,10 @@ def with_open_rows(problem, mode, posterior):
 def _are_asked(problem):
     """Whether rows of F were learned exactly, from rows that are not too many."""
     data, prior = problem.data, problem.prior
-    learned = problem.budget.max_iter and opens_each(problem) and has_rows(prior)
-    return learned and not is_dask(data.X) and len(set(data.tasks)) > LEAST
+    learned = problem.budget.max_iter and problem.engine.exact and has_rows(prior)
+    if not learned or is_dask(data.X) or len(set(data.tasks)) <= LEAST:
+        return False
+    return data.n_tasks * len(data) ** 3 < problem.tuning.open_work
 
 
 def _sampled(X, n):

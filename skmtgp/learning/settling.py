@@ -6,9 +6,10 @@ these rows are learned once more, at the hyperparameters of all data, each as th
 of the larger tasks with the prior of their population, as a task that joins later has
 it (section 3.3 and :mod:`skmtgp.learning.novel`). The order of tasks does not matter.
 
-By sparse inference, and with many rows, this is done of more tasks: of those with fewer
-than thirty rows of data for each number of their row of F, if many tasks have more.
-With fewer rows exact inference widens the intervals of such tasks in another way, see
+By sparse inference this is done of more tasks: of those with fewer than thirty rows of
+data for each number of their row of F, if many tasks have more, and most of the rows.
+Should the likelihood say that the larger tasks do not speak for them, they stay as they
+are. Exact inference widens the intervals of such tasks in another way, see
 :mod:`skmtgp.learning.open_rows`.
 """
 
@@ -31,9 +32,10 @@ from skmtgp.learning.novel import (
 
 FEW = 3  # rows of a task that do not determine its row of F
 LEAST = 2  # tasks that make a population
-# Of many rows: those for each number of a row of F that tell it, and how many tasks
-# with as many, for each number, tell what tasks are like.
-EACH, MANY = 30, 4
+# By sparse inference: rows for each number of a row of F that tell it, how many tasks
+# with as many, for each number, tell what tasks are like, and nats for each number that
+# the rows of F of the others may lose.
+EACH, MANY, LOST = 30, 4, 0.25
 
 
 def settled(problem, mode):
@@ -55,6 +57,18 @@ def settled(problem, mode):
     few = few_rows(problem)
     if not few.any():
         return mode
+    small = few & (_n_rows(problem.data) <= FEW)
+    fewest = _settled(problem, mode, small) if small.any() else mode
+    n_more = np.count_nonzero(few & ~small)
+    if not n_more:
+        return fewest
+    found = _settled(problem, mode, few)
+    lost = fewest.value - found.value
+    return found if lost < LOST * _rank(problem.prior) * n_more else fewest
+
+
+def _settled(problem, mode, few):
+    """The same of some of the tasks."""
     small = _n_rows(problem.data) <= FEW
     prior, theta = problem.prior, mode.theta.copy()
     problem = problem.with_data(replace(problem.data, Z=mode.Z))
@@ -92,21 +106,21 @@ def few_rows(problem):
     learned = problem.budget.max_iter and has_rows(prior)
     if not learned or is_dask(data.X) or data.design is not None:
         return few
-    n_rows, rank = _n_rows(data), _rank(prior)
-    few, is_open = n_rows <= FEW, n_rows < EACH * rank
-    if not opens_each(problem) and np.count_nonzero(~is_open) >= MANY * rank:
-        few |= is_open
+    few = _n_rows(data) <= FEW
+    if not problem.engine.exact:
+        few |= _are_open(data, _rank(prior))
     return few & (np.count_nonzero(~few) >= LEAST)
 
 
-def opens_each(problem):
-    """Whether each task is asked how open its row of F is, by exact inference.
+def _are_open(data, rank):
+    """Which tasks have too few rows for a row of F, if the others tell enough of it.
 
-    That takes a posterior of the other tasks for each. With many rows or by sparse
-    inference it is too much work.
+    Repeats of a row tell the noise alone, so a row counts once.
     """
-    work = problem.data.n_tasks * float(len(problem.data)) ** 3
-    return problem.engine.exact and work < problem.tuning.open_work
+    n_rows = np.bincount(data.tasks, minlength=data.n_tasks)
+    is_open = n_rows < EACH * rank
+    many = np.count_nonzero(~is_open) >= MANY * rank
+    return is_open & (many and 2 * n_rows[~is_open].sum() > len(data))
 
 
 def _n_rows(data):
@@ -130,13 +144,9 @@ def _n_affordable(problem):
 
     Each of their numbers takes two posteriors.
     """
-    n, rank = float(len(problem.data)), _rank(problem.prior)
-    if problem.engine.exact:
-        work = n**3
-    else:
-        m = len(problem.data.Z)
-        work = n * m**2 + (rank * m) ** 3
-    return int(problem.tuning.open_work / (2.0 * rank * work))
+    n, m, rank = len(problem.data), len(problem.data.Z), _rank(problem.prior)
+    work = 2.0 * rank * (n * m**2 + (rank * m) ** 3)
+    return int(problem.tuning.open_work / work)
 
 
 def has_rows(prior):

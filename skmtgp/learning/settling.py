@@ -68,7 +68,10 @@ def settled(problem, mode):
 
 
 def _settled(problem, mode, few):
-    """The same of some of the tasks."""
+    """The mode with rows of F of some of the tasks as the others suggest them.
+
+    `few` is a mask of these tasks.
+    """
     small = _n_rows(problem.data) <= FEW
     prior, theta = problem.prior, mode.theta.copy()
     problem = problem.with_data(replace(problem.data, Z=mode.Z))

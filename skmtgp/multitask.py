@@ -991,10 +991,10 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
             return modes
         return list(map(settled, problems, modes))
 
-    def _opened(self, problems, modes, posteriors):
+    def _opened(self, problems, modes):
         if self.learning != "annealed":  # the paper's, of which nothing is open
             return modes
-        return list(map(with_open_rows, problems, modes, posteriors))
+        return list(map(with_open_rows, problems, modes))
 
     def _store(self, training, problems, modes, lower=()):
         super()._store(training, problems, modes, lower)

@@ -6,6 +6,7 @@ import numpy as np
 import textbook
 
 from skmtgp._data.checks import check_test
+from skmtgp.inference.leeway import OfTheta
 
 
 class Expected(NamedTuple):
@@ -95,8 +96,18 @@ def by_the_book(model, problem, j, new):
     sizes = np.abs(rest).max(), np.abs(book.centre).max(), far, np.finfo(float).tiny
     diagonal = np.diagonal(covariance)
     prior = max(np.diagonal(K).max(), np.diagonal(given[-1]).max(), diagonal.max())
-    wide = sum((of.concerns(of_Z) for of in model._leeway[j]), np.zeros(len(Z), bool))
-    return Expected(mean, diagonal, sum(sizes), prior, wide)
+    return Expected(mean, diagonal, sum(sizes), prior, _wide(model._leeway[j], of_Z))
+
+
+def _wide(leeway, tasks):
+    """Rows whose variances count what is open of theta, or of a row of F."""
+    wide = np.zeros(len(tasks), dtype=bool)
+    for of in leeway:
+        are_open = getattr(of, "are_open", np.ones(0, dtype=bool))
+        seen = tasks < len(are_open)
+        wide |= isinstance(of, OfTheta)
+        wide[seen] |= are_open[tasks[seen]]
+    return wide
 
 
 def _rows(model, new):

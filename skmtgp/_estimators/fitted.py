@@ -23,7 +23,7 @@ from skmtgp._support.guide import INFERENCE, PARALLEL
 from skmtgp._support.progress import say
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import PrecisionWarning
-from skmtgp.inference.leeway import Widened
+from skmtgp.inference.leeway import widened
 from skmtgp.inference.posterior import noise_is_told
 from skmtgp.learning.evidence import evidence_around
 from skmtgp.learning.forecast import is_large
@@ -366,7 +366,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         likelihoods = [problem.likelihood_at(mode) for problem, mode in pairs]
         posteriors = self._posteriors_at(training, likelihoods, modes)
         if way in ("mode", "map"):
-            modes = self._opened(problems, modes, posteriors)
+            modes = self._opened(problems, modes)
         learned = training, problems[0].engine, likelihoods, modes, posteriors
         self._store_learned(*learned)
         self.hyperparameters_ = way
@@ -377,7 +377,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         """Modes as they are kept; a subclass may learn rows of small tasks again."""
         return modes
 
-    def _opened(self, problems, modes, posteriors):
+    def _opened(self, problems, modes):
         """Modes with what is open of rows of F; a subclass may have such rows."""
         return modes
 
@@ -403,9 +403,7 @@ class FittedGP(SampledMixin, SummaryMixin, PosteriorMixin, Estimator):
         self._engine, self.inference_ = engine, engine.name
         self._likelihoods, self._posteriors = likelihoods, posteriors
         outputs = zip(posteriors, likelihoods, self._leeway, strict=True)
-        self._predictive = [
-            Widened(*output) if output[-1] else output[0] for output in outputs
-        ]
+        self._predictive = [widened(*output) for output in outputs]
         self._forget_draws()
         self._units, self._single_output = training.units, training.single_output
         self._store_target(training.target)

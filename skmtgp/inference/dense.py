@@ -299,7 +299,19 @@ class DensePosterior(Posterior):
 
     def _weigh_tasks(self):
         """Of k^x at each training input in the mean of each task."""
-        return self.K_rho[..., self.tasks] * self.alpha
+        return self.weights_of(self.K_rho, self.alpha)
+
+    def weights_of(self, loadings, alpha):
+        """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
+        return loadings[..., self.tasks] * alpha
+
+    def _solved(self, G):
+        """Roots of G^T K^{-1} G, K^{-1} G, and the trend's part, see Posterior."""
+        half, of_trend = self.cholesky.half_solve(G), None
+        if self.flat is not None:
+            of_trend = self.flat.B.T @ half
+            half = self.flat.rest(half)
+        return half, self.cholesky.half_solve(half, transposed=True), of_trend
 
     def latent(self, X, factor, term=0):
         """The latent functions z_a of a term at X: means and C^{-1} cov(y, z_a(X))."""

@@ -158,6 +158,33 @@ class ExtendedPosterior(Posterior):
         """Of k^x at each training input in the mean of each task."""
         return self._weights(self.K_rho)
 
+    def weights_of(self, loadings, alpha):
+        """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
+        of_new = loadings[:, self.tasks[self.new]] * alpha[..., self.new]
+        of_old = self.base.weights_of(loadings, self._of_base(alpha))
+        return np.hstack([of_old, of_new])
+
+    def _of_base(self, of_rows):
+        """Those of the complete data, in the order of their own rows."""
+        return of_rows[..., self.old]
+
+    def _solved(self, G):
+        """Roots of G^T K^{-1} G, and K^{-1} G, see Posterior."""
+        base = self.base
+        of_old, solved, _ = base._solved(G[self.old])
+        given = self._cross_to_base()
+        explained = (
+            given.reshape(len(given), -1)
+            @ base.by_input(solved.T).reshape(len(G.T), -1).T
+        )
+        half = self.cholesky.half_solve(G[self.new] - explained)
+        found = np.empty_like(G)
+        found[self.new] = self.cholesky.half_solve(half, transposed=True)
+        told = np.tensordot(found[self.new].T, given, 1)
+        taken = np.array(list(map(base.by_row, base.eigen.solve(told))))
+        found[self.old] = solved - taken.T
+        return np.vstack([of_old, half]), found, None
+
     def _with_loadings(self, unseen):
         """The same that knows tasks without data, too, see `WithUnseen`."""
         posterior = super()._with_loadings(unseen)

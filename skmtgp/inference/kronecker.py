@@ -286,6 +286,17 @@ class KroneckerPosterior(Posterior):
         """Of k^x at each input in the mean of each task."""
         return self.K_rho[:, self.observed] @ self.of_f.T
 
+    def weights_of(self, loadings, alpha):
+        """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
+        return (self.by_input(alpha) @ loadings[:, self.observed, None])[..., 0]
+
+    def _solved(self, G):
+        """Roots of G^T K^{-1} G, and K^{-1} G, see Posterior."""
+        half = self.eigen.half(self.eigen.rotate(self.by_input(G.T)))
+        solved = self.eigen.rotate_back(self.eigen.alpha(half))
+        of_rows = np.array(list(map(self.by_row, solved)))
+        return half.reshape(len(half), -1).T, of_rows.T, None
+
     def latent(self, X, factor):
         """The latent functions z_a at X: means and C^{-1} cov(y, z_a(X))."""
         of_tasks, cross = factor[self.observed], self.cross(X)
@@ -412,6 +423,13 @@ class KroneckerPosterior(Posterior):
     def precision(self):
         """The diagonal of K^{-1}, of shape (n_train,)."""
         return self.by_row(self.eigen.inverse_diagonal())
+
+    def by_input(self, of_rows):
+        """Numbers of each training row, (..., n_train), by input and observed task."""
+        there = self.rows >= 0
+        by_input = np.zeros((*of_rows.shape[:-1], *self.rows.shape))
+        by_input[..., there] = of_rows[..., self.rows[there]]
+        return by_input
 
     def by_row(self, of_inputs):
         """Numbers of each input and task, in the order of the training rows."""

@@ -31,13 +31,9 @@ class OfTheta(NamedTuple):
 
     ends: np.ndarray
 
-    def ends_at(self, prior, theta):
-        """The ends, of shape (n_axes, 2, n_theta)."""
-        return self.ends
-
-    def concerns(self, tasks):
-        """Of which tasks the variances grow, a mask."""
-        return np.ones(len(tasks), dtype=bool)
+    def widened(self, posterior, likelihood):
+        """The posterior whose variances count it."""
+        return Widened(posterior, likelihood, self.ends)
 
     def bordered(self, prior, theta, rows, *border):
         """The same once a task has joined by this border, see `Prior.bordered`.
@@ -60,44 +56,6 @@ class OfTheta(NamedTuple):
         return OfTheta(np.array([list(map(changed, pair)) for pair in self.ends]))
 
 
-class OfRow(NamedTuple):
-    """What is open of a task's row of F.
-
-    Attributes
-    ----------
-    task : int
-        Position of the task.
-    axes : list of ndarray of shape (n_axes, rank)
-        The c_a, those of each term.
-    """
-
-    task: int
-    axes: list
-
-    def ends_at(self, prior, theta):
-        """The ends, of shape (n_axes, 2, n_theta)."""
-        n_axes = len(self.axes[0])
-        ends = np.tile(theta, (n_axes, 2, 1))
-        for mask, of_term in zip(prior.of_factors, self.axes, strict=True):
-            away = np.zeros((n_axes, prior.n_tasks, mask.sum() // prior.n_tasks))
-            away[:, self.task, : of_term.shape[1]] = of_term
-            away = away.reshape(n_axes, -1)
-            ends[:, :, mask] += np.stack([away, -away], axis=1)
-        return ends
-
-    def concerns(self, tasks):
-        """Of which tasks the variances grow, a mask."""
-        return np.asarray(tasks) == self.task
-
-    def bordered(self, prior, theta, rows, own, position, log_noise):
-        """The same once a task has joined by this border, see `Prior.bordered`."""
-        return self._replace(task=self.task + (self.task >= position))
-
-    def with_row(self, prior, theta, rows, own, task):
-        """The same once another task has other rows of F."""
-        return self
-
-
 def _rows_at(prior, theta, end, rows):
     """A task's rows of F at an end, of each term."""
     found, terms = [], [form for _, form in prior.terms]
@@ -110,12 +68,8 @@ def _rows_at(prior, theta, end, rows):
     return found
 
 
-class Widened:
-    """A posterior of f whose variances count what is open of theta.
-
-    Means are those of the mode. What is open of a task's row of F widens the variances
-    of this task alone. Posteriors at the ends of the axes are made when a variance that
-    needs them is asked for.
+def widened(posterior, likelihood, leeway):
+    """A posterior whose variances count all that is open.
 
     Parameters
     ----------
@@ -123,15 +77,39 @@ class Widened:
         Of the mode.
     likelihood : Likelihood
         Where it comes from.
-    leeway : tuple of OfTheta or OfRow
-        What is open.
+    leeway : tuple of OfTheta or OfRows
+        What is open, see :mod:`skmtgp.inference.open_rows` too.
+
+    Returns
+    -------
+    posterior : Posterior, Widened or OpenRows
+    """
+    for of in leeway:
+        posterior = of.widened(posterior, likelihood)
+    return posterior
+
+
+class Widened:
+    """A posterior of f whose variances count what is open of theta.
+
+    Means are those of the mode. Posteriors at the ends of the axes are made when a
+    variance that needs them is asked for.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the mode.
+    likelihood : Likelihood
+        Where it comes from.
+    thetas : ndarray of shape (n_axes, 2, n_theta)
+        The ends.
     """
 
     before = None  # what `with_unseen` was asked, and `unseen` is what it was told
 
-    def __init__(self, posterior, likelihood, leeway):
+    def __init__(self, posterior, likelihood, thetas):
         self.posterior, self.likelihood = posterior, likelihood
-        self.leeway, self.known = leeway, {}
+        self.thetas, self.known = thetas, None
 
     def __getattr__(self, name):
         if name.startswith("__") or name == "posterior":
@@ -139,18 +117,14 @@ class Widened:
         return getattr(self.posterior, name)
 
     def __getstate__(self):  # that of a model that has predicted is the same
-        return vars(self) | {"known": {}}
+        return vars(self) | {"known": None}
 
-    def _thetas(self, k):
-        """What they are at the ends of the axes of the k-th leeway."""
-        return self.leeway[k].ends_at(self.posterior.prior, self.posterior.theta)
-
-    def _ends(self, k):
+    def _ends(self):
         """Pairs of posteriors at the ends of axes, without what variances need."""
-        if k not in self.known:
-            pairs = self.before._ends(k) if self.before else self._thetas(k)
-            self.known[k] = [list(map(self._end, pair)) for pair in pairs]
-        return self.known[k]
+        if self.known is None:
+            pairs = self.before._ends() if self.before else self.thetas
+            self.known = [list(map(self._end, pair)) for pair in pairs]
+        return self.known
 
     def _end(self, at):
         if self.before:
@@ -158,17 +132,8 @@ class Widened:
         return self.likelihood.posterior(at).of_means()
 
     def _spread(self, X, tasks):
-        """What means vary by along each axis, an array (n_axes, n_samples) each."""
-        for k, leeway in enumerate(self.leeway):
-            rows = leeway.concerns(tasks)
-            if rows.any():
-                at = X[rows], tasks[rows]
-                ends = self._ends(k)
-                spread = np.zeros((len(ends), len(X)))
-                spread[:, rows] = [
-                    0.5 * (more.mean(*at) - less.mean(*at)) for more, less in ends
-                ]
-                yield spread
+        """What means vary by along each axis, an array (n_axes, n_samples)."""
+        return _half_differences(self._ends(), lambda of: of.mean(X, tasks))
 
     def variance(self, X, tasks):
         """Variance of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -176,9 +141,11 @@ class Widened:
 
     def covariance(self, X, tasks):
         """Covariance of f, of shape (n_samples, n_samples)."""
-        covariance = self.posterior.covariance(X, tasks)
-        for of_parameter in self._spread(X, tasks):
-            covariance += of_parameter.T @ of_parameter
+        covariance, spread = (
+            self.posterior.covariance(X, tasks),
+            self._spread(X, tasks),
+        )
+        covariance += spread.T @ spread
         return covariance
 
     def leave_one_out(self, include_noise=False):
@@ -188,15 +155,11 @@ class Widened:
             return self.likelihood.posterior(theta).leave_one_out()[0]
 
         residual, variance = self.posterior.leave_one_out(include_noise)
-        spread = (
-            _half_differences(self._thetas(k), residuals)
-            * leeway.concerns(self.likelihood.tasks)
-            for k, leeway in enumerate(self.leeway)
-        )
+        spread = _half_differences(self.thetas, residuals)
         return residual, variance + _squares(spread)
 
     def level_variances(self):
-        """Variance of the level of each task; of all of theta that counts alone."""
+        """Variance of the level of each task, given the data, (n_tasks,)."""
         return self.posterior.level_variances() + self._spread_of(lambda of: of.levels)
 
     def coefficients_in_units(self):
@@ -206,19 +169,15 @@ class Widened:
         return means, np.sqrt(np.square(deviations) + spread)
 
     def _spread_of(self, evaluate):
-        """What it varies by, squared and summed, along the axes of all of theta."""
-        return _squares(
-            _half_differences(self._ends(k), evaluate)
-            for k, leeway in enumerate(self.leeway)
-            if isinstance(leeway, OfTheta)
-        )
+        """What it varies by, squared and summed."""
+        return _squares(_half_differences(self._ends(), evaluate))
 
     def with_unseen(self, n_unseen, described=None):
         """The same that knows tasks without data, too; this one stays as it is."""
         widened = copy(self)
         widened.before, widened.unseen = self, (n_unseen, described)
         widened.posterior = self.posterior.with_unseen(*widened.unseen)
-        widened.known = {}
+        widened.known = None
         return widened
 
 
@@ -227,6 +186,6 @@ def _half_differences(pairs, evaluate):
     return np.array([0.5 * np.subtract(*map(evaluate, pair)) for pair in pairs])
 
 
-def _squares(spreads):
+def _squares(spread):
     """Sums of squares over all axes."""
-    return sum(np.square(spread).sum(axis=0) for spread in spreads)
+    return np.square(spread).sum(axis=0)

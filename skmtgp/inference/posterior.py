@@ -12,6 +12,7 @@ from sklearn.gaussian_process.kernels import Kernel
 
 from skmtgp._numerics.parallel import map_threads
 from skmtgp.inference import tiles
+from skmtgp.inference.open_rows import Effect
 from skmtgp.inference.unseen import WithUnseen, bordered
 from skmtgp.inference.variances import (
     diagonal,
@@ -351,6 +352,61 @@ class Posterior(WithUnseen, ABC):
         K_x, _ = bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)  # which nobody can write to
 
+    def effect_of_row(self, task, X, factors):
+        """How f of a task varies with its row of F.
+
+        Parameters
+        ----------
+        task : int
+            The task.
+        X : ndarray of shape (n_samples, n_features)
+            Its training inputs.
+        factors : list of ndarray of shape (n_tasks, rank)
+            F of each term.
+
+        Returns
+        -------
+        effect : Effect
+        """
+        rows = np.flatnonzero(self.tasks == task)
+        latent = copy(self)
+        latent.weights = self.weights_of(_side_by_side(factors, self.K_rho), self.alpha)
+        rank = latent.weights.shape[-2]
+        latent.levels, G = np.zeros(rank), np.zeros((len(self.tasks), rank))
+        if len(rows):
+            G[rows] = latent.mean_of_tasks(X, np.arange(rank))
+        half, solved, of_trend = self._solved(G)
+        explained = self.weights_of(self.K_rho[..., [task], :], solved.T)
+        constants = -self.level * solved[rows].sum(axis=0)
+        return Effect(half.T @ half, latent.weights - explained, constants, of_trend)
+
+    def noise_of_rows(self):
+        """Noise variance of each training row, (n_train,)."""
+        return self.noise + self.jitter
+
+    @abstractmethod
+    def weights_of(self, loadings, alpha):
+        """Weights of k^x at the inputs in means of sums of tasks.
+
+        Parameters
+        ----------
+        loadings : ndarray of shape ([n_terms,] n_sums, n_tasks)
+            Covariances of the sums with the tasks.
+        alpha : ndarray of shape (n_train,) or (n_sums, n_train)
+            K^{-1} y, the same of all or of each.
+
+        Returns
+        -------
+        weights : ndarray of shape ([n_terms,] n_sums, n_inputs)
+        """
+
+    @abstractmethod
+    def _solved(self, G):
+        """Roots of G^T K^{-1} G, and K^{-1} G; with a trend, P is in its place.
+
+        The last one is what the columns of the trend have of G, None without.
+        """
+
     @abstractmethod
     def _weigh_tasks(self):
         """`weights`, from `K_rho`."""
@@ -493,3 +549,14 @@ def _by_rows(function, n):
     """``function(rows)`` for n rows, a tile's at a time, put together again."""
     jobs = [(slice(a, min(a + tiles.TILE, n)),) for a in range(0, n, tiles.TILE)]
     return np.concatenate(map_threads(function, jobs))
+
+
+def _side_by_side(factors, K_rho):
+    """F^T of all terms, ([n_terms,] rank, n_tasks), zero where it is that of others."""
+    if K_rho.ndim == 2:
+        return factors[0].T
+    ends = np.cumsum([F.shape[1] for F in factors])
+    found = np.zeros((len(factors), ends[-1], K_rho.shape[-1]))
+    for of_term, F, end in zip(found, factors, ends, strict=True):
+        of_term[end - F.shape[1] : end] = F.T
+    return found

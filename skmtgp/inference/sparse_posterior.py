@@ -10,6 +10,7 @@ from skmtgp._support.guide import INFERENCE
 from skmtgp._support.warnings import warn
 from skmtgp.exceptions import JitterWarning, NotPositiveDefiniteError
 from skmtgp.inference.flat import Coefficients
+from skmtgp.inference.open_rows import Effect
 from skmtgp.inference.posterior import Summand, kernels_of, without
 from skmtgp.inference.restricted import Means, unexplained
 from skmtgp.inference.unseen import WithUnseen, bordered
@@ -99,6 +100,7 @@ class SparsePosterior(WithUnseen):
                 means = self._set_trend(bound, weights, sums.squares, means)
             self.V, self.omega, self.levels = means
             self.loadings = weights.loadings
+            self.by_latent = self._by_latent(weights)
             self.covariances = Covariances(weights)  # spends the factor of `weights`
             # f^m(x) = omega_m . L^{-1} k^x(Z, x), summed over the terms
             self.weights = self.features.pull_back(self.omega.T).T
@@ -106,6 +108,19 @@ class SparsePosterior(WithUnseen):
         self.noise, self.block_size = weights.noise, bound.block_size
         rounding = rounding_of(len(bound.tasks), variance, self.noise.min())
         self.rounding = SINGULAR + rounding
+
+    def _by_latent(self, weights):
+        """T_m times the weights of each latent function, (n_tasks, p, n_latent)."""
+        return weights.T @ self._in_features(self.V).T
+
+    def _in_features(self, V):
+        """Weights of latent functions, (n_latent, n_inducing), among all features."""
+        features = np.zeros((len(V), self.loadings.n_terms * V.shape[1]))
+        for columns, rows in zip(
+            self.loadings.columns, self.loadings.rows, strict=True
+        ):
+            features[columns, rows] = V[columns]
+        return features
 
     def _set_trend(self, bound, weights, squares, means):
         """What there is to tell of the trend; the means that it leaves are returned."""
@@ -116,6 +131,7 @@ class SparsePosterior(WithUnseen):
         mean = trend.slopes.ravel() + columns.of_targets
         self.coefficients = Coefficients(trend, mean, columns.of_columns)
         self.told = Means(*(of[1:] for of in means))
+        self.of_columns = np.tensordot(turn.T, weights.own, 1)[1:]
         return [of[0] for of in means]
 
     @property
@@ -131,7 +147,7 @@ class SparsePosterior(WithUnseen):
 
     def of_means(self):
         """The same for means alone, without the matrices of the variances."""
-        return without(self, ["covariances"])
+        return without(self, ["covariances", "by_latent"])
 
     def mean(self, X, tasks):
         """Mean of f, of shape (n_samples,), for rows of X and their tasks."""
@@ -300,11 +316,18 @@ class SparsePosterior(WithUnseen):
         features leave of the variance of f is added. With a trend [K^{-1}]_ii is less
         by the squares of its columns' residuals over sigma^2.
         """
-        parts = [self._left_out(*block) for block in self.bound.blocks()]
-        residual, told, rest, prior, noise = np.concatenate(parts, axis=1)
+        residual, told, rest, prior, noise, _ = self._all_left_out()
         without_negatives(told, prior, min(self.rounding, 0.5))
         without_negatives(rest, prior, self.rounding)
         return residual, told + rest + noise * include_noise
+
+    def precision(self):
+        """The diagonal of the inverse covariance of the samples, by the features."""
+        return self._all_left_out()[-1]
+
+    def _all_left_out(self):
+        parts = [self._left_out(*block) for block in self.bound.blocks()]
+        return np.concatenate(parts, axis=1)
 
     def _left_out(self, X, tasks, targets):
         tile, noise = self.features.tile(X), self.noise[tasks]
@@ -322,9 +345,43 @@ class SparsePosterior(WithUnseen):
             left = np.where(left > 0.0, np.maximum(left - of_trend, RESOLVED), left)
         error = y - self.levels[tasks]
         error -= np.einsum("ij,ji->i", self.omega[tasks], tile.phi)
-        return np.stack(
-            [error / np.abs(left), noise * share / left, rest, prior, noise]
+        told = noise * share / left
+        return np.stack([error / np.abs(left), told, rest, prior, noise, left / noise])
+
+    def effect_of_row(self, task, X, factors):
+        """How f of a task varies with its row of F, see Posterior; X is not needed."""
+        loadings, covariances = self.loadings, self.covariances
+        ends = zip(loadings.columns, factors, strict=True)  # a shared one comes first
+        free = np.concatenate(
+            [np.arange(of.stop - F.shape[1], of.stop) for of, F in ends]
         )
+        G, of_latent = self._in_features(self.V)[free], self.by_latent[task][:, free]
+        between = loadings.of_latent(of_latent) * loadings.F[task][:, None, None]
+        solved = np.tensordot(covariances.inverse, between, ([1, 3], [0, 1]))
+        information = G @ of_latent - np.tensordot(between, solved, ([0, 1], [0, 1]))
+        at = G.T - self._of_task(task, solved)
+        if task in covariances.keep:
+            at = covariances.keep[task].T @ at
+        constants, of_trend = -covariances.taken[task] @ at, None
+        if self.told is not None:
+            of_trend = self.of_columns[:, task] @ G.T
+            information -= of_trend.T @ of_trend
+            at += self.told.omega[:, task].T @ of_trend
+            constants += self.told.levels[:, task] @ of_trend
+        return Effect(information, self.features.pull_back(at).T, constants, of_trend)
+
+    def _of_task(self, task, of_latent):
+        """Sums of the latent functions of a task, (n_features, n_sums)."""
+        loadings = self.loadings
+        parts = [
+            np.tensordot(loadings.F[task, of], of_latent[of], 1)
+            for of in loadings.columns
+        ]
+        return np.concatenate(parts)
+
+    def noise_of_rows(self):
+        """Noise variance of each training row, (n_train,)."""
+        return self.noise[self.bound.tasks]
 
     def latent(self, X, factor, term=0):
         """The latent functions z_a of a term at X.

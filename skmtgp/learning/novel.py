@@ -17,10 +17,10 @@ from skmtgp._numerics.hmc import sample
 from skmtgp._numerics.newton import minimize_all
 from skmtgp._numerics.parallel import limit_threads
 from skmtgp.inference.border import BorderLikelihood
-from skmtgp.inference.leeway import OfRow
+from skmtgp.inference.open_rows import with_open
 from skmtgp.learning.problem import Mode
 from skmtgp.learning.tuning import TUNING
-from skmtgp.model.population import deviations
+from skmtgp.model.population import factors_of, mean_square, scale_of_rows
 
 N_WARM, N_DRAWS = 20, 5  # trajectories of a border that is drawn; the last one counts
 
@@ -71,7 +71,7 @@ def learn_novel(
         What is known of the noise of its rows.
     trend : Trend, default=None
         Of all tasks, the novel one counted, if there is a trend.
-    leeway : tuple of OfTheta or OfRow, default=()
+    leeway : tuple of OfTheta or OfRows, default=()
         What is open of theta.
     rng : Generator, default=None
         Where an informed border is drawn from its posterior, not the mode: the source
@@ -105,14 +105,13 @@ def learn_novel(
         posed = Posed(border, np.hstack(factors))
         best = learn_border(posed, budget, informed=informed, rng=rng)
         value = border.value(best.x)
-        of_row = ()
-        if informed and rng is None:
-            of_row = leeway_of(posed, best.x, position)
     rows, of_own = by_terms(border, best.x, len(factors))
     log_noise = log_noise if own_noise else None
     new = rows, of_own, position, log_noise
-    leeway = tuple(of.bordered(prior, theta, *new) for of in leeway) + of_row
+    leeway = tuple(of.bordered(prior, theta, *new) for of in leeway)
     prior, theta = prior.bordered(theta, *new)
+    if informed and rng is None and border.rank:
+        leeway = with_open(leeway, position, prior.n_tasks)
     seconds = perf_counter() - begin
     return prior, Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
@@ -145,7 +144,7 @@ def learn_again(
         See :func:`learn_novel`.
     task : int
         Position of the task.
-    leeway : tuple of OfTheta or OfRow, default=()
+    leeway : tuple of OfTheta or OfRows, default=()
         What is open of theta, this row of F counted.
 
     Returns
@@ -157,16 +156,14 @@ def learn_again(
     with limit_threads(len(y)):
         posed, alone = posed_again(prior, posterior, theta, X, y, task, known)
         best = learn_border(posed, budget, informed=informed, rng=rng)
-        value, of_row = posed.border.value(best.x), ()
-        if informed and rng is None:
-            of_row = leeway_of(posed, best.x, task)
+        value = posed.border.value(best.x)
     rows, own = by_terms(posed.border, best.x, prior.n_terms)
     rows = [_widened(*of) for of in zip(rows, alone, strict=True)]
     for row, w, column in zip(rows, own, alone, strict=True):
         row[column] = w
-    of_row = with_columns(of_row, alone)
-    kept = (of for of in leeway if getattr(of, "task", None) != task)
-    leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in kept) + of_row
+    leeway = tuple(of.with_row(prior, theta, rows, own, task) for of in leeway)
+    if informed and rng is None and posed.border.rank:
+        leeway = with_open(leeway, task, prior.n_tasks)
     theta, seconds = prior.with_row(theta, rows, own, task), perf_counter() - begin
     return Mode(theta, value, *best[2:], seconds, len(y), leeway=leeway)
 
@@ -193,14 +190,6 @@ def posed_again(prior, posterior, theta, X, y, task, known=None):
     of_terms["level"] = values.level
     border = BorderLikelihood(posterior, others, X, y, noise, **of_terms)
     return Posed(border, np.delete(np.hstack(others), task, axis=0)), alone
-
-
-def with_columns(leeway, alone):
-    """What is open of a row, with zeros for the columns that the task has to itself."""
-    return tuple(
-        of._replace(axes=[_widened(*axes) for axes in zip(of.axes, alone, strict=True)])
-        for of in leeway
-    )
 
 
 def _column_of(task, F):
@@ -307,14 +296,13 @@ def shares_of(prior, theta):
     F; what each has of a function that all share alike, None without one; the variance
     of what each has of its own, if all have the same.
     """
-    factors, shared, equal = [], [], []
+    shared, equal = [], []
     of_terms = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
     for (_, form), (_, rho) in of_terms:
         _check_extensible(form)
-        factors.append(form.columns(rho))
         shared.append(form.unseen(rho)[0][0, 0] if form.shared else None)
         equal.append(float(np.exp(rho[-1])) if getattr(form, "equal", False) else 0.0)
-    return factors, shared, equal
+    return factors_of(prior, theta), shared, equal
 
 
 def by_terms(border, x, n_terms):
@@ -361,18 +349,12 @@ class Population:
     def __init__(self, factor, own):
         self.factor, (n_tasks, self.rank) = factor, factor.shape
         self.degrees_of_freedom = max(n_tasks - self.rank, 1)
-        moment = np.square(factor).sum(axis=1).mean()
-        if moment < np.finfo(float).tiny:  # all but zero: none to be like
-            moment = 1.0
-        axes = deviations(factor)
-        covariance = axes.T @ axes
-        covariance[np.diag_indices(self.rank)] += TUNING.ridge * moment
         self.mean, self.scale = np.zeros(self.rank + own), np.eye(self.rank + own)
         self.mean[: self.rank] = factor.mean(axis=0)
-        self.scale[: self.rank, : self.rank] = np.linalg.cholesky(covariance)
+        self.scale[: self.rank, : self.rank] = scale_of_rows(factor)
         self.lower = np.full(self.rank + own, -TUNING.farthest)
         of_own = np.arange(self.rank, self.rank + own)
-        self.scale[of_own, of_own] = np.sqrt(moment)
+        self.scale[of_own, of_own] = np.sqrt(mean_square(factor))
         self.lower[of_own] = TUNING.smallest
         self.flat = np.zeros_like(self.scale)  # the identity of what is in the prior
         self.flat[np.diag_indices(self.rank)] = 1.0
@@ -493,35 +475,6 @@ def learn_border(posed, budget, *, informed, rng=None):
         n_evaluations += chain.n_evaluations
         best = best._replace(x=chain.draws[-1])
     return best._replace(x=rows.row(best.x), n_evaluations=n_evaluations)
-
-
-def leeway_of(posed, x, task):
-    """What the samples and the prior leave open of a row of F, by Laplace's method.
-
-    Parameters
-    ----------
-    posed : Posed
-        See :func:`learn_border`.
-    x : ndarray of shape (rank,), or (rank + 1,) with w last
-        The row that was learned.
-    task : int
-        Position of the task.
-
-    Returns
-    -------
-    leeway : tuple of OfRow
-        One, or none where there is no l, or no information: targets that are all zero.
-    """
-    border, rows = posed.border, posed.rows
-    information = posed.information(rows.coordinates(x))
-    if not (border.rank and np.isfinite(information).all()):
-        return ()
-    covariance = np.linalg.inv(information)
-    covariance = (rows.scale @ covariance @ rows.scale.T)[: border.rank, : border.rank]
-    values, vectors = np.linalg.eigh(covariance)
-    axes = (np.sqrt(np.maximum(values, 0.0)) * vectors).T
-    of_l = border.of_term[: border.rank]
-    return (OfRow(task, [axes[:, of_l == q] for q in range(len(border.K_x))]),)
 
 
 def _follow_together(posed, informed, starts, upper, budget):

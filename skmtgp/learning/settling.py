@@ -9,8 +9,7 @@ it (section 3.3 and :mod:`skmtgp.learning.novel`). The order of tasks does not m
 By sparse inference this is done of more tasks: of those with fewer than thirty rows of
 data for each number of their row of F, if many tasks have more, and most of the rows.
 Should the likelihood say that the larger tasks do not speak for them, they stay as they
-are. Exact inference widens the intervals of such tasks in another way, see
-:mod:`skmtgp.learning.open_rows`.
+are.
 """
 
 from dataclasses import replace
@@ -26,7 +25,6 @@ from skmtgp.learning.novel import (
     by_terms,
     lacking,
     learn_border,
-    leeway_of,
     shares_of,
 )
 
@@ -81,7 +79,7 @@ def _settled(problem, mode, few):
             usual = larger.usual_log_noise(theta)
             theta[np.flatnonzero(prior.of_noise)[few & small]] = usual
         posterior = larger.posterior(theta)
-        population, leeway = np.hstack(shares_of(prior, theta)[0])[~few], ()
+        population = np.hstack(shares_of(prior, theta)[0])[~few]
         for task in _fewest_first(problem.data, few):
             border = _border(problem, posterior, theta, task)
             if not len(border.y):  # all that its rows tell is a trend of its own
@@ -89,13 +87,11 @@ def _settled(problem, mode, few):
             posed = Posed(border, population)
             best = learn_border(posed, problem.budget, informed=True)
             row = by_terms(border, best.x, prior.n_terms)
-            if small[task] or len(leeway) < _n_affordable(problem):
-                leeway += leeway_of(posed, best.x, task)
             theta = prior.with_row(theta, *row, task)
     likelihood = problem.likelihood()
     with limit_threads(likelihood.side):
         value = likelihood.value(theta)
-    return mode._replace(theta=theta, value=value, rivals=(), leeway=leeway)
+    return mode._replace(theta=theta, value=value, rivals=())
 
 
 def few_rows(problem):
@@ -140,16 +136,6 @@ def _fewest_first(data, few):
     """Positions of some tasks: those with the fewest rows first."""
     order = np.argsort(_n_rows(data), kind="stable")
     return order[few[order]]
-
-
-def _n_affordable(problem):
-    """How many rows of F may count as open, by the work of the intervals.
-
-    Each of their numbers takes two posteriors.
-    """
-    n, m, rank = len(problem.data), len(problem.data.Z), _rank(problem.prior)
-    work = 2.0 * rank * (n * m**2 + (rank * m) ** 3)
-    return int(problem.tuning.open_work / work)
 
 
 def has_rows(prior):

@@ -250,15 +250,6 @@ class Tuning:
         three, and a call of a function takes longer than its sums.
     farthest : float
         Largest coordinate of that row: as good as infinite.
-    ridge : float
-        On the covariance of the rows of F, of their mean square: of few tasks it is
-        singular.
-    open_inputs : int
-        Inputs at which what is open of a row of F is compared,
-    open_share : float
-        the least share of the known variance that counts,
-    open_work : float
-        and the most work: n^3 for each task, and then for each posterior that it takes.
     smallest, first : float
         What a novel task has of its own, in root mean squares of the rows: at least,
         and where learning of it starts.
@@ -371,10 +362,6 @@ class Tuning:
     followed: int = 4
     together: int = 512
     farthest: float = 1e6
-    ridge: float = 1e-7
-    open_inputs: int = 64
-    open_share: float = 0.1
-    open_work: float = 2e11
     smallest: float = 1e-6
     first: float = 0.1
 

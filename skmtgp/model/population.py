@@ -7,6 +7,14 @@ from skmtgp.model.task_covariance import LowRank
 
 LEAST_FREEDOM = 3  # fewer degrees tell no variance of another row
 ROUNDING = 1e-12  # of the longest axis: a shorter one is none
+# On the covariance of the rows of F, of their mean square: of few it is singular.
+RIDGE = 1e-7
+
+
+def factors_of(prior, theta):
+    """F of each term as it is learned, a list."""
+    pairs = zip(prior.terms, prior.theta_of_terms(theta), strict=True)
+    return [form.columns(rho) for (_, form), (_, rho) in pairs]
 
 
 def deviations(factor):
@@ -25,6 +33,30 @@ def deviations(factor):
     centred = factor - factor.mean(axis=0)
     _, sizes, axes = np.linalg.svd(centred, full_matrices=False)
     return sizes[:, None] * axes / np.sqrt(len(factor))
+
+
+def mean_square(factor):
+    """Of the rows of F; 1 if they are zero, and there is nothing to be like."""
+    moment = np.square(factor).sum(axis=1).mean()
+    return moment if moment >= np.finfo(float).tiny else 1.0
+
+
+def scale_of_rows(factor):
+    """A lower triangular S, and S S^T is the covariance of the rows of F.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (n_tasks, rank)
+        F.
+
+    Returns
+    -------
+    scale : ndarray of shape (rank, rank)
+    """
+    axes = deviations(factor)
+    covariance = axes.T @ axes
+    covariance[np.diag_indices(len(covariance))] += RIDGE * mean_square(factor)
+    return np.linalg.cholesky(covariance)
 
 
 def leeway_of_another(factor):

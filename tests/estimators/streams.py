@@ -6,7 +6,7 @@ from copy import copy
 import numpy as np
 from samples import draw
 
-from skmtgp.inference.leeway import Widened
+from skmtgp.inference.leeway import widened
 from skmtgp.inference.mixture import Mixture
 
 
@@ -29,7 +29,7 @@ def refitted(model):
     pairs = zip(model._likelihoods, model._thetas(), strict=True)
     other._posteriors = [likelihood.posterior(theta) for likelihood, theta in pairs]
     outputs = zip(other._posteriors, model._likelihoods, model._leeway, strict=True)
-    other._predictive = [Widened(*of) if of[-1] else of[0] for of in outputs]
+    other._predictive = [widened(*of) for of in outputs]
     if model._is_sampled():
         draws = zip(model._likelihoods, model._draws_of_outputs(), strict=True)
         other._predictive = [Mixture(*of_output) for of_output in draws]

@@ -123,6 +123,6 @@ def book(bound, theta, Z=None):
         end = at + term[1].n_parameters
         term[1], at = term[1].matrix(theta[at:end]), end
     level = np.exp(theta[at]) if prior.levels else 0.0
-    noise = np.broadcast_to(np.exp(theta[-prior.n_noise :]), M)
+    noise = np.broadcast_to(np.exp(theta[-prior.n_noise :]), prior.n_tasks)
     rows = Rows(bound.X, bound.tasks, bound.y)
     return Book(terms, level, noise[rows.tasks], rows, bound.Z if Z is None else Z)

@@ -8,7 +8,8 @@ import pytest
 import textbook
 from sklearn.gaussian_process.kernels import RBF
 
-from skmtgp.inference.leeway import OfRow, OfTheta, Widened
+from skmtgp.inference.leeway import OfTheta, widened
+from skmtgp.inference.open_rows import OfRows
 from skmtgp.model.task_covariance import low_rank
 
 N_TASKS, RANK, ROW = 3, 2, 1
@@ -51,12 +52,12 @@ def whole(theta, n_axes=4):
     return OfTheta(np.stack([theta + away, theta - away], axis=1))
 
 
-OF_ROW = OfRow(ROW, [np.array([[0.3, 0.1], [-0.1, 0.2]])])
+OF_ROW = OfRows(np.arange(N_TASKS) == ROW)
 
 
-def widened(likelihood, *leeway):
+def opened(likelihood, *leeway):
     theta = theta_of(likelihood)
-    return Widened(likelihood.posterior(theta), likelihood, leeway)
+    return widened(likelihood.posterior(theta), likelihood, leeway)
 
 
 def by_the_book(likelihood, theta):
@@ -76,7 +77,7 @@ def differences(likelihood, ends):
 def test_all_of_theta(name):
     likelihood = LIKELIHOODS[name]()
     leeway = whole(theta_of(likelihood))
-    found = widened(likelihood, leeway)
+    found = opened(likelihood, leeway)
     mean, C = by_the_book(likelihood, theta_of(likelihood))
     spread = differences(likelihood, leeway.ends)
     tolerance = {"rtol": 1e-5, "atol": 1e-6} if name == "sparse" else {"rtol": 1e-8}
@@ -91,49 +92,12 @@ def test_all_of_theta(name):
     )
 
 
-@pytest.mark.parametrize("name", LIKELIHOODS)
-def test_a_row_of_the_factor(name):
-    """It widens the variances of its task alone."""
-    likelihood = LIKELIHOODS[name]()
-    theta, found = theta_of(likelihood), widened(likelihood, OF_ROW)
-    of_factor, ends = likelihood.prior.of_factor, np.tile(theta, (2, 2, 1))
-    of_row = np.flatnonzero(of_factor)[ROW * RANK : (ROW + 1) * RANK]
-    ends[:, 0, of_row] += OF_ROW.axes[0]
-    ends[:, 1, of_row] -= OF_ROW.axes[0]
-    spread = differences(likelihood, ends) * (OF_Z == ROW)
-    _, C = by_the_book(likelihood, theta)
-    tolerance = {"rtol": 1e-5, "atol": 1e-6} if name == "sparse" else {"rtol": 1e-8}
-    expected = np.diagonal(C) + np.square(spread).sum(axis=0)
-    np.testing.assert_allclose(found.variance(Z, OF_Z), expected, **tolerance)
-    others = OF_Z != ROW
-    np.testing.assert_array_equal(
-        found.variance(Z, OF_Z)[others], found.posterior.variance(Z, OF_Z)[others]
-    )
-    of_all = found.covariance(Z, OF_Z)
-    np.testing.assert_allclose(np.diagonal(of_all), expected, **tolerance)
-
-
-def test_rows_of_two_tasks_are_open_each_by_itself():
-    likelihood = dense()
-    other = OfRow(2, [np.array([[0.1, -0.2]])])
-    both = widened(likelihood, OF_ROW, other)
-    for leeway in (OF_ROW, other):
-        found, expected = (
-            of.covariance(Z, OF_Z)[np.ix_(*[leeway.concerns(OF_Z)] * 2)]
-            for of in (both, widened(likelihood, leeway))
-        )
-        np.testing.assert_allclose(found, expected)
-    between = np.ix_(OF_Z == ROW, OF_Z != ROW)
-    expected = both.posterior.covariance(Z, OF_Z)[between]
-    np.testing.assert_array_equal(both.covariance(Z, OF_Z)[between], expected)
-
-
 def test_both_kinds_add_up():
     likelihood = dense()
     of_theta = whole(theta_of(likelihood))
-    both = widened(likelihood, of_theta, OF_ROW).variance(Z, OF_Z)
+    both = opened(likelihood, OF_ROW, of_theta).variance(Z, OF_Z)
     least = likelihood.posterior(theta_of(likelihood)).variance(Z, OF_Z)
-    parts = [widened(likelihood, of).variance(Z, OF_Z) for of in (of_theta, OF_ROW)]
+    parts = [opened(likelihood, of).variance(Z, OF_Z) for of in (of_theta, OF_ROW)]
     np.testing.assert_allclose(both, sum(parts) - least, rtol=1e-10)
 
 
@@ -142,7 +106,7 @@ def test_leave_one_out(include_noise):
     likelihood = dense()
     theta, (X, tasks, y) = theta_of(likelihood), rows()
     leeway = whole(theta, 2)
-    residual, variance = widened(likelihood, leeway).leave_one_out(include_noise)
+    residual, variance = opened(likelihood, leeway).leave_one_out(include_noise)
     prior, i = likelihood.prior, 7
     others = np.delete(np.arange(len(y)), i)
 
@@ -161,15 +125,6 @@ def test_leave_one_out(include_noise):
     assert variance[i] == pytest.approx(expected)
 
 
-def test_leaving_out_rows_of_an_open_task():
-    likelihood = dense()
-    _, variance = widened(likelihood, OF_ROW).leave_one_out()
-    _, least = likelihood.posterior(theta_of(likelihood)).leave_one_out()
-    of_task = rows()[1] == ROW
-    assert (variance[of_task] > least[of_task]).all()
-    np.testing.assert_array_equal(variance[~of_task], least[~of_task])
-
-
 def test_levels():
     likelihood = dense()
     leeway = whole(theta_of(likelihood))
@@ -177,10 +132,10 @@ def test_levels():
         [likelihood.posterior(theta).levels for theta in pair] for pair in leeway.ends
     ]
     spread = np.square([0.5 * (more - less) for more, less in levels]).sum(axis=0)
-    found = widened(likelihood, leeway)
+    found = opened(likelihood, leeway)
     least = found.posterior.level_variances()
     np.testing.assert_allclose(found.level_variances(), least + spread)
-    np.testing.assert_array_equal(widened(likelihood, OF_ROW).level_variances(), least)
+    np.testing.assert_array_equal(opened(likelihood, OF_ROW).level_variances(), least)
 
 
 @pytest.mark.parametrize("name", LIKELIHOODS)
@@ -194,7 +149,7 @@ def test_tasks_without_data(name):
     likelihood = build(RBF(1.0), form, *rows())
     theta = np.full(likelihood.prior.n_theta, 0.4)
     leeway, unseen = whole(theta, 2), np.full(len(Z), N_TASKS)
-    found = Widened(likelihood.posterior(theta), likelihood, (leeway,))
+    found = widened(likelihood.posterior(theta), likelihood, (leeway,))
     means = [
         [likelihood.posterior(x).with_unseen(1).mean(Z, unseen) for x in pair]
         for pair in leeway.ends
@@ -208,11 +163,10 @@ def test_tasks_without_data(name):
 
 def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
     likelihood = dense()
-    found = widened(likelihood, OF_ROW)
+    found = opened(likelihood, whole(theta_of(likelihood)))
     known = pickle.dumps(found)
     monkeypatch.setattr(type(likelihood), "posterior", None)
     found.mean(Z, OF_Z)
-    found.level_variances()
     monkeypatch.undo()
     variance = found.variance(Z, OF_Z)
     assert found.known
@@ -221,9 +175,10 @@ def test_nothing_is_computed_before_it_is_asked_for(monkeypatch):
 
 
 def test_ends_keep_nothing_for_variances():
-    found = widened(dense(), OF_ROW)
+    likelihood = dense()
+    found = opened(likelihood, whole(theta_of(likelihood), 1))
     found.variance(Z, OF_Z)
-    [[more, _], _] = found.known[0]
+    [[more, _]] = found.known
     assert not hasattr(more, "cholesky")
     assert hasattr(found.posterior, "cholesky")
 
@@ -252,6 +207,5 @@ def test_a_task_joins(own):
         np.testing.assert_allclose(
             K_rho[position, known], sum_of @ turned @ of_F.T, atol=1e-10
         )
-    assert OF_ROW.bordered(prior, theta, *border).task == ROW + 1
-    border = *border[:2], ROW + 1, None
-    assert OF_ROW.bordered(prior, theta, *border).task == ROW
+    joined = OF_ROW.bordered(prior, theta, *border)
+    assert joined.are_open.tolist() == [False, False, True, False]

@@ -1,0 +1,270 @@
+"""Variances that count what is open of rows of F, by the book.
+
+To be open, the row of a task has the prior of the population around what was learned:
+f of that task then has the covariance mu(x)^T S S^T mu(x') more, with the means mu of
+the latent functions and the covariance S S^T of the other tasks' rows.
+"""
+
+import pickle
+
+import building
+import numpy as np
+import pytest
+import sparse_terms
+import textbook
+from pairs import in_pairs
+from sklearn.gaussian_process.kernels import RBF
+from trend_models import NEW, OF_NEW, TERMS, M, by_hand, draw, make, make_trend
+
+from skmtgp.inference.leeway import widened
+from skmtgp.inference.open_rows import OfRows, OpenRows, with_open
+from skmtgp.model.population import factors_of, scale_of_rows
+from skmtgp.model.task_covariance import low_rank
+
+CLOSE = {"rtol": 1e-8, "atol": 1e-8}
+Z = np.vstack([NEW[:3], np.random.default_rng(1).standard_normal((4, 2))])
+every_model = in_pairs(
+    terms=TERMS,
+    trend={"no trend": None, "trend": False, "trend per task": True},
+    n_noise={"one noise": 1, "noise per task": M},
+    levels={"levels": True, "no levels": False},
+    inducing={"exact": None, "sparse": Z},
+)
+
+
+class Book:
+    """What a likelihood and a theta say, with n x n matrices."""
+
+    def __init__(self, likelihood, theta):
+        self.rows = likelihood.X, likelihood.tasks
+        sparse = hasattr(likelihood, "Z")
+        Z = likelihood.Z if sparse else likelihood.X
+        self.book, self.Z = sparse_terms.book(likelihood, theta, Z), sparse and Z
+        self.of = self.book.explained if sparse else self.book.prior
+        self.K = self.of(*self.rows, *self.rows) + np.diag(self.book.noise)
+        self.factors, self.y = factors_of(likelihood.prior, theta), likelihood.y
+        self.trend = likelihood.prior.trend
+
+    def columns(self, X, tasks):
+        """Of the trend."""
+        if self.trend is None:
+            return np.zeros((len(X), 0))
+        return by_hand(self.trend, X, tasks)
+
+    def latents(self, X):
+        """mu(X), of shape (n_samples, rank)."""
+        (rows, tasks), H, solved = self.rows, self.columns(*self.rows), self.K
+        solved = np.linalg.solve(self.K, np.column_stack([H, self.y]))
+        beta = np.linalg.lstsq(H.T @ solved[:, :-1], H.T @ solved[:, -1])[0]
+        alpha = solved[:, -1] - solved[:, :-1] @ beta
+        found = []
+        for F, (k, _) in zip(self.factors, self.book.terms, strict=True):
+            K_x = k(X, rows)
+            if self.Z is not False:
+                K_x = k(X, self.Z) @ np.linalg.solve(k(self.Z), k(self.Z, rows))
+            found.append(K_x @ (F[tasks] * alpha[:, None]))
+        return np.hstack(found)
+
+    def opened(self, task, X, tasks, of_X, of_tasks):
+        """What the prior covariance has more if the row of a task is open."""
+        F = np.hstack(self.factors)
+        scale = scale_of_rows(np.delete(F, task, axis=0))
+        left = (tasks == task)[:, None] * self.latents(X) @ scale
+        right = (of_tasks == task)[:, None] * self.latents(of_X) @ scale
+        return left @ right.T
+
+    def covariance(self, task, X, tasks):
+        """Of f(X) with the row of a task open."""
+        new, rows = (X, tasks), self.rows
+        H, H_star = self.columns(*rows), self.columns(*new)
+        K = self.K + self.opened(task, *rows, *rows)
+        K_star = self.of(*rows, *new) + self.opened(task, *rows, *new)
+        prior = self.book.prior(*new, *new) + self.opened(task, *new, *new)
+        if not H.shape[1]:
+            return prior - K_star.T @ np.linalg.solve(K, K_star)
+        return textbook.universal_kriging(K, H, self.y, K_star, H_star, prior)[1]
+
+    def left_out(self, task):
+        """Variance of each observation of a task given the others, its row open."""
+        K = self.K + self.opened(task, *self.rows, *self.rows)
+        P, H = np.linalg.inv(K), self.columns(*self.rows)
+        if H.shape[1]:
+            P -= P @ H @ np.linalg.solve(H.T @ P @ H, H.T @ P)
+        found = 1.0 / np.diagonal(P)
+        if self.Z is not False:
+            found += np.diagonal(self.book.left(*self.rows))
+        return found[self.rows[1] == task]
+
+
+def opened(likelihood, theta):
+    are_open = np.ones(likelihood.prior.n_tasks, dtype=bool)
+    return OpenRows(likelihood.posterior(theta), likelihood, are_open)
+
+
+def check(likelihood, theta, new, of_new):
+    found, book = opened(likelihood, theta), Book(likelihood, theta)
+    covariance, variance = (
+        of(new, of_new) for of in (found.covariance, found.variance)
+    )
+    np.testing.assert_allclose(np.diagonal(covariance), variance, rtol=1e-9)
+    least = found.posterior.covariance(new, of_new)
+    for task in np.unique(of_new):
+        rows = of_new == task
+        expected = book.covariance(task, new, of_new)
+        of_task = np.ix_(rows, rows)
+        np.testing.assert_allclose(covariance[of_task], expected[of_task], **CLOSE)
+        between = np.ix_(rows, ~rows)
+        np.testing.assert_array_equal(covariance[between], least[between])
+    return found, book
+
+
+@every_model
+def test_variances(terms, trend, n_noise, levels, inducing):
+    trend = None if trend is None else make_trend(trend)
+    check(*make(terms, n_noise, levels, trend, Z=inducing), NEW, OF_NEW)
+
+
+@every_model
+def test_leave_one_out(terms, trend, n_noise, levels, inducing):
+    trend = None if trend is None else make_trend(trend)
+    likelihood, theta = make(terms, n_noise, levels, trend, Z=inducing)
+    found, book = opened(likelihood, theta), Book(likelihood, theta)
+    residual, of_y = found.leave_one_out(include_noise=True)
+    _, of_f = found.leave_one_out()
+    for task in range(M):
+        rows = likelihood.tasks == task
+        np.testing.assert_allclose(of_y[rows], book.left_out(task), rtol=1e-8)
+    np.testing.assert_allclose(of_y - of_f, book.book.noise, rtol=1e-7)
+    known = found.posterior.leave_one_out()[0]
+    np.testing.assert_array_equal(residual, known)
+
+
+def complete(n_tasks=4, kept=slice(None), levels=True):
+    """Data whose tasks have the same inputs, in an order of their own."""
+    rng, x = np.random.default_rng(0), np.linspace(0.0, 6.0, 7)
+    order = rng.permutation(7 * n_tasks)[kept]
+    X, tasks = np.tile(x, n_tasks)[order, None], np.repeat(range(n_tasks), 7)[order]
+    y = np.sin(X[:, 0]) * (tasks - 0.5) + 0.1 * rng.standard_normal(len(X))
+    return X, tasks, y
+
+
+def theta_of(prior):
+    theta = 0.3 * np.random.default_rng(2).standard_normal(prior.n_theta)
+    theta[prior.of_noise] = np.log([0.05, 0.1, 0.02, 0.04])[: prior.n_noise]
+    return theta
+
+
+@pytest.mark.parametrize("levels", [False, True])
+@pytest.mark.parametrize("kept", [slice(None), slice(3, None)], ids=["all", "gaps"])
+def test_complete_data(kept, levels):
+    form, new = low_rank(4, 2), np.linspace(-1.0, 7.0, 9)[:, None]
+    likelihood = building.kronecker(
+        RBF(1.0), form, *complete(kept=kept), n_noise=4, levels=levels
+    )
+    theta, of_new = theta_of(likelihood.prior), np.arange(9) % 4
+    found, book = check(likelihood, theta, new, of_new)
+    _, variance = found.leave_one_out(include_noise=True)
+    for task in range(4):
+        rows = likelihood.tasks == task
+        np.testing.assert_allclose(variance[rows], book.left_out(task), rtol=1e-8)
+
+
+@pytest.mark.parametrize("levels", [False, True])
+def test_novel_tasks_beside_complete_data(levels):
+    X, tasks, y = complete(kept=slice(2, None))
+    rows = np.vstack([X, [[0.3], [4.4], [2.2]]]), np.append(tasks, [4, 4, 5])
+    rows = *rows, np.append(y, [0.4, -0.2, 0.1])
+    form, new = low_rank(6, 2, diagonal=True), np.linspace(-1.0, 7.0, 12)[:, None]
+    likelihood = building.extended(
+        RBF(1.0), form, *rows, 1, novel=[4, 5], levels=levels
+    )
+    check(likelihood, theta_of(likelihood.prior), new, np.arange(12) % 6)
+
+
+def test_next_to_no_noise():
+    """Variances are still what the data leave open."""
+    X, tasks, y = complete()
+    models = [
+        building.dense(RBF(1.0), low_rank(4, 2), X, tasks, y),
+        building.kronecker(RBF(1.0), low_rank(4, 2), X, tasks, y),
+        building.sparse(RBF(1.0), low_rank(4, 2), X, tasks, y, np.unique(X)[:, None]),
+    ]
+    theta = theta_of(models[0].prior)
+    theta[-1], new = np.log(1e-8), np.linspace(-1.0, 7.0, 9)[:, None]
+    of_new = np.arange(9) % 4
+    dense, *others = (opened(model, theta).variance(new, of_new) for model in models)
+    for found in others:
+        np.testing.assert_allclose(found, dense, rtol=1e-4, atol=1e-8)
+
+
+def test_some_tasks_are_open():
+    likelihood, theta = make(TERMS["one"])
+    found = widened(likelihood.posterior(theta), likelihood, (OfRows([0, 1, 0]),))
+    variance, least = (
+        of.variance(NEW, OF_NEW) for of in (found, likelihood.posterior(theta))
+    )
+    assert (variance[OF_NEW == 1] > least[OF_NEW == 1]).all()
+    np.testing.assert_array_equal(variance[OF_NEW != 1], least[OF_NEW != 1])
+    np.testing.assert_array_equal(
+        found.mean(NEW, OF_NEW), found.posterior.mean(NEW, OF_NEW)
+    )
+
+
+def test_a_task_without_rows_is_one_of_the_population():
+    X, tasks, y = draw()
+    kept = tasks != 1
+    likelihood, theta = make(TERMS["one"], rows=(X[kept], tasks[kept], y[kept]))
+    check(likelihood, theta, NEW, OF_NEW)
+
+
+@pytest.mark.parametrize("inducing", [None, Z], ids=["exact", "sparse"])
+def test_order_of_rows_and_axes_of_the_factor_do_not_matter(inducing):
+    (X, tasks, y), turn = draw(), np.linalg.qr([[1.0, 2.0], [3.0, 1.0]])[0]
+    likelihood, theta = make(TERMS["one"], Z=inducing)
+    mask, turned = likelihood.prior.of_factor, theta.copy()
+    turned[mask] = (theta[mask].reshape(M, 2) @ turn).ravel()
+    order = np.random.default_rng(0).permutation(len(y))
+    if inducing is None:  # whose rows are sorted by task
+        order = order[np.argsort(tasks[order], kind="stable")]
+    other, _ = make(TERMS["one"], rows=(X[order], tasks[order], y[order]), Z=inducing)
+    of_both = [opened(likelihood, theta), opened(other, turned)]
+    found = [of.variance(NEW, OF_NEW) for of in of_both]
+    np.testing.assert_allclose(*found, rtol=1e-9)
+
+
+def test_tasks_without_data():
+    likelihood, theta = make([(RBF(1.0), low_rank(M, 2, shared=True))])
+    found, unseen = opened(likelihood, theta), np.full(len(NEW), M)
+    larger, known = (of.with_unseen(1) for of in (found, likelihood.posterior(theta)))
+    np.testing.assert_array_equal(
+        larger.variance(NEW, unseen), known.variance(NEW, unseen)
+    )
+    np.testing.assert_allclose(
+        larger.variance(NEW, OF_NEW), found.variance(NEW, OF_NEW), rtol=1e-12
+    )
+
+
+def test_nothing_is_computed_before_it_is_asked_for():
+    found = opened(*make(TERMS["two"]))
+    known = pickle.dumps(found)
+    found.mean(NEW, OF_NEW)
+    found.level_variances()
+    assert not found.effects
+    variance = found.variance(NEW, OF_NEW)
+    assert sorted(found.effects) == [0, 1, 2]
+    assert pickle.dumps(found) == known
+    np.testing.assert_array_equal(pickle.loads(known).variance(NEW, OF_NEW), variance)
+
+
+def test_tasks_join_and_get_other_rows():
+    """The position of a task moves with those before it."""
+    likelihood, theta = make(TERMS["one"])
+    leeway = with_open((), [2], M)
+    border = [np.zeros(2)], [None], 1, None
+    joined = [of.bordered(likelihood.prior, theta, *border) for of in leeway]
+    assert joined[0].are_open.tolist() == [False, False, False, True]
+    [both] = with_open(tuple(joined), 1, M + 1)
+    assert both.are_open.tolist() == [False, True, False, True]
+    closed = both.with_row(likelihood.prior, theta, [np.zeros(2)], [None], 3)
+    assert closed.are_open.tolist() == [False, True, False, False]
+    assert both.are_open[3]

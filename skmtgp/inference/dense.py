@@ -297,15 +297,11 @@ class DensePosterior(Posterior):
         except NotPositiveDefiniteError:
             return None
 
-    def _weigh_tasks(self):
-        """Of k^x at each training input in the mean of each task."""
-        return self.weights_of(self.K_rho, self.alpha)
-
     def weights_of(self, loadings, alpha):
         """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
         return loadings[..., self.tasks] * alpha
 
-    def _solved(self, G):
+    def solve(self, G):
         """Roots of G^T K^{-1} G, K^{-1} G, and the trend's part, see Posterior."""
         half, of_trend = self.cholesky.half_solve(G), None
         if self.flat is not None:

@@ -168,10 +168,10 @@ class ExtendedPosterior(Posterior):
         """Those of the complete data, in the order of their own rows."""
         return of_rows[..., self.old]
 
-    def _solved(self, G):
+    def solve(self, G):
         """Roots of G^T K^{-1} G, and K^{-1} G, see Posterior."""
         base = self.base
-        of_old, solved, _ = base._solved(G[self.old])
+        of_old, solved, _ = base.solve(G[self.old])
         given = self._cross_to_base()
         explained = (
             given.reshape(len(given), -1)

@@ -290,7 +290,7 @@ class KroneckerPosterior(Posterior):
         """Weights of k^x at the inputs in means of sums of tasks, see Posterior."""
         return (self.by_input(alpha) @ loadings[:, self.observed, None])[..., 0]
 
-    def _solved(self, G):
+    def solve(self, G):
         """Roots of G^T K^{-1} G, and K^{-1} G, see Posterior."""
         half = self.eigen.half(self.eigen.rotate(self.by_input(G.T)))
         solved = self.eigen.rotate_back(self.eigen.alpha(half))

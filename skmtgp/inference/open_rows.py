@@ -141,22 +141,14 @@ class OpenRows:
     def _effect(self, task):
         """How f varies along the axes of what is open of a row."""
         if task not in self.effects:
-            factors, of_task = (
-                factors_of(self.of_data.prior, self.of_data.theta),
-                self._rows(task),
-            )
-            effect = self.of_data.effect_of_row(
-                task, self.likelihood.X[of_task], factors
-            )
+            factors = factors_of(self.of_data.prior, self.of_data.theta)
+            effect = self.of_data.effect_of_row(task, factors, self.likelihood)
             scale = scale_of_rows(np.delete(np.hstack(factors), task, axis=0))
             precision = scale.T @ effect.information @ scale
             precision[np.diag_indices(len(precision))] += 1.0
             axes = np.linalg.solve(np.linalg.cholesky(precision), scale.T)
             self.effects[task] = effect.along(axes)
         return self.effects[task]
-
-    def _rows(self, task):
-        return np.flatnonzero(self.likelihood.tasks == task)
 
     def _spread(self, X, tasks):
         """Of each task that is open its rows, and what f varies by, (rank, n_rows)."""

@@ -92,9 +92,8 @@ class Posterior(WithUnseen, ABC):
     Notes
     -----
     A subclass sets `alpha` and `log_likelihood`. Then it calls ``_set_means()``, which
-    sets `weights` and `levels`. It has the abstract methods, of which
-    ``_weigh_tasks()`` returns the weights. Means, variances, covariances and
-    leave-one-out follow.
+    sets `weights` and `levels`. It has the abstract methods. Means, variances,
+    covariances and leave-one-out follow.
     """
 
     jitter = 0.0
@@ -352,17 +351,17 @@ class Posterior(WithUnseen, ABC):
         K_x, _ = bound.against(X).block(*(slice(0, size) for size in shape))
         return np.broadcast_to(K_x, shape)  # which nobody can write to
 
-    def effect_of_row(self, task, X, factors):
+    def effect_of_row(self, task, factors, likelihood):
         """How f of a task varies with its row of F.
 
         Parameters
         ----------
         task : int
             The task.
-        X : ndarray of shape (n_samples, n_features)
-            Its training inputs.
         factors : list of ndarray of shape (n_tasks, rank)
             F of each term.
+        likelihood : Likelihood
+            Whose inputs the training rows have.
 
         Returns
         -------
@@ -374,8 +373,8 @@ class Posterior(WithUnseen, ABC):
         rank = latent.weights.shape[-2]
         latent.levels, G = np.zeros(rank), np.zeros((len(self.tasks), rank))
         if len(rows):
-            G[rows] = latent.mean_of_tasks(X, np.arange(rank))
-        half, solved, of_trend = self._solved(G)
+            G[rows] = latent.mean_of_tasks(likelihood.X[rows], np.arange(rank))
+        half, solved, of_trend = self.solve(G)
         explained = self.weights_of(self.K_rho[..., [task], :], solved.T)
         constants = -self.level * solved[rows].sum(axis=0)
         return Effect(half.T @ half, latent.weights - explained, constants, of_trend)
@@ -401,15 +400,27 @@ class Posterior(WithUnseen, ABC):
         """
 
     @abstractmethod
-    def _solved(self, G):
-        """Roots of G^T K^{-1} G, and K^{-1} G; with a trend, P is in its place.
+    def solve(self, G):
+        """K^{-1} G and what belongs to it; with a trend, P is in the place of K^{-1}.
 
-        The last one is what the columns of the trend have of G, None without.
+        Parameters
+        ----------
+        G : ndarray of shape (n_train, n_columns)
+            Numbers of each training row.
+
+        Returns
+        -------
+        half : ndarray of shape (n_halves, n_columns)
+            A root: half^T half is G^T K^{-1} G.
+        solved : ndarray of shape (n_train, n_columns)
+            K^{-1} G.
+        of_trend : ndarray of shape (n_trend, n_columns) or None
+            What the columns of the trend, times its `root`, have of G; None without.
         """
 
-    @abstractmethod
     def _weigh_tasks(self):
-        """`weights`, from `K_rho`."""
+        """`weights`, from `K_rho` and `alpha`."""
+        return self.weights_of(self.K_rho, self.alpha)
 
     def _set_means(self):
         """What the means are made of, from `alpha` and `K_rho`."""

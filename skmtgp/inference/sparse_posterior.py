@@ -348,8 +348,8 @@ class SparsePosterior(WithUnseen):
         told = noise * share / left
         return np.stack([error / np.abs(left), told, rest, prior, noise, left / noise])
 
-    def effect_of_row(self, task, X, factors):
-        """How f of a task varies with its row of F, see Posterior; X is not needed."""
+    def effect_of_row(self, task, factors, likelihood):
+        """How f of a task varies with its row of F, see Posterior; by sums alone."""
         loadings, covariances = self.loadings, self.covariances
         ends = zip(loadings.columns, factors, strict=True)  # a shared one comes first
         free = np.concatenate(

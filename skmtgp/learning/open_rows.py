@@ -23,10 +23,9 @@ def with_open_rows(problem, mode):
         As it was if nothing was learned, or two tasks at most tell what tasks are like.
     """
     data = problem.data
-    learned = problem.budget.max_iter and has_rows(problem.prior)
-    if not learned or is_dask(data.X):
+    if not (problem.budget.max_iter and has_rows(problem.prior)):
         return mode
-    tasks = np.unique(data.tasks)
+    tasks = np.arange(data.n_tasks) if is_dask(data.X) else np.unique(data.tasks)
     if len(tasks) <= LEAST:
         return mode
     return mode._replace(leeway=with_open(mode.leeway, tasks, data.n_tasks))

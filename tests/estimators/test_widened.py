@@ -1,7 +1,6 @@
 """Estimators whose intervals count what the rows leave open of hyperparameters."""
 
 import pickle
-import warnings
 
 import numpy as np
 import pytest
@@ -18,7 +17,6 @@ from skmtgp import (
     SingleTaskGP,
     compile_predictor,
 )
-from skmtgp.exceptions import SmallTaskWarning
 
 LAPLACE = {"hyperparameters": "laplace"}
 
@@ -278,23 +276,6 @@ class TestRowsOfFactors:
         assert opened.are_open.tolist() == [True, False, False, False, True]
         found = [of.predict(NEW, return_std=True)[1] for of in (first, both)]
         np.testing.assert_allclose(*found, rtol=0.2)
-
-    def test_small_tasks_of_a_fit(self):
-        rows, t = draw(4, 12)
-        kept = (rows[:, 1] != 3) | (np.arange(len(t)) % 6 == 0)  # two rows of the last
-        options = {"rank": 1, "normalize_y": "shared", "noise": "shared"}
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", SmallTaskWarning)
-            model = MultiTaskGPRegressor(**options).fit(rows[kept], t[kept])
-        [[opened]] = model._leeway
-        assert opened.are_open.all()
-        new = np.array([[2.0, 3.0], [5.0, 3.0], [2.0, 1.0]])
-        tasks = new[:, 1].astype(int)
-        [posterior] = model._posteriors
-        alone = np.sqrt(posterior.variance(new[:, :1], tasks)) * model.y_scale_
-        _, std = model.predict(new, return_std=True)
-        more = std / alone - 1.0
-        assert (more[:2] > 5.0 * more[2]).all()
 
     def test_intervals_hold_more(self):
         """Of one row of a sixth task: 20 test points of each of twelve draws."""

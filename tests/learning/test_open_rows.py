@@ -83,7 +83,8 @@ def test_tasks_with_rows_everywhere_are_nearly_as_certain():
     std = model.predict(X, return_std=True)[1]
     more = std / known_rows(model, X)
     assert (more > 1.0).all()
-    assert (more < 1.2).all()
+    assert (more < 2.0).all()
+    assert more.mean() < 1.3
 
 
 def test_nothing_is_open_where_nothing_was_learned_so():

@@ -266,7 +266,7 @@ def unequal(seed):
 
 
 @pytest.mark.parametrize("seed", [2, *rarely(3, 4)])
-def test_intervals_of_small_tasks_by_sparse_inference(seed, monkeypatch):
+def test_small_tasks_by_sparse_inference(seed, monkeypatch):
     X, y, X_new, f = unequal(seed)
     options = {"inference": "sparse", "n_inducing": 20, "n_exact": 500}
     model = MultiTaskGPRegressor("rbf", rank=2, noise="shared", **options)
@@ -278,8 +278,7 @@ def test_intervals_of_small_tasks_by_sparse_inference(seed, monkeypatch):
         errors.append(np.sqrt(np.square(error).mean()))
         held.append(np.mean(error < 1.96 * std[small]))
     assert errors[1] < 1.02 * errors[0]
-    assert held[0] < 0.85
-    assert held[1] > 0.9
+    assert min(held) > 0.9
 
 
 @pytest.mark.parametrize(

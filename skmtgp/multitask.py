@@ -247,7 +247,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
 
         - "mode" uses the maximum of the likelihood times priors of the noise, see the
           user guide, page "Noise". Intervals count what the rows leave open of a task's
-          relation to the others, where that is much, see the page "Intervals".
+          relation to the others, see the page "Intervals".
         - "map" uses the maximum of the likelihood times weak priors of all
           hyperparameters, which are relative to the size of the data.
         - "laplace" predicts as "mode", with standard deviations and intervals that
@@ -907,8 +907,7 @@ class MultiTaskGPRegressor(BaseMultiTaskGP):
         `n_iter_` and `n_evaluations_` are those of learning the new row.
 
         With ``prior="tasks"`` the variances of the new task count what its samples and
-        the prior leave open of the new row, by Laplace's method. The first that are
-        asked for take two posteriors for each number of the row.
+        the prior leave open of the new row.
 
         Examples
         --------

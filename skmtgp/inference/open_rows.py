@@ -3,8 +3,8 @@ r"""What the rows leave open of rows of F, and what that adds to the variance of
 At a mode F counts as known. But a task is :math:`f = l^T z` with latent functions z,
 beside what it has of its own: its row l of F has the coefficients of a regression on z,
 and few samples, or samples in a corner of the inputs, leave them open. Let :math:`\mu`
-be the posterior means of z, let the rows of F of the other tasks have the covariance
-:math:`S S^T`, and let a row of which nothing is known differ from l by d,
+be the posterior means of z, let rows of F have the covariance :math:`S S^T`, as those
+of the other tasks say, and let a row of which nothing is known differ from l by d,
 
 .. math::
     f(x) + \mu(x)^T d, \quad d \sim N(0, S S^T).
@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skmtgp._numerics.linalg import RESOLVED
-from skmtgp.model.population import factors_of, scale_of_rows
+from skmtgp.model.population import factors_of, scale_of_open_row
 
 
 class Effect(NamedTuple):
@@ -139,15 +139,25 @@ class OpenRows:
         return vars(self) | {"effects": {}}
 
     def _effect(self, task):
-        """How f varies along the axes of what is open of a row."""
+        """How f varies along the axes of what is open of a row.
+
+        Returns
+        -------
+        along : Posterior
+            Whose means, of tasks that stand for axes, are that without a trend.
+        of_trend : ndarray of shape (n_columns, n_axes) or None
+            See Effect.
+        """
         if task not in self.effects:
             factors = factors_of(self.of_data.prior, self.of_data.theta)
             effect = self.of_data.effect_of_row(task, factors, self.likelihood)
-            scale = scale_of_rows(np.delete(np.hstack(factors), task, axis=0))
+            scale = scale_of_open_row(np.delete(np.hstack(factors), task, axis=0))
             precision = scale.T @ effect.information @ scale
             precision[np.diag_indices(len(precision))] += 1.0
             axes = np.linalg.solve(np.linalg.cholesky(precision), scale.T)
-            self.effects[task] = effect.along(axes)
+            effect, along = effect.along(axes), copy(self.of_data)
+            along.weights, along.levels = effect.weights, effect.constants
+            self.effects[task] = along, effect.of_trend
         return self.effects[task]
 
     def _spread(self, X, tasks):
@@ -155,16 +165,15 @@ class OpenRows:
         for task in np.unique(tasks):
             if task < len(self.are_open) and self.are_open[task]:
                 rows = np.flatnonzero(tasks == task)
-                yield rows, self._along(X[rows], task)
+                yield rows, self._along_axes(X[rows], task)
 
-    def _along(self, X, task):
-        effect, along = self._effect(task), copy(self.of_data)
-        along.weights, along.levels = effect.weights, effect.constants
-        spread = along.mean_of_tasks(X, np.arange(len(effect.constants))).T
-        if effect.of_trend is not None:
+    def _along_axes(self, X, task):
+        along, of_trend = self._effect(task)
+        spread = along.mean_of_tasks(X, np.arange(len(along.levels))).T
+        if of_trend is not None:
             coefficients = self.of_data.coefficients
             columns = coefficients.trend.rows(X, np.full(len(X), task))
-            spread -= effect.of_trend.T @ (columns @ coefficients.root).T
+            spread -= of_trend.T @ (columns @ coefficients.root).T
         return spread
 
     def variance(self, X, tasks):

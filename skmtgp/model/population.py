@@ -59,6 +59,27 @@ def scale_of_rows(factor):
     return np.linalg.cholesky(covariance)
 
 
+def scale_of_open_row(factor):
+    r"""A lower triangular S, and S S^T is the covariance of a row of F beside others.
+
+    That of the n others, and with a weight of 1/n one that is as large as they are in
+    all directions: few rows tell little of what rows may be.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (n_others, rank)
+        Their rows.
+
+    Returns
+    -------
+    scale : ndarray of shape (rank, rank)
+    """
+    (n, rank), axes = factor.shape, deviations(factor)
+    covariance = axes.T @ axes
+    covariance[np.diag_indices(rank)] += mean_square(factor) / (n * max(rank, 1))
+    return np.linalg.cholesky(covariance)
+
+
 def leeway_of_another(factor):
     r"""Axes of what a further row may differ by from the mean of the rows.
 

@@ -18,7 +18,7 @@ from trend_models import NEW, OF_NEW, TERMS, M, by_hand, draw, make, make_trend
 
 from skmtgp.inference.leeway import widened
 from skmtgp.inference.open_rows import OfRows, OpenRows, with_open
-from skmtgp.model.population import factors_of, scale_of_rows
+from skmtgp.model.population import factors_of, scale_of_open_row
 from skmtgp.model.task_covariance import low_rank
 
 CLOSE = {"rtol": 1e-8, "atol": 1e-8}
@@ -68,7 +68,7 @@ class Book:
     def opened(self, task, X, tasks, of_X, of_tasks):
         """What the prior covariance has more if the row of a task is open."""
         F = np.hstack(self.factors)
-        scale = scale_of_rows(np.delete(F, task, axis=0))
+        scale = scale_of_open_row(np.delete(F, task, axis=0))
         left = (tasks == task)[:, None] * self.latents(X) @ scale
         right = (of_tasks == task)[:, None] * self.latents(of_X) @ scale
         return left @ right.T

@@ -59,27 +59,6 @@ def scale_of_rows(factor):
     return np.linalg.cholesky(covariance)
 
 
-def scale_of_open_row(factor):
-    r"""A lower triangular S, and S S^T is the covariance of a row of F beside others.
-
-    That of the n others, and with a weight of 1/n one that is as large as they are in
-    all directions: few rows tell little of what rows may be.
-
-    Parameters
-    ----------
-    factor : ndarray of shape (n_others, rank)
-        Their rows.
-
-    Returns
-    -------
-    scale : ndarray of shape (rank, rank)
-    """
-    (n, rank), axes = factor.shape, deviations(factor)
-    covariance = axes.T @ axes
-    covariance[np.diag_indices(rank)] += mean_square(factor) / (n * max(rank, 1))
-    return np.linalg.cholesky(covariance)
-
-
 def leeway_of_another(factor):
     r"""Axes of what a further row may differ by from the mean of the rows.
 
@@ -96,6 +75,28 @@ def leeway_of_another(factor):
     freedom = max(n - 1, LEAST_FREEDOM)
     variance = (n + 1) / (n - 1) * freedom / (freedom - 2)
     return np.sqrt(variance) * deviations(factor)
+
+
+def scale_of_open_row(factor):
+    r"""A lower triangular S, and S S^T is the covariance of a row of F beside others.
+
+    It is that of a further row, see `leeway_of_another`, to which one that differs as
+    much in all directions is counted: few rows tell little of what rows may be.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (n_others, rank)
+        The other rows.
+
+    Returns
+    -------
+    scale : ndarray of shape (rank, rank)
+    """
+    (n, rank), axes = factor.shape, leeway_of_another(factor)
+    covariance = n / (n + 1) * axes.T @ axes
+    alike = np.square(axes).sum() / ((n + 1) * max(rank, 1))
+    covariance[np.diag_indices(rank)] += alike + RIDGE * mean_square(factor)
+    return np.linalg.cholesky(covariance)
 
 
 def another_task(prior, theta, described=None):
